@@ -1,0 +1,30 @@
+"""Adhesion laws mu(slip). A new curve is one file here and one line in CURVES."""
+
+from collections.abc import Mapping
+
+from adhesion_jax.curves.base import SLIP_LIMIT as SLIP_LIMIT
+from adhesion_jax.curves.base import Conditions as Conditions
+from adhesion_jax.curves.base import Curve as Curve
+from adhesion_jax.curves.base import Law as Law
+from adhesion_jax.curves.base import Parameter as Parameter
+from adhesion_jax.curves.base import Peak as Peak
+from adhesion_jax.curves.base import Scalar as Scalar
+from adhesion_jax.curves.base import free_values as free_values
+from adhesion_jax.curves.base import physical_box as physical_box
+from adhesion_jax.curves.base import with_free_values as with_free_values
+from adhesion_jax.curves.burckhardt import Burckhardt, BurckhardtFull
+from adhesion_jax.curves.exponential import Exponential
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.curves.magic_formula import MagicFormula
+from adhesion_jax.curves.polach import Polach, PolachFalling
+
+#: The curves by their command-line names, with typical values and every parameter that measured
+#: data can determine set free.
+CURVES: Mapping[str, Curve] = {
+    "burckhardt": Burckhardt(c1=0.3, c2=100.0, c3=0.3),
+    "kiencke": Kiencke(a0=40.0, p1=100.0, p2=500.0, free=("a0", "p1", "p2")),
+    "polach": Polach(mu0=0.3, stiffness=100.0),
+    "polach-falling": PolachFalling(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
+    "exponential": Exponential(a=1.0, b=100.0, c=0.3),
+    "magic-formula": MagicFormula(b=100.0, c=1.5, d=0.3, e=0.0),
+}

@@ -1,0 +1,86 @@
+"""What an adhesion law is: adhesion from slip, and where its peak lies."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import NamedTuple, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+Scalar = float | Float[Array, ""]
+Conditions = Mapping[str, Float[Array, "..."] | float]
+
+#: Largest slip ratio that a peak is looked for at: a wheel that turns twice as fast as it rolls.
+SLIP_LIMIT = 1.0
+
+
+class Parameter(NamedTuple):
+    """One parameter of a curve: unit, physical bounds, meaning and source."""
+
+    unit: str
+    lower: float
+    upper: float
+    meaning: str
+    source: str
+
+
+class Peak(NamedTuple):
+    """The largest adhesion for slips between 0 and a limit.
+
+    `found` is false where adhesion has no maximum inside that range; `slip` and `adhesion` are
+    then those of the end of the range where adhesion is largest, so they are always finite.
+    """
+
+    slip: Float[Array, "..."]
+    adhesion: Float[Array, "..."]
+    found: Bool[Array, "..."]
+
+
+class Law(eqx.Module):
+    """Adhesion as a function of slip and of the conditions it is taken under."""
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        """Adhesion at `slip`, odd in slip.
+
+        `conditions` holds columns by name (vehicle_speed_mps, normal_load_N ...), each a scalar
+        or of the shape of `slip`; a law takes what it needs and ignores the rest.
+        """
+        raise NotImplementedError
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        """The largest adhesion for 0 <= slip <= slip_limit, under scalar `conditions`."""
+        raise NotImplementedError
+
+
+class Curve(Law):
+    """A law whose fields are its parameters.
+
+    PARAMETERS describes every field; `free` names those that are identified, the others are
+    known. NEEDS names the conditions without which the curve cannot be evaluated.
+    """
+
+    PARAMETERS: eqx.AbstractClassVar[Mapping[str, Parameter]]
+    NEEDS: eqx.AbstractClassVar[tuple[str, ...]]
+    free: eqx.AbstractVar[tuple[str, ...]]
+
+
+C = TypeVar("C", bound=Curve)
+
+
+def free_values(curve: Curve) -> Float[Array, " free"]:
+    """The free parameters of a curve in the order of `free`."""
+    return jnp.stack([jnp.asarray(getattr(curve, name), dtype=float) for name in curve.free])
+
+
+def with_free_values(curve: C, values: Float[Array, " free"]) -> C:
+    """The same curve with its free parameters replaced, in the order of `free`."""
+    return dataclasses.replace(curve, **dict(zip(curve.free, values, strict=True)))
+
+
+def physical_box(curve: Curve) -> tuple[Float[Array, " free"], Float[Array, " free"]]:
+    """Lower and upper physical bounds of the free parameters."""
+    described = [curve.PARAMETERS[name] for name in curve.free]
+    return jnp.array([p.lower for p in described]), jnp.array([p.upper for p in described])

@@ -1,0 +1,45 @@
+"""Pacejka's Magic Formula."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+from adhesion_jax.curves.peak import find_peak
+
+_SOURCE = "Pacejka 2012, Tire and Vehicle Dynamics, section 4.3"
+
+
+class MagicFormula(Curve):
+    """mu(l) = d sin(c atan(b l - e (b l - atan(b l)))), odd in l.
+
+    Parameters are the stiffness factor b, shape c, peak value d and curvature e; the initial
+    slope is b c d. A peak needs c > 1; it is found numerically. Source: Pacejka 2012, Eq. 4.49.
+    """
+
+    b: Scalar
+    c: Scalar
+    d: Scalar
+    e: Scalar
+    free: tuple[str, ...] = eqx.field(default=("b", "c", "d", "e"), static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "b": Parameter("1", 0.1, 5000.0, "stiffness factor", _SOURCE),
+        "c": Parameter("1", 0.5, 3.0, "shape factor", _SOURCE),
+        "d": Parameter("1", 0.001, 2.0, "peak value", _SOURCE),
+        "e": Parameter("1", -20.0, 1.0, "curvature factor", _SOURCE),
+    }
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        stretched = self.b * slip
+        bent = stretched - self.e * (stretched - jnp.arctan(stretched))
+        return self.d * jnp.sin(self.c * jnp.arctan(bent))
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        return find_peak(lambda slip: self(slip, conditions), slip_limit)

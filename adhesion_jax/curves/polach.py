@@ -1,0 +1,97 @@
+"""Polach's creep force law in closed form, with Coulomb and with falling friction."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+from adhesion_jax.curves.peak import find_peak
+
+_SOURCE = "Polach 2005, Wear 258, 992-1000"
+
+
+def saturation(
+    slip: Float[Array, "*shape"],
+    friction: Float[Array, "*shape"] | Scalar,
+    stiffness: Scalar,
+    k_a: Scalar,
+    k_s: Scalar,
+) -> Float[Array, "*shape"]:
+    """mu = (2 mu_f/pi) (kA e/(1 + (kA e)^2) + atan(kS e)), e = pi C |l| / (4 mu_f), odd in l.
+
+    e is the gradient of the tangential stress in the area of adhesion, C the adhesion per unit
+    of slip at vanishing slip with kA = kS = 1 (for other values the slope is C (kA + kS)/2).
+    Source: Polach 2005.
+    """
+    gradient = jnp.pi * stiffness * jnp.abs(slip) / (4 * friction)
+    adhering = k_a * gradient / (1 + (k_a * gradient) ** 2)
+    return jnp.sign(slip) * (2 * friction / jnp.pi) * (adhering + jnp.arctan(k_s * gradient))
+
+
+_PARAMETERS = {
+    "mu0": Parameter("1", 0.001, 2.0, "friction coefficient at rest", _SOURCE),
+    "stiffness": Parameter("1", 0.1, 5000.0, "adhesion per unit of slip at rest", _SOURCE),
+}
+
+
+class Polach(Curve):
+    """Polach's law with Coulomb friction, kA = kS = 1: adhesion rises to mu0 and never falls.
+
+    It has no peak at any finite slip. Source: Polach 2005.
+    """
+
+    mu0: Scalar
+    stiffness: Scalar
+    free: tuple[str, ...] = eqx.field(default=("mu0", "stiffness"), static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = _PARAMETERS
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return saturation(slip, self.mu0, self.stiffness, 1.0, 1.0)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        # d/de [e/(1 + e^2) + atan(e)] = 2/(1 + e^2)^2 > 0: the largest adhesion is at the end.
+        slip = jnp.asarray(slip_limit, dtype=float)
+        return Peak(slip, self(slip, conditions), jnp.zeros((), dtype=bool))
+
+
+class PolachFalling(Curve):
+    """Polach's law with friction that falls with the slip velocity w = |l| V.
+
+    mu_f = mu0 ((1 - a) exp(-b w) + a), a the share that remains at high slip velocity. Only the
+    products kA C and kS C act on adhesion, so kA is one by default and C and kS are free.
+    The peak is found numerically. Source: Polach 2005.
+    """
+
+    mu0: Scalar
+    a: Scalar
+    b: Scalar
+    stiffness: Scalar
+    k_s: Scalar
+    k_a: Scalar = 1.0
+    free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        **_PARAMETERS,
+        "a": Parameter("1", 0.0, 1.0, "share of friction left at high slip velocity", _SOURCE),
+        "b": Parameter("s/m", 0.01, 20.0, "decay of friction with slip velocity", _SOURCE),
+        "k_s": Parameter("1", 0.01, 1.0, "reduction in the area of slip", _SOURCE),
+        "k_a": Parameter("1", 0.01, 1.0, "reduction in the area of adhesion", _SOURCE),
+    }
+    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
+        friction = self.mu0 * ((1 - self.a) * jnp.exp(-self.b * slip_velocity) + self.a)
+        return saturation(slip, friction, self.stiffness, self.k_a, self.k_s)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        return find_peak(lambda slip: self(slip, conditions), slip_limit)

@@ -1,0 +1,34 @@
+"""From records to estimates. A new method is one file here and one line in IDENTIFIERS."""
+
+from collections.abc import Mapping
+
+from adhesion_jax.identifiers.base import Estimate as Estimate
+from adhesion_jax.identifiers.base import Identifier as Identifier
+from adhesion_jax.identifiers.base import Status as Status
+from adhesion_jax.identifiers.base import identify as identify
+from adhesion_jax.identifiers.gradient import GradientLeastSquares
+from adhesion_jax.identifiers.ml_de import (
+    ml_de,
+    ml_de_eq16,
+    ml_de_eq17,
+    ml_de_he2018,
+    ml_de_robust,
+)
+from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
+from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
+
+IDENTIFIERS: Mapping[str, Identifier] = {
+    "ml-exact": ExactMaximumLikelihood(),
+    "ml-de": ml_de,
+    "ml-de-eq16": ml_de_eq16,
+    "ml-de-eq17": ml_de_eq17,
+    "ml-de-he2018": ml_de_he2018,
+    "ml-de-robust": ml_de_robust,
+    "lm-jaxopt": GradientLeastSquares(jaxopt_solvers.levenberg_marquardt),
+    "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton),
+    "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt),
+    "gn-optimistix": GradientLeastSquares(optimistix_solvers.gauss_newton),
+}
+
+#: Variants that explain a published method; they run only when named.
+ABLATIONS = ("ml-de-eq16", "ml-de-eq17")

@@ -1,0 +1,80 @@
+"""What an identifier is: a stream that takes records and can be asked for an estimate."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from adhesion_jax.scenarios import Known, Record, Scenario
+
+State = Any  # each identifier carries its own
+
+
+class Status(IntEnum):
+    """Why an estimate may not be trusted; of several reasons the first of this list counts."""
+
+    NOT_FINITE = 5, "The solver left the real numbers; the values are those it started from."
+    INADMISSIBLE = 4, "The curve gives no positive adhesion; the values are as found."
+    NO_PEAK = 3, "Adhesion has no peak between slip 0 and 1; mu_max is the largest in that range."
+    NOT_CONVERGED = 2, "The solver stopped before it converged; the values are its last."
+    ON_BOX = 1, "A parameter lies on its bound; standard errors are those without the bound."
+    TRUSTED = 0, "The solver converged to a peak inside the box."
+
+    sentence: str
+
+    def __new__(cls, code: int, sentence: str) -> "Status":
+        member = int.__new__(cls, code)
+        member._value_ = code
+        member.sentence = sentence
+        return member
+
+
+class Estimate(NamedTuple):
+    """What every method reports.
+
+    `values` are named scalars (c1, c2, c3, mu_max, slip_opt, or slope); metrics read these, so
+    a method without a curve fits in. `covariance` is that of the values, in their order.
+    """
+
+    values: Mapping[str, Float[Array, "..."]]
+    covariance: Float[Array, "... values values"]
+    status: Int[Array, "..."]  # a Status
+    objective: Float[Array, "..."]  # sum of squared residuals over the last record
+    evaluations: Int[Array, "..."]  # of the model on the whole record, for this update
+
+
+class Identifier(eqx.Module):
+    """A method: batch methods see one block at a time, online ones many points in turn.
+
+    Its fields are its settings. Numbers among them may differ without a new compilation.
+    """
+
+    @abstractmethod
+    def accepts(self, scenario: Scenario) -> str | None:
+        """None, or the reason why this method cannot work on the scenario."""
+
+    @abstractmethod
+    def init(self, known: Known, key: PRNGKeyArray) -> State:
+        """The state before any data."""
+
+    @abstractmethod
+    def update(self, state: State, record: Record) -> State:
+        """The state after one more record."""
+
+    @abstractmethod
+    def estimate(self, state: State) -> Estimate:
+        """What is known now."""
+
+
+def identify(identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray) -> Estimate:
+    """One run: the estimates after each of its blocks, arrays [blocks]."""
+
+    def step(state: State, record: Record) -> tuple[State, Estimate]:
+        state = identifier.update(state, record)
+        return state, identifier.estimate(state)
+
+    return jax.lax.scan(step, identifier.init(known, key), blocks)[1]

@@ -1,0 +1,44 @@
+"""Nonlinear least squares by a gradient solver, whichever library it comes from."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import PRNGKeyArray
+
+from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, to_estimate
+from adhesion_jax.optim.least_squares import Solver
+from adhesion_jax.scenarios import Known, Record, Scenario
+
+#: A batch waits for its slowest run.
+_STEPS = 50
+
+
+class GradientLeastSquares(Identifier):
+    """Any curve, by the solver given: from the box centre, on later blocks from the last estimate.
+
+    After a block on which the solver did not converge the next one starts from the centre again.
+    """
+
+    solver: Solver = eqx.field(static=True)
+
+    def accepts(self, scenario: Scenario) -> str | None:
+        return None
+
+    def init(self, known: Known, key: PRNGKeyArray) -> FitState:
+        return start(known, key)
+
+    def update(self, state: FitState, record: Record) -> FitState:
+        known, previous = state.known, state.fit
+        centre = 0.5 * (known.lower + known.upper)
+        found = self.solver(
+            lambda parameters: residual(known, record, parameters),
+            jnp.where(previous.converged, previous.parameters, centre),
+            known.lower,
+            known.upper,
+            _STEPS,
+        )
+        fit = evaluate(known, record, previous, found.x, found.evaluations, found.converged)
+        return state._replace(fit=fit)
+
+    def estimate(self, state: FitState) -> Estimate:
+        return to_estimate(state)

@@ -1,0 +1,37 @@
+"""Exact maximum likelihood for Burckhardt's curve by variable projection."""
+
+import jax.numpy as jnp
+from jaxtyping import PRNGKeyArray
+
+from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
+from adhesion_jax.identifiers.curve_fit import FitState, evaluate, start, to_estimate
+from adhesion_jax.optim import variable_projection
+from adhesion_jax.scenarios import Known, Record, Scenario
+
+
+class ExactMaximumLikelihood(Identifier):
+    """The least squares optimum over the box, which for Gaussian noise is the most likely curve.
+
+    Linear in c1 and c3, so a search over c2 alone finds the global optimum. It is the reference:
+    no other method can have a lower objective (He et al. 2018, Eq. 13, whose Eq. 14 prints
+    arg max for arg min).
+    """
+
+    def accepts(self, scenario: Scenario) -> str | None:
+        return needs_burckhardt(scenario)
+
+    def init(self, known: Known, key: PRNGKeyArray) -> FitState:
+        return start(known, key)
+
+    def update(self, state: FitState, record: Record) -> FitState:
+        known = state.known
+        sums = burckhardt_sums(known, record)
+        found = variable_projection.minimise(sums, known.lower, known.upper)
+        parameters = jnp.stack([found.a, found.nu, found.b])
+        evaluations = jnp.int32(variable_projection.EVALUATIONS)
+        fit = evaluate(known, record, state.fit, parameters, evaluations, jnp.ones((), dtype=bool))
+        return state._replace(fit=fit)
+
+    def estimate(self, state: FitState) -> Estimate:
+        return to_estimate(state)

@@ -1,0 +1,54 @@
+"""Boxes: lower <= x <= upper, either end possibly infinite."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+#: An estimate nearer to a bound than this share of the box's width lies on the box.
+_ON_BOX = 1e-4
+
+# The sine has no slope on a bound: a start there could never leave it.
+_START_MARGIN = 1e-3
+
+
+def on_bound(
+    x: Float[Array, " p"], lower: Float[Array, " p"], upper: Float[Array, " p"]
+) -> Bool[Array, " p"]:
+    """Which coordinates lie on the box; a bound at infinity is never reached."""
+    margin = jnp.where(jnp.isfinite(upper - lower), _ON_BOX * (upper - lower), 0.0)
+    return (x <= lower + margin) | (x >= upper - margin)
+
+
+class Unbounded(NamedTuple):
+    """Coordinates without bounds for a solver that knows none.
+
+    x = lower + (upper - lower)(1 + sin u)/2 where both ends are finite (the transformation of
+    MINUIT), x = scale u elsewhere, the scale being the size of the start.
+    """
+
+    lower: Float[Array, " p"]
+    width: Float[Array, " p"]
+    bounded: Bool[Array, " p"]
+    scale: Float[Array, " p"]
+
+    @staticmethod
+    def around(
+        start: Float[Array, " p"], lower: Float[Array, " p"], upper: Float[Array, " p"]
+    ) -> "Unbounded":
+        bounded = jnp.isfinite(lower) & jnp.isfinite(upper)
+        return Unbounded(
+            jnp.where(bounded, lower, 0.0),
+            jnp.where(bounded, upper - lower, 1.0),
+            bounded,
+            jnp.where(start == 0, 1.0, jnp.abs(start)),
+        )
+
+    def to_box(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+        inside = self.lower + self.width * 0.5 * (1 + jnp.sin(u))
+        return jnp.where(self.bounded, inside, self.scale * u)
+
+    def from_box(self, x: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Moved inside where x lies on or beyond a bound."""
+        share = jnp.clip((x - self.lower) / self.width, _START_MARGIN, 1 - _START_MARGIN)
+        return jnp.where(self.bounded, jnp.arcsin(2 * share - 1), x / self.scale)

@@ -1,0 +1,49 @@
+"""Levenberg-Marquardt and Gauss-Newton of jaxopt.
+
+jaxopt is no longer developed; it stays as a peer to compare with, behind this file alone.
+"""
+
+import jax.numpy as jnp
+from jaxopt import GaussNewton, LevenbergMarquardt
+from jaxtyping import Array, Float
+
+from adhesion_jax.optim.box import Unbounded
+from adhesion_jax.optim.least_squares import Residual, Result, finish
+
+
+def levenberg_marquardt(
+    residual: Residual,
+    start: Float[Array, " p"],
+    lower: Float[Array, " p"],
+    upper: Float[Array, " p"],
+    max_steps: int,
+) -> Result:
+    """jaxopt's Levenberg-Marquardt, with the Jacobian materialised and a Cholesky solve."""
+    space = Unbounded.around(start, lower, upper)
+    solver = LevenbergMarquardt(
+        lambda u: residual(space.to_box(u)),
+        maxiter=max_steps,
+        stop_criterion="madsen-nielsen",
+        xtol=1e-9,
+        gtol=0.0,
+        materialize_jac=True,
+        solver="cholesky",
+    )
+    u, state = solver.run(space.from_box(start))
+    return finish(residual, space.to_box(u), start, lower, upper, jnp.asarray(state.iter_num))
+
+
+def gauss_newton(
+    residual: Residual,
+    start: Float[Array, " p"],
+    lower: Float[Array, " p"],
+    upper: Float[Array, " p"],
+    max_steps: int,
+) -> Result:
+    """jaxopt's Gauss-Newton: full steps, no safeguard."""
+    space = Unbounded.around(start, lower, upper)
+    solver = GaussNewton(
+        lambda u: residual(space.to_box(u)), maxiter=max_steps, tol=1e-9
+    )
+    u, state = solver.run(space.from_box(start))
+    return finish(residual, space.to_box(u), start, lower, upper, jnp.asarray(state.iter_num))

@@ -1,0 +1,83 @@
+"""What the gradient least-squares solvers have in common: their contract and the proof of success.
+
+A solver is a function (residual, start, lower, upper, max_steps) -> Result. Each library stands
+behind one adaptor file; both work on unbounded coordinates, mapped into the box by a sine.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from adhesion_jax.optim.box import on_bound
+
+Residual = Callable[[Float[Array, " p"]], Float[Array, " n"]]
+
+#: A Gauss-Newton step below this share of a parameter means six digits are settled.
+_SETTLED = 1e-7
+
+#: The Jacobian counts as singular when a scaled column has lost all but this share of its length.
+_SINGULAR = 1e-12
+
+
+class Result(NamedTuple):
+    x: Float[Array, " p"]
+    objective: Float[Array, ""]  # sum of squares
+    steps: Int[Array, ""]
+    evaluations: Int[Array, ""]  # of the residual; a Jacobian counts as p of them
+    converged: Bool[Array, ""]
+
+
+class Solver(Protocol):
+    def __call__(
+        self,
+        residual: Residual,
+        start: Float[Array, " p"],
+        lower: Float[Array, " p"],
+        upper: Float[Array, " p"],
+        max_steps: int,
+    ) -> Result: ...
+
+
+def finish(
+    residual: Residual,
+    x: Float[Array, " p"],
+    start: Float[Array, " p"],
+    lower: Float[Array, " p"],
+    upper: Float[Array, " p"],
+    steps: Int[Array, ""],
+) -> Result:
+    """The result at the x a library returned, its success proved afresh.
+
+    A library's own word for success is not taken: the Gauss-Newton step that is left, in the
+    parameters that are not held by a bound, must be negligible and the Jacobian of full rank.
+    An answer that is not finite is replaced by the start, and is no success.
+    """
+    value = residual(x)
+    finite = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(value))
+    x = jnp.where(finite, x, start)
+    value = jnp.where(finite, value, residual(start))
+    converged = finite & _is_minimum(residual, x, value, lower, upper)
+    evaluations = steps * (1 + x.size)
+    return Result(x, jnp.sum(value**2), steps, evaluations, converged)
+
+
+def _is_minimum(residual: Residual, x: Array, value: Array, lower: Array, upper: Array) -> Array:
+    jacobian = jax.jacfwd(residual)(x)
+    gradient = value @ jacobian
+    low_side = x - lower < upper - x
+    held = on_bound(x, lower, upper) & jnp.where(low_side, gradient > 0, gradient < 0)
+    length = jnp.linalg.norm(jacobian, axis=0)
+    nonzero = jnp.all(jnp.isfinite(jacobian)) & jnp.all(held | (length > 0))
+    scaled = jnp.where(held | ~nonzero, 0.0, jacobian / jnp.where(length > 0, length, 1.0))
+    # Held columns become unit vectors of extra rows: they take no part, and keep R regular.
+    rows = jnp.diag(jnp.where(held | ~nonzero, 1.0, 0.0))
+    q, r = jnp.linalg.qr(jnp.concatenate([scaled, rows]))
+    full_rank = nonzero & (jnp.min(jnp.abs(jnp.diag(r))) > _SINGULAR)
+    projected = jnp.where(jnp.isfinite(value), value, 0.0) @ q[: value.size]
+    safe_r = jnp.where(full_rank, r, jnp.eye(x.size))
+    step = jax.scipy.linalg.solve_triangular(safe_r, projected) / jnp.where(length > 0, length, 1.0)
+    settled = jnp.all(held | (jnp.abs(step) <= _SETTLED * jnp.abs(x)))
+    return full_rank & settled

@@ -1,0 +1,61 @@
+"""Levenberg-Marquardt and Gauss-Newton of optimistix."""
+
+import lineax
+import optimistix
+from jaxtyping import Array, Float
+
+from adhesion_jax.optim.box import Unbounded
+from adhesion_jax.optim.least_squares import Residual, Result, finish
+
+_RTOL, _ATOL = 1e-9, 1e-12
+
+
+def levenberg_marquardt(
+    residual: Residual,
+    start: Float[Array, " p"],
+    lower: Float[Array, " p"],
+    upper: Float[Array, " p"],
+    max_steps: int,
+) -> Result:
+    """optimistix's Levenberg-Marquardt."""
+    solver = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL)
+    return _solve(solver, residual, start, lower, upper, max_steps)
+
+
+def gauss_newton(
+    residual: Residual,
+    start: Float[Array, " p"],
+    lower: Float[Array, " p"],
+    upper: Float[Array, " p"],
+    max_steps: int,
+) -> Result:
+    """optimistix's Gauss-Newton: full steps, no safeguard."""
+    linear = lineax.AutoLinearSolver(well_posed=None)
+    solver = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
+    return _solve(solver, residual, start, lower, upper, max_steps)
+
+
+def _solve(
+    solver: optimistix.AbstractLeastSquaresSolver,
+    residual: Residual,
+    start: Array,
+    lower: Array,
+    upper: Array,
+    max_steps: int,
+) -> Result:
+    space = Unbounded.around(start, lower, upper)
+    solution = optimistix.least_squares(
+        lambda u, _: residual(space.to_box(u)),
+        solver,
+        space.from_box(start),
+        max_steps=max_steps,
+        throw=False,
+    )
+    return finish(
+        residual,
+        space.to_box(solution.value),
+        start,
+        lower,
+        upper,
+        solution.stats["num_steps"],
+    )

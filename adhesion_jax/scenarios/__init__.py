@@ -1,0 +1,18 @@
+"""What is to be identified. A new scenario is one file here and one line in SCENARIOS."""
+
+from collections.abc import Callable, Mapping
+
+from adhesion_jax.scenarios.base import Group as Group
+from adhesion_jax.scenarios.base import Known as Known
+from adhesion_jax.scenarios.base import Options as Options
+from adhesion_jax.scenarios.base import Record as Record
+from adhesion_jax.scenarios.base import Scenario as Scenario
+from adhesion_jax.scenarios.blocks import he2018_blocks, single
+from adhesion_jax.scenarios.growing import he2018_1
+
+#: Command-line name to the function that builds the scenario from a user's options.
+SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
+    "single": single,
+    "he2018-1": he2018_1,
+    "he2018-blocks": he2018_blocks,
+}

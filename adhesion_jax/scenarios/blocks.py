@@ -1,0 +1,85 @@
+"""Independent blocks of points, each over the whole slip range, on one rail or several."""
+
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from adhesion_jax.curves import Curve
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
+
+
+class Blocks(Scenario):
+    """Blocks on equally spaced slips from 0 to `slip_max`, the rail constant within a block."""
+
+    rails: tuple[str, ...] = eqx.field(static=True)
+    sigma: float = eqx.field(static=True)
+    outliers: float = eqx.field(static=True)
+    slip: Float[Array, " points"]
+    truth: tuple[Curve, ...]
+    known: Known
+    run_axes: Record = eqx.field(default=Record(None, 0, None, {}), static=True)
+
+    def draw(self, key: PRNGKeyArray) -> Record:
+        clean = jnp.stack([curve(self.slip, {}) for curve in self.truth])
+        noise = draw_noise(key, clean.shape, self.sigma, self.outliers)
+        slip = jnp.broadcast_to(self.slip, clean.shape)
+        return Record(slip, clean + noise, jnp.ones(clean.shape, dtype=bool), {})
+
+    def tables(self) -> Mapping[str, Sequence[Group]]:
+        """The first block after a switch has a table of its own: it shows the tracking."""
+        starts = [b for b in range(1, len(self.rails)) if self.rails[b] != self.rails[b - 1]]
+        began = {self.rails[b]: b for b in starts}
+        summary = [
+            Group(
+                rail,
+                tuple(b for b, r in enumerate(self.rails) if r == rail and b not in starts),
+                began.get(rail),
+            )
+            for rail in dict.fromkeys(self.rails)
+        ]
+        if not starts:
+            return {"summary": summary}
+        switches = [Group(self.rails[b], (b,), b) for b in starts]
+        return {"summary": summary, "switches": switches}
+
+
+def _blocks(rails: tuple[str, ...], options: Options) -> Blocks:
+    return Blocks(
+        rails=rails,
+        sigma=0.01 if options.sigma is None else options.sigma,
+        outliers=options.outliers or 0.0,
+        slip=jnp.linspace(0.0, options.slip_max or 0.2, options.points or 500),
+        truth=tuple(RAILS[rail] for rail in rails),
+        known=HE2018,
+    )
+
+
+def single(options: Options) -> Blocks:
+    """One block of 500 points, slip 0 to 0.2, on one rail (dry)."""
+    if options.blocks is not None:
+        raise InputError("--blocks does not go with --scenario single, which has one block.")
+    rail = options.rail or "dry"
+    rail_named(rail)
+    return _blocks((rail,), options)
+
+
+def he2018_blocks(options: Options) -> Blocks:
+    """Blocks of 500 points, slip 0 to 0.2, dry, common and wet rail in turn (He Exp. 2 and 3)."""
+    if options.rail is not None:
+        raise InputError(
+            "--rail does not go with --scenario he2018-blocks, "
+            "which has its own rail sequence (dry, common, wet)."
+        )
+    count = 12 if options.blocks is None else options.blocks
+    if count < 6:
+        raise InputError(
+            f"--blocks {count} is too few for --scenario he2018-blocks; "
+            "each of its three rails needs two blocks, so at least 6."
+        )
+    order = tuple(RAILS)
+    return _blocks(tuple(order[3 * block // count] for block in range(count)), options)

@@ -1,0 +1,72 @@
+"""One sequence that grows: estimated again and again from all the points so far."""
+
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from adhesion_jax.curves import Curve
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.rails import HE2018, rail_named
+
+_PREFIXES = 20
+
+
+class GrowingSequence(Scenario):
+    """Slip rises from 0 to `slip_max` in equal steps; a block is the sequence up to a length.
+
+    The blocks of a run overlap: all hold the same points, and the mask tells how many have been
+    seen.
+    """
+
+    rails: tuple[str, ...] = eqx.field(static=True)
+    lengths: tuple[int, ...] = eqx.field(static=True)
+    sigma: float = eqx.field(static=True)
+    outliers: float = eqx.field(static=True)
+    slip: Float[Array, " points"]
+    truth: tuple[Curve, ...]
+    known: Known
+    run_axes: Record = eqx.field(default=Record(None, 0, None, {}), static=True)
+
+    def draw(self, key: PRNGKeyArray) -> Record:
+        shape = (len(self.lengths), self.slip.size)
+        noise = draw_noise(key, self.slip.shape, self.sigma, self.outliers)
+        adhesion = self.truth[0](self.slip, {}) + noise
+        mask = jnp.arange(self.slip.size) < jnp.array(self.lengths)[:, None]
+        return Record(
+            jnp.broadcast_to(self.slip, shape), jnp.broadcast_to(adhesion, shape), mask, {}
+        )
+
+    def tables(self) -> Mapping[str, Sequence[Group]]:
+        """The whole sequence in the summary, every length in a table of checkpoints."""
+        rail, last = self.rails[-1], len(self.lengths) - 1
+        checkpoints = [Group(rail, (b,), k=length) for b, length in enumerate(self.lengths)]
+        return {"summary": [Group(rail, (last,))], "checkpoints": checkpoints}
+
+
+def he2018_1(options: Options) -> GrowingSequence:
+    """500 points, slip 0 to 0.5, on one rail (dry), estimated at 20 lengths (He Exp. 1)."""
+    if options.blocks is not None:
+        raise InputError(
+            "--blocks does not go with --scenario he2018-1, which is one growing sequence."
+        )
+    points = options.points or 500
+    lengths = tuple(round(points * (j + 1) / _PREFIXES) for j in range(_PREFIXES))
+    if lengths[0] < 5:
+        raise InputError(
+            f"--points {points} is too few for --scenario he2018-1; "
+            "the first of its 20 lengths needs 5 points, so at least 100."
+        )
+    rail = options.rail or "dry"
+    return GrowingSequence(
+        rails=(rail,) * _PREFIXES,
+        lengths=lengths,
+        sigma=0.01 if options.sigma is None else options.sigma,
+        outliers=options.outliers or 0.0,
+        slip=jnp.linspace(0.0, options.slip_max or 0.5, points),
+        truth=(rail_named(rail),) * _PREFIXES,
+        known=HE2018,
+    )

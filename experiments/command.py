@@ -1,0 +1,39 @@
+"""How every command speaks: options by click, and one sentence for what cannot be used."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from adhesion_jax.errors import InputError
+
+
+def run(command: click.Command) -> None:
+    """Run a command to the end of the process: status 0, or 2 with one sentence."""
+    try:
+        command.main(standalone_mode=False)
+    except click.Abort:
+        sys.exit(130)
+    except click.ClickException as error:
+        _refuse(error.format_message())
+    except InputError as error:
+        _refuse(str(error))
+
+
+def _refuse(sentence: str) -> None:
+    click.echo(f"error: {sentence}", err=True)
+    sys.exit(2)
+
+
+def output_directory(path: Path) -> Path:
+    """`path`, made if need be, and proved writable before any work is done."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(
+            f"--out {path} cannot be written to ({error.strerror}); name a folder that can."
+        ) from None
+    return path
