@@ -8,14 +8,11 @@ import os
 import platform
 from importlib.metadata import version
 
-_CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+#: Cores this process may use; a campaign starts one worker process on each.
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-_FLAGS = {
-    # One device a core: the runs of a campaign are divided over them.
-    "--xla_force_host_platform_device_count": str(_CORES),
-    # One thread a device: a sum is then taken in the same order whatever the number of cores.
-    "--xla_cpu_multi_thread_eigen": "false",
-}
+# One thread a process: a sum is then taken in the same order whatever the number of cores.
+_FLAGS = {"--xla_cpu_multi_thread_eigen": "false"}
 
 _given = os.environ.get("XLA_FLAGS", "")
 _added = (f"{name}={value}" for name, value in _FLAGS.items() if name not in _given)
@@ -40,6 +37,13 @@ PACKAGES = (
 )
 
 
+def share_compilations(folder: str) -> None:
+    """Let this process take what another has compiled, and leave its own, in `folder`."""
+    jax.config.update("jax_compilation_cache_dir", folder)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
 def describe() -> dict[str, object]:
     """Versions, devices and flags of this process, for the metadata of a result."""
     return {
@@ -47,6 +51,7 @@ def describe() -> dict[str, object]:
         "versions": {name: version(name) for name in PACKAGES},
         "devices": [str(device) for device in jax.devices()],
         "machine": platform.machine(),
+        "cores": CORES,
         "xla_flags": os.environ["XLA_FLAGS"],
         "precision": "float64",
     }

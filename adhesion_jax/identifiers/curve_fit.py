@@ -2,12 +2,17 @@
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.identifiers.base import Estimate, Status
+from adhesion_jax.metrics.information import (
+    adhesion_and_information,
+    quantities,
+    quantity_covariance,
+    quantity_names,
+)
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.scenarios import Known, Record
 
@@ -60,12 +65,14 @@ def evaluate(
     """
     finite = jnp.all(jnp.isfinite(parameters))
     parameters = jnp.where(finite, parameters, previous.parameters)
-    misfit, push = jax.linearize(lambda p: residual(known, record, p), parameters)
-    sensitivity = jax.vmap(push)(jnp.eye(parameters.size))
+    curve = with_free_values(known.curve, parameters)
+    adhesion, information = adhesion_and_information(
+        curve, record.slip, record.mask, record.conditions
+    )
     return Fit(
         parameters,
-        jnp.sum(sensitivity[:, None] * sensitivity[None, :], axis=-1),
-        jnp.sum(misfit**2),
+        information,
+        jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2),
         jnp.sum(record.mask, dtype=jnp.int32),
         evaluations.astype(jnp.int32),
         converged,
@@ -73,39 +80,13 @@ def evaluate(
     )
 
 
-def quantities(known: Known, parameters: Float[Array, " free"]) -> Float[Array, " values"]:
-    """The free parameters, the largest adhesion and its slip."""
-    peak = with_free_values(known.curve, parameters).peak({})
-    return jnp.concatenate([parameters, jnp.stack([peak.adhesion, peak.slip])])
-
-
-def quantity_names(known: Known) -> tuple[str, ...]:
-    return (*known.curve.free, "mu_max", "slip_opt")
-
-
-def covariance_from(
-    information: Float[Array, "free free"], variance: Float[Array, ""]
-) -> Float[Array, "free free"]:
-    """variance * information^-1, the parameters brought to one scale first.
-
-    NaN where the information is singular: there the data do not determine the parameters.
-    """
-    scale = jnp.sqrt(jnp.diagonal(information))
-    scale = jnp.where(scale > 0, scale, 1.0)
-    inverse = jnp.linalg.inv(information / jnp.outer(scale, scale))
-    regular = jnp.all(jnp.isfinite(inverse)) & jnp.all(jnp.diagonal(inverse) > 0)
-    return jnp.where(regular, variance * inverse / jnp.outer(scale, scale), jnp.nan)
-
-
 def to_estimate(state: FitState) -> Estimate:
-    """Values, their covariance by the delta method (noise variance estimated), and status."""
+    """Values, their covariance (noise variance estimated from the residual), and status."""
     known, fit = state.known, state.fit
-    size = fit.parameters.size
-    variance = fit.objective / jnp.maximum(fit.points - size, 1)
-    gradient = jax.jacfwd(lambda p: quantities(known, p))(fit.parameters)
-    covariance = gradient @ covariance_from(fit.information, variance) @ gradient.T
-    values = quantities(known, fit.parameters)
-    peak = with_free_values(known.curve, fit.parameters).peak({})
+    curve = with_free_values(known.curve, fit.parameters)
+    variance = fit.objective / jnp.maximum(fit.points - fit.parameters.size, 1)
+    covariance = quantity_covariance(curve, fit.information, variance)
+    peak = curve.peak({})
     status = jnp.select(
         [
             ~fit.finite,
@@ -123,5 +104,5 @@ def to_estimate(state: FitState) -> Estimate:
         ],
         Status.TRUSTED.value,
     )
-    named = dict(zip(quantity_names(known), values, strict=True))
+    named = dict(zip(quantity_names(curve), quantities(curve), strict=True))
     return Estimate(named, covariance, status, fit.objective, fit.evaluations)

@@ -93,6 +93,7 @@ def sum_of_squares(
     return _expand(sums, a, b, y_phi, phi_phi, phi_psi)
 
 
+@jax.custom_batching.custom_vmap
 def minimise(sums: Sums, lower: Float[Array, "3"], upper: Float[Array, "3"]) -> Solution:
     """The global optimum over the box; bounds are in the order a, nu, b.
 
@@ -100,7 +101,29 @@ def minimise(sums: Sums, lower: Float[Array, "3"], upper: Float[Array, "3"]) -> 
     partial one, by the envelope theorem) is brought to zero in the best two cells by regula
     falsi (Illinois). The derivative, not the objective, so that full precision is kept.
     """
+    return _minimise(sums, lower, upper)
+
+
+@minimise.def_vmap
+def _minimise_batch(
+    size: int, batched: list, sums: Sums, lower: Array, upper: Array
+) -> tuple[Solution, Solution]:
+    """A batch has its run axis last: a coefficient of all runs is then one stretch of memory."""
+    run_last = jax.tree.map(
+        lambda is_batched, x: jnp.moveaxis(x, 0, -1) if is_batched else x[..., None],
+        tuple(batched),
+        (sums, lower, upper),
+    )
+    solution = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), _minimise(*run_last))
+    return solution, jax.tree.map(lambda _: True, solution)
+
+
+def _minimise(
+    sums: Sums, lower: Float[Array, "3 *runs"], upper: Float[Array, "3 *runs"]
+) -> Solution:
+    """`minimise` for any number of runs, whose axes come last in every array."""
     a_range, b_range = (lower[0], upper[0]), (lower[2], upper[2])
+    series = (sums.y_phi, sums.phi_phi, sums.phi_psi)
 
     def linear_part(values: tuple[Array, ...]) -> tuple[Array, Array]:
         y_phi, phi_phi, phi_psi = values
@@ -111,13 +134,14 @@ def minimise(sums: Sums, lower: Float[Array, "3"], upper: Float[Array, "3"]) -> 
         y_phi_slope, phi_phi_slope, phi_psi_slope = slopes
         return a * (a * phi_phi_slope + 2 * b * phi_psi_slope - 2 * y_phi_slope)
 
-    series = (sums.y_phi, sums.phi_phi, sums.phi_psi)
-    on_grid = tuple(jnp.asarray(_TO_GRID) @ c for c in series)
-    slopes_on_grid = tuple(jnp.asarray(_TO_GRID_SLOPE) @ c for c in series)
-    best = jnp.argmin(_expand(sums, *linear_part(on_grid), *on_grid))
+    on_grid = tuple(jnp.tensordot(jnp.asarray(_TO_GRID), c, 1) for c in series)
+    slopes_on_grid = tuple(jnp.tensordot(jnp.asarray(_TO_GRID_SLOPE), c, 1) for c in series)
+    best = jnp.argmin(_expand(sums, *linear_part(on_grid), *on_grid), axis=0)
     slope_on_grid = slope_of_profile(on_grid, slopes_on_grid)
-    grid = jnp.asarray(_GRID_POINTS)
-    below, above = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, _GRID - 1)
+
+    def at(node: Array) -> tuple[Array, Array]:
+        slope = jnp.take_along_axis(slope_on_grid, node[None], axis=0)[0]
+        return jnp.asarray(_GRID_POINTS)[node], slope
 
     def secant(_: int, bracket: tuple[Array, ...]) -> tuple[Array, ...]:
         low, high, slope_low, slope_high, last = bracket
@@ -141,13 +165,14 @@ def minimise(sums: Sums, lower: Float[Array, "3"], upper: Float[Array, "3"]) -> 
             jnp.where(falling, 1.0, -1.0),
         )
 
-    bracket = (grid[below], grid[above], slope_on_grid[below], slope_on_grid[above])
-    low, high, slope_low, slope_high, _ = jax.lax.fori_loop(
-        0, _SECANTS, secant, (*bracket, jnp.zeros(()))
-    )
+    first_low, first_slope_low = at(jnp.maximum(best - 1, 0))
+    first_high, first_slope_high = at(jnp.minimum(best + 1, _GRID - 1))
+    start = (first_low, first_high, first_slope_low, first_slope_high, jnp.zeros_like(first_low))
+    low, high, slope_low, slope_high, _ = jax.lax.fori_loop(0, _SECANTS, secant, start)
     root = jnp.where(jnp.abs(slope_low) < jnp.abs(slope_high), low, high)
     # No sign change in the bracket: the optimum is the bound of nu that the profile falls to.
-    root = jnp.where(bracket[2] >= 0, bracket[0], jnp.where(bracket[3] <= 0, bracket[1], root))
+    root = jnp.where(first_slope_high <= 0, first_high, root)
+    root = jnp.where(first_slope_low >= 0, first_low, root)
     values = tuple(_series(c, root) for c in series)
     a, b = linear_part(values)
     return Solution(a, b, _nu(root, lower[1], upper[1]), _expand(sums, a, b, *values))
@@ -163,7 +188,7 @@ def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
     return (2 * jnp.sqrt(nu) - (low + high)) / (high - low)
 
 
-def _series(coefficients: Float[Array, " degree"], x: Array) -> Array:
+def _series(coefficients: Float[Array, "degree *runs"], x: Array) -> Array:
     """Chebyshev series by Clenshaw's recurrence, unrolled so that it stays in registers."""
     last, before = jnp.zeros_like(x), jnp.zeros_like(x)
     for k in range(DEGREE - 1, 0, -1):
@@ -202,22 +227,14 @@ def _bounded_pair(
         & (b <= b_range[1])
     )
 
-    def edge_b(b: Array) -> tuple[Array, Array]:
-        return jnp.clip((y_phi - b * phi_psi) / phi_phi, *a_range), jnp.broadcast_to(b, y_phi.shape)
-
-    def edge_a(a: Array) -> tuple[Array, Array]:
-        return jnp.broadcast_to(a, y_phi.shape), jnp.clip((y_psi - a * phi_psi) / psi_psi, *b_range)
-
-    edges = [edge_b(b) for b in b_range] + [edge_a(a) for a in a_range]
-    best_a, best_b = edges[0]
-    best = jnp.full_like(y_phi, jnp.inf)
-    for edge_a_value, edge_b_value in edges:
-        value = (
-            edge_a_value * (edge_a_value * phi_phi + 2 * edge_b_value * phi_psi - 2 * y_phi)
-            + edge_b_value * (edge_b_value * psi_psi - 2 * y_psi)
-        )
+    edges = [(jnp.clip((y_phi - b * phi_psi) / phi_phi, *a_range), b) for b in b_range]
+    edges += [(a, jnp.clip((y_psi - a * phi_psi) / psi_psi, *b_range)) for a in a_range]
+    best, best_a, best_b = jnp.inf, a, b
+    for edge_a, edge_b in edges:
+        value = edge_a * (edge_a * phi_phi + 2 * edge_b * phi_psi - 2 * y_phi)
+        value = value + edge_b * (edge_b * psi_psi - 2 * y_psi)
         better = value < best
         best = jnp.where(better, value, best)
-        best_a = jnp.where(better, edge_a_value, best_a)
-        best_b = jnp.where(better, edge_b_value, best_b)
+        best_a = jnp.where(better, edge_a, best_a)
+        best_b = jnp.where(better, edge_b, best_b)
     return jnp.where(inside, a, best_a), jnp.where(inside, b, best_b)

@@ -1,0 +1,1 @@
+"""Thousands of runs: what is asked for, seeds, chunks, devices and the store."""

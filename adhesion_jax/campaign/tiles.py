@@ -1,0 +1,100 @@
+"""One tile of runs: the unit of work of a campaign, in whichever process it is done.
+
+A tile is always computed whole, run number r in place r mod TILE: a matrix product rounds
+differently in a batch of another size, and so the result of a run depends on its number alone,
+not on how many runs, tiles at a time or workers there are.
+"""
+
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.keys import noise_keys, solver_keys
+from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, identify
+from adhesion_jax.metrics.information import cramer_rao_bound
+from adhesion_jax.scenarios import Record
+
+TILE = 128
+
+
+class TileResult(NamedTuple):
+    """Estimates [runs, blocks] as NumPy arrays; CPU seconds of the run and of compilation."""
+
+    estimate: Estimate
+    seconds: float
+    compile_seconds: float
+
+
+def tile_runs(tile: int) -> np.ndarray:
+    """The run numbers of a tile."""
+    return np.arange(tile * TILE, (tile + 1) * TILE)
+
+
+def draw_tile(config: Config, tile: int) -> Record:
+    """The records of a tile: [runs, blocks, points], shared arrays [blocks, points]."""
+    return _draw(config)(noise_keys(config.seed, config.scenario, jnp.asarray(tile_runs(tile))))
+
+
+def bound_tile(config: Config, records: Record) -> Float[Array, "runs blocks values"]:
+    """The Cramer-Rao bound of every run and block."""
+    return _bound(config)(records)
+
+
+def identify_tile(config: Config, tile: int, name: str) -> TileResult:
+    """The estimates of one identifier on all the runs of a tile."""
+    method = IDENTIFIERS[name]
+    records = jax.block_until_ready(draw_tile(config, tile))
+    runs = jnp.asarray(tile_runs(tile))
+    keys = jax.block_until_ready(solver_keys(config.seed, config.scenario, name, runs))
+    began = time.perf_counter()
+    compiled = _compiled(config, jax.tree.structure(method))
+    compile_seconds = time.perf_counter() - began
+    began = time.process_time()
+    estimate = jax.block_until_ready(compiled(method, records, keys))
+    seconds = time.process_time() - began
+    return TileResult(jax.tree.map(np.asarray, estimate), seconds, compile_seconds)
+
+
+@lru_cache(maxsize=1)
+def _draw(config: Config) -> Callable[[PRNGKeyArray], Record]:
+    scenario = build_scenario(config)
+    return jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))
+
+
+@lru_cache(maxsize=1)
+def _bound(config: Config) -> Callable[[Record], Float[Array, "runs blocks values"]]:
+    scenario = build_scenario(config)
+    truth = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenario.truth)
+
+    def one_run(record: Record) -> Float[Array, "blocks values"]:
+        return jax.vmap(cramer_rao_bound, in_axes=(0, 0, 0, 0, None))(
+            truth, record.slip, record.mask, record.conditions, scenario.sigma
+        )
+
+    return jax.jit(jax.vmap(one_run, in_axes=(scenario.run_axes,), axis_size=TILE))
+
+
+@lru_cache(maxsize=None)
+def _compiled(
+    config: Config, form: jax.tree_util.PyTreeDef
+) -> Callable[[Identifier, Record, PRNGKeyArray], Estimate]:
+    """The compiled function of all methods of one form.
+
+    The identifier is an argument of it, so variants that differ in numbers alone share it.
+    """
+    scenario = build_scenario(config)
+
+    def tile(method: Identifier, records: Record, keys: PRNGKeyArray) -> Estimate:
+        in_axes = (None, None, scenario.run_axes, 0)
+        return jax.vmap(identify, in_axes)(method, scenario.known, records, keys)
+
+    example = next(m for m in IDENTIFIERS.values() if jax.tree.structure(m) == form)
+    keys = solver_keys(config.seed, config.scenario, "", jnp.asarray(tile_runs(0)))
+    return jax.jit(tile).lower(example, draw_tile(config, 0), keys).compile()

@@ -1,0 +1,1 @@
+"""How good an estimate can be, and how good it is."""

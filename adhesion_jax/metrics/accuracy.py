@@ -1,0 +1,124 @@
+"""The figures by which identifiers are compared."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import t as student_t
+
+from adhesion_jax.metrics.moments import Moments
+
+Array = NDArray[np.float64]
+
+#: A method fails where its sum of squares exceeds the optimum by more than this many sigma^2.
+_FAILURE_GAP = 1.0
+
+#: A rail is tracked again when mu_max is within this share of the truth.
+_TRACKED = 0.03
+
+#: Where more runs than this touch the box, an RMSE below the bound is truncation.
+_BOX_SHARE = 0.01
+
+#: Below this gap two sums of squares are the same to rounding (of noise-free data).
+_ROUNDING = 1e-12
+
+
+class Outcome(NamedTuple):
+    """What one identifier did on some runs; arrays are [runs, blocks] or [runs, blocks, values]."""
+
+    values: Array
+    standard_errors: Array
+    on_box: NDArray[np.bool_]
+    unusable: NDArray[np.bool_]  # no peak, inadmissible or not finite
+    objective: Array
+    optimum: Array  # the objective of the exact maximum likelihood on the same data
+    evaluations: Array
+
+
+class Truth(NamedTuple):
+    """What the outcome is held against."""
+
+    names: tuple[str, ...]
+    values: Array  # [blocks, values]
+    bound: Array  # Cramer-Rao bound, [runs, blocks, values]
+    sigma: float
+    degrees_of_freedom: Array  # [blocks]
+
+
+def run_statistics(
+    outcome: Outcome, truth: Truth, blocks: tuple[int, ...], after_switch: int | None
+) -> Mapping[str, Array]:
+    """The statistics of each run, averaged over `blocks`; their means over runs are the metrics.
+
+    Failures are part of every mean.
+    """
+    b = list(blocks)
+    error = outcome.values[:, b] - truth.values[b]
+    half_width = (
+        student_t.ppf(0.975, truth.degrees_of_freedom[b])[:, None] * outcome.standard_errors[:, b]
+    )
+    gap = outcome.objective[:, b] - outcome.optimum[:, b]
+    failed = outcome.unusable[:, b] | ~(gap <= _FAILURE_GAP * truth.sigma**2 + _ROUNDING)
+    statistics = {
+        "error": error.mean(axis=1),
+        "squared_error": (error**2).mean(axis=1),
+        "squared_bound": (truth.bound[:, b] ** 2).mean(axis=1),
+        "covered": (np.abs(error) <= half_width).mean(axis=1),
+        "on_box": outcome.on_box[:, b].mean(axis=1),
+        "failed": failed.mean(axis=1),
+        "evaluations": outcome.evaluations[:, b].mean(axis=1),
+    }
+    if after_switch is not None:
+        last = max(after_switch, *b)
+        statistics["delay"] = _delay(outcome, truth, after_switch, last + 1)
+    return statistics
+
+
+def _delay(outcome: Outcome, truth: Truth, start: int, stop: int) -> Array:
+    """Blocks from a switch to the first one that is tracked; all of them where none is."""
+    peak = truth.names.index("mu_max")
+    true_peak = truth.values[start:stop, peak]
+    tracked = np.abs(outcome.values[:, start:stop, peak] - true_peak) < _TRACKED * true_peak
+    return np.where(tracked.any(axis=1), tracked.argmax(axis=1), stop - start).astype(float)
+
+
+def table_rows(
+    moments: Moments, truth: Truth, blocks: tuple[int, ...], seconds: float
+) -> pd.DataFrame:
+    """One row a quantity, absolute and in the quantity's unit."""
+    rmse = np.sqrt(moments.mean("squared_error"))
+    rmse_se = moments.standard_error("squared_error") / (2 * np.where(rmse > 0, rmse, np.nan))
+    bound = np.sqrt(moments.mean("squared_bound"))
+    share = float(moments.mean("on_box"))
+    comparable = (bound > 0) & (share <= _BOX_SHARE)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        efficiency = np.where(comparable, rmse / bound, np.nan)
+        efficiency_se = np.where(comparable, rmse_se / bound, np.nan)
+    tracked = "delay" in moments.total
+    return pd.DataFrame(
+        {
+            "quantity": truth.names,
+            "truth": truth.values[list(blocks)].mean(axis=0),
+            "bias": moments.mean("error"),
+            "bias_se": moments.standard_error("error"),
+            "rmse": rmse,
+            "rmse_se": rmse_se,
+            "crlb": bound,
+            "rmse_over_crlb": efficiency,
+            "rmse_over_crlb_se": efficiency_se,
+            "coverage95": moments.mean("covered"),
+            "coverage95_se": moments.standard_error("covered"),
+            "at_bound_share": share,
+            "at_bound_share_se": float(moments.standard_error("on_box")),
+            "failure_share": float(moments.mean("failed")),
+            "failure_share_se": float(moments.standard_error("failed")),
+            "delay_blocks": float(moments.mean("delay")) if tracked else np.nan,
+            "delay_blocks_se": float(moments.standard_error("delay")) if tracked else np.nan,
+            "runs": moments.runs,
+            "seconds_per_identification": seconds,
+            "evaluations": float(moments.mean("evaluations")),
+            "evaluations_se": float(moments.standard_error("evaluations")),
+        }
+    )

@@ -1,0 +1,73 @@
+"""What data say about a curve: sensitivities, information, covariance, Cramer-Rao bound."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_free_values
+
+
+def quantity_names(curve: Curve) -> tuple[str, ...]:
+    """The names of `quantities`: the free parameters, mu_max and slip_opt."""
+    return (*curve.free, "mu_max", "slip_opt")
+
+
+def quantities(curve: Curve) -> Float[Array, " values"]:
+    """The free parameters, the largest adhesion and its slip."""
+    peak = curve.peak({})
+    return jnp.concatenate([free_values(curve), jnp.stack([peak.adhesion, peak.slip])])
+
+
+def adhesion_and_information(
+    curve: Curve,
+    slip: Float[Array, " points"],
+    mask: Bool[Array, " points"],
+    conditions: Conditions,
+) -> tuple[Float[Array, " points"], Float[Array, "free free"]]:
+    """The model at every point, and J'J over the points of the mask, J = d mu/d parameters.
+
+    For noise of variance s^2 the Fisher information is J'J/s^2.
+    """
+    adhesion, push = jax.linearize(
+        lambda values: with_free_values(curve, values)(slip, conditions), free_values(curve)
+    )
+    sensitivity = jnp.where(mask, jax.vmap(push)(jnp.eye(len(curve.free))), 0.0)
+    # A sum of products: a matrix product of this shape is slower in a batch.
+    return adhesion, jnp.sum(sensitivity[:, None] * sensitivity[None, :], axis=-1)
+
+
+def inverse_information(information: Float[Array, "free free"]) -> Float[Array, "free free"]:
+    """(J'J)^-1, the parameters brought to one scale first.
+
+    NaN where it is singular: there the data do not determine the parameters.
+    """
+    scale = jnp.sqrt(jnp.diagonal(information))
+    scale = jnp.where(scale > 0, scale, 1.0)
+    inverse = jnp.linalg.inv(information / jnp.outer(scale, scale))
+    regular = jnp.all(jnp.isfinite(inverse)) & jnp.all(jnp.diagonal(inverse) > 0)
+    return jnp.where(regular, inverse / jnp.outer(scale, scale), jnp.nan)
+
+
+def quantity_covariance(
+    curve: Curve, information: Float[Array, "free free"], variance: Scalar
+) -> Float[Array, "values values"]:
+    """Covariance of `quantities` by the delta method, for noise of the given variance."""
+    gradient = jax.jacfwd(lambda values: quantities(with_free_values(curve, values)))(
+        free_values(curve)
+    )
+    return variance * gradient @ inverse_information(information) @ gradient.T
+
+
+def cramer_rao_bound(
+    curve: Curve,
+    slip: Float[Array, " points"],
+    mask: Bool[Array, " points"],
+    conditions: Conditions,
+    sigma: Scalar,
+) -> Float[Array, " values"]:
+    """Smallest standard deviation of an unbiased estimate of each of `quantities`.
+
+    For independent Gaussian noise of standard deviation sigma and parameters without bounds.
+    """
+    _, information = adhesion_and_information(curve, slip, mask, conditions)
+    return jnp.sqrt(jnp.diagonal(quantity_covariance(curve, information, sigma**2)))

@@ -1,0 +1,49 @@
+"""Means over runs with their Monte Carlo standard errors, gathered part by part."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Moments(NamedTuple):
+    """Number of runs, sum and sum of squares of some statistics of a run.
+
+    The runs are independent, the blocks of a run need not be: a statistic is therefore first
+    averaged within each run. Parts are added in the order of their runs, so the sums do not
+    depend on how many parts are computed at a time.
+    """
+
+    runs: int
+    total: Mapping[str, Array]
+    total_square: Mapping[str, Array]
+
+    @staticmethod
+    def of(statistics: Mapping[str, Array]) -> "Moments":
+        """Of statistics with the runs along the first axis."""
+        runs = len(next(iter(statistics.values())))
+        return Moments(
+            runs,
+            {name: np.sum(x, axis=0) for name, x in statistics.items()},
+            {name: np.sum(x * x, axis=0) for name, x in statistics.items()},
+        )
+
+    def plus(self, other: "Moments") -> "Moments":
+        return Moments(
+            self.runs + other.runs,
+            {name: self.total[name] + other.total[name] for name in self.total},
+            {name: self.total_square[name] + other.total_square[name] for name in self.total},
+        )
+
+    def mean(self, name: str) -> Array:
+        return self.total[name] / self.runs
+
+    def standard_error(self, name: str) -> Array:
+        """Of the mean; not a number for a single run."""
+        if self.runs < 2:
+            return np.full_like(self.total[name], np.nan)
+        variance = self.total_square[name] / self.runs - self.mean(name) ** 2
+        return np.sqrt(np.maximum(variance, 0.0) / (self.runs - 1))

@@ -1,0 +1,141 @@
+"""Identify thousands of noisy adhesion curves with every method and say how well each knows them."""
+
+import dataclasses
+import time
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from adhesion_jax import runtime
+from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
+from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
+from adhesion_jax.campaign.store import (
+    EstimateWriter,
+    read_estimates,
+    staged,
+    write_metadata,
+    write_table,
+)
+from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
+from adhesion_jax.metrics.information import quantities, quantity_names
+from adhesion_jax.report import figures
+from adhesion_jax.report.tables import accuracy_table
+from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
+from adhesion_jax.scenarios.growing import GrowingSequence
+from adhesion_jax.scenarios.rails import RAILS
+from experiments.command import output_directory, run
+
+
+def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if not wanted or context.resilient_parsing:
+        return
+    click.echo("scenarios")
+    for name, build in SCENARIOS.items():
+        click.echo(f"  {name:<16}{(build.__doc__ or '').splitlines()[0]}")
+    click.echo("identifiers")
+    for name in IDENTIFIERS:
+        click.echo(f"  {name}{'  (runs when named)' if name in ABLATIONS else ''}")
+    click.echo(f"rails\n  {', '.join(RAILS)}")
+    context.exit()
+
+
+@click.command()
+@click.option("--scenario", default="he2018-blocks", show_default=True, help="What is identified.")
+@click.option("--identifiers", help="Names divided by commas; by default all that fit.")
+@click.option("--rail", help="Rail of a scenario that has one rail.")
+@click.option("--sigma", type=click.FloatRange(min=0), help="Noise of the adhesion signal (0.01).")
+@click.option("--points", type=click.IntRange(min=4), help="Points in a block (500).")
+@click.option(
+    "--slip-max",
+    type=click.FloatRange(min=0, max=1, min_open=True),
+    help="Largest slip of the excitation.",
+)
+@click.option(
+    "--outliers",
+    type=click.FloatRange(min=0, max=1, max_open=True),
+    help="Share of points with ten times the noise (0).",
+)
+@click.option("--blocks", type=click.IntRange(min=1), help="Blocks of a run.")
+@click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/montecarlo"), show_default=True)
+@click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_list, help="Show the names.")
+def main(
+    scenario: str,
+    identifiers: str | None,
+    rail: str | None,
+    sigma: float | None,
+    points: int | None,
+    slip_max: float | None,
+    outliers: float | None,
+    blocks: int | None,
+    runs: int,
+    seed: int,
+    out: Path,
+) -> None:
+    """Identify thousands of noisy adhesion curves and compare the methods."""
+    config = Config(
+        scenario=scenario,
+        identifiers=tuple(name.strip() for name in identifiers.split(",")) if identifiers else (),
+        options=Options(rail, sigma, points, slip_max, outliers, blocks),
+        runs=runs,
+        seed=seed,
+    )
+    built = build_scenario(config)
+    names = choose_identifiers(config, built)
+    directory = output_directory(out)
+    began = time.perf_counter()
+    with staged(directory) as stage:
+        writer = EstimateWriter(stage / "runs.parquet")
+        with tqdm(total=progress_steps(config), desc="compiling", unit="tile") as bar:
+
+            def progress(name: str) -> None:
+                bar.set_description(name)
+                bar.update()
+
+            campaign = run_campaign(config, writer.append, progress)
+        writer.close()
+        for name, table in campaign.tables.items():
+            write_table(stage / f"{name}.csv", table)
+        _draw(stage, built, names, campaign.tables)
+        metadata = {
+            "config": dataclasses.asdict(config),
+            "identifiers": names,
+            "seed": seed,
+            "statuses": {status.name.lower(): status.sentence for status in Status},
+            "compile_seconds": campaign.compile_seconds,
+            "wall_seconds": time.perf_counter() - began,
+            **runtime.describe(),
+        }
+        write_metadata(stage / "metadata.json", metadata)
+    for name, table in campaign.tables.items():
+        click.echo(f"\n{name}: mu_max over {runs} runs of {scenario}")
+        click.echo(accuracy_table(table))
+    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+
+
+def _draw(
+    stage: Path, scenario: Scenario, names: tuple[str, ...], tables: dict[str, pd.DataFrame]
+) -> None:
+    def estimates(identifier: str, columns: list[str]) -> pd.DataFrame:
+        return read_estimates(stage / "runs.parquet", columns, identifier)
+
+    pooled = [block for group in scenario.tables()["summary"] for block in group.blocks]
+    figures.histogram(stage / "histogram_mu_max.png", tables["summary"], estimates, pooled)
+    if isinstance(scenario, GrowingSequence):
+        slip = np.asarray(scenario.slip)
+        reached = [float(slip[length - 1]) for length in scenario.lengths]
+        figures.convergence(stage / "convergence.png", tables["checkpoints"], estimates, reached)
+    truth = pd.DataFrame(
+        [np.asarray(quantities(curve)) for curve in scenario.truth],
+        columns=list(quantity_names(scenario.known.curve)),
+    )
+    truth.insert(0, "block", np.arange(len(truth)))
+    figures.tracking(stage / "tracking.png", truth, estimates, list(names))
+
+
+if __name__ == "__main__":
+    run(main)
