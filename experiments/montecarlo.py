@@ -1,7 +1,8 @@
-"""Identify thousands of noisy adhesion curves with every method and say how well each knows them."""
+"""Identify thousands of noisy adhesion curves and say how well each method knows them."""
 
 import dataclasses
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -61,8 +62,17 @@ def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
 @click.option("--blocks", type=click.IntRange(min=1), help="Blocks of a run.")
 @click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/montecarlo"), show_default=True)
-@click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_list, help="Show the names.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/montecarlo"), show_default=True
+)
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list,
+    help="Show the names.",
+)
 def main(
     scenario: str,
     identifiers: str | None,
@@ -118,7 +128,7 @@ def main(
 
 
 def _draw(
-    stage: Path, scenario: Scenario, names: tuple[str, ...], tables: dict[str, pd.DataFrame]
+    stage: Path, scenario: Scenario, names: tuple[str, ...], tables: Mapping[str, pd.DataFrame]
 ) -> None:
     def estimates(identifier: str, columns: list[str]) -> pd.DataFrame:
         return read_estimates(stage / "runs.parquet", columns, identifier)

@@ -34,6 +34,7 @@ REFERENCE = "ml-exact"
 #: Statuses that count as a failure whatever the method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
 
+
 class Campaign(NamedTuple):
     """The tables by name (summary, switches, checkpoints) and the seconds of compilation."""
 
@@ -173,7 +174,7 @@ def _count(
     truth: Truth,
 ) -> None:
     """Add the runs of a tile to the sums behind every row of every table."""
-    optimum = estimates[REFERENCE].objective
+    optimum = np.asarray(estimates[REFERENCE].objective)
     outcomes = {name: _outcome(scenario, e, optimum) for name, e in estimates.items()}
     for index, row in enumerate(rows):
         outcome = outcomes[row.identifier]
@@ -192,7 +193,7 @@ def _outcome(scenario: Scenario, estimate: Estimate, optimum: np.ndarray) -> Out
     return Outcome(
         values=values,
         standard_errors=_standard_errors(estimate),
-        on_box=np.asarray(on_bound(parameters, known.lower, known.upper)).any(axis=-1),
+        on_box=np.any(on_bound(parameters, known.lower, known.upper), axis=-1),
         unusable=np.isin(estimate.status, _UNUSABLE),
         objective=np.asarray(estimate.objective),
         optimum=optimum,
@@ -204,7 +205,11 @@ def _table_rows(
     config: Config, row: _Row, moments: Moments, truth: Truth, seconds: float
 ) -> pd.DataFrame:
     table = table_rows(moments, truth, row.group.blocks, seconds)
-    names = {"scenario": config.scenario, "identifier": row.identifier, "rail": row.group.rail}
+    names: dict[str, str | int] = {
+        "scenario": config.scenario,
+        "identifier": row.identifier,
+        "rail": row.group.rail,
+    }
     if row.group.k is not None:
         names["k"] = row.group.k
     for place, (column, value) in enumerate(names.items()):

@@ -7,7 +7,7 @@ not on how many runs, tiles at a time or workers there are.
 
 import time
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import jax
@@ -81,7 +81,7 @@ def _bound(config: Config) -> Callable[[Record], Float[Array, "runs blocks value
     return jax.jit(jax.vmap(one_run, in_axes=(scenario.run_axes,), axis_size=TILE))
 
 
-@lru_cache(maxsize=None)
+@cache
 def _compiled(
     config: Config, form: jax.tree_util.PyTreeDef
 ) -> Callable[[Identifier, Record, PRNGKeyArray], Estimate]:

@@ -12,7 +12,8 @@ from adhesion_jax.curves.base import Scalar as Scalar
 from adhesion_jax.curves.base import free_values as free_values
 from adhesion_jax.curves.base import physical_box as physical_box
 from adhesion_jax.curves.base import with_free_values as with_free_values
-from adhesion_jax.curves.burckhardt import Burckhardt, BurckhardtFull
+from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.curves.burckhardt import BurckhardtFull as BurckhardtFull
 from adhesion_jax.curves.exponential import Exponential
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.curves.magic_formula import MagicFormula

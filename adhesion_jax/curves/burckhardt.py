@@ -76,7 +76,7 @@ class BurckhardtFull(Curve):
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
         speed, load = conditions["vehicle_speed_mps"], conditions["normal_load_N"]
-        curve = Burckhardt(self.c1, self.c2, self.c3)(slip, conditions)
+        curve = Burckhardt(c1=self.c1, c2=self.c2, c3=self.c3)(slip, conditions)
         return curve * jnp.exp(-self.c4 * jnp.abs(slip) * speed) * (1 - self.c5 * load**2)
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:

@@ -20,7 +20,7 @@ def saturation(
     k_a: Scalar,
     k_s: Scalar,
 ) -> Float[Array, "*shape"]:
-    """mu = (2 mu_f/pi) (kA e/(1 + (kA e)^2) + atan(kS e)), e = pi C |l| / (4 mu_f), odd in l.
+    """Mu = (2 mu_f/pi) (kA e/(1 + (kA e)^2) + atan(kS e)), e = pi C |l| / (4 mu_f), odd in l.
 
     e is the gradient of the tangential stress in the area of adhesion, C the adhesion per unit
     of slip at vanishing slip with kA = kS = 1 (for other values the slope is C (kA + kS)/2).

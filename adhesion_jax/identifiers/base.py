@@ -17,20 +17,26 @@ State = Any  # each identifier carries its own
 class Status(IntEnum):
     """Why an estimate may not be trusted; of several reasons the first of this list counts."""
 
-    NOT_FINITE = 5, "The solver left the real numbers; the values are those it started from."
-    INADMISSIBLE = 4, "The curve gives no positive adhesion; the values are as found."
-    NO_PEAK = 3, "Adhesion has no peak between slip 0 and 1; mu_max is the largest in that range."
-    NOT_CONVERGED = 2, "The solver stopped before it converged; the values are its last."
-    ON_BOX = 1, "A parameter lies on its bound; standard errors are those without the bound."
-    TRUSTED = 0, "The solver converged to a peak inside the box."
+    NOT_FINITE = 5
+    INADMISSIBLE = 4
+    NO_PEAK = 3
+    NOT_CONVERGED = 2
+    ON_BOX = 1
+    TRUSTED = 0
 
-    sentence: str
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
 
-    def __new__(cls, code: int, sentence: str) -> "Status":
-        member = int.__new__(cls, code)
-        member._value_ = code
-        member.sentence = sentence
-        return member
+
+_SENTENCES = {
+    Status.NOT_FINITE: "The solver left the real numbers; the values are those it started from.",
+    Status.INADMISSIBLE: "The curve gives no positive adhesion; the values are as found.",
+    Status.NO_PEAK: "No peak between slip 0 and 1; mu_max is the largest adhesion in that range.",
+    Status.NOT_CONVERGED: "The solver stopped before it converged; the values are its last.",
+    Status.ON_BOX: "A parameter lies on its bound; standard errors are those without the bound.",
+    Status.TRUSTED: "The solver converged to a peak inside the box.",
+}
 
 
 class Estimate(NamedTuple):

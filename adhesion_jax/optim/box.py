@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 #: An estimate nearer to a bound than this share of the box's width lies on the box.
 _ON_BOX = 1e-4
@@ -13,11 +13,11 @@ _START_MARGIN = 1e-3
 
 
 def on_bound(
-    x: Float[Array, " p"], lower: Float[Array, " p"], upper: Float[Array, " p"]
-) -> Bool[Array, " p"]:
+    x: Float[ArrayLike, "*batch p"], lower: Float[Array, " p"], upper: Float[Array, " p"]
+) -> Bool[Array, "*batch p"]:
     """Which coordinates lie on the box; a bound at infinity is never reached."""
     margin = jnp.where(jnp.isfinite(upper - lower), _ON_BOX * (upper - lower), 0.0)
-    return (x <= lower + margin) | (x >= upper - margin)
+    return (jnp.asarray(x) <= lower + margin) | (jnp.asarray(x) >= upper - margin)
 
 
 class Unbounded(NamedTuple):

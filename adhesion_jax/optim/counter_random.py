@@ -19,7 +19,9 @@ def counter_bits(
     seed: UInt32[Array, "2"], time: Int[Array, ""], purpose: int, members: int
 ) -> UInt32[Array, " members"]:
     """32 random bits for each member, a function of its arguments alone."""
-    stream = _mix(seed[0] ^ _mix(time.astype(jnp.uint32) + jnp.uint32(0x9E3779B9 * purpose % 2**32)))
+    stream = _mix(
+        seed[0] ^ _mix(time.astype(jnp.uint32) + jnp.uint32(0x9E3779B9 * purpose % 2**32))
+    )
     return _mix(_mix(stream + jnp.arange(members, dtype=jnp.uint32)) ^ seed[1])
 
 

@@ -91,9 +91,7 @@ def update(
         lot = as_uniform(counter_bits(seed, state.generation, 5 + axis, members))
         return jnp.where((lot < settings.crossover) | (forced == axis), mutant, x)
 
-    trials = jax.lax.optimization_barrier(
-        jnp.stack([trial(axis) for axis in range(dimension)])
-    )
+    trials = jax.lax.optimization_barrier(jnp.stack([trial(axis) for axis in range(dimension)]))
     trial_objective = objective(trials)
     better = trial_objective <= state.objective
     return State(

@@ -18,7 +18,7 @@ def levenberg_marquardt(
     upper: Float[Array, " p"],
     max_steps: int,
 ) -> Result:
-    """jaxopt's Levenberg-Marquardt, with the Jacobian materialised and a Cholesky solve."""
+    """Jaxopt's Levenberg-Marquardt, with the Jacobian materialised and a Cholesky solve."""
     space = Unbounded.around(start, lower, upper)
     solver = LevenbergMarquardt(
         lambda u: residual(space.to_box(u)),
@@ -40,10 +40,8 @@ def gauss_newton(
     upper: Float[Array, " p"],
     max_steps: int,
 ) -> Result:
-    """jaxopt's Gauss-Newton: full steps, no safeguard."""
+    """Jaxopt's Gauss-Newton: full steps, no safeguard."""
     space = Unbounded.around(start, lower, upper)
-    solver = GaussNewton(
-        lambda u: residual(space.to_box(u)), maxiter=max_steps, tol=1e-9
-    )
+    solver = GaussNewton(lambda u: residual(space.to_box(u)), maxiter=max_steps, tol=1e-9)
     u, state = solver.run(space.from_box(start))
     return finish(residual, space.to_box(u), start, lower, upper, jnp.asarray(state.iter_num))

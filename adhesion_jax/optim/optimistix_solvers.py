@@ -1,5 +1,7 @@
 """Levenberg-Marquardt and Gauss-Newton of optimistix."""
 
+from typing import Any
+
 import lineax
 import optimistix
 from jaxtyping import Array, Float
@@ -17,8 +19,8 @@ def levenberg_marquardt(
     upper: Float[Array, " p"],
     max_steps: int,
 ) -> Result:
-    """optimistix's Levenberg-Marquardt."""
-    solver = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL)
+    """Optimistix's Levenberg-Marquardt."""
+    solver: Any = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL)
     return _solve(solver, residual, start, lower, upper, max_steps)
 
 
@@ -29,14 +31,14 @@ def gauss_newton(
     upper: Float[Array, " p"],
     max_steps: int,
 ) -> Result:
-    """optimistix's Gauss-Newton: full steps, no safeguard."""
+    """Optimistix's Gauss-Newton: full steps, no safeguard."""
     linear = lineax.AutoLinearSolver(well_posed=None)
-    solver = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
+    solver: Any = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
     return _solve(solver, residual, start, lower, upper, max_steps)
 
 
 def _solve(
-    solver: optimistix.AbstractLeastSquaresSolver,
+    solver: Any,
     residual: Residual,
     start: Array,
     lower: Array,
@@ -44,7 +46,7 @@ def _solve(
     max_steps: int,
 ) -> Result:
     space = Unbounded.around(start, lower, upper)
-    solution = optimistix.least_squares(
+    solution: Any = optimistix.least_squares(
         lambda u, _: residual(space.to_box(u)),
         solver,
         space.from_box(start),

@@ -87,7 +87,7 @@ def sum_of_squares(
     nu_lower: Float[Array, ""],
     nu_upper: Float[Array, ""],
 ) -> Float[Array, "*shape"]:
-    """sum (y - a phi(x; nu) - b psi(x))^2 from the sums alone."""
+    """Sum (y - a phi(x; nu) - b psi(x))^2 from the sums alone."""
     x = _chebyshev_variable(nu, nu_lower, nu_upper)
     y_phi, phi_phi, phi_psi = (_series(c, x) for c in (sums.y_phi, sums.phi_phi, sums.phi_psi))
     return _expand(sums, a, b, y_phi, phi_phi, phi_psi)
@@ -188,7 +188,7 @@ def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
     return (2 * jnp.sqrt(nu) - (low + high)) / (high - low)
 
 
-def _series(coefficients: Float[Array, "degree *runs"], x: Array) -> Array:
+def _series(coefficients: Float[Array, "degree *runs"], x: Float[Array, "*runs"]) -> Array:
     """Chebyshev series by Clenshaw's recurrence, unrolled so that it stays in registers."""
     last, before = jnp.zeros_like(x), jnp.zeros_like(x)
     for k in range(DEGREE - 1, 0, -1):
@@ -229,7 +229,7 @@ def _bounded_pair(
 
     edges = [(jnp.clip((y_phi - b * phi_psi) / phi_phi, *a_range), b) for b in b_range]
     edges += [(a, jnp.clip((y_psi - a * phi_psi) / psi_psi, *b_range)) for a in a_range]
-    best, best_a, best_b = jnp.inf, a, b
+    best, best_a, best_b = jnp.full_like(a, jnp.inf), a, b
     for edge_a, edge_b in edges:
         value = edge_a * (edge_a * phi_phi + 2 * edge_b * phi_psi - 2 * y_phi)
         value = value + edge_b * (edge_b * psi_psi - 2 * y_psi)

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from adhesion_jax.report.style import line_styles
 
@@ -21,64 +22,77 @@ LABELS = {
     "slip_opt": r"slip at the peak $\lambda_{opt}$ (1)",
 }
 
-_BINS = 60
+#: The histogram reaches this many bounds to either side of the truth.
+_WIDTHS, _BINS = 6, 60
 
 
 def histogram(path: Path, summary: pd.DataFrame, estimates: Estimates, blocks: list[int]) -> None:
     """mu_max of every identifier, a panel a rail, with the truth and the bound's width.
 
     The first blocks after a switch are left out, as they are in the summary. Estimates beyond
-    the panel are counted in its legend (He et al. 2018, Fig. 12 and 17).
+    the panel are counted in it (He et al. 2018, Fig. 12 and 17).
     """
     rows = summary[summary["quantity"] == "mu_max"]
     rails = list(dict.fromkeys(rows["rail"]))
     names = list(dict.fromkeys(rows["identifier"]))
     styles = line_styles(names)
-    figure = Figure(figsize=(5.2 * len(rails), 4.6), layout="constrained")
+    figure = Figure(figsize=(5.2 * max(len(rails), 1.4), 5.2), layout="constrained")
     axes = figure.subplots(1, len(rails), squeeze=False)[0]
     truth = rows.groupby("rail")["truth"].first()
     bound = rows.groupby("rail")["crlb"].first()
+    beyond: dict[str, list[str]] = {rail: [] for rail in rails}
     for name in names:
         table = estimates(name, ["rail", "block", "mu_max"])
         table = table[table["block"].isin(blocks)]
         for rail, axis in zip(rails, axes, strict=True):
-            centre, width = truth[rail], 6 * bound[rail]
+            centre, width = truth[rail], _WIDTHS * max(bound[rail], 1e-9)
             edges = np.linspace(centre - width, centre + width, _BINS + 1)
             values = table.loc[table["rail"] == rail, "mu_max"].to_numpy()
             density = np.histogram(values, edges)[0] / (len(values) * np.diff(edges))
             outside = np.mean((values < edges[0]) | (values > edges[-1]))
+            if outside > 0:
+                beyond[rail].append(f"{name}: {100 * outside:.2g} %")
             style = {key: styles[name][key] for key in ("color", "linestyle")}
-            label = name if outside == 0 else f"{name} ({100 * outside:.1f} % outside)"
-            axis.stairs(density, edges, label=label, linewidth=1.3, **style)
+            axis.stairs(density, edges, label=name, linewidth=1.3, **style)
     for rail, axis in zip(rails, axes, strict=True):
         centre, width = truth[rail], bound[rail]
-        axis.axvline(centre, color="0.4", linewidth=1)
+        axis.axvline(centre, color="0.4", linewidth=1, label="truth")
         band = (centre - 1.96 * width, centre + 1.96 * width)
         axis.axvspan(*band, color="0.9", zorder=0, label="truth ± 1.96 × Cramér-Rao bound")
         axis.set(title=f"{rail} rail", xlabel=LABELS["mu_max"], ylabel="probability density (1)")
-        axis.legend(fontsize=7, loc="upper left")
-        axis.margins(y=0.35)
+        if beyond[rail]:
+            note = "\n".join(["beyond the axis", *beyond[rail]])
+            axis.text(0.02, 0.98, note, transform=axis.transAxes, va="top", fontsize=7)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
     figure.savefig(path, dpi=150)
 
 
 def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[str]) -> None:
     """c1, c2, c3 and mu_max over the blocks: the median and the band from 5 to 95 %.
 
-    A row a quantity, a column an identifier; `truth` has the columns block and quantities.
+    A row a quantity, the last one the error of mu_max; a column an identifier. `truth` has the
+    columns block and quantities.
     """
     shown = ["c1", "c2", "c3", "mu_max"]
-    figure = Figure(figsize=(2.6 * len(names) + 1, 8.5), layout="constrained")
-    axes = figure.subplots(len(shown), len(names), sharex=True, sharey="row", squeeze=False)
+    figure = Figure(figsize=(2.4 * len(names) + 1.2, 10), layout="constrained")
+    axes = figure.subplots(len(shown) + 1, len(names), sharex=True, sharey="row", squeeze=False)
+    block, peak = truth["block"].to_numpy(), truth["mu_max"].to_numpy()
     for name, column in zip(names, axes.T, strict=True):
         table = estimates(name, ["block", *shown]).groupby("block")
         low, middle, high = (table.quantile(q) for q in (0.05, 0.5, 0.95))
-        for quantity, axis in zip(shown, column, strict=True):
-            _band(axis, middle.index.to_numpy(), low[quantity], middle[quantity], high[quantity])
-            axis.plot(truth["block"], truth[quantity], "k--", linewidth=1, label="truth")
+        for quantity, axis in zip(shown, column[:-1], strict=True):
+            _band(axis, block, *(part[quantity].to_numpy() for part in (low, middle, high)))
+            axis.step(block, truth[quantity], "k--", where="mid", linewidth=1, label="truth")
+        error = (100 * (part["mu_max"].to_numpy() / peak - 1) for part in (low, middle, high))
+        _band(column[-1], block, *error)
+        column[-1].axhline(0, color="k", linestyle="--", linewidth=1)
         column[0].set_title(name, fontsize=10)
         column[-1].set_xlabel("block (1)")
-    for quantity, axis in zip(shown, axes[:, 0], strict=True):
-        axis.set_ylabel(LABELS[quantity])
+        column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    labels = [*(LABELS[quantity] for quantity in shown), r"error of $\mu_{max}$ (%)"]
+    for label, axis in zip(labels, axes[:, 0], strict=True):
+        axis.set_ylabel(label)
     axes[0, 0].legend(fontsize=7, loc="upper right")
     figure.savefig(path, dpi=150)
 
@@ -132,6 +146,22 @@ def convergence(
     figure.savefig(path, dpi=150)
 
 
-def _band(axis: Axes, x: np.ndarray, low: pd.Series, middle: pd.Series, high: pd.Series) -> None:
+def _band(axis: Axes, x: np.ndarray, low: np.ndarray, middle: np.ndarray, high: np.ndarray) -> None:
     axis.fill_between(x, low, high, step="mid", color="0.75", label="5 to 95 %")
     axis.step(x, middle, where="mid", color="#0072B2", linewidth=1.2, label="median")
+
+
+def speed_bars(path: Path, table: pd.DataFrame) -> None:
+    """Identifications per CPU-second of each method, with the range over its turns."""
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axis = figure.subplots()
+    rate = table["identifications_per_cpu_second"]
+    spread = np.array([rate - table["lowest"], table["highest"] - rate])
+    bars = axis.barh(table["identifier"], rate, xerr=spread, color="0.7", capsize=3)
+    ratios = [f"{ratio:,.3g} ×" for ratio in table["ratio_to_scipy_de"]]
+    axis.bar_label(bars, ratios, padding=6, fontsize=8)
+    axis.set_xscale("log")
+    axis.set_xlim(rate.min() / 3, rate.max() * 8)
+    axis.invert_yaxis()
+    axis.set_xlabel("identifications per CPU-second of one core (1/s); label: ratio to scipy-de")
+    figure.savefig(path, dpi=150)

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
@@ -18,6 +18,10 @@ class Record(NamedTuple):
     adhesion: Float[Array, "*blocks points"]
     mask: Bool[Array, "*blocks points"]  # false: there is no such point
     conditions: Mapping[str, Float[Array, "*blocks points"]]
+
+
+#: The axes of `Scenario.run_axes` where the slips are the same in every run.
+SHARED_SLIP: Any = Record(None, 0, None, {})  # type: ignore[arg-type]
 
 
 class Known(eqx.Module):
@@ -65,7 +69,7 @@ class Scenario(eqx.Module):
     truth: eqx.AbstractVar[tuple[Curve, ...]]
     sigma: eqx.AbstractVar[float]
     #: Zero for each field of a record that differs from run to run, None for one shared by all.
-    run_axes: eqx.AbstractVar[Record]
+    run_axes: eqx.AbstractVar[Any]
 
     @abstractmethod
     def draw(self, key: PRNGKeyArray) -> Record:

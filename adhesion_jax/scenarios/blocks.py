@@ -1,6 +1,7 @@
 """Independent blocks of points, each over the whole slip range, on one rail or several."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +9,14 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
-from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.scenarios.base import (
+    SHARED_SLIP,
+    Group,
+    Known,
+    Options,
+    Record,
+    Scenario,
+)
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
@@ -22,7 +30,7 @@ class Blocks(Scenario):
     slip: Float[Array, " points"]
     truth: tuple[Curve, ...]
     known: Known
-    run_axes: Record = eqx.field(default=Record(None, 0, None, {}), static=True)
+    run_axes: Any = eqx.field(default=SHARED_SLIP, static=True)
 
     def draw(self, key: PRNGKeyArray) -> Record:
         clean = jnp.stack([curve(self.slip, {}) for curve in self.truth])
