@@ -1,5 +1,6 @@
 """How every command speaks: options by click, and one sentence for what cannot be used."""
 
+import math
 import sys
 from pathlib import Path
 
@@ -23,6 +24,18 @@ def run(command: click.Command) -> None:
 def _refuse(sentence: str) -> None:
     click.echo(f"error: {sentence}", err=True)
     sys.exit(2)
+
+
+class FiniteRange(click.FloatRange):
+    """A number in a range; nan and infinity, which pass every comparison or none, are refused."""
+
+    def convert(
+        self, value: float, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
 
 
 def output_directory(path: Path) -> Path:

@@ -27,7 +27,7 @@ from adhesion_jax.report.tables import accuracy_table
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
 from adhesion_jax.scenarios.growing import GrowingSequence
 from adhesion_jax.scenarios.rails import RAILS
-from experiments.command import output_directory, run
+from experiments.command import FiniteRange, output_directory, run
 
 
 def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -47,16 +47,16 @@ def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
 @click.option("--scenario", default="he2018-blocks", show_default=True, help="What is identified.")
 @click.option("--identifiers", help="Names divided by commas; by default all that fit.")
 @click.option("--rail", help="Rail of a scenario that has one rail.")
-@click.option("--sigma", type=click.FloatRange(min=0), help="Noise of the adhesion signal (0.01).")
+@click.option("--sigma", type=FiniteRange(min=0), help="Noise of the adhesion signal (0.01).")
 @click.option("--points", type=click.IntRange(min=4), help="Points in a block (500).")
 @click.option(
     "--slip-max",
-    type=click.FloatRange(min=0, max=1, min_open=True),
+    type=FiniteRange(min=0, max=1, min_open=True),
     help="Largest slip of the excitation.",
 )
 @click.option(
     "--outliers",
-    type=click.FloatRange(min=0, max=1, max_open=True),
+    type=FiniteRange(min=0, max=1, max_open=True),
     help="Share of points with ten times the noise (0).",
 )
 @click.option("--blocks", type=click.IntRange(min=1), help="Blocks of a run.")
@@ -121,7 +121,8 @@ def main(
             **runtime.describe(),
         }
         write_metadata(stage / "metadata.json", metadata)
-    for name, table in campaign.tables.items():
+    for name in [name for name in campaign.tables if name != "checkpoints"]:
+        table = campaign.tables[name]
         click.echo(f"\n{name}: mu_max over {runs} runs of {scenario}")
         click.echo(accuracy_table(table))
     click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")

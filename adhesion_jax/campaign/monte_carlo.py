@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
@@ -193,7 +194,7 @@ def _outcome(scenario: Scenario, estimate: Estimate, optimum: np.ndarray) -> Out
     return Outcome(
         values=values,
         standard_errors=_standard_errors(estimate),
-        on_box=np.any(on_bound(parameters, known.lower, known.upper), axis=-1),
+        on_box=np.asarray(jnp.any(on_bound(parameters, known.lower, known.upper), axis=-1)),
         unusable=np.isin(estimate.status, _UNUSABLE),
         objective=np.asarray(estimate.objective),
         optimum=optimum,

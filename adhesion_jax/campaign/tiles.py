@@ -13,13 +13,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Key
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, identify
 from adhesion_jax.metrics.information import cramer_rao_bound
-from adhesion_jax.scenarios import Record
+from adhesion_jax.scenarios import SCENARIOS, Options, Record
 
 TILE = 128
 
@@ -39,12 +39,12 @@ def tile_runs(tile: int) -> np.ndarray:
 
 def draw_tile(config: Config, tile: int) -> Record:
     """The records of a tile: [runs, blocks, points], shared arrays [blocks, points]."""
-    return _draw(config)(noise_keys(config.seed, config.scenario, jnp.asarray(tile_runs(tile))))
+    return _draw(config.scenario, config.options)(noise_keys(config.seed, config.scenario, jnp.asarray(tile_runs(tile))))
 
 
 def bound_tile(config: Config, records: Record) -> Float[Array, "runs blocks values"]:
     """The Cramer-Rao bound of every run and block."""
-    return _bound(config)(records)
+    return _bound(config.scenario, config.options)(records)
 
 
 def identify_tile(config: Config, tile: int, name: str) -> TileResult:
@@ -54,7 +54,7 @@ def identify_tile(config: Config, tile: int, name: str) -> TileResult:
     runs = jnp.asarray(tile_runs(tile))
     keys = jax.block_until_ready(solver_keys(config.seed, config.scenario, name, runs))
     began = time.perf_counter()
-    compiled = _compiled(config, jax.tree.structure(method))
+    compiled = _compiled(config.scenario, config.options, jax.tree.structure(method))
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
     estimate = jax.block_until_ready(compiled(method, records, keys))
@@ -62,15 +62,15 @@ def identify_tile(config: Config, tile: int, name: str) -> TileResult:
     return TileResult(jax.tree.map(np.asarray, estimate), seconds, compile_seconds)
 
 
-@lru_cache(maxsize=1)
-def _draw(config: Config) -> Callable[[PRNGKeyArray], Record]:
-    scenario = build_scenario(config)
+@lru_cache
+def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]], Record]:
+    scenario = SCENARIOS[scenario_name](options)
     return jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))
 
 
-@lru_cache(maxsize=1)
-def _bound(config: Config) -> Callable[[Record], Float[Array, "runs blocks values"]]:
-    scenario = build_scenario(config)
+@lru_cache
+def _bound(scenario_name: str, options: Options) -> Callable[[Record], Float[Array, "runs blocks values"]]:
+    scenario = SCENARIOS[scenario_name](options)
     truth = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenario.truth)
 
     def one_run(record: Record) -> Float[Array, "blocks values"]:
@@ -83,18 +83,19 @@ def _bound(config: Config) -> Callable[[Record], Float[Array, "runs blocks value
 
 @cache
 def _compiled(
-    config: Config, form: jax.tree_util.PyTreeDef
-) -> Callable[[Identifier, Record, PRNGKeyArray], Estimate]:
+    scenario_name: str, options: Options, form: jax.tree_util.PyTreeDef
+) -> Callable[[Identifier, Record, Key[Array, " runs"]], Estimate]:
     """The compiled function of all methods of one form.
 
     The identifier is an argument of it, so variants that differ in numbers alone share it.
     """
-    scenario = build_scenario(config)
+    scenario = SCENARIOS[scenario_name](options)
 
-    def tile(method: Identifier, records: Record, keys: PRNGKeyArray) -> Estimate:
+    def tile(method: Identifier, records: Record, keys: Key[Array, " runs"]) -> Estimate:
         in_axes = (None, None, scenario.run_axes, 0)
         return jax.vmap(identify, in_axes)(method, scenario.known, records, keys)
 
     example = next(m for m in IDENTIFIERS.values() if jax.tree.structure(m) == form)
-    keys = solver_keys(config.seed, config.scenario, "", jnp.asarray(tile_runs(0)))
+    config = Config(scenario=scenario_name, options=options)
+    keys = solver_keys(config.seed, scenario_name, "", jnp.asarray(tile_runs(0)))
     return jax.jit(tile).lower(example, draw_tile(config, 0), keys).compile()

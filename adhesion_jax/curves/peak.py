@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from adhesion_jax.curves.base import Peak, Scalar
 
@@ -28,7 +28,7 @@ def find_peak(
     inside = (best > 0) & (best < _GRID)
     bracket = (grid[jnp.maximum(best - 1, 0)], grid[jnp.minimum(best + 1, _GRID)])
 
-    def bisect(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+    def bisect(_: Int[Array, ""], ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
         middle = 0.5 * (low + high)
         rising = slope(middle) > 0

@@ -39,11 +39,11 @@ class Moments(NamedTuple):
         )
 
     def mean(self, name: str) -> Array:
-        return self.total[name] / self.runs
+        return np.asarray(self.total[name] / self.runs)
 
     def standard_error(self, name: str) -> Array:
         """Of the mean; not a number for a single run."""
         if self.runs < 2:
-            return np.full_like(self.total[name], np.nan)
+            return np.asarray(np.full_like(self.total[name], np.nan))
         variance = self.total_square[name] / self.runs - self.mean(name) ** 2
-        return np.sqrt(np.maximum(variance, 0.0) / (self.runs - 1))
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0) / (self.runs - 1)))

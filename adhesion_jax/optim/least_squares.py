@@ -1,11 +1,10 @@
 """What the gradient least-squares solvers have in common: their contract and the proof of success.
 
-A solver is a function (residual, start, lower, upper, max_steps) -> Result. Each library stands
-behind one adaptor file; both work on unbounded coordinates, mapped into the box by a sine.
+Each library stands behind one adaptor file; both work on unbounded coordinates, mapped into the box by a sine.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,15 +29,10 @@ class Result(NamedTuple):
     converged: Bool[Array, ""]
 
 
-class Solver(Protocol):
-    def __call__(
-        self,
-        residual: Residual,
-        start: Float[Array, " p"],
-        lower: Float[Array, " p"],
-        upper: Float[Array, " p"],
-        max_steps: int,
-    ) -> Result: ...
+#: (residual, start, lower, upper, max_steps) to the result.
+Solver = Callable[
+    [Residual, Float[Array, " p"], Float[Array, " p"], Float[Array, " p"], int], Result
+]
 
 
 def finish(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial.chebyshev import chebder, chebvander
 
 #: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13.
@@ -119,7 +119,7 @@ def _minimise_batch(
 
 
 def _minimise(
-    sums: Sums, lower: Float[Array, "3 *runs"], upper: Float[Array, "3 *runs"]
+    sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 ..."]
 ) -> Solution:
     """`minimise` for any number of runs, whose axes come last in every array."""
     a_range, b_range = (lower[0], upper[0]), (lower[2], upper[2])
@@ -143,7 +143,7 @@ def _minimise(
         slope = jnp.take_along_axis(slope_on_grid, node[None], axis=0)[0]
         return jnp.asarray(_GRID_POINTS)[node], slope
 
-    def secant(_: int, bracket: tuple[Array, ...]) -> tuple[Array, ...]:
+    def secant(_: Int[Array, ""], bracket: tuple[Array, ...]) -> tuple[Array, ...]:
         low, high, slope_low, slope_high, last = bracket
         rise = slope_high - slope_low
         x = jnp.where(rise > 0, (low * slope_high - high * slope_low) / rise, 0.5 * (low + high))
@@ -188,7 +188,7 @@ def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
     return (2 * jnp.sqrt(nu) - (low + high)) / (high - low)
 
 
-def _series(coefficients: Float[Array, "degree *runs"], x: Float[Array, "*runs"]) -> Array:
+def _series(coefficients: Float[Array, "degree ..."], x: Float[Array, "..."]) -> Array:
     """Chebyshev series by Clenshaw's recurrence, unrolled so that it stays in registers."""
     last, before = jnp.zeros_like(x), jnp.zeros_like(x)
     for k in range(DEGREE - 1, 0, -1):

@@ -83,7 +83,8 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
         low, middle, high = (table.quantile(q) for q in (0.05, 0.5, 0.95))
         for quantity, axis in zip(shown, column[:-1], strict=True):
             _band(axis, block, *(part[quantity].to_numpy() for part in (low, middle, high)))
-            axis.step(block, truth[quantity], "k--", where="mid", linewidth=1, label="truth")
+            true = np.repeat(truth[quantity].to_numpy(), 2)
+            axis.plot(_edges(block), true, "k--", linewidth=1, label="truth")
         error = (100 * (part["mu_max"].to_numpy() / peak - 1) for part in (low, middle, high))
         _band(column[-1], block, *error)
         column[-1].axhline(0, color="k", linestyle="--", linewidth=1)
@@ -146,9 +147,17 @@ def convergence(
     figure.savefig(path, dpi=150)
 
 
-def _band(axis: Axes, x: np.ndarray, low: np.ndarray, middle: np.ndarray, high: np.ndarray) -> None:
-    axis.fill_between(x, low, high, step="mid", color="0.75", label="5 to 95 %")
-    axis.step(x, middle, where="mid", color="#0072B2", linewidth=1.2, label="median")
+def _band(
+    axis: Axes, block: np.ndarray, low: np.ndarray, middle: np.ndarray, high: np.ndarray
+) -> None:
+    x, low, middle, high = _edges(block), *(np.repeat(part, 2) for part in (low, middle, high))
+    axis.fill_between(x, low, high, color="0.75", label="5 to 95 %")
+    axis.plot(x, middle, color="#0072B2", linewidth=1.2, label="median")
+
+
+def _edges(block: np.ndarray) -> np.ndarray:
+    """Where each block begins and ends, so that one that stands alone is seen."""
+    return np.ravel(np.column_stack([block - 0.5, block + 0.5]))
 
 
 def speed_bars(path: Path, table: pd.DataFrame) -> None:

@@ -1,0 +1,285 @@
+"""The campaign: seeds, tiles, metrics, tables."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+from adhesion_jax.campaign import tiles
+from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
+from adhesion_jax.campaign.keys import noise_keys, solver_keys
+from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
+from adhesion_jax.campaign.store import staged
+from adhesion_jax.errors import InputError
+from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS
+from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
+from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
+from adhesion_jax.metrics.moments import Moments
+from adhesion_jax.scenarios import Options
+from adhesion_jax.scenarios.rails import RAILS
+
+
+def collect(config, workers=1):
+    frames, words = [], []
+    campaign = run_campaign(config, frames.append, words.append, workers)
+    assert len(words) == progress_steps(config)
+    return campaign, pd.concat(frames, ignore_index=True)
+
+
+def without_times(table):
+    return table.drop(columns=[name for name in table if "seconds" in name])
+
+
+# Percentages of the truth for sigma .01, as tabulated by an independent NumPy prototype.
+BOUNDS = {
+    "dry": (0.29, 0.63, 4.13, 0.088, 0.56),
+    "common": (1.8, 2.4, 32.8, 0.276, 5.4),
+    "wet": (10.2, 9.6, 73.5, 1.43, 13.4),
+}
+
+
+@pytest.mark.parametrize("rail", BOUNDS)
+def test_cramer_rao_bound_agrees_with_tabulated_values(rail):
+    slip = jnp.linspace(0, 0.2, 500)
+    bound = cramer_rao_bound(RAILS[rail], slip, jnp.ones(500, dtype=bool), {}, 0.01)
+    share = 100 * np.asarray(bound) / np.asarray(quantities(RAILS[rail]))
+    assert share == pytest.approx(np.array(BOUNDS[rail]), rel=0.025)
+
+
+def test_cramer_rao_bound_from_the_analytic_sensitivities():
+    c1, c2, c3 = 0.8287, 45.45, 0.4
+    slip = np.linspace(0, 0.2, 300)
+    decay = np.exp(-c2 * slip)
+    jacobian = np.stack([1 - decay, c1 * slip * decay, -slip], axis=1)
+    covariance = 0.02**2 * np.linalg.inv(jacobian.T @ jacobian)
+    peak = np.log(c1 * c2 / c3) / c2
+    of_peak = np.array([1 - np.exp(-c2 * peak), c1 * peak * np.exp(-c2 * peak), -peak])
+    of_slip = np.array([1 / (c1 * c2), (1 / c2 - peak) / c2, -1 / (c2 * c3)])
+    gradient = np.vstack([np.eye(3), of_peak, of_slip])
+    expected = np.sqrt(np.diag(gradient @ covariance @ gradient.T))
+    every = jnp.ones(300, dtype=bool)
+    bound = cramer_rao_bound(RAILS["dry"], jnp.asarray(slip), every, {}, 0.02)
+    assert np.asarray(bound) == pytest.approx(expected, rel=1e-9)
+
+
+def test_moments_in_parts_are_moments_of_the_whole():
+    draws = np.random.default_rng(0).normal(3, 2, (700, 4))
+    parts = [Moments.of({"x": part}) for part in np.split(draws, [128, 256, 600])]
+    whole = parts[0].plus(parts[1]).plus(parts[2]).plus(parts[3])
+    assert whole.runs == 700
+    assert whole.mean("x") == pytest.approx(draws.mean(axis=0), rel=1e-12)
+    expected = draws.std(axis=0, ddof=1) / np.sqrt(700)
+    assert whole.standard_error("x") == pytest.approx(expected, rel=1e-9)
+    assert np.isnan(Moments.of({"x": draws[:1]}).standard_error("x")).all()
+
+
+def hand_made():
+    """Two runs of four blocks whose metrics can be worked out by hand."""
+    truth_values = np.array([[1.0, 0.5]] * 2 + [[2.0, 0.25]] * 2)
+    values = np.repeat(truth_values[None], 2, axis=0).copy()
+    values[:, :, 0] += np.array([[0.1, -0.1, 0.2, 0.0], [0.3, 0.1, 0.0, 0.0]])
+    values[:, :, 1] *= 1 + np.array([[0, 0, 0.05, 0.01], [0, 0, 0.04, 0.05]])
+    outcome = Outcome(
+        values=values,
+        standard_errors=np.full(values.shape, 0.1),
+        on_box=np.array([[1, 0, 0, 0], [0, 0, 0, 0]], dtype=bool),
+        unusable=np.array([[0, 1, 0, 0], [0, 0, 0, 0]], dtype=bool),
+        objective=np.array([[1.0, 1, 1, 1], [1, 1.002, 1, 1]]),
+        optimum=np.ones((2, 4)),
+        evaluations=np.full((2, 4), 7.0),
+    )
+    truth = Truth(
+        names=("c1", "mu_max"),
+        values=truth_values,
+        bound=np.full((2, 4, 2), 0.1),
+        sigma=0.04,
+        degrees_of_freedom=np.full(4, 10_000),
+    )
+    return outcome, truth
+
+
+def test_metrics_of_a_case_done_by_hand():
+    outcome, truth = hand_made()
+    statistics = run_statistics(outcome, truth, (0, 1), None)
+    row = table_rows(Moments.of(statistics), truth, (0, 1), 1e-3).set_index("quantity").loc["c1"]
+    assert row["bias"] == pytest.approx((0.1 - 0.1 + 0.3 + 0.1) / 4)
+    assert row["rmse"] == pytest.approx(np.sqrt((0.01 + 0.01 + 0.09 + 0.01) / 4))
+    assert row["coverage95"] == pytest.approx(3 / 4)  # 0.3 is beyond 1.96 * 0.1
+    assert row["at_bound_share"] == pytest.approx(1 / 4)
+    assert np.isnan(row["rmse_over_crlb"])  # too many runs on the box
+    # One block unusable, one with a gap of 0.002 > sigma^2 = 0.0016.
+    assert row["failure_share"] == pytest.approx(2 / 4)
+    assert np.isnan(row["delay_blocks"])
+    assert row["bias_se"] == pytest.approx(0.1)  # the means of the two runs are 0 and 0.2
+    assert row["evaluations"] == 7
+
+
+def test_efficiency_is_given_where_the_box_is_not_touched():
+    outcome, truth = hand_made()
+    statistics = run_statistics(outcome, truth, (2, 3), None)
+    row = table_rows(Moments.of(statistics), truth, (2, 3), 1e-3).set_index("quantity").loc["c1"]
+    assert row["rmse_over_crlb"] == pytest.approx(np.sqrt(0.04 / 4) / 0.1)
+
+
+def test_delay_counts_blocks_until_mu_max_is_within_three_per_cent():
+    outcome, truth = hand_made()
+    statistics = run_statistics(outcome, truth, (3,), 2)
+    # Run 0 is off by 5 % then by 1 %: one block; run 1 by 4 % then 5 %: never, so both blocks.
+    assert statistics["delay"].tolist() == [1.0, 2.0]
+
+
+def test_a_gap_that_is_not_a_number_is_a_failure():
+    outcome, truth = hand_made()
+    broken = outcome._replace(objective=np.full((2, 4), np.nan))
+    assert run_statistics(broken, truth, (0,), None)["failed"].tolist() == [1.0, 1.0]
+
+
+def test_keys_depend_on_seed_scenario_run_and_for_solvers_on_the_name():
+    runs = jnp.arange(3)
+
+    def data(keys):
+        return np.asarray(jax.random.key_data(keys))
+
+    base = data(noise_keys(1, "single", runs))
+    assert (base == data(noise_keys(1, "single", jnp.arange(9)))[:3]).all()
+    for other in (
+        noise_keys(2, "single", runs),
+        noise_keys(1, "he2018-1", runs),
+        solver_keys(1, "single", "ml-de", runs),
+    ):
+        assert (base != data(other)).any(axis=-1).all()
+    first, second = (data(solver_keys(1, "single", name, runs)) for name in ("ml-de", "ml-exact"))
+    assert (first != second).any(axis=-1).all()
+
+
+SMALL = Config(
+    scenario="he2018-blocks",
+    identifiers=("ml-exact", "ml-de-he2018", "lm-jaxopt"),
+    options=Options(points=60, blocks=6),
+    runs=150,
+    seed=3,
+)
+
+
+@pytest.fixture(scope="module")
+def small():
+    return collect(SMALL)
+
+
+def test_same_numbers_whatever_the_number_of_workers(small):
+    campaign, estimates = small
+    parallel, parallel_estimates = collect(SMALL, workers=2)
+    pd.testing.assert_frame_equal(estimates, parallel_estimates, check_exact=True)
+    for name, table in campaign.tables.items():
+        pd.testing.assert_frame_equal(
+            without_times(table), without_times(parallel.tables[name]), check_exact=True
+        )
+
+
+def test_a_run_does_not_depend_on_how_many_there_are_nor_on_the_other_methods(small):
+    few = dataclasses.replace(SMALL, runs=5, identifiers=("ml-de-he2018",))
+    _, estimates = collect(few)
+    _, many = small
+    chosen = many[(many["run"] < 5) & (many["identifier"] == "ml-de-he2018")]
+    pd.testing.assert_frame_equal(estimates, chosen.reset_index(drop=True), check_exact=True)
+
+
+def test_the_tables_say_what_the_estimates_say(small):
+    campaign, estimates = small
+    assert len(estimates) == 150 * 6 * 3
+    summary = campaign.tables["summary"]
+    assert list(campaign.tables) == ["summary", "switches"]
+    truth = dict(
+        zip(quantity_names(RAILS["wet"]), np.asarray(quantities(RAILS["wet"])), strict=True)
+    )
+    # The first block after a switch (4) stands in the other table.
+    chosen = estimates[(estimates["identifier"] == "ml-exact") & (estimates["block"] == 5)]
+    row = summary.query("identifier == 'ml-exact' and rail == 'wet'").set_index("quantity")
+    for quantity, true in truth.items():
+        error = chosen[quantity] - true
+        assert row.loc[quantity, "bias"] == pytest.approx(error.mean(), rel=1e-9)
+        assert row.loc[quantity, "rmse"] == pytest.approx(np.sqrt((error**2).mean()), rel=1e-9)
+        assert row.loc[quantity, "runs"] == 150
+    switches = campaign.tables["switches"]
+    assert switches["rail"].unique().tolist() == ["common", "wet"]
+    at_switch = estimates[(estimates["identifier"] == "lm-jaxopt") & (estimates["block"] == 4)]
+    row = switches.query("identifier == 'lm-jaxopt' and rail == 'wet' and quantity == 'c2'")
+    assert row["bias"].item() == pytest.approx((at_switch["c2"] - 15.0).mean(), rel=1e-9)
+
+
+def test_memory_of_a_campaign_is_that_of_its_tiles(small):
+    campaign, _ = small
+    frames = []
+    run_campaign(SMALL, lambda rows: frames.append(len(rows)), lambda _: None, 1)
+    assert frames == [tiles.TILE * 6 * 3, (150 - tiles.TILE) * 6 * 3]
+
+
+def test_growing_sequence_has_a_row_for_every_length():
+    config = Config("he2018-1", ("ml-exact",), Options(points=200), runs=20)
+    campaign, _ = collect(config)
+    checkpoints = campaign.tables["checkpoints"]
+    assert checkpoints["k"].unique().tolist() == list(range(10, 201, 10))
+    peak = checkpoints[checkpoints["quantity"] == "mu_max"]
+    assert (np.diff(peak["crlb"]) < 0).all()  # more points, smaller bound
+    last = checkpoints[checkpoints["k"] == 200].drop(columns="k").reset_index(drop=True)
+    pd.testing.assert_frame_equal(last, campaign.tables["summary"], check_exact=True)
+
+
+def test_ml_exact_reaches_the_bound_and_its_intervals_cover():
+    config = Config("single", ("ml-exact",), runs=2048)
+    campaign, _ = collect(config)
+    summary = campaign.tables["summary"].set_index("quantity")
+    ratio, error = summary["rmse_over_crlb"], summary["rmse_over_crlb_se"]
+    assert (np.abs(ratio - 1) < 4 * error).all()
+    assert error.to_numpy() == pytest.approx(1 / np.sqrt(2 * 2048), rel=0.15)
+    assert (np.abs(summary["coverage95"] - 0.95) < 4 * summary["coverage95_se"]).all()
+    assert (np.abs(summary["bias"]) < 4 * summary["bias_se"]).all()
+
+
+def test_a_planted_error_of_two_per_cent_in_mu_max_is_seen():
+    """The check above fails when the answer is wrong."""
+    outcome, truth = hand_made()
+    wrong = outcome._replace(values=outcome.values * 1.02)
+    right = table_rows(Moments.of(run_statistics(outcome, truth, (0,), None)), truth, (0,), 0.0)
+    off = table_rows(Moments.of(run_statistics(wrong, truth, (0,), None)), truth, (0,), 0.0)
+    assert off["bias"].iloc[1] - right["bias"].iloc[1] == pytest.approx(0.02 * 0.5)
+
+
+def test_every_identifier_but_the_ablations_runs_unless_named():
+    config = Config("single")
+    names = choose_identifiers(config, build_scenario(config))
+    assert names == tuple(name for name in IDENTIFIERS if name not in ABLATIONS)
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        (Config("nowhere"), ("--scenario nowhere", "single")),
+        (Config("single", ("ml-exact", "guess")), ("--identifiers guess", "ml-exact")),
+    ],
+)
+def test_unknown_names_are_answered_with_the_known_ones(config, words):
+    with pytest.raises(InputError) as refusal:
+        choose_identifiers(config, build_scenario(config))
+    assert all(word in str(refusal.value) for word in words)
+
+
+def test_staged_files_appear_together_or_not_at_all(tmp_path):
+    (tmp_path / "kept.txt").write_text("other")
+    (tmp_path / "table.csv").write_text("old")
+
+    def fail():
+        with staged(tmp_path) as stage:
+            (stage / "table.csv").write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert (tmp_path / "table.csv").read_text() == "old"
+    with staged(tmp_path) as stage:
+        (stage / "table.csv").write_text("new")
+    assert (tmp_path / "table.csv").read_text() == "new"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept.txt", "table.csv"]

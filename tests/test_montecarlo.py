@@ -1,0 +1,92 @@
+"""The main command, as a user runs it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from matplotlib.image import imread
+
+COLUMNS = [
+    *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
+    *("crlb", "rmse_over_crlb", "coverage95", "coverage95_se", "at_bound_share", "failure_share"),
+    *("delay_blocks", "runs", "seconds_per_identification", "evaluations"),
+]
+
+
+def command(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "experiments.montecarlo", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parent.parent,
+        check=False,
+        timeout=120,
+    )
+
+
+def test_a_small_job_writes_its_files_and_leaves_others_alone(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    done = command(
+        *("--runs", 20, "--blocks", 6, "--points", 50, "--seed", 5, "--out", tmp_path),
+        *("--identifiers", "ml-exact,ml-de"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "ml-de" in done.stdout
+    names = {path.name for path in tmp_path.iterdir()}
+    figures = {"histogram_mu_max.png", "tracking.png"}
+    tables = {"summary.csv", "switches.csv", "runs.parquet", "metadata.json"}
+    assert names == {"notes.txt"} | figures | tables
+    summary = pd.read_csv(tmp_path / "summary.csv")
+    assert [name for name in summary if name in COLUMNS] == COLUMNS
+    assert len(summary) == 2 * 3 * 5
+    runs = pd.read_parquet(tmp_path / "runs.parquet")
+    assert len(runs) == 20 * 2 * 6
+    assert {"run", "identifier", "block", "rail", "c1", "c1_se", "mu_max_se"} <= set(runs)
+    assert {"status", "objective", "evaluations"} <= set(runs)
+    metadata = json.loads((tmp_path / "metadata.json").read_text())
+    assert metadata["seed"] == 5
+    assert metadata["config"]["options"]["blocks"] == 6
+    assert "jax" in metadata["versions"]
+    assert set(runs["status"]) <= set(metadata["statuses"])
+    for figure in figures:
+        pixels = imread(tmp_path / figure)
+        assert pixels.std() > 0.01  # something is drawn
+        assert min(pixels.shape[:2]) > 400
+
+
+def test_list_names_everything():
+    done = command("--list")
+    assert done.returncode == 0
+    for name in ("single", "he2018-1", "he2018-blocks", "ml-exact", "gn-optimistix", "wet"):
+        assert name in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--scenario", "moon"), ("--scenario moon", "he2018-blocks")),
+        (("--identifiers", "magic"), ("--identifiers magic", "ml-exact")),
+        (("--runs", "0"), ("--runs", "0")),
+        (("--runs", "many"), ("--runs", "many")),
+        (("--sigma", "-1"), ("--sigma", "-1")),
+        (("--sigma", "nan"), ("--sigma",)),
+        (("--rail", "wet"), ("--rail", "he2018-blocks")),
+        (("--scenario", "single", "--rail", "icy"), ("--rail icy", "dry")),
+        (("--scenario", "single", "--blocks", "3"), ("--blocks", "single")),
+        (("--blocks", "2"), ("--blocks 2", "6")),
+        (("--outliers", "1.5"), ("--outliers", "1.5")),
+        (("--slip-max", "0"), ("--slip-max",)),
+        (("--out", "/proc/nowhere"), ("--out", "/proc/nowhere")),
+        (("--surprise",), ("--surprise",)),
+    ],
+)
+def test_what_cannot_be_used_is_answered_in_one_sentence(arguments, words):
+    done = command(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert all(word in lines[0] for word in words), lines[0]
