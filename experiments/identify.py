@@ -60,7 +60,7 @@ def main(file: str, curve: str, out: Path) -> None:
     with staged(out) as stage:
         write_table(stage / "curves.csv", curve_rows(fits, not_fitted))
         (stage / "verdict.txt").write_text(words + "\n")
-        draw_measured(stage / "curves.png", file, fits, residuals)
+        draw_measured(stage / "curves.png", Path(file).name, fits, residuals)
     click.echo(f"{printed_table(fits)}\n\n{words}\n\nWritten to {out}")
 
 

@@ -43,7 +43,7 @@ def curve_rows(
             "status": f"{fit.status.name}: {' '.join(reasons(fit))}",
         }
         for parameter, value, error in zip(
-            fit.curve.free, fit.values, fit.standard_errors, strict=True
+            fit.curve.free, fit.parameters, fit.standard_errors, strict=True
         ):
             row[parameter] = value
             row[f"{parameter}_se"] = error
@@ -85,7 +85,7 @@ def printed_table(fits: Mapping[str, MeasuredFit]) -> str:
                 "parameters +- standard errors": "  ".join(
                     f"{parameter} {_digits(value, error)}"
                     for parameter, value, error in zip(
-                        fit.curve.free, fit.values, fit.standard_errors, strict=True
+                        fit.curve.free, fit.parameters, fit.standard_errors, strict=True
                     )
                 ),
             }
@@ -133,7 +133,7 @@ def reasons(fit: MeasuredFit) -> list[str]:
     elif not fit.converged:
         sentences.append("The solver stopped before it converged; the values are its last.")
     for name, value, bound, unfelt in zip(
-        fit.curve.free, fit.values, fit.on_bound, fit.no_influence, strict=True
+        fit.curve.free, fit.parameters, fit.on_bound, fit.no_influence, strict=True
     ):
         if bound:
             sentences.append(
@@ -272,7 +272,10 @@ def _doubts(
         name: [
             parameter
             for parameter, value, error in zip(
-                fits[name].curve.free, fits[name].values, fits[name].standard_errors, strict=True
+                fits[name].curve.free,
+                fits[name].parameters,
+                fits[name].standard_errors,
+                strict=True,
             )
             if error > 0.5 * abs(value)
         ]

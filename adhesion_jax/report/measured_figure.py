@@ -41,7 +41,7 @@ def draw_measured(
     for rank, name in enumerate(ranked):
         _curve(above, name, fits[name], best.bic, grid, left.slip, rank)
     above.set_title(
-        f"{title}: {left.slip.size} points, curves with 95 % bands, peaks with 95 % intervals",
+        f"{title}: {left.slip.size} points; curves, best first, with 95 % bands, peaks with 95 % intervals",
         loc="left",
     )
     above.set(
@@ -52,7 +52,7 @@ def draw_measured(
     # Equal steps of the root of slip: the rise is as wide as the fall. The panels share it.
     above.set_xscale("function", functions=(_signed_root, _signed_square))
     above.xaxis.set_major_locator(FixedLocator(_ticks(end)))
-    above.legend(loc="lower right", fontsize=9, framealpha=0.95, title="curve, best first")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
 
     below.axhspan(-left.scatter, left.scatter, color="0.9", zorder=0)
     below.axhline(0.0, color="0.3", linewidth=0.8)
@@ -159,4 +159,4 @@ def _ticks(end: float) -> list[float]:
     """0 and 1, 2, 5 times powers of ten, closer than a linear axis near zero."""
     decade = 10.0 ** np.floor(np.log10(end))
     steps = decade * np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
-    return [0.0, *steps[(steps <= end) & (steps >= end / 200)]]
+    return [0.0, *steps[(steps <= end) & (steps >= end / 60)]]
