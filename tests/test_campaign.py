@@ -103,7 +103,7 @@ def hand_made():
 
 def test_metrics_of_a_case_done_by_hand():
     outcome, truth = hand_made()
-    statistics = run_statistics(outcome, truth, (0, 1), None)
+    statistics = run_statistics(outcome, truth, (0, 1), ())
     row = table_rows(Moments.of(statistics), truth, (0, 1), 1e-3).set_index("quantity").loc["c1"]
     assert row["bias"] == pytest.approx((0.1 - 0.1 + 0.3 + 0.1) / 4)
     assert row["rmse"] == pytest.approx(np.sqrt((0.01 + 0.01 + 0.09 + 0.01) / 4))
@@ -119,14 +119,14 @@ def test_metrics_of_a_case_done_by_hand():
 
 def test_efficiency_is_given_where_the_box_is_not_touched():
     outcome, truth = hand_made()
-    statistics = run_statistics(outcome, truth, (2, 3), None)
+    statistics = run_statistics(outcome, truth, (2, 3), ())
     row = table_rows(Moments.of(statistics), truth, (2, 3), 1e-3).set_index("quantity").loc["c1"]
     assert row["rmse_over_crlb"] == pytest.approx(np.sqrt(0.04 / 4) / 0.1)
 
 
 def test_delay_counts_blocks_until_mu_max_is_within_three_per_cent():
     outcome, truth = hand_made()
-    statistics = run_statistics(outcome, truth, (3,), 2)
+    statistics = run_statistics(outcome, truth, (3,), (2, 3))
     # Run 0 is off by 5 % then by 1 %: one block; run 1 by 4 % then 5 %: never, so both blocks.
     assert statistics["delay"].tolist() == [1.0, 2.0]
 
@@ -134,7 +134,7 @@ def test_delay_counts_blocks_until_mu_max_is_within_three_per_cent():
 def test_a_gap_that_is_not_a_number_is_a_failure():
     outcome, truth = hand_made()
     broken = outcome._replace(objective=np.full((2, 4), np.nan))
-    assert run_statistics(broken, truth, (0,), None)["failed"].tolist() == [1.0, 1.0]
+    assert run_statistics(broken, truth, (0,), ())["failed"].tolist() == [1.0, 1.0]
 
 
 def test_keys_depend_on_seed_scenario_run_and_for_solvers_on_the_name():
@@ -243,8 +243,8 @@ def test_a_planted_error_of_two_per_cent_in_mu_max_is_seen():
     """The check above fails when the answer is wrong."""
     outcome, truth = hand_made()
     wrong = outcome._replace(values=outcome.values * 1.02)
-    right = table_rows(Moments.of(run_statistics(outcome, truth, (0,), None)), truth, (0,), 0.0)
-    off = table_rows(Moments.of(run_statistics(wrong, truth, (0,), None)), truth, (0,), 0.0)
+    right = table_rows(Moments.of(run_statistics(outcome, truth, (0,), ())), truth, (0,), 0.0)
+    off = table_rows(Moments.of(run_statistics(wrong, truth, (0,), ())), truth, (0,), 0.0)
     assert off["bias"].iloc[1] - right["bias"].iloc[1] == pytest.approx(0.02 * 0.5)
 
 

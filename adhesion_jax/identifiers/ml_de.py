@@ -41,14 +41,18 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
     def init(self, known: Known, key: PRNGKeyArray) -> FitState:
         return start(known, key)
 
+    def scale_factor(self, innovation: Float[Array, ""]) -> Float[Array, ""]:
+        """F(k) for a mean absolute innovation |e|."""
+        logistic = jax.nn.sigmoid(10 * innovation - 2)
+        return jnp.maximum(self.scale_low + self.scale_gain * logistic, self.scale_least)
+
     def update(self, state: FitState, record: Record) -> FitState:
         known, previous = state.known, state.fit.parameters
         key, population_key, search_key = jax.random.split(state.key, 3)
         points = jnp.sum(record.mask)
         innovation = jnp.sum(jnp.abs(residual(known, record, previous))) / points
-        logistic = jax.nn.sigmoid(10 * innovation - 2)
         settings = de.Settings(
-            scale=jnp.maximum(self.scale_low + self.scale_gain * logistic, self.scale_least),
+            scale=self.scale_factor(innovation),
             crossover=jnp.asarray(CROSSOVER),
             reflect=self.reflect,
             tolerance=_SPREAD / points,

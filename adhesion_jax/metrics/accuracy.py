@@ -13,7 +13,7 @@ from adhesion_jax.metrics.moments import Moments
 Array = NDArray[np.float64]
 
 #: A method fails where its sum of squares exceeds the optimum by more than this many sigma^2.
-_FAILURE_GAP = 1.0
+FAILURE_GAP = 1.0
 
 #: A rail is tracked again when mu_max is within this share of the truth.
 _TRACKED = 0.03
@@ -48,11 +48,12 @@ class Truth(NamedTuple):
 
 
 def run_statistics(
-    outcome: Outcome, truth: Truth, blocks: tuple[int, ...], after_switch: int | None
+    outcome: Outcome, truth: Truth, blocks: tuple[int, ...], after_switch: tuple[int, ...]
 ) -> Mapping[str, Array]:
     """The statistics of each run, averaged over `blocks`; their means over runs are the metrics.
 
-    Failures are part of every mean.
+    Failures are part of every mean. `after_switch` are all the blocks of the rail, where it
+    began with a switch: over them the delay is counted.
     """
     b = list(blocks)
     error = outcome.values[:, b] - truth.values[b]
@@ -60,7 +61,7 @@ def run_statistics(
         student_t.ppf(0.975, truth.degrees_of_freedom[b])[:, None] * outcome.standard_errors[:, b]
     )
     gap = outcome.objective[:, b] - outcome.optimum[:, b]
-    failed = outcome.unusable[:, b] | ~(gap <= _FAILURE_GAP * truth.sigma**2 + _ROUNDING)
+    failed = outcome.unusable[:, b] | ~(gap <= FAILURE_GAP * truth.sigma**2 + _ROUNDING)
     statistics = {
         "error": error.mean(axis=1),
         "squared_error": (error**2).mean(axis=1),
@@ -70,18 +71,17 @@ def run_statistics(
         "failed": failed.mean(axis=1),
         "evaluations": outcome.evaluations[:, b].mean(axis=1),
     }
-    if after_switch is not None:
-        last = max(after_switch, *b)
-        statistics["delay"] = _delay(outcome, truth, after_switch, last + 1)
+    if after_switch:
+        statistics["delay"] = _delay(outcome, truth, list(after_switch))
     return statistics
 
 
-def _delay(outcome: Outcome, truth: Truth, start: int, stop: int) -> Array:
+def _delay(outcome: Outcome, truth: Truth, blocks: list[int]) -> Array:
     """Blocks from a switch to the first one that is tracked; all of them where none is."""
     peak = truth.names.index("mu_max")
-    true_peak = truth.values[start:stop, peak]
-    tracked = np.abs(outcome.values[:, start:stop, peak] - true_peak) < _TRACKED * true_peak
-    return np.where(tracked.any(axis=1), tracked.argmax(axis=1), stop - start).astype(float)
+    true_peak = truth.values[blocks, peak]
+    tracked = np.abs(outcome.values[:, blocks, peak] - true_peak) < _TRACKED * true_peak
+    return np.where(tracked.any(axis=1), tracked.argmax(axis=1), len(blocks)).astype(float)
 
 
 def table_rows(

@@ -39,13 +39,13 @@ class Known(eqx.Module):
 class Group(NamedTuple):
     """Blocks whose estimates are pooled into one row of a table.
 
-    k is the number of points seen, where a table is ordered by it; `after_switch` is the block
-    with which this rail begins after a switch, none for the first rail.
+    `after_switch` are all the blocks of the rail, if it began with a switch; k is the number of
+    points seen, where a table is ordered by it.
     """
 
     rail: str
     blocks: tuple[int, ...]
-    after_switch: int | None = None
+    after_switch: tuple[int, ...] = ()
     k: int | None = None
 
 

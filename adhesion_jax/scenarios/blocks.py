@@ -41,18 +41,18 @@ class Blocks(Scenario):
     def tables(self) -> Mapping[str, Sequence[Group]]:
         """The first block after a switch has a table of its own: it shows the tracking."""
         starts = [b for b in range(1, len(self.rails)) if self.rails[b] != self.rails[b - 1]]
-        began = {self.rails[b]: b for b in starts}
-        summary = [
-            Group(
-                rail,
-                tuple(b for b, r in enumerate(self.rails) if r == rail and b not in starts),
-                began.get(rail),
-            )
+        blocks = {
+            rail: tuple(b for b, other in enumerate(self.rails) if other == rail)
             for rail in dict.fromkeys(self.rails)
+        }
+        switched = {self.rails[b]: blocks[self.rails[b]] for b in starts}
+        summary = [
+            Group(rail, tuple(b for b in of_rail if b not in starts), switched.get(rail, ()))
+            for rail, of_rail in blocks.items()
         ]
         if not starts:
             return {"summary": summary}
-        switches = [Group(self.rails[b], (b,), b) for b in starts]
+        switches = [Group(self.rails[b], (b,), switched[self.rails[b]]) for b in starts]
         return {"summary": summary, "switches": switches}
 
 
