@@ -41,7 +41,7 @@ def draw_measured(
     for rank, name in enumerate(ranked):
         _curve(above, name, fits[name], best.bic, grid, left.slip, rank)
     above.set_title(
-        f"{title}: {left.slip.size} points; curves, best first, with 95 % bands, peaks with 95 % intervals",
+        f"{title}: {left.slip.size} points; curves with 95 % bands, peaks with 95 % intervals",
         loc="left",
     )
     above.set(

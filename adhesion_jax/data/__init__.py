@@ -1,0 +1,28 @@
+"""Measured records: their columns, reading them, and the sets that ship with the package."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from adhesion_jax.data.reading import Measured as Measured
+from adhesion_jax.data.reading import read_measured as read_measured
+from adhesion_jax.data.reading import to_record as to_record
+
+
+class Shipped(NamedTuple):
+    """A data set that comes with the package, and who is to be cited for it."""
+
+    path: Path
+    citation: str
+
+
+#: Command-line name to data set.
+SHIPPED: Mapping[str, Shipped] = {
+    "eurosprinter": Shipped(
+        Path(__file__).with_name("eurosprinter_127001.csv"),
+        "Siemens locomotive Eurosprinter 127 001 in the field, 36 km/h, 106.7 kN a wheel, tangent "
+        "track: Engel, Beck and Alders, Elektrische Bahnen 96 (1998) 201-209. 163 marker positions "
+        "read from the figures doc/fig/eurosprinter5.jpg and eurosprinter6.jpg of the repository "
+        "eve70a/CONTACT (Apache-2.0); reading error about .03 % creep and .001 in adhesion.",
+    ),
+}

@@ -1,0 +1,113 @@
+"""From a file to a table of cells, exactly as they stand in it."""
+
+import csv
+import gzip
+import io
+import zlib
+from pathlib import Path
+
+import pandas as pd
+import pyarrow
+import pyarrow.parquet
+
+from adhesion_jax.errors import InputError
+
+_KINDS = "a .csv, .csv.gz or .parquet file"
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """The cells of a file; its index holds the row numbers that a user sees there.
+
+    Cells of a text file are text (the header is row 1), those of a parquet file have their own
+    types (its first row is row 1). Columns without a name, such as a saved index, are left out.
+    InputError where the file cannot be read, is empty, or is not a table.
+    """
+    if not path.is_file():
+        problem = "is not a file" if path.exists() else "does not exist"
+        raise InputError(f"{path} {problem}; name {_KINDS}.")
+    name = path.name.lower()
+    if not name.endswith((".csv", ".csv.gz", ".parquet")):
+        raise InputError(f"{path} is of a kind that is not known by its name; name {_KINDS}.")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); name {_KINDS}.") from None
+    if not content:
+        raise InputError(f"{path} is empty; it needs a header and one row a point.")
+    return _parquet(path, content) if name.endswith(".parquet") else _text(path, content)
+
+
+def _parquet(path: Path, content: bytes) -> pd.DataFrame:
+    try:
+        table = pyarrow.parquet.read_table(pyarrow.BufferReader(content))
+    except (pyarrow.ArrowException, OSError):
+        raise InputError(f"{path} is not a whole parquet file; write it anew.") from None
+    _refuse_duplicates(path, table.column_names)
+    cells = table.to_pandas(ignore_metadata=True)
+    return cells.set_axis(range(1, len(cells) + 1))
+
+
+def _text(path: Path, content: bytes) -> pd.DataFrame:
+    if path.name.lower().endswith(".gz"):
+        try:
+            content = gzip.decompress(content)
+        except (OSError, EOFError, zlib.error):
+            raise InputError(f"{path} is not a whole gzip file; compress it anew.") from None
+    if b"\0" in content:
+        raise InputError(
+            f"{path} is a binary file, not text; save the table as comma-separated UTF-8 text."
+        )
+    try:
+        text = content.decode("utf-8-sig").rstrip()
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path} holds bytes in row {row} that are no UTF-8 text; save the table as "
+            "comma-separated UTF-8 text."
+        ) from None
+    if not text:
+        raise InputError(f"{path} is empty; it needs a header and one row a point.")
+    header = _header(path, text)
+    cells = pd.read_csv(
+        io.StringIO(text),
+        names=range(len(header)),
+        skiprows=1,
+        dtype=str,
+        keep_default_na=False,
+        skip_blank_lines=False,
+    )
+    cells.index = pd.RangeIndex(2, len(cells) + 2)
+    named = [place for place, name in enumerate(header) if name]
+    return cells[named].set_axis([header[place] for place in named], axis=1)
+
+
+def _header(path: Path, text: str) -> list[str]:
+    """The names of the columns, once every row is known to have as many cells."""
+    # Where a quoted cell holds a line break the row is the one a spreadsheet shows.
+    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
+    number = 0
+    try:
+        for number, row in enumerate(rows, start=1):
+            if number == 1:
+                header = [name.strip() for name in row]
+                if len(header) == 1 and any(mark in text for mark in ";\t"):
+                    raise InputError(f"{path} is not separated by commas; separate its cells so.")
+                _refuse_duplicates(path, header)
+            elif not row:
+                raise InputError(f"{path} has no cells in row {number}; leave out the empty row.")
+            elif len(row) != len(header):
+                raise InputError(
+                    f"{path} has {len(row)} cells in row {number} where its header has "
+                    f"{len(header)} columns; give every row one cell a column."
+                )
+    except csv.Error as error:
+        raise InputError(
+            f"{path} is not comma-separated text after row {number} ({error}); mend that row."
+        ) from None
+    return header
+
+
+def _refuse_duplicates(path: Path, names: list[str]) -> None:
+    twice = next((name for name in names if name and names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{path} has the column {twice} twice; give every column its own name.")

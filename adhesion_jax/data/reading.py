@@ -1,0 +1,143 @@
+"""From a file to a validated measured record."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.files import read_table
+from adhesion_jax.data.schema import cell_faults, numbers, time_faults
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios import Record
+
+#: A curve has up to five parameters; with fewer points its errors could not be estimated.
+_POINTS = 10
+
+
+class Measured(NamedTuple):
+    """A validated table: SI units, one row a point, what could be derived added to it."""
+
+    name: str  # the file it was read from
+    table: pd.DataFrame
+    slip: str  # the column that is the slip: slip_ratio, or slip_velocity_mps without a speed
+    covariates: tuple[str, ...]  # numeric columns that the project does not know
+    left_out: tuple[str, ...]  # columns it does not know and that are not numbers throughout
+
+
+def read_measured(path: Path) -> Measured:
+    """A measured table with slip and adhesion, or InputError naming all that is wrong with it.
+
+    Needed are slip_ratio, or slip_velocity_mps (divided by vehicle_speed_mps where there is one),
+    and adhesion, or tangential_force_N with normal_load_N. The other columns of COLUMNS and
+    LABELS are checked where they are there; further numeric ones are kept as covariates.
+    """
+    cells = read_table(path)
+    table, left_out = numbers(cells)
+    faults: Sequence[str] = [
+        *_missing_columns(table),
+        *_too_few(table),
+        *cell_faults(table, cells),
+        *time_faults(table),
+    ]
+    if not faults:
+        table, faults = _derive(table)
+    if faults:
+        raise InputError(f"{path} cannot be used: {'; '.join(faults)}.")
+    slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
+    known = {*COLUMNS, *LABELS}
+    covariates = tuple(name for name in table.columns.astype(str) if name not in known)
+    return Measured(str(path), table, slip, covariates, left_out)
+
+
+def to_record(measured: Measured) -> Record:
+    """Slip and adhesion of all points, and every numeric column as a condition."""
+    table = measured.table
+    conditions = {
+        name: jnp.asarray(table[name].to_numpy(float))
+        for name in table.columns.astype(str)
+        if name not in LABELS
+    }
+    if measured.slip == "slip_velocity_mps":
+        # Falling friction multiplies slip by the vehicle speed to have the slip velocity. Here
+        # slip is that velocity already, and a speed of one leaves it as it is.
+        conditions["vehicle_speed_mps"] = jnp.ones(len(table))
+    return Record(
+        conditions[measured.slip],
+        conditions["adhesion"],
+        jnp.ones(len(table), dtype=bool),
+        conditions,
+    )
+
+
+def _missing_columns(table: pd.DataFrame) -> Sequence[str]:
+    faults = []
+    if "slip_ratio" not in table and "slip_velocity_mps" not in table:
+        faults.append("the column slip_ratio (or slip_velocity_mps) is missing")
+    if "adhesion" not in table and not {"tangential_force_N", "normal_load_N"} <= {*table}:
+        alone = [name for name in ("tangential_force_N", "normal_load_N") if name in table]
+        beside = f", {alone[0]} alone will not do" if alone else ""
+        faults.append(
+            "the column adhesion (or tangential_force_N with normal_load_N) is missing" + beside
+        )
+    if faults:
+        there = ", ".join(table.columns.astype(str)[:12]) or "no column"
+        more = " ..." if table.shape[1] > 12 else ""
+        faults[-1] += f" (there are {there}{more})"
+    return faults
+
+
+def _too_few(table: pd.DataFrame) -> Sequence[str]:
+    points = len(table)
+    if points >= _POINTS:
+        return []
+    held = {0: "it has a header but no point", 1: "it has one point"}.get(
+        points, f"it has {points} points"
+    )
+    return [f"{held} (a curve needs at least {_POINTS} rows of data)"]
+
+
+def _derive(table: pd.DataFrame) -> tuple[pd.DataFrame, Sequence[str]]:
+    """Adhesion from force and load, slip ratio and vehicle speed from each other; faults."""
+    table = table.copy()
+    faults: list[str] = []
+    if "adhesion" not in table:
+        table["adhesion"] = table["tangential_force_N"] / table["normal_load_N"]
+    if "slip_ratio" not in table and "vehicle_speed_mps" in table:
+        at_rest = table["vehicle_speed_mps"] == 0
+        if at_rest.any():
+            faults.append(
+                f"column vehicle_speed_mps is 0 in row {at_rest.idxmax()}, where slip_velocity_mps "
+                "has no ratio (leave out the rows at rest)"
+            )
+        table["slip_ratio"] = table["slip_velocity_mps"] / table["vehicle_speed_mps"].where(
+            ~at_rest, 1.0
+        )
+    elif "vehicle_speed_mps" not in table and {"slip_ratio", "slip_velocity_mps"} <= {*table}:
+        slips = table["slip_ratio"] != 0
+        speed = (table["slip_velocity_mps"] / table["slip_ratio"].where(slips)).abs()
+        # Without slip the speed acts on no curve: any finite value will do there.
+        table["vehicle_speed_mps"] = speed.fillna(speed.median() if slips.any() else 0.0)
+    # The derived columns must be as sane as those that are given.
+    faults += cell_faults(table, table) if not faults else []
+    return table, faults or _useless(table)
+
+
+def _useless(table: pd.DataFrame) -> Sequence[str]:
+    """Why no curve can be identified though every cell is sane."""
+    slip = table["slip_ratio"] if "slip_ratio" in table else table["slip_velocity_mps"]
+    different = np.unique(slip.abs()).size
+    if different < _POINTS // 2:
+        return [
+            f"column {slip.name} has only {different} different sizes of slip "
+            f"(a curve needs at least {_POINTS // 2})"
+        ]
+    if (slip * table["adhesion"]).sum() <= 0:
+        return [
+            f"column adhesion is mostly of the other sign than {slip.name} "
+            "(both are positive in traction and negative in braking)"
+        ]
+    return []

@@ -1,0 +1,264 @@
+"""One measured record, one curve, nothing known beforehand: the best fit in the physical box."""
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from scipy import stats
+
+from adhesion_jax.curves import SLIP_LIMIT, Curve, Peak, Scalar, physical_box, with_free_values
+from adhesion_jax.identifiers.base import Status
+from adhesion_jax.metrics.information import inverse_information
+from adhesion_jax.optim import differential_evolution as de
+from adhesion_jax.optim.box import on_bound
+from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
+from adhesion_jax.scenarios import Record
+
+#: Largest slip, in m/s, that a peak is looked for at where slip is a velocity.
+SLIP_VELOCITY_LIMIT = 10.0
+
+#: Polach's curve with falling friction has two valleys: of 48 noisy records a population of 50
+#: with F = .6 ended in the wrong one in 15, one of 100 with F = .8 in 1, these in none.
+_POPULATION, _SCALE, _CROSSOVER = 200, 0.9, 0.9
+_GENERATIONS, _SPREAD, _SEED = 2000, 1e-8, 0
+
+#: Of Levenberg-Marquardt, at most.
+_STEPS = 500
+
+#: The search sees at most this many points, evenly chosen in slip; the polish sees all.
+_SEARCH_POINTS = 1000
+
+#: A parameter lies on its bound where moving it there costs no more than this share of the misfit.
+_FREE_OF_COST = 1e-9
+
+#: A parameter is without influence where its whole range moves adhesion by less than this (rms).
+_NO_INFLUENCE = 1e-7
+
+#: A fit has converged where the step that is left is below this share of the standard errors.
+_STEP_LEFT = 1e-3
+
+
+class MeasuredFit(NamedTuple):
+    """The least squares fit of one curve, and what the record says about it.
+
+    Noise is taken as independent, of one unknown variance SSE/(n - p), p the parameters that are
+    not held. A parameter that is held (on its bound, or without influence) has no standard error
+    (NaN); the others have those of a fit with that parameter known.
+    """
+
+    curve: Curve  # its free parameters are those found
+    conditions: Mapping[str, float]  # what the peak is evaluated under: the record's medians
+    slip_limit: float  # the largest slip the peak was looked for at
+    slip_unit: str
+    points: int
+    sum_of_squares: float
+    parameters: Float[np.ndarray, " free"]
+    covariance: Float[np.ndarray, "free free"]  # zero where held
+    on_bound: Bool[np.ndarray, " free"]
+    no_influence: Bool[np.ndarray, " free"]
+    peak: Peak
+    slip_opt_se: float  # NaN where there is no peak
+    mu_max_se: float
+    converged: bool
+
+    @property
+    def held(self) -> Bool[np.ndarray, " free"]:
+        return self.on_bound | self.no_influence
+
+    @property
+    def standard_errors(self) -> Float[np.ndarray, " free"]:
+        return np.where(self.held, np.nan, np.sqrt(np.diagonal(self.covariance)))
+
+    @property
+    def rms(self) -> float:
+        """sqrt(SSE/n)."""
+        return float(np.sqrt(self.sum_of_squares / self.points))
+
+    @property
+    def bic(self) -> float:
+        """Bayes' information criterion: n ln(SSE/n) + (p + 1) ln n.
+
+        p counts all free parameters, held or not, and the one more is the noise variance.
+        Schwarz 1978, Ann. Statist. 6:461-464, less the constants that all curves share.
+        """
+        size = self.parameters.size + 1
+        return float(2 * self.points * np.log(self.rms) + size * np.log(self.points))
+
+    @property
+    def quantile(self) -> float:
+        """Half the width of a 95 % interval in standard errors: Student's t with n - p."""
+        return float(stats.t.ppf(0.975, self.points - np.sum(~self.held)))
+
+    @property
+    def status(self) -> Status:
+        if not np.isfinite(self.sum_of_squares):
+            return Status.NOT_FINITE
+        if not self.peak.adhesion > 0:
+            return Status.INADMISSIBLE
+        if not self.peak.found:
+            return Status.NO_PEAK
+        if not self.converged or not np.all(np.isfinite(self.covariance)):
+            return Status.NOT_CONVERGED
+        return Status.ON_BOX if np.any(self.held) else Status.TRUSTED
+
+
+def fit_measured(curve: Curve, record: Record, slip_is_velocity: bool) -> MeasuredFit:
+    """The curve of least squares over its physical box, whatever the start.
+
+    Differential evolution over the whole box, then Levenberg-Marquardt from its best. Parameters
+    with a positive lower bound are searched on a logarithmic scale. `record` must hold the
+    conditions the curve NEEDS.
+    """
+    conditions = {name: record.conditions[name] for name in curve.NEEDS}
+    medians = {name: float(jnp.median(column)) for name, column in conditions.items()}
+    limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
+    order = np.argsort(np.abs(np.asarray(record.slip)), kind="stable")
+    chosen = order[:: -(-order.size // _SEARCH_POINTS)]
+    found = _fit(curve, record.slip, record.adhesion, conditions, chosen, medians, limit)
+    parameters, covariance, bound, unfelt, objective, peak, peak_se, converged = found
+    return MeasuredFit(
+        with_free_values(curve, parameters),
+        medians,
+        limit,
+        " m/s" if slip_is_velocity else "",
+        order.size,
+        float(objective),
+        np.asarray(parameters),
+        np.asarray(covariance),
+        np.asarray(bound),
+        np.asarray(unfelt),
+        peak,
+        float(peak_se[0]),
+        float(peak_se[1]),
+        bool(converged),
+    )
+
+
+def fit_all(
+    curves: Mapping[str, Curve], record: Record, slip_is_velocity: bool
+) -> dict[str, MeasuredFit]:
+    """Every curve that can be evaluated on the record, by name, in the order of `curves`."""
+    able = {name: curve for name, curve in curves.items() if not missing_columns(curve, record)}
+    # Nearly all the time is compilation, which a second thread can share.
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        fits = pool.map(lambda curve: fit_measured(curve, record, slip_is_velocity), able.values())
+        return dict(zip(able, fits, strict=True))
+
+
+def missing_columns(curve: Curve, record: Record) -> tuple[str, ...]:
+    """The columns without which the curve cannot be evaluated on this record."""
+    return tuple(name for name in curve.NEEDS if name not in record.conditions)
+
+
+def confidence_band(
+    fit: MeasuredFit, slip: Float[Array, " points"]
+) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
+    """The curve and half the width of its pointwise 95 % band, by the delta method."""
+    adhesion, error = _band(fit.curve, jnp.asarray(fit.covariance), slip, fit.conditions)
+    return np.asarray(adhesion), fit.quantile * np.asarray(error)
+
+
+def _box_share_to_parameters(
+    curve: Curve, share: Float[Array, "free ..."]
+) -> Float[Array, "free ..."]:
+    lower, upper = (jnp.expand_dims(b, range(1, share.ndim)) for b in physical_box(curve))
+    logarithmic = lower > 0
+    ratio = jnp.where(logarithmic, upper, 1.0) / jnp.where(logarithmic, lower, 1.0)
+    return jnp.where(logarithmic, lower * ratio**share, lower + (upper - lower) * share)
+
+
+# Compiling takes many times as long as running; unoptimised it takes a third less.
+@partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+def _fit(
+    curve: Curve,
+    slip: Float[Array, " points"],
+    adhesion: Float[Array, " points"],
+    conditions: Mapping[str, Float[Array, " points"]],
+    chosen: Int[Array, " search"],
+    medians: Mapping[str, Scalar],
+    slip_limit: Scalar,
+) -> tuple[Array, Array, Array, Array, Array, Peak, Array, Array]:
+    zero, one = jnp.zeros(len(curve.free)), jnp.ones(len(curve.free))
+
+    def misfit(parameters: Float[Array, " free"]) -> Float[Array, " points"]:
+        return with_free_values(curve, parameters)(slip, conditions) - adhesion
+
+    def misfit_of_share(share: Float[Array, " free"]) -> Float[Array, " points"]:
+        return misfit(_box_share_to_parameters(curve, share))
+
+    few = {name: column[chosen] for name, column in conditions.items()}
+
+    def objective(share: Float[Array, "free members"]) -> Float[Array, " members"]:
+        def one_member(parameters: Float[Array, " free"]) -> Float[Array, ""]:
+            model = with_free_values(curve, parameters)(slip[chosen], few)
+            return jnp.sum((model - adhesion[chosen]) ** 2)
+
+        value = jax.vmap(one_member, in_axes=1)(_box_share_to_parameters(curve, share))
+        # Inside the box a denominator may vanish: such a curve is worse than any other.
+        return jnp.where(jnp.isfinite(value), value, jnp.inf)
+
+    population_key, search_key = jax.random.split(jax.random.key(_SEED))
+    settings = de.Settings(
+        scale=jnp.asarray(_SCALE),
+        crossover=jnp.asarray(_CROSSOVER),
+        reflect=jnp.asarray(True),
+        tolerance=jnp.asarray(_SPREAD),
+    )
+    population = jax.random.uniform(population_key, (len(curve.free), _POPULATION))
+    search = de.minimise(objective, population, zero, one, search_key, settings, _GENERATIONS)
+    polished = levenberg_marquardt(misfit_of_share, search.x, zero, one, _STEPS)
+    improved = polished.objective <= jnp.sum(misfit_of_share(search.x) ** 2)
+    share = jnp.where(improved, polished.x, search.x)
+
+    snapped = jnp.where(on_bound(share, zero, one), jnp.round(share), share)
+    at_bound = jnp.sum(misfit_of_share(snapped) ** 2)
+    inside = jnp.sum(misfit_of_share(share) ** 2)
+    free_of_cost = at_bound <= inside * (1 + _FREE_OF_COST)
+    bound = on_bound(share, zero, one) & free_of_cost
+    share = jnp.where(bound, snapped, share)
+
+    parameters = _box_share_to_parameters(curve, share)
+    sensitivity = jax.jacfwd(misfit_of_share)(share)
+    unfelt = ~bound & (jnp.sqrt(jnp.mean(sensitivity**2, axis=0)) < _NO_INFLUENCE)
+    free = ~bound & ~unfelt
+    sum_of_squares = jnp.sum(misfit(parameters) ** 2)
+    variance = sum_of_squares / jnp.maximum(slip.size - jnp.sum(free), 1)
+    # Held parameters are taken out: their rows and columns become those of the identity.
+    information = jnp.where(jnp.outer(free, free), sensitivity.T @ sensitivity, 0.0)
+    information = information + jnp.diag(jnp.where(free, 0.0, 1.0))
+    of_share = jnp.where(jnp.outer(free, free), variance * inverse_information(information), 0.0)
+    stretch = jax.jacfwd(lambda share: _box_share_to_parameters(curve, share))(share)
+    covariance = stretch @ of_share @ stretch.T
+
+    def peak_values(parameters: Float[Array, " free"]) -> Float[Array, "2"]:
+        peak = with_free_values(curve, parameters).peak(medians, slip_limit)
+        return jnp.stack([peak.slip, peak.adhesion])
+
+    peak = with_free_values(curve, parameters).peak(medians, slip_limit)
+    by_parameter = jax.jacfwd(peak_values)(parameters)
+    peak_se = jnp.sqrt(jnp.diagonal(by_parameter @ covariance @ by_parameter.T))
+    # At the end of the range the slip of the largest adhesion is not an estimate.
+    peak_se = jnp.stack([jnp.where(peak.found, peak_se[0], jnp.nan), peak_se[1]])
+    # Gauss-Newton's next step, squared and in standard errors: g' C g / s^4 with g = J'e.
+    gradient = sensitivity.T @ misfit(parameters) / variance
+    converged = gradient @ of_share @ gradient <= _STEP_LEFT**2
+    return parameters, covariance, bound, unfelt, sum_of_squares, peak, peak_se, converged
+
+
+@jax.jit
+def _band(
+    curve: Curve,
+    covariance: Float[Array, "free free"],
+    slip: Float[Array, " points"],
+    conditions: Mapping[str, Scalar],
+) -> tuple[Array, Array]:
+    values = jnp.stack([getattr(curve, name) for name in curve.free])
+    jacobian = jax.jacfwd(lambda v: with_free_values(curve, v)(slip, conditions))(values)
+    error = jnp.sqrt(jnp.einsum("ni,ij,nj->n", jacobian, covariance, jacobian))
+    return curve(slip, conditions), error

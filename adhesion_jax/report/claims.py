@@ -1,0 +1,173 @@
+"""Published claims beside what was computed here: rows, verdicts, figures."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
+from numpy.typing import NDArray
+
+from adhesion_jax.report.figures import LABELS
+from adhesion_jax.report.style import line_styles
+
+Array = NDArray[np.float64]
+
+REPRODUCED = "reproduced"
+NOT_REPRODUCED = "not reproduced"
+CANNOT_BE_CHECKED = "cannot be checked"
+
+#: Two numbers differ when they are further apart than this many Monte Carlo standard errors.
+STANDARD_ERRORS = 3.0
+
+
+class Claim(NamedTuple):
+    """One row of the table; the paper's number is not a number where it prints none."""
+
+    paper: str
+    claim: str
+    paper_number: float
+    ours: float
+    ours_error: float  # Monte Carlo standard error
+    unit: str
+    verdict: str
+    remark: str
+
+
+class Fit(NamedTuple):
+    """A power law fitted to RMSE against the number of points."""
+
+    slope: float
+    slope_error: float
+    intercept: float
+
+
+def verdict_below(ours: float, error: float, limit: float) -> str:
+    """Whether a number is below a limit by more than `STANDARD_ERRORS` of its errors.
+
+    A claim of an effect that is not seen counts as not reproduced. Without a number or without
+    its error nothing is said; infinity ("never") is a number.
+    """
+    if np.isnan(ours) or not np.isfinite(error):
+        return CANNOT_BE_CHECKED
+    return REPRODUCED if ours + STANDARD_ERRORS * error < limit else NOT_REPRODUCED
+
+
+def verdict_equal(ours: float, error: float, expected: float) -> str:
+    """Whether a number agrees with the expected one within `STANDARD_ERRORS` of its errors."""
+    if not (np.isfinite(ours) and np.isfinite(error)):
+        return CANNOT_BE_CHECKED
+    agrees = abs(ours - expected) <= STANDARD_ERRORS * error
+    return REPRODUCED if agrees else NOT_REPRODUCED
+
+
+def power_law(points: Array, rmse: Array, rmse_error: Array) -> Fit:
+    """The line log RMSE = intercept + slope log n by least squares.
+
+    Weighted with the errors of log RMSE. The RMSEs are independent of each other, so the slope's
+    error follows from theirs alone.
+    """
+    weight = (rmse / rmse_error) ** 2
+    x, y = np.log(points), np.log(rmse)
+    x_mean, y_mean = np.average(x, weights=weight), np.average(y, weights=weight)
+    spread = np.sum(weight * (x - x_mean) ** 2)
+    slope = np.sum(weight * (x - x_mean) * (y - y_mean)) / spread
+    return Fit(float(slope), float(spread**-0.5), float(y_mean - slope * x_mean))
+
+
+def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:
+    return pd.DataFrame(list(claims), columns=list(Claim._fields))
+
+
+def claims_text(table: pd.DataFrame) -> str:
+    """The table as a person reads it: numbered lines, then a remark on each."""
+    width = max(map(len, table["claim"]))
+    pairs = zip(table["ours"], table["ours_error"], strict=True)
+    lines = pd.DataFrame(
+        {
+            "claim": [claim.ljust(width) for claim in table["claim"]],
+            "paper's": [f"{x:.4g}" if np.isfinite(x) else "" for x in table["paper_number"]],
+            "ours": [f"{x:.4g} ± {error:.1g}" for x, error in pairs],
+            "unit": list(table["unit"]),
+            "verdict": list(table["verdict"]),
+        },
+        index=pd.RangeIndex(1, len(table) + 1),
+    )
+    remarks = [f"{number:>3}  {text}" for number, text in enumerate(table["remark"], start=1)]
+    return "\n".join([lines.to_string(justify="left"), "", *remarks])
+
+
+def consistency(path: Path, table: pd.DataFrame, fits: Mapping[str, Fit]) -> None:
+    """RMSE and Cramer-Rao bound against the number of points (He et al. 2018, Eq. 15).
+
+    `table` has the columns points, quantity, rmse, rmse_se and crlb.
+    """
+    figure = Figure(figsize=(8.5, 6.6), layout="constrained")
+    for axis, (quantity, fit) in zip(figure.subplots(2, 2).ravel(), fits.items(), strict=True):
+        rows = table[table["quantity"] == quantity]
+        axis.plot(rows["points"], rows["crlb"], color="0.55", label="Cramér-Rao bound")
+        axis.errorbar(
+            rows["points"],
+            rows["rmse"],
+            rows["rmse_se"],
+            color="black",
+            linestyle="none",
+            marker="o",
+            markersize=5,
+            markerfacecolor="none",
+            label=f"exact optimum, slope {fit.slope:.3f} ± {fit.slope_error:.3f}",
+        )
+        axis.set(xscale="log", yscale="log", xlabel="points in the block (1)")
+        axis.set_xticks(rows["points"], [str(n) for n in rows["points"]])
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        axis.minorticks_off()
+        axis.set_ylabel(f"RMSE of {LABELS[quantity]}")
+        axis.grid(color="0.9")
+        axis.legend(fontsize=8)
+    figure.savefig(path, dpi=150)
+
+
+def generations(
+    path: Path, needed: Mapping[tuple[str, str], Mapping[str, Array]], most: int, goal: str
+) -> None:
+    """Share of the runs that have reached the optimum, against the generation.
+
+    `needed` has a panel each (row title, column title), and in it for each method the
+    generations that its runs needed, infinity where that was more than `most`.
+    """
+    rows = list(dict.fromkeys(row for row, _ in needed))
+    columns = list(dict.fromkeys(column for _, column in needed))
+    figure = Figure(figsize=(9, 6.6), layout="constrained")
+    axes = figure.subplots(len(rows), len(columns), sharex=True, sharey=True, squeeze=False)
+    for (row, column), methods in needed.items():
+        axis = axes[rows.index(row), columns.index(column)]
+        styles = line_styles(list(methods))
+        for name, of_runs in methods.items():
+            counts = of_runs.ravel()
+            share = np.mean(counts[:, None] <= np.arange(most + 1), axis=0)
+            never = 100 * np.mean(np.isinf(counts))
+            style = {key: styles[name][key] for key in ("color", "linestyle")}
+            axis.step(
+                np.arange(most + 1),
+                share,
+                where="post",
+                linewidth=1.6,
+                label=f"{name}: median {_count(float(np.median(counts)))}, {never:.1f} % never",
+                **style,
+            )
+        axis.axhline(0.5, color="0.8", linewidth=1, zorder=0)
+        axis.set_title(f"{row}, {column}", fontsize=10)
+        axis.legend(fontsize=8, loc="lower right")
+        axis.set(xlim=(0, most), ylim=(0, 1.02))
+    for axis in axes[-1]:
+        axis.set_xlabel("generation (1)")
+    for axis in axes[:, 0]:
+        axis.set_ylabel(f"share of runs\n{goal} (1)")
+    figure.savefig(path, dpi=150)
+
+
+def _count(x: float) -> str:
+    return f"{x:g}" if np.isfinite(x) else "beyond"

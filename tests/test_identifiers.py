@@ -1,0 +1,341 @@
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status, identify
+from adhesion_jax.identifiers.gradient import GradientLeastSquares
+from adhesion_jax.scenarios import SCENARIOS, Known, Options, Record
+from adhesion_jax.scenarios.blocks import Blocks
+
+RUNS = 8
+SMALL = {
+    "single": Options(points=120),
+    "he2018-1": Options(points=100),
+    "he2018-blocks": Options(points=120, blocks=6),
+}
+NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
+GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
+EVOLUTION = [name for name in IDENTIFIERS if name.startswith("ml-de")]
+
+# Without optimisation: many programs, each run a few times on few runs.
+quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+
+#: Slip and mask are shared by all runs: one program serves every scenario of a size, and the
+#: variants of a method that differ in numbers alone.
+SHARED = Record(None, 0, None, {})
+identify_batch = quick_jit(jax.vmap(identify, in_axes=(None, None, SHARED, 0)))
+draw_batch = quick_jit(jax.vmap(lambda scenario, key: scenario.draw(key), (None, 0), SHARED))
+
+
+def identified(identifier, scenario, runs=RUNS, seed=0, solver_seed=7):
+    """The records and estimates of some runs, as a campaign asks for them."""
+    assert scenario.run_axes == SHARED
+    keys = jax.random.split(jax.random.key(seed), runs)
+    solver_keys = jax.random.split(jax.random.key(solver_seed), runs)
+    records = draw_batch(scenario, keys)
+    return records, identify_batch(identifier, scenario.known, records, solver_keys)
+
+
+@functools.cache
+def small(identifier, scenario_name):
+    scenario = SCENARIOS[scenario_name](SMALL[scenario_name])
+    assert IDENTIFIERS[identifier].accepts(scenario) is None
+    return scenario, *identified(IDENTIFIERS[identifier], scenario)
+
+
+def parameters_of(estimate):
+    return np.stack([estimate.values[name] for name in ("c1", "c2", "c3")], axis=-1)
+
+
+def raw_sum_of_squares(parameters, records):
+    """sum (z - f)^2 over the points that are there, [runs, blocks], without the package."""
+    c1, c2, c3 = (parameters[..., i, None] for i in range(3))
+    slip, mask = np.asarray(records.slip), np.asarray(records.mask)
+    model = c1 * (1 - np.exp(-c2 * slip)) - c3 * slip
+    return np.sum(np.where(mask, np.asarray(records.adhesion) - model, 0.0) ** 2, axis=-1)
+
+
+def signature(estimate):
+    return jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), estimate)
+
+
+@pytest.mark.parametrize("scenario_name", SCENARIOS)
+@pytest.mark.parametrize("name", IDENTIFIERS)
+def test_every_identifier_keeps_the_contract_on_every_scenario(name, scenario_name):
+    scenario, records, estimate = small(name, scenario_name)
+    _, _, exact = small("ml-exact", scenario_name)
+    shape = (RUNS, len(scenario.rails))
+
+    assert tuple(estimate.values) == NAMES
+    assert signature(estimate) == signature(exact)
+    assert {leaf.shape for leaf in estimate.values.values()} == {shape}
+    assert estimate.covariance.shape == (*shape, 5, 5)
+    assert estimate.status.shape == estimate.objective.shape == estimate.evaluations.shape == shape
+    assert estimate.objective.dtype == jnp.float64
+    assert set(np.unique(estimate.status)) <= {int(status) for status in Status}
+    assert np.all(estimate.evaluations > 0)
+
+    parameters = parameters_of(estimate)
+    for value in (*estimate.values.values(), estimate.objective):
+        assert np.all(np.isfinite(value))
+    lower, upper = np.asarray(scenario.known.lower), np.asarray(scenario.known.upper)
+    assert np.all(parameters >= lower * (1 - 1e-14))
+    assert np.all(parameters <= upper * (1 + 1e-14))
+    c1, c2, c3 = np.moveaxis(parameters, -1, 0)
+    peak = np.clip(np.log(c1 * c2 / c3) / c2, 0, 1)
+    np.testing.assert_allclose(estimate.values["slip_opt"], peak, rtol=1e-9)
+    top = c1 * (1 - np.exp(-c2 * peak)) - c3 * peak
+    np.testing.assert_allclose(estimate.values["mu_max"], top, rtol=1e-9)
+
+    objective = np.asarray(estimate.objective)
+    np.testing.assert_allclose(objective, raw_sum_of_squares(parameters, records), rtol=1e-9)
+    assert np.all(objective >= np.asarray(exact.objective) - 1e-6 * scenario.sigma**2)
+
+    covariance = np.asarray(estimate.covariance)
+    assert np.all(np.isfinite(covariance))
+    deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    assert np.all(deviation >= 0)
+    correlation = covariance / (deviation[..., :, None] * deviation[..., None, :])
+    np.testing.assert_allclose(correlation, np.swapaxes(correlation, -1, -2), atol=1e-6)
+    assert np.all(np.abs(correlation) <= 1 + 1e-6)
+
+    on_box = np.any(
+        (parameters <= lower + 1e-4 * (upper - lower))
+        | (parameters >= upper - 1e-4 * (upper - lower)),
+        axis=-1,
+    )
+    status = np.asarray(estimate.status)
+    assert np.all(on_box[status == Status.ON_BOX])
+    assert not np.any(on_box[status == Status.TRUSTED])
+    if name == "ml-exact":
+        np.testing.assert_array_equal(status, np.where(on_box, Status.ON_BOX, Status.TRUSTED))
+
+
+@pytest.mark.parametrize("name", IDENTIFIERS)
+def test_the_same_key_gives_the_same_result_bit_for_bit(name):
+    scenario, _, first = small(name, "single")
+    _, again = identified(IDENTIFIERS[name], scenario)
+    for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(one, other)
+    _, elsewhere = identified(IDENTIFIERS[name], scenario, solver_seed=8)
+    same = np.array_equal(elsewhere.objective, first.objective)
+    assert same == (name not in EVOLUTION)  # only a random search has a randomness of its own
+
+
+@pytest.mark.parametrize("name", IDENTIFIERS)
+def test_without_noise_the_truth_is_recovered_or_the_status_says_why_not(name):
+    recovered = []
+    for rail in ("dry", "common", "wet"):
+        scenario = SCENARIOS["single"](Options(rail=rail, sigma=1e-9, points=120))
+        _, estimate = identified(IDENTIFIERS[name], scenario)
+        truth = scenario.truth[0]
+        expected = np.array([truth.c1, truth.c2, truth.c3])
+        right = np.all(np.abs(parameters_of(estimate)[:, 0] / expected - 1) < 1e-4, axis=-1)
+        status = np.asarray(estimate.status[:, 0])
+        if name not in EVOLUTION or name == "ml-de-robust":
+            assert np.all(right | (status != Status.TRUSTED)), rail
+        recovered.append(right)
+    # A population may collapse before it arrives: He's variants do in some per cent of the runs,
+    # and cannot know it. The repaired one is slow rather than wrong.
+    everywhere = name == "ml-exact" or name.startswith("lm")
+    assert np.mean(recovered) >= (1.0 if everywhere else 0.7), recovered
+
+
+@pytest.mark.parametrize("scenario_name", SCENARIOS)
+def test_no_perturbation_inside_the_box_improves_the_exact_optimum(scenario_name):
+    scenario, records, estimate = small("ml-exact", scenario_name)
+    lower, upper = np.asarray(scenario.known.lower), np.asarray(scenario.known.upper)
+    best, rng = parameters_of(estimate), np.random.default_rng(0)
+    least = raw_sum_of_squares(best, records)
+    for _ in range(1000):
+        size = 10 ** rng.uniform(-7, 0, (*best.shape[:2], 1))
+        moved = best + size * rng.normal(size=best.shape) * (upper - lower)
+        other = raw_sum_of_squares(np.clip(moved, lower, upper), records)
+        assert np.all(other >= least * (1 - 1e-10))
+
+
+def test_standard_errors_of_the_exact_method_are_the_scatter_of_many_runs():
+    scenario = SCENARIOS["single"](Options())
+    _, estimate = identified(IDENTIFIERS["ml-exact"], scenario, runs=400)
+    truth = scenario.truth[0]
+    peak = truth.peak({})
+    true_values = np.array([truth.c1, truth.c2, truth.c3, peak.adhesion, peak.slip], dtype=float)
+    values = np.stack([estimate.values[name][:, 0] for name in NAMES])
+    scatter = np.std(values, axis=1, ddof=1)
+    claimed = np.sqrt(np.mean(np.diagonal(np.asarray(estimate.covariance[:, 0]), 0, 1, 2), axis=0))
+    np.testing.assert_allclose(claimed, scatter, rtol=0.15)
+    # The whole matrix, not only its diagonal.
+    correlation = np.mean(np.asarray(estimate.covariance[:, 0]), axis=0)
+    correlation /= np.outer(claimed, claimed)
+    np.testing.assert_allclose(correlation, np.corrcoef(values), atol=0.15)
+    assert np.all(np.abs(np.mean(values, axis=1) - true_values) < 4.5 * scatter / np.sqrt(400))
+    # The bounds printed for this experiment, in per cent.
+    published = np.array([0.29, 0.63, 4.13, 0.088, 0.56])
+    np.testing.assert_allclose(100 * claimed / true_values, published, rtol=0.05)
+
+
+@pytest.mark.parametrize("name", ["ml-de-he2018", "lm-optimistix"])
+def test_a_stream_of_updates_gives_what_identify_gives(name):
+    scenario, records, estimate = small(name, "he2018-blocks")
+    identifier = IDENTIFIERS[name]
+    key = jax.random.split(jax.random.key(7), RUNS)[0]
+    state = identifier.init(scenario.known, key)
+
+    @quick_jit
+    def update(identifier, state, record):
+        state = identifier.update(state, record)
+        return state, identifier.estimate(state)
+
+    for block in range(len(scenario.rails)):
+        record = Record(records.slip[block], records.adhesion[0, block], records.mask[block], {})
+        state, found = update(identifier, state, record)
+        # A population may part ways by rounding; both then lie at the same optimum.
+        for value in NAMES:
+            assert float(found.values[value]) == pytest.approx(
+                float(estimate.values[value][0, block]), rel=1e-5
+            )
+        assert int(found.status) == int(estimate.status[0, block])
+
+
+def test_gradient_methods_agree_with_the_exact_one_where_they_claim_success():
+    _, _, exact = small("ml-exact", "he2018-blocks")
+    for name in GRADIENT:
+        _, _, estimate = small(name, "he2018-blocks")
+        trusted = np.asarray(estimate.status) == Status.TRUSTED
+        assert np.mean(trusted) > 0.3, name
+        np.testing.assert_allclose(
+            parameters_of(estimate)[trusted], parameters_of(exact)[trusted], rtol=1e-5
+        )
+
+
+def test_de_variants_differ_where_the_paper_says():
+    """Eq. 16 starts around the previous estimate: at a switch its population lies elsewhere."""
+    local = IDENTIFIERS["ml-de-eq16"]
+    uniform = IDENTIFIERS["ml-de"]
+    assert float(local.local_share) == 1.0
+    assert float(uniform.local_share) == 0.0
+    scenario = SCENARIOS["single"](SMALL["single"])
+    near, far = (
+        Known(Burckhardt(*start), scenario.known.lower, scenario.known.upper)
+        for start in ((0.8287, 45.45, 0.4), (0.11, 11.0, 0.06))
+    )
+
+    def objectives(name, known):
+        moved = eqx.tree_at(lambda scenario: scenario.known, scenario, known)
+        found = [identified(IDENTIFIERS[name], moved, seed=seed)[1] for seed in range(20, 25)]
+        return np.concatenate([np.asarray(f.objective[:, 0]) for f in found])
+
+    objective = {
+        (name, start): objectives(name, known)
+        for name in ("ml-de", "ml-de-eq16")
+        for start, known in (("near", near), ("far", far))
+    }
+    # A uniform start does not know theta(k-1); a local one depends on it.
+    np.testing.assert_array_equal(objective["ml-de", "near"], objective["ml-de", "far"])
+    exact = objectives("ml-exact", near)
+    failures = {case: np.mean((o - exact) / scenario.sigma**2 > 1) for case, o in objective.items()}
+    assert failures["ml-de-eq16", "near"] < failures["ml-de-eq16", "far"]
+    assert failures["ml-de-eq16", "near"] < 0.2
+
+
+def fit_to(identifier, known, slip, adhesion):
+    """One record, as a batch of equal runs: the program that the scenario `single` has."""
+    slip = jnp.asarray(slip)[None]
+    adhesion = jnp.broadcast_to(jnp.asarray(adhesion), (RUNS, *slip.shape))
+    record = Record(slip, adhesion, jnp.ones(slip.shape, dtype=bool), {})
+    keys = jax.random.split(jax.random.key(0), RUNS)
+    estimate = identify_batch(identifier, known, record, keys)
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[0, 0], estimate)
+
+
+SLIP = np.linspace(0.0, 0.5, 120)
+WIDE = Known(Burckhardt(0.3, 5.0, 0.1), jnp.array([0.01, 0.2, 0.001]), jnp.array([2.0, 50.0, 3.0]))
+
+
+@pytest.mark.parametrize("name", ["ml-exact", "ml-de-robust", "lm-jaxopt", "lm-optimistix"])
+def test_the_status_says_why_an_estimate_cannot_be_trusted(name):
+    identifier = IDENTIFIERS[name]
+    rng = np.random.default_rng(1)
+    noise = 0.001 * rng.normal(size=SLIP.size)
+
+    def status(adhesion, known=WIDE):
+        estimate = fit_to(identifier, known, SLIP, adhesion)
+        assert all(np.isfinite(value) for value in estimate.values.values())
+        return Status(int(estimate.status))
+
+    def burckhardt(c1, c2, c3):
+        return c1 * (1 - np.exp(-c2 * SLIP)) - c3 * SLIP + noise
+
+    assert status(burckhardt(0.5, 20.0, 0.2)) == Status.TRUSTED
+    # The peak lies at ln(.6 * 1.5 / .02) / 1.5 = 2.5.
+    assert status(burckhardt(0.6, 1.5, 0.02)) == Status.NO_PEAK
+    # It falls from the start.
+    assert status(-0.5 * SLIP + noise) == Status.INADMISSIBLE
+    tight = Known(WIDE.curve, jnp.array([0.01, 0.2, 0.3]), WIDE.upper)
+    on_box = status(burckhardt(0.5, 20.0, 0.1), tight)
+    assert on_box == Status.ON_BOX or (on_box == Status.NOT_CONVERGED and name in GRADIENT)
+
+
+@pytest.mark.parametrize("name", IDENTIFIERS)
+def test_data_that_are_not_numbers_are_never_trusted(name):
+    adhesion = np.full(SLIP.size, 0.3)
+    adhesion[17] = np.nan
+    estimate = fit_to(IDENTIFIERS[name], WIDE, SLIP, adhesion)
+    assert all(np.isfinite(value) for value in estimate.values.values())
+    assert Status(int(estimate.status)) not in (Status.TRUSTED, Status.ON_BOX)
+
+
+def test_statuses_are_sentences_and_the_graver_has_the_higher_code():
+    assert [int(s) for s in sorted(Status, reverse=True)] == [5, 4, 3, 2, 1, 0]
+    assert Status(0) is Status.TRUSTED
+    for status in Status:
+        assert status.sentence.endswith(".")
+    assert len({status.sentence for status in Status}) == len(Status)
+
+
+KIENCKE = Known(
+    Kiencke(a0=40.0, p1=60.0, p2=60.0), jnp.array([1.0, 1.0]), jnp.array([400.0, 400.0])
+)
+
+
+@pytest.mark.parametrize("name", IDENTIFIERS)
+def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
+    truth = Kiencke(a0=40.0, p1=31.29, p2=100.0)
+    scenario = Blocks(("dry",), 0.001, 0.0, jnp.linspace(0.0, 0.2, 100), (truth,), KIENCKE)
+    reason = IDENTIFIERS[name].accepts(scenario)
+    if name not in GRADIENT:
+        assert reason is not None
+        assert "Burckhardt" in reason
+        return
+    assert reason is None
+    if name.startswith("gn"):
+        return  # it differs from the other of its library by the solver alone
+    records, estimate = identified(IDENTIFIERS[name], scenario)
+    assert tuple(estimate.values) == ("p1", "p2", "mu_max", "slip_opt")
+    assert estimate.covariance.shape == (RUNS, 1, 4, 4)
+    assert records.adhesion.shape == (RUNS, 1, 100)
+    if name.startswith("lm"):
+        assert np.all(np.asarray(estimate.status) == Status.TRUSTED)
+        np.testing.assert_allclose(estimate.values["p1"], truth.p1, rtol=0.02)
+        np.testing.assert_allclose(estimate.values["p2"], truth.p2, rtol=0.05)
+        np.testing.assert_allclose(estimate.values["slip_opt"], 0.1, rtol=0.02)
+
+
+def test_a_known_parameter_makes_the_methods_of_three_unknowns_decline():
+    curve = Burckhardt(c1=0.5, c2=30.0, c3=0.08, free=("c1", "c2"))
+    known = Known(curve, jnp.array([0.1, 10.0]), jnp.array([1.0, 50.0]))
+    truth = (Burckhardt(c1=0.8, c2=40.0, c3=0.08),)
+    scenario = Blocks(("dry",), 0.01, 0.0, jnp.linspace(0.0, 0.2, 100), truth, known)
+    assert IDENTIFIERS["ml-exact"].accepts(scenario) is not None
+    assert IDENTIFIERS["ml-de"].accepts(scenario) is not None
+    assert IDENTIFIERS["lm-optimistix"].accepts(scenario) is None
+
+
+def test_ablations_are_identifiers():
+    assert set(ABLATIONS) < set(IDENTIFIERS)

@@ -1,0 +1,197 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from adhesion_jax.curves import free_values
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
+
+SIZES = {"single": (1, 500), "he2018-1": (20, 500), "he2018-blocks": (12, 500)}
+SLIP_MAX = {"single": 0.2, "he2018-1": 0.5, "he2018-blocks": 0.2}
+
+
+def noise_of(scenario, key):
+    """What is left of a run when the truth is taken away, [blocks, points]."""
+    record = scenario.draw(key)
+    clean = jnp.stack([c(s, {}) for c, s in zip(scenario.truth, record.slip, strict=True)])
+    return np.asarray(record.adhesion - clean)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_run_has_the_blocks_and_points_that_are_promised(name):
+    scenario = SCENARIOS[name](Options())
+    record = scenario.draw(jax.random.key(0))
+    shape = SIZES[name]
+    assert record.slip.shape == record.adhesion.shape == record.mask.shape == shape
+    assert record.mask.dtype == bool
+    assert record.slip.dtype == record.adhesion.dtype == jnp.float64
+    assert len(scenario.rails) == len(scenario.truth) == shape[0]
+    assert scenario.sigma == 0.01
+    expected = np.broadcast_to(np.linspace(0, SLIP_MAX[name], shape[1]), shape)
+    np.testing.assert_allclose(record.slip, expected, atol=1e-15)
+    for rail, truth in zip(scenario.rails, scenario.truth, strict=True):
+        assert truth is RAILS[rail]
+    assert scenario.known is HE2018
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_options_change_what_they_name(name):
+    options = Options(sigma=0.1, points=200, slip_max=0.3)
+    scenario = SCENARIOS[name](options)
+    record = scenario.draw(jax.random.key(0))
+    assert record.slip.shape == (SIZES[name][0], 200)
+    assert float(record.slip[0, -1]) == pytest.approx(0.3)
+    assert scenario.sigma == 0.1
+    assert np.std(noise_of(scenario, jax.random.key(0))[-1]) == pytest.approx(0.1, rel=0.2)
+    silent = SCENARIOS[name](Options(sigma=0.0))
+    assert np.max(np.abs(noise_of(silent, jax.random.key(0)))) < 1e-15
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("sigma", [0.01, 0.1])
+def test_noise_is_normal_with_the_given_deviation(name, sigma):
+    scenario = SCENARIOS[name](Options(sigma=sigma))
+    # The last block: of a growing sequence the others hold the same points.
+    draw = jax.jit(jax.vmap(lambda key: scenario.draw(key).adhesion[-1]))
+    adhesion = np.asarray(draw(jax.random.split(jax.random.key(1), 100)))
+    slip = scenario.draw(jax.random.key(0)).slip[-1]
+    noise = (adhesion - np.asarray(scenario.truth[-1](slip, {}))).ravel() / sigma
+    assert abs(np.mean(noise)) < 4 / np.sqrt(noise.size)
+    assert abs(np.std(noise) - 1) < 4 / np.sqrt(2 * noise.size)
+    assert stats.kstest(noise, "norm").pvalue > 1e-3
+    by_run = noise.reshape(100, -1)
+    limit = 4 / np.sqrt(noise.size)
+    assert abs(np.mean(by_run[1:] * by_run[:-1])) < limit
+    assert abs(np.mean(by_run[:, 1:] * by_run[:, :-1])) < limit
+
+
+def test_the_blocks_of_a_run_have_their_own_noise_and_a_growing_sequence_only_one():
+    blocks = noise_of(SCENARIOS["he2018-blocks"](Options()), jax.random.key(2))
+    correlation = np.corrcoef(blocks)[np.triu_indices(12, 1)]
+    assert np.max(np.abs(correlation)) < 4.5 / np.sqrt(500)
+    growing = noise_of(SCENARIOS["he2018-1"](Options()), jax.random.key(2))
+    np.testing.assert_array_equal(growing, np.broadcast_to(growing[0], growing.shape))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_key_decides_the_noise(name):
+    scenario = SCENARIOS[name](Options())
+    one, again, other = (
+        noise_of(scenario, key) for key in map(jax.random.key, (3, 3, 4))
+    )  # fmt: skip
+    np.testing.assert_array_equal(one, again)
+    assert not np.any(one == other)
+    assert abs(np.corrcoef(one[-1], other[-1])[0, 1]) < 4.5 / np.sqrt(500)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_outliers_have_ten_times_the_deviation_and_the_share_asked_for(name):
+    def drawn(share):
+        scenario = SCENARIOS[name](Options(outliers=share))
+        return np.stack([noise_of(scenario, jax.random.key(k))[-1] for k in range(40)]).ravel()
+
+    clean, spoiled, all_out = drawn(None), drawn(0.1), drawn(1.0)
+    np.testing.assert_allclose(all_out, 10 * clean, atol=1e-14)
+    is_outlier = np.abs(spoiled - clean) > 1e-14
+    np.testing.assert_allclose(spoiled[is_outlier], 10 * clean[is_outlier], atol=1e-14)
+    assert abs(is_outlier.mean() - 0.1) < 4 * np.sqrt(0.1 * 0.9 / clean.size)
+    # Whether a point is one has nothing to do with its noise.
+    assert stats.ks_2samp(clean[is_outlier], clean[~is_outlier]).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("points", [100, 137, 500])
+def test_the_masks_of_a_growing_sequence_are_prefixes_that_grow_to_the_whole(points):
+    scenario = SCENARIOS["he2018-1"](Options(points=points))
+    mask = np.asarray(scenario.draw(jax.random.key(0)).mask)
+    seen = mask.sum(axis=1)
+    assert mask.shape == (20, points)
+    np.testing.assert_array_equal(seen, scenario.lengths)
+    for row, count in zip(mask, seen, strict=True):
+        assert row[:count].all()
+        assert not row[count:].any()
+    assert seen[-1] == points
+    np.testing.assert_allclose(seen, points * np.arange(1, 21) / 20, atol=0.5)
+    others = SCENARIOS["he2018-blocks"](Options(points=points)).draw(jax.random.key(0)).mask
+    assert np.all(others)
+
+
+@pytest.mark.parametrize(("count", "switches"), [(None, (4, 8)), (150, (50, 100)), (6, (2, 4))])
+def test_rails_come_in_order_and_switch_where_they_should(count, switches):
+    rails = SCENARIOS["he2018-blocks"](Options(blocks=count)).rails
+    assert len(rails) == (count or 12)
+    assert list(dict.fromkeys(rails)) == ["dry", "common", "wet"]
+    assert tuple(b for b in range(1, len(rails)) if rails[b] != rails[b - 1]) == switches
+
+
+def test_tables_pool_each_rail_without_the_first_block_after_a_switch():
+    tables = SCENARIOS["he2018-blocks"](Options()).tables()
+    assert set(tables) == {"summary", "switches"}
+    summary = {group.rail: group for group in tables["summary"]}
+    assert summary["dry"].blocks == (0, 1, 2, 3)
+    assert summary["common"].blocks == (5, 6, 7)
+    assert summary["wet"].blocks == (9, 10, 11)
+    began = [summary[rail].after_switch for rail in ("dry", "common", "wet")]
+    assert began == [(), (4, 5, 6, 7), (8, 9, 10, 11)]
+    assert [(g.rail, g.blocks) for g in tables["switches"]] == [("common", (4,)), ("wet", (8,))]
+    assert set(SCENARIOS["single"](Options()).tables()) == {"summary"}
+    growing = SCENARIOS["he2018-1"](Options()).tables()
+    assert [g.blocks for g in growing["summary"]] == [(19,)]
+    assert [g.k for g in growing["checkpoints"]] == [25 * (j + 1) for j in range(20)]
+    assert [g.blocks for g in growing["checkpoints"]] == [(j,) for j in range(20)]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_what_is_shared_by_all_runs_is_declared(name):
+    scenario = SCENARIOS[name](Options(points=100))
+    keys = jax.random.split(jax.random.key(5), 3)
+    # vmap refuses None for a field that differs between runs.
+    batch = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
+    assert batch.slip.shape == batch.mask.shape == (SIZES[name][0], 100)
+    assert batch.adhesion.shape == (3, SIZES[name][0], 100)
+    alone = scenario.draw(keys[1])
+    np.testing.assert_allclose(batch.adhesion[1], alone.adhesion, rtol=1e-13, atol=1e-16)
+
+
+def test_one_rail_can_be_chosen_where_there_is_one():
+    for name in ("single", "he2018-1"):
+        assert set(SCENARIOS[name](Options()).rails) == {"dry"}
+        for rail in ("common", "wet"):
+            scenario = SCENARIOS[name](Options(rail=rail))
+            assert set(scenario.rails) == {rail}
+            assert scenario.truth[0] is rail_named(rail)
+
+
+def test_the_rails_are_those_of_the_paper_and_lie_inside_the_box_like_the_start():
+    table = {"dry": (0.8287, 45.45, 0.4), "common": (0.32, 25, 0.1), "wet": (0.165, 15, 0.1)}
+    assert {rail: (c.c1, c.c2, c.c3) for rail, c in RAILS.items()} == table
+    np.testing.assert_array_equal(free_values(HE2018.curve), [0.5, 30.0, 0.08])
+    np.testing.assert_array_equal(HE2018.lower, [0.1, 10.0, 0.05])
+    np.testing.assert_array_equal(HE2018.upper, [1.0, 50.0, 0.5])
+    for curve in (*RAILS.values(), HE2018.curve):
+        assert np.all(free_values(curve) > HE2018.lower)
+        assert np.all(free_values(curve) < HE2018.upper)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "option"),
+    [
+        ("single", Options(blocks=3), "--blocks"),
+        ("single", Options(rail="icy"), "--rail icy"),
+        ("he2018-1", Options(blocks=3), "--blocks"),
+        ("he2018-1", Options(rail="icy"), "--rail icy"),
+        ("he2018-1", Options(points=40), "--points 40"),
+        ("he2018-blocks", Options(rail="dry"), "--rail"),
+        ("he2018-blocks", Options(blocks=5), "--blocks 5"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_by_name(name, options, option):
+    with pytest.raises(InputError, match=option) as refused:
+        SCENARIOS[name](options)
+    sentence = str(refused.value)
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+    if option == "--rail icy":
+        assert "dry, common, wet" in sentence
