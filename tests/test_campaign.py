@@ -211,7 +211,7 @@ def test_the_tables_say_what_the_estimates_say(small):
 
 
 def test_memory_of_a_campaign_is_that_of_its_tiles(small):
-    campaign, _ = small
+    _campaign, _ = small
     frames = []
     run_campaign(SMALL, lambda rows: frames.append(len(rows)), lambda _: None, 1)
     assert frames == [tiles.TILE * 6 * 3, (150 - tiles.TILE) * 6 * 3]

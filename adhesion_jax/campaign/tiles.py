@@ -39,7 +39,9 @@ def tile_runs(tile: int) -> np.ndarray:
 
 def draw_tile(config: Config, tile: int) -> Record:
     """The records of a tile: [runs, blocks, points], shared arrays [blocks, points]."""
-    return _draw(config.scenario, config.options)(noise_keys(config.seed, config.scenario, jnp.asarray(tile_runs(tile))))
+    return _draw(config.scenario, config.options)(
+        noise_keys(config.seed, config.scenario, jnp.asarray(tile_runs(tile)))
+    )
 
 
 def bound_tile(config: Config, records: Record) -> Float[Array, "runs blocks values"]:
@@ -69,7 +71,9 @@ def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]
 
 
 @lru_cache
-def _bound(scenario_name: str, options: Options) -> Callable[[Record], Float[Array, "runs blocks values"]]:
+def _bound(
+    scenario_name: str, options: Options
+) -> Callable[[Record], Float[Array, "runs blocks values"]]:
     scenario = SCENARIOS[scenario_name](options)
     truth = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenario.truth)
 

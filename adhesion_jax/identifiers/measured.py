@@ -1,6 +1,5 @@
 """One measured record, one curve, nothing known beforehand: the best fit in the physical box."""
 
-import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -18,6 +17,7 @@ from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
+from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import Record
 
 #: Largest slip, in m/s, that a peak is looked for at where slip is a velocity.
@@ -115,19 +115,38 @@ def fit_measured(curve: Curve, record: Record, slip_is_velocity: bool) -> Measur
     with a positive lower bound are searched on a logarithmic scale. `record` must hold the
     conditions the curve NEEDS.
     """
+    return fit_all({"": curve}, record, slip_is_velocity)[""]
+
+
+class _Problem(NamedTuple):
+    """The arguments of `_fit`."""
+
+    curve: Curve
+    slip: Float[Array, " points"]
+    adhesion: Float[Array, " points"]
+    conditions: Mapping[str, Float[Array, " points"]]
+    chosen: Int[Array, " search"]
+    medians: Mapping[str, Scalar]
+    slip_limit: Scalar
+
+
+def _problem(curve: Curve, record: Record, slip_is_velocity: bool) -> _Problem:
     conditions = {name: record.conditions[name] for name in curve.NEEDS}
     medians = {name: float(jnp.median(column)) for name, column in conditions.items()}
     limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
     order = np.argsort(np.abs(np.asarray(record.slip)), kind="stable")
-    chosen = order[:: -(-order.size // _SEARCH_POINTS)]
-    found = _fit(curve, record.slip, record.adhesion, conditions, chosen, medians, limit)
+    chosen = jnp.asarray(order[:: -(-order.size // _SEARCH_POINTS)])
+    return _Problem(curve, record.slip, record.adhesion, conditions, chosen, medians, limit)
+
+
+def _measured_fit(problem: _Problem, found: tuple, slip_is_velocity: bool) -> MeasuredFit:
     parameters, covariance, bound, unfelt, objective, peak, peak_se, converged = found
     return MeasuredFit(
-        with_free_values(curve, parameters),
-        medians,
-        limit,
+        with_free_values(problem.curve, parameters),
+        {name: float(value) for name, value in problem.medians.items()},
+        float(problem.slip_limit),
         " m/s" if slip_is_velocity else "",
-        order.size,
+        problem.slip.size,
         float(objective),
         np.asarray(parameters),
         np.asarray(covariance),
@@ -144,11 +163,19 @@ def fit_all(
     curves: Mapping[str, Curve], record: Record, slip_is_velocity: bool
 ) -> dict[str, MeasuredFit]:
     """Every curve that can be evaluated on the record, by name, in the order of `curves`."""
-    able = {name: curve for name, curve in curves.items() if not missing_columns(curve, record)}
-    # Nearly all the time is compilation, which a second thread can share.
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        fits = pool.map(lambda curve: fit_measured(curve, record, slip_is_velocity), able.values())
-        return dict(zip(able, fits, strict=True))
+    problems = {
+        name: _problem(curve, record, slip_is_velocity)
+        for name, curve in curves.items()
+        if not missing_columns(curve, record)
+    }
+    # Nearly all the time is compilation, which a second thread can share. The runs take turns:
+    # two threads that run compiled loops in one process can wait for each other for ever.
+    with ThreadPoolExecutor(max_workers=CORES) as pool:
+        compiled = pool.map(lambda problem: _fit.lower(*problem).compile(), problems.values())
+        return {
+            name: _measured_fit(problem, run(*problem), slip_is_velocity)
+            for (name, problem), run in zip(problems.items(), compiled, strict=True)
+        }
 
 
 def missing_columns(curve: Curve, record: Record) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """What the gradient least-squares solvers have in common: their contract and the proof of success.
 
-Each library stands behind one adaptor file; both work on unbounded coordinates, mapped into the box by a sine.
+Each library stands behind one adaptor file; both work on unbounded coordinates, mapped into the
+box by a sine.
 """
 
 from collections.abc import Callable

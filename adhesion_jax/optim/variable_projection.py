@@ -118,9 +118,7 @@ def _minimise_batch(
     return solution, jax.tree.map(lambda _: True, solution)
 
 
-def _minimise(
-    sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 ..."]
-) -> Solution:
+def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 ..."]) -> Solution:
     """`minimise` for any number of runs, whose axes come last in every array."""
     a_range, b_range = (lower[0], upper[0]), (lower[2], upper[2])
     series = (sums.y_phi, sums.phi_phi, sums.phi_psi)
