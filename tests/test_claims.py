@@ -10,6 +10,31 @@ from click.testing import CliRunner
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.store import write_table
+from adhesion_jax.claims.claim import Claim, verdict_below, verdict_equal
+from adhesion_jax.claims.he2018_consistency import (
+    SIZES,
+    consistency_claims,
+    consistency_fits,
+    consistency_table,
+    power_law,
+)
+from adhesion_jax.claims.he2018_convergence import slip_at_convergence
+from adhesion_jax.claims.he2018_generations import (
+    count_generations,
+    generation_claims,
+    generation_panels,
+    generations_needed,
+    median_ratio,
+    median_with_error,
+)
+from adhesion_jax.claims.he2018_tracking import (
+    VARIANTS,
+    as_blocks,
+    robust_deviation,
+    scatter_ratio,
+    standard_deviation,
+    tracking_claims,
+)
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, ml_de, ml_de_eq17
 from adhesion_jax.metrics.information import cramer_rao_bound
 from adhesion_jax.optim import differential_evolution as de
@@ -39,7 +64,7 @@ LOWER, UPPER = jnp.array([0.1, 10.0, 0.05]), jnp.array([1.0, 50.0, 0.5])
     ],
 )
 def test_a_number_is_below_a_limit_only_by_more_than_its_error(ours, error, verdict):
-    assert report.verdict_below(float(ours), float(error), 1.0) == verdict
+    assert verdict_below(float(ours), float(error), 1.0) == verdict
 
 
 @pytest.mark.parametrize(
@@ -52,7 +77,7 @@ def test_a_number_is_below_a_limit_only_by_more_than_its_error(ours, error, verd
     ],
 )
 def test_a_number_equals_another_within_its_error(ours, error, verdict):
-    assert report.verdict_equal(float(ours), float(error), -0.5) == verdict
+    assert verdict_equal(float(ours), float(error), -0.5) == verdict
 
 
 # -------------------------------------------------------------------------------- statistics
@@ -60,12 +85,12 @@ def test_a_number_equals_another_within_its_error(ours, error, verdict):
 
 def test_a_power_law_is_found_with_the_error_that_its_scatter_has():
     random = np.random.default_rng(0)
-    points = np.array(claims.SIZES, dtype=float)
+    points = np.array(SIZES, dtype=float)
     relative = np.linspace(0.01, 0.05, len(points))
     fits = []
     for _ in range(2000):
         rmse = 3 * points**-0.5 * np.exp(relative * random.normal(size=len(points)))
-        fits.append(report.power_law(points, rmse, relative * rmse))
+        fits.append(power_law(points, rmse, relative * rmse))
     slopes = np.array([fit.slope for fit in fits])
     assert slopes.std() == pytest.approx(fits[0].slope_error, rel=0.06)
     assert abs(slopes.mean() + 0.5) < 4 * slopes.std() / np.sqrt(len(slopes))
@@ -75,37 +100,37 @@ def test_a_power_law_is_found_with_the_error_that_its_scatter_has():
 def test_slip_at_convergence_is_where_the_rmse_last_crosses():
     slip = np.array([0.1, 0.2, 0.3, 0.4])
     power = 0.05 * (slip / 0.25) ** -2.0
-    found, error = claims.slip_at_convergence(slip, power, 0.02 * power)
+    found, error = slip_at_convergence(slip, power, 0.02 * power)
     assert found == pytest.approx(0.25)
     # d(log slip) = d(log rmse)/2; the two ends share the weight between them.
     assert 0.25 * 0.02 / 2 * np.sqrt(0.5) * 0.99 <= error <= 0.25 * 0.02 / 2
     dips = np.array([0.01, 0.2, 0.06, 0.01])
-    assert 0.3 < claims.slip_at_convergence(slip, dips, 0.1 * dips)[0] < 0.4
-    assert claims.slip_at_convergence(slip, dips[::-1] + 0.1, dips)[0] == np.inf
-    assert claims.slip_at_convergence(slip, 0.01 * dips, dips)[0] == slip[0]
+    assert 0.3 < slip_at_convergence(slip, dips, 0.1 * dips)[0] < 0.4
+    assert slip_at_convergence(slip, dips[::-1] + 0.1, dips)[0] == np.inf
+    assert slip_at_convergence(slip, 0.01 * dips, dips)[0] == slip[0]
 
 
 def test_error_of_the_slip_at_convergence_is_that_of_repeated_draws():
     random = np.random.default_rng(1)
     slip = np.array([0.1, 0.2, 0.3, 0.4])
     power = 0.05 * (slip / 0.27) ** -2.0
-    error = claims.slip_at_convergence(slip, power, 0.02 * power)[1]
+    error = slip_at_convergence(slip, power, 0.02 * power)[1]
     drawn = [
-        claims.slip_at_convergence(slip, power * np.exp(0.02 * e), power)[0]
+        slip_at_convergence(slip, power * np.exp(0.02 * e), power)[0]
         for e in random.normal(size=(2000, 4))
     ]
     assert np.std(drawn) == pytest.approx(error, rel=0.1)
 
 
-@pytest.mark.parametrize("scatter", [claims.standard_deviation, claims.robust_deviation])
+@pytest.mark.parametrize("scatter", [standard_deviation, robust_deviation])
 def test_scatter_of_half_the_size_is_seen_in_every_rail(scatter):
     random = np.random.default_rng(2)
     wide = random.normal(size=(400, 6)) * np.array([1.0, 1.0, 10.0, 10.0, 100.0, 100.0])
     narrow = 0.5 * random.normal(size=wide.shape) * np.array([1.0, 1.0, 10.0, 10.0, 100.0, 100.0])
     groups = [[0, 1], [2, 3], [4, 5]]
-    ratio, error = claims.scatter_ratio(narrow, wide, groups, scatter, random)
+    ratio, error = scatter_ratio(narrow, wide, groups, scatter, random)
     assert abs(ratio - 0.5) < 3 * error < 0.1
-    assert claims.scatter_ratio(wide, wide, groups, scatter, random) == (1.0, 0.0)
+    assert scatter_ratio(wide, wide, groups, scatter, random) == (1.0, 0.0)
 
 
 def test_medians_count_searches_that_never_arrive():
@@ -113,11 +138,11 @@ def test_medians_count_searches_that_never_arrive():
     quick = np.full((50, 2), 40.0)
     slow = np.where(np.arange(50)[:, None] < 5, np.inf, 80.0) * np.ones((1, 2))
     lost = np.where(np.arange(50)[:, None] < 40, np.inf, 80.0) * np.ones((1, 2))
-    assert claims.median_ratio(slow, quick, random) == (2.0, 0.0)
-    assert claims.median_ratio(lost, quick, random)[0] == np.inf
-    assert claims.median_with_error(lost, random)[0] == np.inf
+    assert median_ratio(slow, quick, random) == (2.0, 0.0)
+    assert median_ratio(lost, quick, random)[0] == np.inf
+    assert median_with_error(lost, random)[0] == np.inf
     panels = {("random start", "steady"): {"without Eq. 17": quick, "with Eq. 17": lost}}
-    speed, accuracy = claims.generation_claims(panels, random)
+    speed, accuracy = generation_claims(panels, random)
     assert speed.verdict == accuracy.verdict == "not reproduced"
     assert accuracy.ours == pytest.approx(80)
 
@@ -141,7 +166,7 @@ def estimates(gap_of_modified):
         for place, quantity in enumerate(("c1", "c2", "c3", "mu_max", "slip_opt")):
             rows[quantity] = 100 * rows["run"] + 10 * rows["block"] + place
         frames.append(rows)
-    return claims.as_blocks(pd.concat(frames, ignore_index=True), scenario)
+    return as_blocks(pd.concat(frames, ignore_index=True), scenario)
 
 
 def test_blocks_are_split_into_switches_and_steady_running():
@@ -166,7 +191,7 @@ def test_tracking_is_faster_only_where_delay_and_failures_are_fewer():
                 "failure_share_se": 0.01,
             }
             for name, delay, failure in zip(
-                ("ml-exact", "ml-de", *claims._VARIANTS), delays, failures, strict=True
+                ("ml-exact", "ml-de", *VARIANTS), delays, failures, strict=True
             )
             for _ in range(2)
         ]
@@ -176,7 +201,7 @@ def test_tracking_is_faster_only_where_delay_and_failures_are_fewer():
         "summary": table([0.0, 0.5, 0.9, 0.49, 0.1], [np.nan] * 5),
         "switches": table([0.0] * 5, [0.0, 0.3, 0.9, 0.29, 0.1]),
     }
-    found = claims.tracking_claims(tables)
+    found = tracking_claims(tables)
     assert [claim.verdict for claim in found] == 2 * [
         "not reproduced",
         "not reproduced",
@@ -218,9 +243,7 @@ def test_generations_are_those_of_a_loop_over_the_population():
     @jax.vmap
     def counted(key, target):
         population, search_key = bowl_search(key)
-        return claims.generations_needed(
-            bowl, target, population, LOWER, UPPER, search_key, SETTINGS
-        )
+        return generations_needed(bowl, target, population, LOWER, UPPER, search_key, SETTINGS)
 
     @jax.jit
     def step(state, seed):
@@ -240,20 +263,20 @@ def test_generations_are_those_of_a_loop_over_the_population():
 
 
 def test_eq17_is_small_in_steady_running_and_large_after_a_switch():
-    assert float(claims.scale_factor(ml_de, jnp.asarray(0.4))) == 0.5
+    assert float(ml_de.scale_factor(jnp.asarray(0.4))) == 0.5
     for innovation in (0.008, 0.4):
         expected = 0.3 + 0.8 / (1 + np.exp(-10 * innovation + 2))
-        found = float(claims.scale_factor(ml_de_eq17, jnp.asarray(innovation)))
+        found = float(ml_de_eq17.scale_factor(jnp.asarray(innovation)))
         assert found == pytest.approx(expected)
-    assert float(claims.scale_factor(ml_de_eq17, jnp.asarray(0.008))) < 0.5
+    assert float(ml_de_eq17.scale_factor(jnp.asarray(0.008))) < 0.5
 
 
 def test_with_and_without_eq17_are_counted_on_the_same_start():
     scenario = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
-    needed = claims.count_generations(scenario, 0, 40, lambda _: None)
+    needed = count_generations(scenario, 0, 40, lambda _: None)
     assert needed.shape == (40, 5, 2, 2)
     assert np.all((needed >= 1) & ((needed <= GENERATIONS) | np.isinf(needed)))
-    panels = claims.generation_panels(needed, scenario.rails)
+    panels = generation_panels(needed, scenario.rails)
     steady = panels["random start", "steady running"]
     switch = panels["random start", "after a switch"]
     assert steady["with Eq. 17"].shape == (40, 3)
@@ -271,11 +294,11 @@ def test_with_and_without_eq17_are_counted_on_the_same_start():
 @functools.cache
 def sized():
     scenario = build_scenario(Config("single"))
-    return claims.consistency_table(scenario, 0, 384, lambda _: None, (125, 500, 2000))
+    return consistency_table(scenario, 0, 384, lambda _: None, (125, 500, 2000))
 
 
 def test_rmse_falls_as_the_root_of_the_number_of_points():
-    for claim in claims.consistency_claims(sized()):
+    for claim in consistency_claims(sized()):
         assert abs(claim.ours + 0.5) < 3 * claim.ours_error < 0.1
         assert claim.verdict == "reproduced"
 
@@ -296,10 +319,8 @@ def test_bound_of_a_padded_block_is_that_of_the_block_alone():
 
 def test_table_is_written_with_its_columns_and_printed_aligned(tmp_path):
     rows = [
-        report.Claim("He et al. 2018", "short", 0.1, 0.03, 0.001, "slip (1)", "reproduced", "A."),
-        report.Claim(
-            "He et al. 2018", "much longer", np.nan, np.inf, 0.0, "1", "not reproduced", "B."
-        ),
+        Claim("He et al. 2018", "short", 0.1, 0.03, 0.001, "slip (1)", "reproduced", "A."),
+        Claim("He et al. 2018", "much longer", np.nan, np.inf, 0.0, "1", "not reproduced", "B."),
     ]
     table = report.claims_table(rows)
     write_table(tmp_path / "claims.csv", table)
@@ -313,7 +334,7 @@ def test_table_is_written_with_its_columns_and_printed_aligned(tmp_path):
 
 
 def test_figures_are_drawn(tmp_path):
-    report.consistency(tmp_path / "c.png", sized(), claims.consistency_fits(sized()))
+    report.consistency(tmp_path / "c.png", sized(), consistency_fits(sized()))
     counts = np.array([[10.0, 20.0], [np.inf, 30.0]])
     panels = {("random", "steady"): {"without": counts, "with": np.full((2, 2), np.inf)}}
     report.generations(tmp_path / "g.png", panels, GENERATIONS, "at the optimum")

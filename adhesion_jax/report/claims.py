@@ -1,8 +1,7 @@
-"""Published claims beside what was computed here: rows, verdicts, figures."""
+"""Published claims beside what was computed here: the table and the figures."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -10,71 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import NDArray
 
+from adhesion_jax.claims.claim import Claim
+from adhesion_jax.claims.he2018_consistency import Fit
 from adhesion_jax.report.figures import LABELS
 from adhesion_jax.report.style import line_styles
 
 Array = NDArray[np.float64]
-
-REPRODUCED = "reproduced"
-NOT_REPRODUCED = "not reproduced"
-CANNOT_BE_CHECKED = "cannot be checked"
-
-#: Two numbers differ when they are further apart than this many Monte Carlo standard errors.
-STANDARD_ERRORS = 3.0
-
-
-class Claim(NamedTuple):
-    """One row of the table; the paper's number is not a number where it prints none."""
-
-    paper: str
-    claim: str
-    paper_number: float
-    ours: float
-    ours_error: float  # Monte Carlo standard error
-    unit: str
-    verdict: str
-    remark: str
-
-
-class Fit(NamedTuple):
-    """A power law fitted to RMSE against the number of points."""
-
-    slope: float
-    slope_error: float
-    intercept: float
-
-
-def verdict_below(ours: float, error: float, limit: float) -> str:
-    """Whether a number is below a limit by more than `STANDARD_ERRORS` of its errors.
-
-    A claim of an effect that is not seen counts as not reproduced. Without a number or without
-    its error nothing is said; infinity ("never") is a number.
-    """
-    if np.isnan(ours) or not np.isfinite(error):
-        return CANNOT_BE_CHECKED
-    return REPRODUCED if ours + STANDARD_ERRORS * error < limit else NOT_REPRODUCED
-
-
-def verdict_equal(ours: float, error: float, expected: float) -> str:
-    """Whether a number agrees with the expected one within `STANDARD_ERRORS` of its errors."""
-    if not (np.isfinite(ours) and np.isfinite(error)):
-        return CANNOT_BE_CHECKED
-    agrees = abs(ours - expected) <= STANDARD_ERRORS * error
-    return REPRODUCED if agrees else NOT_REPRODUCED
-
-
-def power_law(points: Array, rmse: Array, rmse_error: Array) -> Fit:
-    """The line log RMSE = intercept + slope log n by least squares.
-
-    Weighted with the errors of log RMSE. The RMSEs are independent of each other, so the slope's
-    error follows from theirs alone.
-    """
-    weight = (rmse / rmse_error) ** 2
-    x, y = np.log(points), np.log(rmse)
-    x_mean, y_mean = np.average(x, weights=weight), np.average(y, weights=weight)
-    spread = np.sum(weight * (x - x_mean) ** 2)
-    slope = np.sum(weight * (x - x_mean) * (y - y_mean)) / spread
-    return Fit(float(slope), float(spread**-0.5), float(y_mean - slope * x_mean))
 
 
 def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:

@@ -1,0 +1,1 @@
+"""What published papers claim, held against what can be computed."""

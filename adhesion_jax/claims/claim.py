@@ -1,0 +1,46 @@
+"""A claim of a paper beside the number computed here, and the rule of its verdict."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+HE2018 = "He et al. 2018"
+
+REPRODUCED = "reproduced"
+NOT_REPRODUCED = "not reproduced"
+CANNOT_BE_CHECKED = "cannot be checked"
+
+#: Two numbers differ when they are further apart than this many Monte Carlo standard errors.
+STANDARD_ERRORS = 3.0
+
+
+class Claim(NamedTuple):
+    """One row of the table; the paper's number is not a number where it prints none."""
+
+    paper: str
+    claim: str
+    paper_number: float
+    ours: float
+    ours_error: float  # Monte Carlo standard error
+    unit: str
+    verdict: str
+    remark: str
+
+
+def verdict_below(ours: float, error: float, limit: float) -> str:
+    """Whether a number is below a limit by more than `STANDARD_ERRORS` of its errors.
+
+    A claim of an effect that is not seen counts as not reproduced. Without a number or without
+    its error nothing is said; infinity ("never") is a number.
+    """
+    if np.isnan(ours) or not np.isfinite(error):
+        return CANNOT_BE_CHECKED
+    return REPRODUCED if ours + STANDARD_ERRORS * error < limit else NOT_REPRODUCED
+
+
+def verdict_equal(ours: float, error: float, expected: float) -> str:
+    """Whether a number agrees with the expected one within `STANDARD_ERRORS` of its errors."""
+    if not (np.isfinite(ours) and np.isfinite(error)):
+        return CANNOT_BE_CHECKED
+    agrees = abs(ours - expected) <= STANDARD_ERRORS * error
+    return REPRODUCED if agrees else NOT_REPRODUCED
