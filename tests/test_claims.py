@@ -225,8 +225,9 @@ def bowl(x):
 def bowl_search(key):
     population_key, search_key = jax.random.split(key)
     centre = 0.5 * (LOWER + UPPER)
+    share, radius, reflect = map(jnp.asarray, (0.0, 0.1, False))
     population = de.local_plus_uniform(
-        population_key, centre, LOWER, UPPER, jnp.asarray(0.0), jnp.asarray(0.1), 20
+        population_key, centre, LOWER, UPPER, share, radius, reflect, 20
     )
     return population, search_key
 

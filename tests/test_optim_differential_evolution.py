@@ -41,10 +41,10 @@ def sum_of_squares(x):
 
 
 def uniform_population(key):
-    share, radius = jnp.asarray(0.0), jnp.asarray(0.1)
+    share, radius, reflect = map(jnp.asarray, (0.0, 0.1, False))
     centre = jnp.asarray(0.5 * (LOWER + UPPER))
     return local_plus_uniform(
-        key, centre, jnp.asarray(LOWER), jnp.asarray(UPPER), share, radius, MEMBERS
+        key, centre, jnp.asarray(LOWER), jnp.asarray(UPPER), share, radius, reflect, MEMBERS
     )
 
 
@@ -340,7 +340,7 @@ def test_the_initial_population_is_local_and_uniform_in_the_shares_asked_for(sha
     keys = jax.random.split(jax.random.key(8), 400)
     drawn = jax.vmap(
         lambda key: local_plus_uniform(
-            key, *map(jnp.asarray, (centre, LOWER, UPPER, share, 0.05)), MEMBERS
+            key, *map(jnp.asarray, (centre, LOWER, UPPER, share, 0.05, False)), MEMBERS
         )
     )(keys)
     x = (np.asarray(drawn) - LOWER[:, None]) / (UPPER - LOWER)[:, None]  # [runs, p, members]
@@ -358,11 +358,15 @@ def test_the_initial_population_is_local_and_uniform_in_the_shares_asked_for(sha
     assert np.all(np.abs(correlation) < 4.5 / np.sqrt(flat.shape[1]))
 
 
-def test_local_members_around_a_centre_on_the_bound_are_mirrored_into_the_box():
+@pytest.mark.parametrize("reflect", [True, False])
+def test_local_members_around_a_centre_on_the_bound_are_brought_into_the_box(reflect):
     drawn = jax.vmap(
         lambda key: local_plus_uniform(
-            key, *map(jnp.asarray, (LOWER, LOWER, UPPER, 1.0, 0.1)), MEMBERS
+            key, *map(jnp.asarray, (LOWER, LOWER, UPPER, 1.0, 0.1, reflect)), MEMBERS
         )
     )(jax.random.split(jax.random.key(9), 200))
-    x = (np.asarray(drawn)[:, 1] - LOWER[1]) / (UPPER[1] - LOWER[1])
-    assert stats.kstest(x.ravel(), "halfnorm", (0.0, 0.1)).pvalue > LEAST_P
+    x = (np.asarray(drawn)[:, 1].ravel() - LOWER[1]) / (UPPER[1] - LOWER[1])
+    assert x.min() >= 0
+    if not reflect:  # clipped: half of them end on the bound itself
+        assert np.mean(x == 0) == pytest.approx(0.5, abs=4.5 * 0.5 / np.sqrt(x.size))
+    assert stats.kstest(x[x > 0], "halfnorm", (0.0, 0.1)).pvalue > LEAST_P

@@ -105,6 +105,7 @@ def generations_of_run(
                 known.upper,
                 share,
                 ml_de_eq16.radius,
+                ml_de_eq16.reflect,
                 POPULATION,
             )
             return jax.vmap(

@@ -43,9 +43,9 @@ class Burckhardt(Curve):
         return self.c1 * jnp.sign(slip) * rise - self.c3 * slip
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        # The ratio is kept away from zero and infinity for c3 = 0; the clip below then answers.
-        ratio = jnp.clip(self.c1 * self.c2 / jnp.maximum(self.c3, 1e-300), 1e-300, 1e300)
-        stationary = jnp.log(ratio) / self.c2
+        # Kept from zero, so that value and derivative stay finite; the clip below then answers.
+        rise, fall = jnp.maximum(self.c1 * self.c2, 1e-300), jnp.maximum(self.c3, 1e-300)
+        stationary = (jnp.log(rise) - jnp.log(fall)) / self.c2
         slip = jnp.clip(stationary, 0.0, slip_limit)
         found = (stationary > 0) & (stationary <= slip_limit)
         return Peak(slip, self(slip, conditions), found)

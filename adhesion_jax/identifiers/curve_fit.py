@@ -1,5 +1,6 @@
 """From the parameters a batch method found to its Estimate: the part all batch methods share."""
 
+from collections import OrderedDict
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -104,5 +105,6 @@ def to_estimate(state: FitState) -> Estimate:
         ],
         Status.TRUSTED.value,
     )
-    named = dict(zip(quantity_names(curve), quantities(curve), strict=True))
+    # A plain dict would come out of a compiled function with its names sorted.
+    named = OrderedDict(zip(quantity_names(curve), quantities(curve), strict=True))
     return Estimate(named, covariance, status, fit.objective, fit.evaluations)

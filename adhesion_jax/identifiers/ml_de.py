@@ -66,6 +66,7 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
             known.upper,
             self.local_share,
             self.radius,
+            self.reflect,
             POPULATION,
         )
         found = de.minimise(

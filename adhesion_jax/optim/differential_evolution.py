@@ -47,18 +47,19 @@ def local_plus_uniform(
     upper: Float[Array, " p"],
     local_share: Float[Array, ""],
     radius: Float[Array, ""],
+    reflect: Bool[Array, ""],
     members: int,
 ) -> Float[Array, "p members"]:
     """An initial population: the first `local_share` of it around `centre`, the rest uniform.
 
-    Local members are x_j = centre_j + radius (upper_j - lower_j) N(0, 1), mirrored into the box
-    (He et al. 2018, Eq. 16, with the scale for each parameter that the equation lacks).
+    Local members are x_j = centre_j + radius (upper_j - lower_j) N(0, 1), brought into the box
+    like a trial (He et al. 2018, Eq. 16, with the scale for each parameter that it lacks).
     """
     local_key, uniform_key = jax.random.split(key)
     shape = (len(lower), members)
     width = (upper - lower)[:, None]
     local = centre[:, None] + radius * width * jax.random.normal(local_key, shape)
-    local = _mirror(local, lower[:, None], upper[:, None])
+    local = _into_box(local, lower[:, None], upper[:, None], reflect)
     uniform = lower[:, None] + width * jax.random.uniform(uniform_key, shape)
     return jnp.where(jnp.arange(members) < local_share * members, local, uniform)
 
@@ -85,9 +86,7 @@ def update(
     def trial(axis: int) -> Float[Array, " members"]:
         x = state.population[axis]
         mutant = x[first] + settings.scale * (x[second] - x[third])
-        mirrored = _mirror(mutant, lower[axis], upper[axis])
-        clipped = jnp.clip(mutant, lower[axis], upper[axis])
-        mutant = jnp.where(settings.reflect, mirrored, clipped)
+        mutant = _into_box(mutant, lower[axis], upper[axis], settings.reflect)
         lot = as_uniform(counter_bits(seed, state.generation, 5 + axis, members))
         return jnp.where((lot < settings.crossover) | (forced == axis), mutant, x)
 
@@ -136,11 +135,11 @@ def minimise(
     )
 
 
-def _mirror(x: Array, lower: Array, upper: Array) -> Array:
-    """Reflect at the bounds; a step longer than the box is cut at the bound it then meets."""
-    x = jnp.where(x < lower, 2 * lower - x, x)
-    x = jnp.where(x > upper, 2 * upper - x, x)
-    return jnp.clip(x, lower, upper)
+def _into_box(x: Array, lower: Array, upper: Array, reflect: Bool[Array, ""]) -> Array:
+    """Clipped, or mirrored at the bounds; then a step longer than the box is cut where it ends."""
+    mirrored = jnp.where(x < lower, 2 * lower - x, x)
+    mirrored = jnp.where(mirrored > upper, 2 * upper - mirrored, mirrored)
+    return jnp.clip(jnp.where(reflect, mirrored, x), lower, upper)
 
 
 def _three_others(
