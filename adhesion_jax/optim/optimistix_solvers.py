@@ -19,8 +19,9 @@ def levenberg_marquardt(
     upper: Float[Array, " p"],
     max_steps: int,
 ) -> Result:
-    """Optimistix's Levenberg-Marquardt."""
-    solver: Any = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL)
+    """Optimistix's Levenberg-Marquardt, with a Cholesky solve of the normal equations."""
+    linear = lineax.Normal(lineax.Cholesky())
+    solver: Any = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
     return _solve(solver, residual, start, lower, upper, max_steps)
 
 
