@@ -24,10 +24,10 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "ml-de-eq17": ml_de_eq17,
     "ml-de-he2018": ml_de_he2018,
     "ml-de-robust": ml_de_robust,
-    "lm-jaxopt": GradientLeastSquares(jaxopt_solvers.levenberg_marquardt),
-    "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton),
-    "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt),
-    "gn-optimistix": GradientLeastSquares(optimistix_solvers.gauss_newton),
+    "lm-jaxopt": GradientLeastSquares(jaxopt_solvers.levenberg_marquardt, steps=50),
+    "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton, steps=30),
+    "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt, steps=50),
+    "gn-optimistix": GradientLeastSquares(optimistix_solvers.gauss_newton, steps=30),
 }
 
 #: Variants that explain a published method; they run only when named.

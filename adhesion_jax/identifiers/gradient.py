@@ -9,9 +9,6 @@ from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, sta
 from adhesion_jax.optim.least_squares import Solver
 from adhesion_jax.scenarios import Known, Record, Scenario
 
-#: A batch waits for its slowest run.
-_STEPS = 50
-
 
 class GradientLeastSquares(Identifier):
     """Any curve, by the solver given: from the box centre, on later blocks from the last estimate.
@@ -20,6 +17,7 @@ class GradientLeastSquares(Identifier):
     """
 
     solver: Solver = eqx.field(static=True)
+    steps: int = eqx.field(static=True)  # at most; a batch waits for its slowest run
 
     def accepts(self, scenario: Scenario) -> str | None:
         return None
@@ -35,7 +33,7 @@ class GradientLeastSquares(Identifier):
             jnp.where(previous.converged, previous.parameters, centre),
             known.lower,
             known.upper,
-            _STEPS,
+            self.steps,
         )
         fit = evaluate(known, record, previous, found.x, found.evaluations, found.converged)
         return state._replace(fit=fit)
