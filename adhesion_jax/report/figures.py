@@ -75,8 +75,24 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
     columns block and quantities.
     """
     shown = ["c1", "c2", "c3", "mu_max"]
-    figure = Figure(figsize=(2.4 * len(names) + 1.2, 10), layout="constrained")
-    axes = figure.subplots(len(shown) + 1, len(names), sharex=True, sharey="row", squeeze=False)
+    width, height = 2.4 * len(names) + 1.2, 10.0
+    figure = Figure(figsize=(width, height))
+    # Margins in inches: a layout engine takes longer over forty panels than to draw them.
+    axes = figure.subplots(
+        len(shown) + 1,
+        len(names),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
+        gridspec_kw={
+            "left": 0.8 / width,
+            "right": 1 - 0.1 / width,
+            "bottom": 0.5 / height,
+            "top": 1 - 0.35 / height,
+            "wspace": 0.06,
+            "hspace": 0.08,
+        },
+    )
     block, peak = truth["block"].to_numpy(), truth["mu_max"].to_numpy()
     for name, column in zip(names, axes.T, strict=True):
         table = estimates(name, ["block", *shown]).groupby("block")
@@ -91,7 +107,8 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
         column[0].set_title(name, fontsize=10)
         column[-1].set_xlabel("block (1)")
         column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    labels = [*(LABELS[quantity] for quantity in shown), r"error of $\mu_{max}$ (%)"]
+    short = {**LABELS, "mu_max": r"$\mu_{max}$ (1)"}
+    labels = [*(short[quantity] for quantity in shown), r"error of $\mu_{max}$ (%)"]
     for label, axis in zip(labels, axes[:, 0], strict=True):
         axis.set_ylabel(label)
     axes[0, 0].legend(fontsize=7, loc="upper right")
