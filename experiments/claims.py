@@ -57,7 +57,8 @@ def main(runs: int, seed: int, out: Path) -> None:
     experiment_1, experiment_2 = configs(runs, seed)
     pairs = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
     steps = sum(map(progress_steps, (experiment_1, experiment_2))) + 2 * tile_count(runs)
-    with staged(directory) as stage:
+    own = ("claims.csv", "claims_generations.png", "claims_consistency.png")
+    with staged(directory, own) as stage:
         with tqdm(total=steps, unit="tile") as bar:
 
             def stage_of(words: str) -> Callable[[str], None]:

@@ -57,7 +57,7 @@ def main(file: str, curve: str, out: Path) -> None:
     }
     citation = shipped.citation if shipped else ""
     words = verdict(measured._replace(name=file), citation, fits, not_fitted, residuals[best])
-    with staged(out) as stage:
+    with staged(out, ("curves.csv", "verdict.txt", "curves.png")) as stage:
         write_table(stage / "curves.csv", curve_rows(fits, not_fitted))
         (stage / "verdict.txt").write_text(words + "\n")
         draw_measured(stage / "curves.png", Path(file).name, fits, residuals)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
+import jax
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
@@ -41,6 +42,12 @@ def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
         click.echo(f"  {name}{'  (runs when named)' if name in ABLATIONS else ''}")
     click.echo(f"rails\n  {', '.join(RAILS)}")
     context.exit()
+
+
+OWN_FILES = (
+    *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", "metadata.json"),
+    *("histogram_mu_max.png", "tracking.png", "convergence.png"),
+)
 
 
 @click.command()
@@ -98,7 +105,7 @@ def main(
     names = choose_identifiers(config, built)
     directory = output_directory(out)
     began = time.perf_counter()
-    with staged(directory) as stage:
+    with staged(directory, OWN_FILES) as stage:
         writer = EstimateWriter(stage / "runs.parquet")
         with tqdm(total=progress_steps(config), desc="compiling", unit="tile") as bar:
 
@@ -113,6 +120,7 @@ def main(
         _draw(stage, built, names, campaign.tables)
         metadata = {
             "config": dataclasses.asdict(config),
+            "in_force": _in_force(built),
             "identifiers": names,
             "seed": seed,
             "statuses": {status.name.lower(): status.sentence for status in Status},
@@ -126,6 +134,18 @@ def main(
         click.echo(f"\n{name}: mu_max over {runs} runs of {scenario}")
         click.echo(accuracy_table(table))
     click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+
+
+def _in_force(scenario: Scenario) -> dict[str, object]:
+    """What the options and the scenario's own defaults come to."""
+    slip = scenario.draw(jax.random.key(0)).slip
+    return {
+        "rails": scenario.rails,
+        "sigma": scenario.sigma,
+        "outliers": scenario.outliers,
+        "points": slip.shape[-1],
+        "slip_max": float(slip.max()),
+    }
 
 
 def _draw(

@@ -62,7 +62,7 @@ def main(repeats: int, seed: int, out: Path) -> None:
             "compile_seconds": list(compile_seconds.values()),
         }
     )
-    with staged(directory) as stage:
+    with staged(directory, ("speed.csv", "speed.png")) as stage:
         write_table(stage / "speed.csv", table)
         speed_bars(stage / "speed.png", table)
     click.echo(table.to_string(index=False, float_format=lambda x: f"{x:,.4g}"))

@@ -1,6 +1,7 @@
 """The campaign: seeds, tiles, metrics, tables."""
 
 import dataclasses
+import errno
 
 import jax
 import jax.numpy as jnp
@@ -89,6 +90,7 @@ def hand_made():
         unusable=np.array([[0, 1, 0, 0], [0, 0, 0, 0]], dtype=bool),
         objective=np.array([[1.0, 1, 1, 1], [1, 1.002, 1, 1]]),
         optimum=np.ones((2, 4)),
+        optimum_on_box=np.array([[1, 0, 0, 0], [0, 0, 0, 0]], dtype=bool),
         evaluations=np.full((2, 4), 7.0),
     )
     truth = Truth(
@@ -104,7 +106,11 @@ def hand_made():
 def test_metrics_of_a_case_done_by_hand():
     outcome, truth = hand_made()
     statistics = run_statistics(outcome, truth, (0, 1), ())
-    row = table_rows(Moments.of(statistics), truth, (0, 1), 1e-3).set_index("quantity").loc["c1"]
+    row = (
+        table_rows(Moments.of(statistics), truth, (0, 1), np.array([1e-3]))
+        .set_index("quantity")
+        .loc["c1"]
+    )
     assert row["bias"] == pytest.approx((0.1 - 0.1 + 0.3 + 0.1) / 4)
     assert row["rmse"] == pytest.approx(np.sqrt((0.01 + 0.01 + 0.09 + 0.01) / 4))
     assert row["coverage95"] == pytest.approx(3 / 4)  # 0.3 is beyond 1.96 * 0.1
@@ -120,7 +126,11 @@ def test_metrics_of_a_case_done_by_hand():
 def test_efficiency_is_given_where_the_box_is_not_touched():
     outcome, truth = hand_made()
     statistics = run_statistics(outcome, truth, (2, 3), ())
-    row = table_rows(Moments.of(statistics), truth, (2, 3), 1e-3).set_index("quantity").loc["c1"]
+    row = (
+        table_rows(Moments.of(statistics), truth, (2, 3), np.array([1e-3]))
+        .set_index("quantity")
+        .loc["c1"]
+    )
     assert row["rmse_over_crlb"] == pytest.approx(np.sqrt(0.04 / 4) / 0.1)
 
 
@@ -228,9 +238,13 @@ def test_growing_sequence_has_a_row_for_every_length():
     pd.testing.assert_frame_equal(last, campaign.tables["summary"], check_exact=True)
 
 
-def test_ml_exact_reaches_the_bound_and_its_intervals_cover():
-    config = Config("single", ("ml-exact",), runs=2048)
-    campaign, _ = collect(config)
+@pytest.fixture(scope="module")
+def many():
+    return collect(Config("single", ("ml-exact",), runs=2048))
+
+
+def test_ml_exact_reaches_the_bound_and_its_intervals_cover(many):
+    campaign, _ = many
     summary = campaign.tables["summary"].set_index("quantity")
     ratio, error = summary["rmse_over_crlb"], summary["rmse_over_crlb_se"]
     assert (np.abs(ratio - 1) < 4 * error).all()
@@ -239,13 +253,41 @@ def test_ml_exact_reaches_the_bound_and_its_intervals_cover():
     assert (np.abs(summary["bias"]) < 4 * summary["bias_se"]).all()
 
 
-def test_a_planted_error_of_two_per_cent_in_mu_max_is_seen():
-    """The check above fails when the answer is wrong."""
-    outcome, truth = hand_made()
-    wrong = outcome._replace(values=outcome.values * 1.02)
-    right = table_rows(Moments.of(run_statistics(outcome, truth, (0,), ())), truth, (0,), 0.0)
-    off = table_rows(Moments.of(run_statistics(wrong, truth, (0,), ())), truth, (0,), 0.0)
-    assert off["bias"].iloc[1] - right["bias"].iloc[1] == pytest.approx(0.02 * 0.5)
+def test_a_planted_error_of_a_tenth_of_a_per_cent_in_mu_max_is_seen(many):
+    """The criteria above fail where every mu_max is that much too high."""
+    campaign, rows = many
+    truth = campaign.tables["summary"].set_index("quantity").loc["mu_max", "truth"]
+    peaks = rows["mu_max"].to_numpy()[:, None, None]
+    scenario = build_scenario(Config("single"))
+    plain = np.zeros(peaks.shape[:2])
+
+    def row(values):
+        outcome = Outcome(
+            values=values,
+            standard_errors=rows["mu_max_se"].to_numpy()[:, None, None],
+            on_box=plain.astype(bool),
+            unusable=plain.astype(bool),
+            objective=plain,
+            optimum=plain,
+            optimum_on_box=plain.astype(bool),
+            evaluations=plain,
+        )
+        about = Truth(
+            names=("mu_max",),
+            values=np.array([[truth]]),
+            bound=np.full(peaks.shape, campaign.tables["summary"]["crlb"].iloc[3]),
+            sigma=scenario.sigma,
+            degrees_of_freedom=np.array([497]),
+        )
+        moments = Moments.of(run_statistics(outcome, about, (0,), ()))
+        return table_rows(moments, about, (0,), np.zeros(1)).iloc[0]
+
+    right, wrong = row(peaks), row(peaks * 1.001)
+    assert abs(right["bias"]) < 4 * right["bias_se"]
+    assert abs(wrong["bias"]) > 4 * wrong["bias_se"]
+    assert abs(right["rmse_over_crlb"] - 1) < 4 * right["rmse_over_crlb_se"]
+    assert abs(wrong["rmse_over_crlb"] - 1) > 4 * wrong["rmse_over_crlb_se"]
+    assert abs(wrong["coverage95"] - 0.95) > 4 * wrong["coverage95_se"]
 
 
 def test_every_identifier_but_the_ablations_runs_unless_named():
@@ -270,16 +312,34 @@ def test_unknown_names_are_answered_with_the_known_ones(config, words):
 def test_staged_files_appear_together_or_not_at_all(tmp_path):
     (tmp_path / "kept.txt").write_text("other")
     (tmp_path / "table.csv").write_text("old")
+    (tmp_path / "once.csv").write_text("of an earlier job")
 
     def fail():
-        with staged(tmp_path) as stage:
+        with staged(tmp_path, ("table.csv", "once.csv")) as stage:
             (stage / "table.csv").write_text("half")
             raise RuntimeError
 
     with pytest.raises(RuntimeError):
         fail()
     assert (tmp_path / "table.csv").read_text() == "old"
-    with staged(tmp_path) as stage:
+    assert (tmp_path / "once.csv").read_text() == "of an earlier job"
+    with staged(tmp_path, ("table.csv", "once.csv")) as stage:
         (stage / "table.csv").write_text("new")
     assert (tmp_path / "table.csv").read_text() == "new"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["kept.txt", "table.csv"]
+
+
+def test_a_folder_with_the_name_of_a_file_is_refused_before_any_work(tmp_path):
+    (tmp_path / "table.csv").mkdir()
+    with (
+        pytest.raises(InputError, match="folder table"),
+        staged(tmp_path, ("table.csv", "figure.png")) as stage,
+    ):
+        (stage / "figure.png").write_text("not reached")
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
+
+
+def test_a_full_disk_is_answered_in_a_sentence(tmp_path):
+    with pytest.raises(InputError, match="No space left"), staged(tmp_path, ("table.csv",)):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert list(tmp_path.iterdir()) == []

@@ -107,7 +107,9 @@ def test_slip_at_convergence_is_where_the_rmse_last_crosses():
     dips = np.array([0.01, 0.2, 0.06, 0.01])
     assert 0.3 < slip_at_convergence(slip, dips, 0.1 * dips)[0] < 0.4
     assert slip_at_convergence(slip, dips[::-1] + 0.1, dips)[0] == np.inf
-    assert slip_at_convergence(slip, 0.01 * dips, dips)[0] == slip[0]
+    first, unknown = slip_at_convergence(slip, 0.01 * dips, dips)
+    assert first == slip[0]
+    assert np.isnan(unknown)
 
 
 def test_error_of_the_slip_at_convergence_is_that_of_repeated_draws():

@@ -1,3 +1,4 @@
+import dataclasses
 import functools
 
 import equinox as eqx
@@ -128,8 +129,27 @@ def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     assert same == (name not in EVOLUTION)  # only a random search has a randomness of its own
 
 
+@pytest.mark.parametrize("scenario_name", SCENARIOS)
 @pytest.mark.parametrize("name", IDENTIFIERS)
-def test_without_noise_the_truth_is_recovered_or_the_status_says_why_not(name):
+def test_data_without_any_noise_give_the_truth_back(name, scenario_name):
+    options = dataclasses.replace(SMALL[scenario_name], sigma=0.0)
+    scenario = SCENARIOS[scenario_name](options)
+    records, estimate = identified(IDENTIFIERS[name], scenario)
+    expected = np.array([[truth.c1, truth.c2, truth.c3] for truth in scenario.truth])
+    right = np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
+    status = np.asarray(estimate.status)
+    # Of a growing sequence the whole: the first few points hardly show c3.
+    whole = np.all(np.broadcast_to(records.mask, records.adhesion.shape), axis=-1)
+    if name not in EVOLUTION:
+        assert np.all((right | (status != Status.TRUSTED))[whole])
+    # He's variants miss the optimum in some of the searches, most of all from a start far away
+    # (Eq. 16 alone); how often is measured with the claims. Gauss-Newton has no safeguard.
+    least = 0.25 if name in EVOLUTION else 0.7 if name.startswith("gn") else 1.0
+    assert np.mean(right[whole]) >= (0.9 if name == "ml-de-robust" else least)
+
+
+@pytest.mark.parametrize("name", IDENTIFIERS)
+def test_with_hardly_any_noise_every_rail_is_recovered_or_the_status_says_why_not(name):
     recovered = []
     for rail in ("dry", "common", "wet"):
         scenario = SCENARIOS["single"](Options(rail=rail, sigma=1e-9, points=120))

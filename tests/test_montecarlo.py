@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from matplotlib.image import imread
+
+from adhesion_jax.identifiers import IDENTIFIERS
+from experiments import speed
 
 COLUMNS = [
     *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
@@ -55,6 +59,41 @@ def test_a_small_job_writes_its_files_and_leaves_others_alone(tmp_path):
         pixels = imread(tmp_path / figure)
         assert pixels.std() > 0.01  # something is drawn
         assert min(pixels.shape[:2]) > 400
+
+
+def test_a_growing_sequence_has_its_own_figure_and_what_an_earlier_job_left_is_gone(tmp_path):
+    (tmp_path / "switches.csv").write_text("of an earlier job")
+    done = command(
+        *("--scenario", "he2018-1", "--points", 100, "--runs", 4, "--out", tmp_path),
+        *("--identifiers", "ml-exact"),
+    )
+    assert done.returncode == 0, done.stderr
+    tables = {"summary.csv", "checkpoints.csv", "runs.parquet", "metadata.json"}
+    figures = {"histogram_mu_max.png", "tracking.png", "convergence.png"}
+    assert {path.name for path in tmp_path.iterdir()} == tables | figures
+    checkpoints = pd.read_csv(tmp_path / "checkpoints.csv")
+    assert checkpoints["k"].unique().tolist() == list(range(5, 101, 5))
+    assert imread(tmp_path / "convergence.png").std() > 0.01
+    in_force = json.loads((tmp_path / "metadata.json").read_text())["in_force"]
+    assert in_force["sigma"] == 0.01
+    assert in_force["slip_max"] == 0.5
+    assert in_force["points"] == 100
+
+
+def test_speed_is_told_beside_that_of_scipy(tmp_path, monkeypatch):
+    monkeypatch.setattr(speed, "IDENTIFIERS", {"ml-exact": IDENTIFIERS["ml-exact"]})
+    done = CliRunner().invoke(speed.main, ["--repeats", "2", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    table = pd.read_csv(tmp_path / "speed.csv").set_index("identifier")
+    rate = table["identifications_per_cpu_second"]
+    assert table.loc["scipy-de", "ratio_to_scipy_de"] == 1
+    assert table.loc["ml-exact", "ratio_to_scipy_de"] == pytest.approx(
+        rate["ml-exact"] / rate["scipy-de"]
+    )
+    assert (table["lowest"] <= rate).all()
+    assert (rate <= table["highest"]).all()
+    assert rate["ml-exact"] > 100 * rate["scipy-de"]
+    assert {path.name for path in tmp_path.iterdir()} == {"speed.csv", "speed.png"}
 
 
 def test_list_names_everything():

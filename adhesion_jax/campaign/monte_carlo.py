@@ -62,7 +62,7 @@ def run_campaign(
     progress: Callable[[str], None],
     workers: int = CORES,
 ) -> Campaign:
-    """Run all identifiers on all runs; what stays in memory does not grow with their number.
+    """Run all identifiers on all runs; what is kept of a run is its share in some sums.
 
     `keep` is given the estimates of each tile of runs, one row an estimate, in the order of the
     runs; `progress` the name of the identifier whenever one is done with a tile.
@@ -77,7 +77,7 @@ def run_campaign(
         for group in groups
     ]
     tally: dict[int, Moments] = {}
-    seconds = dict.fromkeys(methods, 0.0)
+    seconds: dict[str, list[float]] = {name: [] for name in methods}
     compile_seconds = dict.fromkeys(methods, 0.0)
     work = [(config, tile, name) for tile in range(_tiles(config)) for name in methods]
     with _mapped(identify_tile, work, workers) as results:
@@ -87,7 +87,7 @@ def run_campaign(
             estimates: dict[str, Estimate] = {}
             for name in methods:
                 result: TileResult = next(results)
-                seconds[name] += result.seconds
+                seconds[name].append(result.seconds / (TILE * len(scenario.rails)))
                 compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
                 estimates[name] = jax.tree.map(lambda x: x[: len(runs)], result.estimate)  # noqa: B023
                 progress(name)
@@ -96,11 +96,10 @@ def run_campaign(
             _count(tally, rows, scenario, estimates, truth)
             keep(_estimate_rows(scenario, names, estimates, runs))
 
-    identified = _tiles(config) * TILE * len(scenario.rails)
     tables = {
         table: pd.concat(
             [
-                _table_rows(config, row, tally[index], truth, seconds[row.identifier] / identified)
+                _table_rows(config, row, tally[index], truth, np.array(seconds[row.identifier]))
                 for index, row in enumerate(rows)
                 if row.table == table
             ],
@@ -175,7 +174,7 @@ def _count(
     truth: Truth,
 ) -> None:
     """Add the runs of a tile to the sums behind every row of every table."""
-    optimum = np.asarray(estimates[REFERENCE].objective)
+    optimum = estimates[REFERENCE]
     outcomes = {name: _outcome(scenario, e, optimum) for name, e in estimates.items()}
     for index, row in enumerate(rows):
         outcome = outcomes[row.identifier]
@@ -187,23 +186,31 @@ def _standard_errors(estimate: Estimate) -> np.ndarray:
     return np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1))
 
 
-def _outcome(scenario: Scenario, estimate: Estimate, optimum: np.ndarray) -> Outcome:
+def _values(estimate: Estimate) -> np.ndarray:
+    return np.stack(list(estimate.values.values()), axis=-1)
+
+
+def _on_box(scenario: Scenario, estimate: Estimate) -> np.ndarray:
     known = scenario.known
-    values = np.stack(list(estimate.values.values()), axis=-1)
-    parameters = values[..., : len(known.curve.free)]
+    parameters = _values(estimate)[..., : len(known.curve.free)]
+    return np.asarray(jnp.any(on_bound(parameters, known.lower, known.upper), axis=-1))
+
+
+def _outcome(scenario: Scenario, estimate: Estimate, optimum: Estimate) -> Outcome:
     return Outcome(
-        values=values,
+        values=_values(estimate),
         standard_errors=_standard_errors(estimate),
-        on_box=np.asarray(jnp.any(on_bound(parameters, known.lower, known.upper), axis=-1)),
+        on_box=_on_box(scenario, estimate),
         unusable=np.isin(estimate.status, _UNUSABLE),
         objective=np.asarray(estimate.objective),
-        optimum=optimum,
+        optimum=np.asarray(optimum.objective),
+        optimum_on_box=_on_box(scenario, optimum),
         evaluations=np.asarray(estimate.evaluations),
     )
 
 
 def _table_rows(
-    config: Config, row: _Row, moments: Moments, truth: Truth, seconds: float
+    config: Config, row: _Row, moments: Moments, truth: Truth, seconds: np.ndarray
 ) -> pd.DataFrame:
     table = table_rows(moments, truth, row.group.blocks, seconds)
     names: dict[str, str | int] = {

@@ -1,9 +1,10 @@
 """Where a campaign's results are kept: written whole or not at all."""
 
+import errno
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,18 +12,40 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from adhesion_jax.errors import InputError
+
+_CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+
 
 @contextmanager
-def staged(directory: Path) -> Iterator[Path]:
+def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
     """A folder to write into whose files appear in `directory` when all are complete.
 
-    Files of the same names are replaced, others are left alone. After an error nothing appears.
+    `own` are the names a command may write: what an earlier job left of them goes, other files
+    are left alone. After an error nothing changes. InputError where a folder bears one of the
+    names, or where there is no room to write.
     """
-    with tempfile.TemporaryDirectory(dir=directory, prefix=".partial-") as name:
-        stage = Path(name)
-        yield stage
-        for file in sorted(stage.iterdir()):
-            os.replace(file, directory / file.name)
+    for name in own:
+        if (directory / name).is_dir():
+            raise InputError(
+                f"--out {directory} has a folder {name} where a file of that name belongs; "
+                "move it or name another folder."
+            )
+    try:
+        with tempfile.TemporaryDirectory(dir=directory, prefix=".partial-") as folder:
+            stage = Path(folder)
+            yield stage
+            written = sorted(file.name for file in stage.iterdir())
+            for name in written:
+                os.replace(stage / name, directory / name)
+            for name in set(own) - set(written):
+                (directory / name).unlink(missing_ok=True)
+    except OSError as error:
+        if error.errno not in _CANNOT_WRITE:
+            raise
+        raise InputError(
+            f"--out {directory} cannot be written to ({error.strerror}); name a folder that can."
+        ) from None
 
 
 class EstimateWriter:

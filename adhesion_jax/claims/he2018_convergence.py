@@ -24,11 +24,12 @@ def slip_at_convergence(slip: Numbers, rmse: Numbers, rmse_error: Numbers) -> tu
     """The slip from which a relative RMSE stays within `CONVERGED`, and its standard error.
 
     RMSE is taken as a power of the slip between two checkpoints. Infinite where it is still
-    larger at the end; the first checkpoint where it never is.
+    larger at the end. Where it never is, the first checkpoint, without an error: the crossing
+    may lie anywhere before.
     """
     above = np.flatnonzero(~(rmse <= CONVERGED))
     if above.size == 0:
-        return float(slip[0]), 0.0
+        return float(slip[0]), float("nan")
     i = int(above[-1])
     if i == len(slip) - 1:
         return float("inf"), 0.0
@@ -60,6 +61,7 @@ def convergence_claims(config: Config, progress: Callable[[str], None]) -> list[
         reached, reached_error = slip_at_convergence(
             ours.index.to_numpy(), relative["ml-de"].to_numpy(), error.to_numpy()
         )
+        censored = bool(np.isnan(reached_error))
         exact_reached, _ = slip_at_convergence(
             exact.index.to_numpy(),
             relative["ml-exact"].to_numpy(),
@@ -78,8 +80,9 @@ def convergence_claims(config: Config, progress: Callable[[str], None]) -> list[
                 reached,
                 reached_error,
                 "slip (1)",
-                verdict_below(reached, reached_error, by),
-                f"The exact optimum is there from slip {exact_reached:.3g} (first estimate at "
+                verdict_below(reached, float(np.nan_to_num(reached_error)), by),
+                ("It is so at the first estimate, and may be so before. " if censored else "")
+                + f"The exact optimum is there from slip {exact_reached:.3g} (first estimate at "
                 f"{slips[0]:.3g}); the noise is read as sigma = {scenario.sigma:g}, "
                 f"for with variance {scenario.sigma:g} the bound on an unbiased estimate would "
                 f"still be {bound * scenario.sigma**-0.5:.2g} % at slip {by:g}.",

@@ -40,10 +40,10 @@ def read_table(path: Path) -> pd.DataFrame:
 def _parquet(path: Path, content: bytes) -> pd.DataFrame:
     try:
         table = pyarrow.parquet.read_table(pyarrow.BufferReader(content))
+        cells = table.to_pandas(ignore_metadata=True)
     except (pyarrow.ArrowException, OSError):
         raise InputError(f"{path} is not a whole parquet file; write it anew.") from None
     _refuse_duplicates(path, table.column_names)
-    cells = table.to_pandas(ignore_metadata=True)
     return cells.set_axis(range(1, len(cells) + 1))
 
 

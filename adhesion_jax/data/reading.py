@@ -135,6 +135,8 @@ def _useless(table: pd.DataFrame) -> Sequence[str]:
             f"column {slip.name} has only {different} different sizes of slip "
             f"(a curve needs at least {_POINTS // 2})"
         ]
+    if (table["adhesion"] == 0).all():
+        return ["column adhesion is 0 in every row (there is no curve in that)"]
     if (slip * table["adhesion"]).sum() <= 0:
         return [
             f"column adhesion is mostly of the other sign than {slip.name} "

@@ -16,14 +16,14 @@ _MISSING = ("", "-", "na", "n/a", "nan", "nat", "none", "null", "<na>")
 def numbers(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """The columns as numbers, NaN where a cell is none, and the names of those left out.
 
-    A column the project does not know is kept where every cell is a finite number. Labels stay
-    as they are.
+    A column the project does not know is kept where every cell is a finite number. Labels become
+    text.
     """
     kept: dict[str, pd.Series] = {}
     left_out: list[str] = []
     for name in cells.columns.astype(str):
         if name in LABELS:
-            kept[name] = cells[name]
+            kept[name] = cells[name].astype(str)
             continue
         number = _as_numbers(cells[name])
         if name in COLUMNS or np.isfinite(number).all():

@@ -43,6 +43,9 @@ _NO_INFLUENCE = 1e-7
 #: A fit has converged where the step that is left is below this share of the standard errors.
 _STEP_LEFT = 1e-3
 
+#: A residual below this share of the adhesion is the rounding of numbers, not noise.
+EXACT = 1e-10
+
 
 class MeasuredFit(NamedTuple):
     """The least squares fit of one curve, and what the record says about it.
@@ -88,7 +91,10 @@ class MeasuredFit(NamedTuple):
         Schwarz 1978, Ann. Statist. 6:461-464, less the constants that all curves share.
         """
         size = self.parameters.size + 1
-        return float(2 * self.points * np.log(self.rms) + size * np.log(self.points))
+        return float(
+            2 * self.points * np.log(max(self.rms, np.finfo(float).tiny))
+            + size * np.log(self.points)
+        )
 
     @property
     def quantile(self) -> float:
@@ -268,13 +274,16 @@ def _fit(
         return jnp.stack([peak.slip, peak.adhesion])
 
     peak = with_free_values(curve, parameters).peak(medians, slip_limit)
-    by_parameter = jax.jacfwd(peak_values)(parameters)
+    # Of a parameter that is held the derivative is not asked for: it may not be a number.
+    by_parameter = jnp.where(free, jax.jacfwd(peak_values)(parameters), 0.0)
     peak_se = jnp.sqrt(jnp.diagonal(by_parameter @ covariance @ by_parameter.T))
     # At the end of the range the slip of the largest adhesion is not an estimate.
     peak_se = jnp.stack([jnp.where(peak.found, peak_se[0], jnp.nan), peak_se[1]])
     # Gauss-Newton's next step, squared and in standard errors: g' C g / s^4 with g = J'e.
     gradient = sensitivity.T @ misfit(parameters) / variance
     converged = gradient @ of_share @ gradient <= _STEP_LEFT**2
+    # Points that lie on the curve to rounding leave no noise to measure the step by.
+    converged = converged | (sum_of_squares <= EXACT**2 * jnp.sum(adhesion**2))
     return parameters, covariance, bound, unfelt, sum_of_squares, peak, peak_se, converged
 
 

@@ -34,6 +34,7 @@ class Outcome(NamedTuple):
     unusable: NDArray[np.bool_]  # no peak, inadmissible or not finite
     objective: Array
     optimum: Array  # the objective of the exact maximum likelihood on the same data
+    optimum_on_box: NDArray[np.bool_]  # whether that lies on the box
     evaluations: Array
 
 
@@ -68,6 +69,7 @@ def run_statistics(
         "squared_bound": (truth.bound[:, b] ** 2).mean(axis=1),
         "covered": (np.abs(error) <= half_width).mean(axis=1),
         "on_box": outcome.on_box[:, b].mean(axis=1),
+        "optimum_on_box": outcome.optimum_on_box[:, b].mean(axis=1),
         "failed": failed.mean(axis=1),
         "evaluations": outcome.evaluations[:, b].mean(axis=1),
     }
@@ -85,14 +87,19 @@ def _delay(outcome: Outcome, truth: Truth, blocks: list[int]) -> Array:
 
 
 def table_rows(
-    moments: Moments, truth: Truth, blocks: tuple[int, ...], seconds: float
+    moments: Moments, truth: Truth, blocks: tuple[int, ...], seconds: Array
 ) -> pd.DataFrame:
-    """One row a quantity, absolute and in the quantity's unit."""
+    """One row a quantity, absolute and in the quantity's unit.
+
+    `seconds` are those of one identification, once for each part of the runs.
+    """
     rmse = np.sqrt(moments.mean("squared_error"))
     rmse_se = moments.standard_error("squared_error") / (2 * np.where(rmse > 0, rmse, np.nan))
     bound = np.sqrt(moments.mean("squared_bound"))
     share = float(moments.mean("on_box"))
-    comparable = (bound > 0) & (share <= _BOX_SHARE)
+    # A solver may stop short of the box where the optimum lies on it: it is truncated all the same.
+    truncated = max(share, float(moments.mean("optimum_on_box")))
+    comparable = (bound > 0) & (truncated <= _BOX_SHARE)
     with np.errstate(divide="ignore", invalid="ignore"):
         efficiency = np.where(comparable, rmse / bound, np.nan)
         efficiency_se = np.where(comparable, rmse_se / bound, np.nan)
@@ -117,7 +124,10 @@ def table_rows(
             "delay_blocks": float(moments.mean("delay")) if tracked else np.nan,
             "delay_blocks_se": float(moments.standard_error("delay")) if tracked else np.nan,
             "runs": moments.runs,
-            "seconds_per_identification": seconds,
+            "seconds_per_identification": np.mean(seconds),
+            "seconds_per_identification_se": (
+                np.std(seconds, ddof=1) / np.sqrt(len(seconds)) if len(seconds) > 1 else np.nan
+            ),
             "evaluations": float(moments.mean("evaluations")),
             "evaluations_se": float(moments.standard_error("evaluations")),
         }

@@ -29,7 +29,9 @@ def claims_text(table: pd.DataFrame) -> str:
         {
             "claim": [claim.ljust(width) for claim in table["claim"]],
             "paper's": [f"{x:.4g}" if np.isfinite(x) else "" for x in table["paper_number"]],
-            "ours": [f"{x:.4g} ± {error:.1g}" for x, error in pairs],
+            "ours": [
+                f"{x:.4g} ± {error:.1g}" if np.isfinite(error) else f"{x:.4g}" for x, error in pairs
+            ],
             "unit": list(table["unit"]),
             "verdict": list(table["verdict"]),
         },

@@ -8,7 +8,7 @@ import pandas as pd
 
 from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
-from adhesion_jax.identifiers.measured import MeasuredFit
+from adhesion_jax.identifiers.measured import EXACT, MeasuredFit
 from adhesion_jax.identifiers.residual import Residual
 
 #: Differences of BIC and what they are called (Kass and Raftery 1995, J. Am. Stat. Assoc. 90).
@@ -213,6 +213,8 @@ def _peak_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
 
 
 def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
+    if fit.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)):
+        return ["none: the points lie on the curve to the rounding of numbers."]
     alike = f"neighbours in slip are alike by {left.likeness:.1f} standard deviations"
     sentences = [
         f"rms {fit.rms:.4f}, where neighbouring points scatter by {left.scatter:.4f};",
@@ -310,7 +312,7 @@ def _digits(value: float, error: float) -> str:
     """A value to the digits that its standard error leaves, and the error to two."""
     if not np.isfinite(error):
         return f"{value:.4g} (held)"
-    if error == 0:
+    if error <= 1e-9 * abs(value):
         return f"{value:.6g}"
     decimals = max(0, 1 - int(np.floor(np.log10(error))))
     return f"{value:.{decimals}f} +- {error:.{decimals}f}"

@@ -43,6 +43,7 @@ def draw_measured(
     above.set_title(
         f"{title}: {left.slip.size} points; curves with 95 % bands, peaks with 95 % intervals",
         loc="left",
+        parse_math=False,  # a file may have dollars in its name
     )
     above.set(
         ylabel="adhesion, tangential force / normal load (1)",

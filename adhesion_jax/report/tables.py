@@ -12,6 +12,13 @@ def _plus_minus(value: float, error: float) -> str:
     return f"{value:.4g} ± {error:.1g}"
 
 
+def _percent_pairs(table: pd.DataFrame, column: str) -> list[str]:
+    return [
+        _percent(value) + (f" ± {100 * error:.1g}" if np.isfinite(error) else "")
+        for value, error in zip(table[column], table[f"{column}_se"], strict=True)
+    ]
+
+
 def _percent(value: float) -> str:
     return "" if not np.isfinite(value) else f"{100 * value:.2f} %"
 
@@ -31,7 +38,7 @@ def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",
             "RMSE/bound": _pairs(chosen, "rmse_over_crlb"),
             "coverage": _pairs(chosen, "coverage95"),
             "on box": chosen["at_bound_share"].map(_percent),
-            "failed": _pairs(chosen, "failure_share"),
+            "failed": _percent_pairs(chosen, "failure_share"),
             "delay": chosen["delay_blocks"].map(lambda x: "" if np.isnan(x) else f"{x:.3g}"),
             "us each": (1e6 * chosen["seconds_per_identification"]).map(lambda x: f"{x:.0f}"),
             "evaluations": chosen["evaluations"].map(lambda x: f"{x:.0f}"),

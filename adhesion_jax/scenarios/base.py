@@ -68,6 +68,7 @@ class Scenario(eqx.Module):
     rails: eqx.AbstractVar[tuple[str, ...]]
     truth: eqx.AbstractVar[tuple[Curve, ...]]
     sigma: eqx.AbstractVar[float]
+    outliers: eqx.AbstractVar[float]
     #: Zero for each field of a record that differs from run to run, None for one shared by all.
     run_axes: eqx.AbstractVar[Any]
 
