@@ -28,6 +28,7 @@ from adhesion_jax.report.tables import accuracy_table
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
 from adhesion_jax.scenarios.growing import GrowingSequence
 from adhesion_jax.scenarios.rails import RAILS
+from adhesion_jax.scenarios.stream import Stream
 from experiments.command import FiniteRange, output_directory, run
 
 
@@ -158,8 +159,16 @@ def _draw(
     figures.histogram(stage / "histogram_mu_max.png", tables["summary"], estimates, pooled)
     if isinstance(scenario, GrowingSequence):
         slip = np.asarray(scenario.slip)
-        reached = [float(slip[length - 1]) for length in scenario.lengths]
-        figures.convergence(stage / "convergence.png", tables["checkpoints"], estimates, reached)
+        reached, label = (
+            [float(slip[length - 1]) for length in scenario.lengths],
+            "slip reached (1)",
+        )
+    if isinstance(scenario, Stream):
+        reached, label = [float(length) for length in scenario.lengths], "samples seen (1)"
+    if "checkpoints" in tables:
+        figures.convergence(
+            stage / "convergence.png", tables["checkpoints"], estimates, reached, label
+        )
     truth = pd.DataFrame(
         [np.asarray(quantities(curve)) for curve in scenario.truth],
         columns=list(quantity_names(scenario.known.curve)),

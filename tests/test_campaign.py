@@ -15,7 +15,7 @@ from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
 from adhesion_jax.campaign.store import staged
 from adhesion_jax.errors import InputError
-from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS
+from adhesion_jax.identifiers import ABLATIONS
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments
@@ -293,7 +293,15 @@ def test_a_planted_error_of_a_tenth_of_a_per_cent_in_mu_max_is_seen(many):
 def test_every_identifier_but_the_ablations_runs_unless_named():
     config = Config("single")
     names = choose_identifiers(config, build_scenario(config))
-    assert names == tuple(name for name in IDENTIFIERS if name not in ABLATIONS)
+    assert names == (
+        *("ml-exact", "ml-de", "ml-de-he2018", "ml-de-robust"),
+        *("lm-jaxopt", "gn-jaxopt", "lm-optimistix", "gn-optimistix"),
+    )
+    assert not set(ABLATIONS) & set(names)
+    config = Config("qian2024")
+    names = choose_identifiers(config, build_scenario(config))
+    assert {"ls-kiencke", "qp-qian2024-1", "rls-kiencke", "lm-jaxopt"} <= set(names)
+    assert not any(name.startswith("ml") for name in names)
 
 
 @pytest.mark.parametrize(

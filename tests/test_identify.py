@@ -47,7 +47,9 @@ def polach(slip, friction, stiffness, k_s):
 def record_of(slip, adhesion):
     speed = jnp.full(slip.size, SPEED)
     mask = jnp.ones(slip.size, dtype=bool)
-    return Record(jnp.asarray(slip), jnp.asarray(adhesion), mask, {"vehicle_speed_mps": speed})
+    return Record(
+        jnp.asarray(slip), jnp.asarray(adhesion), mask, mask, {"vehicle_speed_mps": speed}
+    )
 
 
 def drawn(curve, slip, sigma, seed):

@@ -7,10 +7,18 @@ from scipy import stats
 from adhesion_jax.curves import free_values
 from adhesion_jax.errors import InputError
 from adhesion_jax.scenarios import SCENARIOS, Options
-from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
+from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, QIAN2024, RAILS
 
-SIZES = {"single": (1, 500), "he2018-1": (20, 500), "he2018-blocks": (12, 500)}
-SLIP_MAX = {"single": 0.2, "he2018-1": 0.5, "he2018-blocks": 0.2}
+SIZES = {
+    "single": (1, 500),
+    "he2018-1": (20, 500),
+    "he2018-blocks": (12, 500),
+    "qian2024": (3, 250),
+}
+SLIP_MAX = {"single": 0.2, "he2018-1": 0.5, "he2018-blocks": 0.2, "qian2024": 0.2}
+
+#: Scenarios in which every sample has a slip of its own.
+RANDOM_SLIP = {"qian2024"}
 
 
 def noise_of(scenario, key):
@@ -30,11 +38,29 @@ def test_a_run_has_the_blocks_and_points_that_are_promised(name):
     assert record.slip.dtype == record.adhesion.dtype == jnp.float64
     assert len(scenario.rails) == len(scenario.truth) == shape[0]
     assert scenario.sigma == 0.01
-    expected = np.broadcast_to(np.linspace(0, SLIP_MAX[name], shape[1]), shape)
-    np.testing.assert_allclose(record.slip, expected, atol=1e-15)
+    if name in RANDOM_SLIP:
+        slip = np.concatenate([scenario.draw(jax.random.key(k)).slip[-1] for k in range(20)])
+        assert stats.kstest(slip, "uniform", (0, SLIP_MAX[name])).pvalue > 1e-3
+    else:
+        expected = np.broadcast_to(np.linspace(0, SLIP_MAX[name], shape[1]), shape)
+        np.testing.assert_allclose(record.slip, expected, atol=1e-15)
+    rails, known = (KIENCKE_RAILS, QIAN2024) if name == "qian2024" else (RAILS, HE2018)
     for rail, truth in zip(scenario.rails, scenario.truth, strict=True):
-        assert truth is RAILS[rail]
-    assert scenario.known is HE2018
+        assert truth is rails[rail]
+    assert scenario.known is known
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_point_is_fresh_once(name):
+    """Blocks that overlap hold a point again and again; a method that is a stream takes it once."""
+    record = SCENARIOS[name](Options()).draw(jax.random.key(0))
+    mask, fresh = np.asarray(record.mask), np.asarray(record.fresh)
+    assert not np.any(fresh & ~mask)
+    if name in ("he2018-1", "qian2024"):
+        np.testing.assert_array_equal(fresh.sum(axis=0), 1)
+        np.testing.assert_array_equal(np.cumsum(fresh, axis=0) > 0, mask)
+    else:
+        np.testing.assert_array_equal(fresh, mask)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -42,8 +68,9 @@ def test_options_change_what_they_name(name):
     options = Options(sigma=0.1, points=200, slip_max=0.3)
     scenario = SCENARIOS[name](options)
     record = scenario.draw(jax.random.key(0))
-    assert record.slip.shape == (SIZES[name][0], 200)
-    assert float(record.slip[0, -1]) == pytest.approx(0.3)
+    blocks = 2 if name == "qian2024" else SIZES[name][0]  # no checkpoint beyond the last point
+    assert record.slip.shape == (blocks, 200)
+    assert float(np.max(record.slip)) == pytest.approx(0.3, rel=0.05 if name in RANDOM_SLIP else 0)
     assert scenario.sigma == 0.1
     assert np.std(noise_of(scenario, jax.random.key(0))[-1]) == pytest.approx(0.1, rel=0.2)
     silent = SCENARIOS[name](Options(sigma=0.0))
@@ -55,10 +82,10 @@ def test_options_change_what_they_name(name):
 def test_noise_is_normal_with_the_given_deviation(name, sigma):
     scenario = SCENARIOS[name](Options(sigma=sigma))
     # The last block: of a growing sequence the others hold the same points.
-    draw = jax.jit(jax.vmap(lambda key: scenario.draw(key).adhesion[-1]))
-    adhesion = np.asarray(draw(jax.random.split(jax.random.key(1), 100)))
-    slip = scenario.draw(jax.random.key(0)).slip[-1]
-    noise = (adhesion - np.asarray(scenario.truth[-1](slip, {}))).ravel() / sigma
+    draw = jax.jit(jax.vmap(scenario.draw))
+    record = draw(jax.random.split(jax.random.key(1), 100))
+    clean = np.asarray(scenario.truth[-1](record.slip[:, -1], {}))
+    noise = (np.asarray(record.adhesion[:, -1]) - clean).ravel() / sigma
     assert abs(np.mean(noise)) < 4 / np.sqrt(noise.size)
     assert abs(np.std(noise) - 1) < 4 / np.sqrt(2 * noise.size)
     assert stats.kstest(noise, "norm").pvalue > 1e-3
@@ -84,7 +111,7 @@ def test_the_key_decides_the_noise(name):
     )  # fmt: skip
     np.testing.assert_array_equal(one, again)
     assert not np.any(one == other)
-    assert abs(np.corrcoef(one[-1], other[-1])[0, 1]) < 4.5 / np.sqrt(500)
+    assert abs(np.corrcoef(one[-1], other[-1])[0, 1]) < 4.5 / np.sqrt(one.shape[1])
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -149,19 +176,33 @@ def test_what_is_shared_by_all_runs_is_declared(name):
     keys = jax.random.split(jax.random.key(5), 3)
     # vmap refuses None for a field that differs between runs.
     batch = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
-    assert batch.slip.shape == batch.mask.shape == (SIZES[name][0], 100)
-    assert batch.adhesion.shape == (3, SIZES[name][0], 100)
     alone = scenario.draw(keys[1])
+    shape = alone.slip.shape
+    assert batch.mask.shape == batch.fresh.shape == shape
+    assert batch.slip.shape == ((3, *shape) if name in RANDOM_SLIP else shape)
+    assert batch.adhesion.shape == (3, *shape)
     np.testing.assert_allclose(batch.adhesion[1], alone.adhesion, rtol=1e-13, atol=1e-16)
 
 
 def test_one_rail_can_be_chosen_where_there_is_one():
-    for name in ("single", "he2018-1"):
+    for name, rails in (("single", RAILS), ("he2018-1", RAILS), ("qian2024", KIENCKE_RAILS)):
         assert set(SCENARIOS[name](Options()).rails) == {"dry"}
         for rail in ("common", "wet"):
             scenario = SCENARIOS[name](Options(rail=rail))
             assert set(scenario.rails) == {rail}
-            assert scenario.truth[0] is rail_named(rail)
+            assert scenario.truth[0] is rails[rail]
+
+
+def test_the_rails_by_kiencke_have_the_peaks_of_those_by_burckhardt():
+    printed = {"dry": (31.29, 100.0), "common": (122.6, 32.55), "wet": (282.7, 21.85)}
+    for name, rail in KIENCKE_RAILS.items():
+        ours, theirs = rail.peak({}), RAILS[name].peak({})
+        assert float(ours.slip) == pytest.approx(float(theirs.slip), rel=1e-12)
+        assert float(ours.adhesion) == pytest.approx(float(theirs.adhesion), rel=1e-12)
+        assert rail.a0 == 40
+        assert (rail.p1, rail.p2) == pytest.approx(printed[name], rel=1e-3)
+        assert np.all(free_values(rail) > QIAN2024.lower)
+        assert np.all(free_values(rail) < QIAN2024.upper)
 
 
 def test_the_rails_are_those_of_the_paper_and_lie_inside_the_box_like_the_start():
@@ -185,6 +226,9 @@ def test_the_rails_are_those_of_the_paper_and_lie_inside_the_box_like_the_start(
         ("he2018-1", Options(points=40), "--points 40"),
         ("he2018-blocks", Options(rail="dry"), "--rail"),
         ("he2018-blocks", Options(blocks=5), "--blocks 5"),
+        ("qian2024", Options(blocks=5), "--blocks"),
+        ("qian2024", Options(rail="icy"), "--rail icy"),
+        ("qian2024", Options(points=29), "--points 29"),
     ],
 )
 def test_options_that_do_not_fit_are_refused_by_name(name, options, option):

@@ -83,7 +83,7 @@ def consistency_table(
         def one_run(key: PRNGKeyArray) -> Float[Array, "sizes values"]:
             adhesion = clean + draw_noise(key, clean.shape, sigma, 0.0)
             estimate = identify(
-                IDENTIFIERS["ml-exact"], known, Record(slip, adhesion, mask, {}), key
+                IDENTIFIERS["ml-exact"], known, Record(slip, adhesion, mask, mask, {}), key
             )
             return jnp.stack(list(estimate.values.values()), axis=-1)
 

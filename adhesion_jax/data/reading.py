@@ -65,12 +65,8 @@ def to_record(measured: Measured) -> Record:
         # Falling friction multiplies slip by the vehicle speed to have the slip velocity. Here
         # slip is that velocity already, and a speed of one leaves it as it is.
         conditions["vehicle_speed_mps"] = jnp.ones(len(table))
-    return Record(
-        conditions[measured.slip],
-        conditions["adhesion"],
-        jnp.ones(len(table), dtype=bool),
-        conditions,
-    )
+    every = jnp.ones(len(table), dtype=bool)
+    return Record(conditions[measured.slip], conditions["adhesion"], every, every, conditions)
 
 
 def _missing_columns(table: pd.DataFrame) -> Sequence[str]:

@@ -7,6 +7,7 @@ from adhesion_jax.identifiers.base import Identifier as Identifier
 from adhesion_jax.identifiers.base import Status as Status
 from adhesion_jax.identifiers.base import identify as identify
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
+from adhesion_jax.identifiers.ls_kiencke import LinearLeastSquares
 from adhesion_jax.identifiers.ml_de import (
     ml_de,
     ml_de_eq16,
@@ -15,6 +16,8 @@ from adhesion_jax.identifiers.ml_de import (
     ml_de_robust,
 )
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
+from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
+from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
 
 IDENTIFIERS: Mapping[str, Identifier] = {
@@ -28,6 +31,11 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton, steps=30),
     "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt, steps=50),
     "gn-optimistix": GradientLeastSquares(optimistix_solvers.gauss_newton, steps=30),
+    "ls-kiencke": LinearLeastSquares(),
+    "qp-qian2024-1": qp_qian2024_1,
+    "qp-qian2024-2": qp_qian2024_2,
+    "rls-kiencke": rls_kiencke,
+    "rls-kiencke-variable": rls_kiencke_variable,
 }
 
 #: Variants that explain a published method; they run only when named.

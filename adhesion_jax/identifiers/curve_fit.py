@@ -1,4 +1,4 @@
-"""From the parameters a batch method found to its Estimate: the part all batch methods share."""
+"""From the parameters a method found to its Estimate: what all methods with a curve share."""
 
 from collections import OrderedDict
 from typing import NamedTuple
@@ -10,6 +10,7 @@ from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.identifiers.base import Estimate, Status
 from adhesion_jax.metrics.information import (
     adhesion_and_information,
+    inverse_information,
     quantities,
     quantity_covariance,
     quantity_names,
@@ -19,12 +20,11 @@ from adhesion_jax.scenarios import Known, Record
 
 
 class Fit(NamedTuple):
-    """Parameters found on one record and what the record says about them."""
+    """Parameters found and how well they fit the last record."""
 
     parameters: Float[Array, " free"]
-    information: Float[Array, "free free"]  # J'J, J the sensitivities of adhesion
-    objective: Float[Array, ""]
-    points: Int[Array, ""]
+    covariance: Float[Array, "free free"]
+    objective: Float[Array, ""]  # sum of squared residuals over the record
     evaluations: Int[Array, ""]
     converged: Bool[Array, ""]
     finite: Bool[Array, ""]
@@ -42,7 +42,7 @@ def start(known: Known, key: PRNGKeyArray) -> FitState:
     parameters = free_values(known.curve)
     size = parameters.size
     zero, no = jnp.int32(0), jnp.zeros((), dtype=bool)
-    empty = Fit(parameters, jnp.zeros((size, size)), jnp.zeros(()), zero, zero, no, ~no)
+    empty = Fit(parameters, jnp.zeros((size, size)), jnp.zeros(()), zero, no, ~no)
     return FitState(known, key, empty)
 
 
@@ -60,9 +60,10 @@ def evaluate(
     evaluations: Int[Array, ""],
     converged: Bool[Array, ""],
 ) -> Fit:
-    """Residual and information at the parameters found, the same for every method.
+    """What the record says of parameters that minimise the sum of squares.
 
-    Parameters that are not finite are replaced by those of the previous fit.
+    Their covariance is the inverse information times the noise variance, which is estimated
+    from the residual. Parameters that are not finite are replaced by those of the previous fit.
     """
     finite = jnp.all(jnp.isfinite(parameters))
     parameters = jnp.where(finite, parameters, previous.parameters)
@@ -70,23 +71,17 @@ def evaluate(
     adhesion, information = adhesion_and_information(
         curve, record.slip, record.mask, record.conditions
     )
-    return Fit(
-        parameters,
-        information,
-        jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2),
-        jnp.sum(record.mask, dtype=jnp.int32),
-        evaluations.astype(jnp.int32),
-        converged,
-        finite,
-    )
+    objective = jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2)
+    variance = objective / jnp.maximum(jnp.sum(record.mask) - parameters.size, 1)
+    covariance = variance * inverse_information(information)
+    return Fit(parameters, covariance, objective, evaluations.astype(jnp.int32), converged, finite)
 
 
 def to_estimate(state: FitState) -> Estimate:
-    """Values, their covariance (noise variance estimated from the residual), and status."""
+    """Values, their covariance and status."""
     known, fit = state.known, state.fit
     curve = with_free_values(known.curve, fit.parameters)
-    variance = fit.objective / jnp.maximum(fit.points - fit.parameters.size, 1)
-    covariance = quantity_covariance(curve, fit.information, variance)
+    covariance = quantity_covariance(curve, fit.covariance)
     peak = curve.peak({})
     status = jnp.select(
         [

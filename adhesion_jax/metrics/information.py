@@ -49,13 +49,13 @@ def inverse_information(information: Float[Array, "free free"]) -> Float[Array, 
 
 
 def quantity_covariance(
-    curve: Curve, information: Float[Array, "free free"], variance: Scalar
+    curve: Curve, covariance: Float[Array, "free free"]
 ) -> Float[Array, "values values"]:
-    """Covariance of `quantities` by the delta method, for noise of the given variance."""
+    """Covariance of `quantities` by the delta method, from that of the free parameters."""
     gradient = jax.jacfwd(lambda values: quantities(with_free_values(curve, values)))(
         free_values(curve)
     )
-    return variance * gradient @ inverse_information(information) @ gradient.T
+    return gradient @ covariance @ gradient.T
 
 
 def cramer_rao_bound(
@@ -70,4 +70,5 @@ def cramer_rao_bound(
     For independent Gaussian noise of standard deviation sigma and parameters without bounds.
     """
     _, information = adhesion_and_information(curve, slip, mask, conditions)
-    return jnp.sqrt(jnp.diagonal(quantity_covariance(curve, information, sigma**2)))
+    covariance = sigma**2 * inverse_information(information)
+    return jnp.sqrt(jnp.diagonal(quantity_covariance(curve, covariance)))

@@ -15,6 +15,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial.chebyshev import chebder, chebvander
 
+from adhesion_jax.optim.quadratic_program import bounded_pair
+
 #: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13.
 DEGREE = 40
 
@@ -125,7 +127,7 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
 
     def linear_part(values: tuple[Array, ...]) -> tuple[Array, Array]:
         y_phi, phi_phi, phi_psi = values
-        return _bounded_pair(y_phi, sums.y_psi, phi_phi, sums.psi_psi, phi_psi, a_range, b_range)
+        return bounded_pair(y_phi, sums.y_psi, phi_phi, sums.psi_psi, phi_psi, a_range, b_range)
 
     def slope_of_profile(values: tuple[Array, ...], slopes: tuple[Array, ...]) -> Array:
         a, b = linear_part(values)
@@ -201,38 +203,3 @@ def _expand(sums: Sums, a: Array, b: Array, y_phi: Array, phi_phi: Array, phi_ps
         + a * (a * phi_phi + 2 * b * phi_psi)
         + b * b * sums.psi_psi
     )
-
-
-def _bounded_pair(
-    y_phi: Array,
-    y_psi: Array,
-    phi_phi: Array,
-    psi_psi: Array,
-    phi_psi: Array,
-    a_range: tuple[Array, Array],
-    b_range: tuple[Array, Array],
-) -> tuple[Array, Array]:
-    """Least squares in two coefficients over a rectangle: the interior, else the best edge."""
-    determinant = phi_phi * psi_psi - phi_psi**2
-    safe = jnp.where(determinant > 0, determinant, 1.0)
-    a = (y_phi * psi_psi - y_psi * phi_psi) / safe
-    b = (y_psi * phi_phi - y_phi * phi_psi) / safe
-    inside = (
-        (determinant > 0)
-        & (a >= a_range[0])
-        & (a <= a_range[1])
-        & (b >= b_range[0])
-        & (b <= b_range[1])
-    )
-
-    edges = [(jnp.clip((y_phi - b * phi_psi) / phi_phi, *a_range), b) for b in b_range]
-    edges += [(a, jnp.clip((y_psi - a * phi_psi) / psi_psi, *b_range)) for a in a_range]
-    best, best_a, best_b = jnp.full_like(a, jnp.inf), a, b
-    for edge_a, edge_b in edges:
-        value = edge_a * (edge_a * phi_phi + 2 * edge_b * phi_psi - 2 * y_phi)
-        value = value + edge_b * (edge_b * psi_psi - 2 * y_psi)
-        better = value < best
-        best = jnp.where(better, value, best)
-        best_a = jnp.where(better, edge_a, best_a)
-        best_b = jnp.where(better, edge_b, best_b)
-    return jnp.where(inside, a, best_a), jnp.where(inside, b, best_b)

@@ -18,6 +18,8 @@ LABELS = {
     "c1": "$c_1$ (1)",
     "c2": "$c_2$ (1)",
     "c3": "$c_3$ (1)",
+    "p1": "$p_1$ (1)",
+    "p2": "$p_2$ (1)",
     "mu_max": r"maximum adhesion $\mu_{max}$ (1)",
     "slip_opt": r"slip at the peak $\lambda_{opt}$ (1)",
 }
@@ -69,13 +71,13 @@ def histogram(path: Path, summary: pd.DataFrame, estimates: Estimates, blocks: l
 
 
 def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[str]) -> None:
-    """c1, c2, c3 and mu_max over the blocks: the median and the band from 5 to 95 %.
+    """Parameters and mu_max over the blocks: the median and the band from 5 to 95 %.
 
     A row a quantity, the last one the error of mu_max; a column an identifier. `truth` has the
     columns block and quantities.
     """
-    shown = ["c1", "c2", "c3", "mu_max"]
-    width, height = 2.4 * len(names) + 1.2, 10.0
+    shown = [str(name) for name in truth if name not in ("block", "slip_opt")]
+    width, height = 2.4 * len(names) + 1.2, 2.0 * (len(shown) + 1)
     figure = Figure(figsize=(width, height))
     # Margins in inches: a layout engine takes longer over forty panels than to draw them.
     axes = figure.subplots(
@@ -116,27 +118,32 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
 
 
 def convergence(
-    path: Path, checkpoints: pd.DataFrame, estimates: Estimates, slip_reached: list[float]
+    path: Path,
+    checkpoints: pd.DataFrame,
+    estimates: Estimates,
+    reached: list[float],
+    reached_label: str,
 ) -> None:
-    """Estimates against the slip reached (He et al. 2018, Fig. 4 to 7).
+    """Estimates against what has been seen of a run (He et al. 2018, Fig. 4 to 7).
 
     For every identifier the median and the band from 5 to 95 %, one panel a quantity; the grey
     band is the truth with the Cramer-Rao bound's 90 % width.
     """
-    shown = ["c1", "c2", "c3", "mu_max"]
+    shown = list(dict.fromkeys(checkpoints["quantity"]))[:4]
     names = list(dict.fromkeys(checkpoints["identifier"]))
     styles = line_styles(names)
     figure = Figure(figsize=(11, 8), layout="constrained")
     axes = figure.subplots(2, 2).ravel()
-    slip = np.array(slip_reached)
+    seen = np.array(reached)
+    step = 0.1 * np.min(np.diff(seen, prepend=0.0))
     for name in names:
         table = estimates(name, ["block", *shown]).groupby("block")
         low, middle, high = (table.quantile(q) for q in (0.05, 0.5, 0.95))
         for quantity, axis in zip(shown, axes, strict=True):
             spread = np.array([middle[quantity] - low[quantity], high[quantity] - middle[quantity]])
-            shift = (names.index(name) - (len(names) - 1) / 2) * 0.1 * (slip[1] - slip[0])
+            shift = (names.index(name) - (len(names) - 1) / 2) * step
             axis.errorbar(
-                slip + shift,
+                seen + shift,
                 middle[quantity],
                 spread,
                 label=name,
@@ -149,7 +156,7 @@ def convergence(
         rows = rows[rows["identifier"] == names[0]]
         truth, bound = rows["truth"].to_numpy(), rows["crlb"].to_numpy()
         axis.fill_between(
-            slip,
+            seen,
             truth - 1.645 * bound,
             truth + 1.645 * bound,
             color="0.88",
@@ -159,8 +166,9 @@ def convergence(
         axis.axhline(truth[0], color="0.4", linewidth=1)
         centre, reach = truth[0], 8 * np.median(bound)
         axis.set_ylim(centre - reach, centre + reach)
-        axis.set(xlabel="slip reached (1)", ylabel=LABELS[quantity])
-    axes[0].legend(fontsize=7)
+        axis.set(xlabel=reached_label, ylabel=LABELS[quantity])
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
     figure.savefig(path, dpi=150)
 
 

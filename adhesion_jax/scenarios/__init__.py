@@ -9,10 +9,12 @@ from adhesion_jax.scenarios.base import Record as Record
 from adhesion_jax.scenarios.base import Scenario as Scenario
 from adhesion_jax.scenarios.blocks import he2018_blocks, single
 from adhesion_jax.scenarios.growing import he2018_1
+from adhesion_jax.scenarios.stream import qian2024
 
 #: Command-line name to the function that builds the scenario from a user's options.
 SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
     "single": single,
     "he2018-1": he2018_1,
     "he2018-blocks": he2018_blocks,
+    "qian2024": qian2024,
 }

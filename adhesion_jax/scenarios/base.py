@@ -17,11 +17,12 @@ class Record(NamedTuple):
     slip: Float[Array, "*blocks points"]
     adhesion: Float[Array, "*blocks points"]
     mask: Bool[Array, "*blocks points"]  # false: there is no such point
+    fresh: Bool[Array, "*blocks points"]  # false: seen before, or no such point
     conditions: Mapping[str, Float[Array, "*blocks points"]]
 
 
 #: The axes of `Scenario.run_axes` where the slips are the same in every run.
-SHARED_SLIP: Any = Record(None, 0, None, {})  # type: ignore[arg-type]
+SHARED_SLIP: Any = Record(None, 0, None, None, {})  # type: ignore[arg-type]
 
 
 class Known(eqx.Module):

@@ -36,7 +36,8 @@ class Blocks(Scenario):
         clean = jnp.stack([curve(self.slip, {}) for curve in self.truth])
         noise = draw_noise(key, clean.shape, self.sigma, self.outliers)
         slip = jnp.broadcast_to(self.slip, clean.shape)
-        return Record(slip, clean + noise, jnp.ones(clean.shape, dtype=bool), {})
+        every = jnp.ones(clean.shape, dtype=bool)
+        return Record(slip, clean + noise, every, every, {})
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
         """The first block after a switch has a table of its own: it shows the tracking."""
@@ -71,9 +72,7 @@ def single(options: Options) -> Blocks:
     """One block of 500 points, slip 0 to 0.2, on one rail (dry)."""
     if options.blocks is not None:
         raise InputError("--blocks does not go with --scenario single, which has one block.")
-    rail = options.rail or "dry"
-    rail_named(rail)
-    return _blocks((rail,), options)
+    return _blocks((rail_named(options.rail or "dry"),), options)
 
 
 def he2018_blocks(options: Options) -> Blocks:

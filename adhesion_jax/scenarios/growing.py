@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
@@ -18,9 +18,23 @@ from adhesion_jax.scenarios.base import (
     Scenario,
 )
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.rails import HE2018, rail_named
+from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
 _PREFIXES = 20
+
+
+def prefixes(
+    points: int, lengths: tuple[int, ...]
+) -> tuple[Bool[Array, "lengths points"], Bool[Array, "lengths points"]]:
+    """Which points have been seen at each length, and which of them since the length before."""
+    mask = jnp.arange(points) < jnp.array(lengths)[:, None]
+    return mask, mask & ~jnp.roll(mask, 1, axis=0).at[0].set(False)
+
+
+def growing_tables(rail: str, lengths: tuple[int, ...]) -> Mapping[str, Sequence[Group]]:
+    """The whole sequence in the summary, every length in a table of checkpoints."""
+    checkpoints = [Group(rail, (b,), k=length) for b, length in enumerate(lengths)]
+    return {"summary": [Group(rail, (len(lengths) - 1,))], "checkpoints": checkpoints}
 
 
 class GrowingSequence(Scenario):
@@ -43,16 +57,13 @@ class GrowingSequence(Scenario):
         shape = (len(self.lengths), self.slip.size)
         noise = draw_noise(key, self.slip.shape, self.sigma, self.outliers)
         adhesion = self.truth[0](self.slip, {}) + noise
-        mask = jnp.arange(self.slip.size) < jnp.array(self.lengths)[:, None]
+        mask, fresh = prefixes(self.slip.size, self.lengths)
         return Record(
-            jnp.broadcast_to(self.slip, shape), jnp.broadcast_to(adhesion, shape), mask, {}
+            jnp.broadcast_to(self.slip, shape), jnp.broadcast_to(adhesion, shape), mask, fresh, {}
         )
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
-        """The whole sequence in the summary, every length in a table of checkpoints."""
-        rail, last = self.rails[-1], len(self.lengths) - 1
-        checkpoints = [Group(rail, (b,), k=length) for b, length in enumerate(self.lengths)]
-        return {"summary": [Group(rail, (last,))], "checkpoints": checkpoints}
+        return growing_tables(self.rails[0], self.lengths)
 
 
 def he2018_1(options: Options) -> GrowingSequence:
@@ -68,13 +79,13 @@ def he2018_1(options: Options) -> GrowingSequence:
             f"--points {points} is too few for --scenario he2018-1; "
             "the first of its 20 lengths needs 5 points, so at least 100."
         )
-    rail = options.rail or "dry"
+    rail = rail_named(options.rail or "dry")
     return GrowingSequence(
         rails=(rail,) * _PREFIXES,
         lengths=lengths,
         sigma=0.01 if options.sigma is None else options.sigma,
         outliers=options.outliers or 0.0,
         slip=jnp.linspace(0.0, options.slip_max or 0.5, points),
-        truth=(rail_named(rail),) * _PREFIXES,
+        truth=(RAILS[rail],) * _PREFIXES,
         known=HE2018,
     )

@@ -1,13 +1,15 @@
-"""The rails of He et al. 2018, Table 1, and what its experiments tell the identifiers."""
+"""The rails, and what the experiments on them tell the identifiers."""
 
 from collections.abc import Mapping
 
 import jax.numpy as jnp
 
 from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.errors import InputError
 from adhesion_jax.scenarios.base import Known
 
+#: He et al. 2018, Table 1.
 RAILS: Mapping[str, Burckhardt] = {
     "dry": Burckhardt(c1=0.8287, c2=45.45, c3=0.4),
     "common": Burckhardt(c1=0.32, c2=25.0, c3=0.1),
@@ -22,7 +24,32 @@ HE2018 = Known(
 )
 
 
-def rail_named(name: str) -> Burckhardt:
+_INITIAL_SLOPE = 40.0
+
+
+def _with_the_peak_of(rail: Burckhardt) -> Kiencke:
+    """p2 = 1/l_m^2 and p1 = a0/mu_m - 2/l_m put the peak where the other curve has it."""
+    peak = rail.peak({})
+    slip, adhesion = float(peak.slip), float(peak.adhesion)
+    return Kiencke(a0=_INITIAL_SLOPE, p1=_INITIAL_SLOPE / adhesion - 2 / slip, p2=slip**-2)
+
+
+#: The same rails by Kiencke's curve: Qian et al. 2024 draws its curves and prints no parameters.
+KIENCKE_RAILS: Mapping[str, Kiencke] = {
+    name: _with_the_peak_of(rail) for name, rail in RAILS.items()
+}
+
+#: a0 known; p2 >= 1 and p1 >= -2 keep the peak below slip 1 and the curve above zero, the upper
+#: bounds are twice those of a rail with a third of the wet one's adhesion.
+QIAN2024 = Known(
+    curve=Kiencke(a0=_INITIAL_SLOPE, p1=100.0, p2=50.0),
+    lower=jnp.array([-2.0, 1.0]),
+    upper=jnp.array([2000.0, 2000.0]),
+)
+
+
+def rail_named(name: str) -> str:
+    """The name, where there is such a rail."""
     if name not in RAILS:
         raise InputError(f"--rail {name} is unknown; the rails are {', '.join(RAILS)}.")
-    return RAILS[name]
+    return name

@@ -1,0 +1,144 @@
+"""Kiencke's curve as a linear regression: Z = p1 U1 + p2 U2.
+
+U1 = l mu, U2 = l^2 mu, Z = a0 l - mu, with slip and adhesion made positive together. The
+measured adhesion stands in the regressors too, so its noise biases every least squares solution:
+mu_max comes out too high by about (sigma/mu_max)^2 of itself.
+Source: Qian et al. 2024, Eq. 3 to 6.
+"""
+
+from typing import NamedTuple, cast
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from adhesion_jax.curves import with_free_values
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.identifiers.curve_fit import Fit, residual
+from adhesion_jax.scenarios import Known, Record, Scenario
+
+
+class Regression(NamedTuple):
+    """Regressors and target, of a record or of one sample."""
+
+    u1: Float[Array, "*points"]
+    u2: Float[Array, "*points"]
+    z: Float[Array, "*points"]
+
+
+class Normal(NamedTuple):
+    """Sums over samples, each with a weight w: sum w U U', sum w U Z and sum w^2 e^2 U U'.
+
+    The last one, of the residuals e = Z - U x, makes the covariance of x true although the
+    noise of Z depends on the slip (White 1980, Econometrica 48:817-838). Scalars, not matrices:
+    over a batch of runs each is then one array.
+    """
+
+    h11: Float[Array, ""]
+    h12: Float[Array, ""]
+    h22: Float[Array, ""]
+    f1: Float[Array, ""]
+    f2: Float[Array, ""]
+    g11: Float[Array, ""]
+    g12: Float[Array, ""]
+    g22: Float[Array, ""]
+
+
+def needs_kiencke(scenario: Scenario) -> str | None:
+    """None, or the reason why the scenario does not have this form."""
+    curve = scenario.known.curve
+    if type(curve) is Kiencke and curve.free == ("p1", "p2"):
+        return None
+    return "it is written for Kiencke's curve with a0 known, p1 and p2 unknown"
+
+
+def regression(
+    known: Known, slip: Float[Array, "*points"], adhesion: Float[Array, "*points"]
+) -> Regression:
+    a0 = cast(Kiencke, known.curve).a0
+    size, adhesion = jnp.abs(slip), jnp.sign(slip) * adhesion
+    return Regression(size * adhesion, size**2 * adhesion, a0 * size - adhesion)
+
+
+def solve(normal: Normal) -> Float[Array, "2"]:
+    """The x without bounds, NaN where the samples do not determine it."""
+    determinant = normal.h11 * normal.h22 - normal.h12**2
+    x1 = normal.h22 * normal.f1 - normal.h12 * normal.f2
+    x2 = normal.h11 * normal.f2 - normal.h12 * normal.f1
+    return jnp.stack([x1, x2]) / jnp.where(determinant > 0, determinant, jnp.nan)
+
+
+def covariance(normal: Normal) -> Float[Array, "2 2"]:
+    """H^-1 G H^-1 of the x without bounds."""
+    determinant = normal.h11 * normal.h22 - normal.h12**2
+    adjugate = jnp.array([[normal.h22, -normal.h12], [-normal.h12, normal.h11]])
+    inverse = adjugate / jnp.where(determinant > 0, determinant, jnp.nan)
+    g = jnp.array([[normal.g11, normal.g12], [normal.g12, normal.g22]])
+    return inverse @ g @ inverse
+
+
+def forgetting(
+    known: Known,
+    slip: Float[Array, ""],
+    adhesion: Float[Array, ""],
+    parameters: Float[Array, "2"],
+    least: Float[Array, ""],
+    most: Float[Array, ""],
+    gain: Float[Array, ""],
+) -> Float[Array, ""]:
+    """Eta = max(least, most - gain |mu - mu_hat(l; p(k-1))|) (Qian et al. 2024, Eq. 9).
+
+    The equation prints the error of the estimate that eta is needed for; it is read as that of
+    the estimate before.
+    """
+    predicted = with_free_values(known.curve, parameters)(slip, {})
+    return jnp.maximum(least, most - gain * jnp.abs(adhesion - predicted))
+
+
+def discounted(
+    normal: Normal,
+    sample: Regression,
+    eta: Float[Array, ""],
+    weight: Float[Array, ""],
+) -> Normal:
+    """The sums after one more sample: what was there times eta, the sample times its weight.
+
+    The sums of residuals are only discounted: the residual is known once x is.
+    """
+    u1, u2, z = sample
+    return Normal(
+        eta * normal.h11 + weight * u1 * u1,
+        eta * normal.h12 + weight * u1 * u2,
+        eta * normal.h22 + weight * u2 * u2,
+        eta * normal.f1 + weight * u1 * z,
+        eta * normal.f2 + weight * u2 * z,
+        *(eta**2 * g for g in (normal.g11, normal.g12, normal.g22)),
+    )
+
+
+def with_residual(
+    normal: Normal, sample: Regression, weight: Float[Array, ""], x: Float[Array, "2"]
+) -> Normal:
+    """The residual of the sample just taken up, at the x found with it, put into the sums."""
+    u1, u2, z = sample
+    squared = (weight * (z - x[0] * u1 - x[1] * u2)) ** 2
+    return normal._replace(
+        g11=normal.g11 + squared * u1 * u1,
+        g12=normal.g12 + squared * u1 * u2,
+        g22=normal.g22 + squared * u2 * u2,
+    )
+
+
+def fitted(
+    known: Known,
+    record: Record,
+    previous: Fit,
+    parameters: Float[Array, "2"],
+    covariance: Float[Array, "2 2"],
+    evaluations: Int[Array, ""],
+    converged: Bool[Array, ""],
+) -> Fit:
+    """The fit at these parameters; where they are not finite, at those of the previous fit."""
+    finite = jnp.all(jnp.isfinite(parameters))
+    parameters = jnp.where(finite, parameters, previous.parameters)
+    objective = jnp.sum(residual(known, record, parameters) ** 2)
+    return Fit(parameters, covariance, objective, evaluations, converged, finite)

@@ -1,0 +1,144 @@
+"""Qian et al. 2024: a quadratic program at every sample, with a time-varying forgetting factor."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from adhesion_jax.curves import free_values
+from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.curve_fit import start, to_estimate
+from adhesion_jax.identifiers.kiencke_linear import (
+    Normal,
+    Regression,
+    covariance,
+    discounted,
+    fitted,
+    forgetting,
+    needs_kiencke,
+    regression,
+    with_residual,
+)
+from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.scenarios import Known, Record, Scenario
+
+#: The program is pulled to the start by this share of the information: enough to settle it while
+#: one sample alone is known, too little to be seen afterwards.
+_RIDGE = 1e-10
+
+#: Information matrices (h11, h12, h22) of the last five samples, the latest first.
+History = tuple[tuple[Array, Array, Array], ...]
+
+
+class Recursion(NamedTuple):
+    normal: Normal
+    history: History
+    samples: Int[Array, ""]
+    x: Float[Array, "2"]
+    eta: Float[Array, ""]
+
+
+class QuadraticProgram(Identifier):
+    """H <- eta H + w U U', f <- eta f + w Z U, then the best x in the box, at every sample.
+
+    The weight w of the sample is 1 or, where `weight_falls`, (2 - eta)/2 (Eq. 7 and 8, in which
+    H and f both carry a factor of 2 more). eta follows the error (`forgetting`). Where
+    `redistributes`, eta is `eta_most` whenever every element of the statistic S of two
+    successive triples of information matrices lies between `low` and `high` (Eq. 10 to 17, with
+    standard deviations where S_1 and S_2 are printed as variances, whose unit is another).
+    """
+
+    weight_falls: Bool[Array, ""]
+    eta_least: Float[Array, ""]
+    eta_most: Float[Array, ""]
+    gain: Float[Array, ""]
+    redistributes: Bool[Array, ""]
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+
+    def accepts(self, scenario: Scenario) -> str | None:
+        return needs_kiencke(scenario)
+
+    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
+        batch = start(known, key)
+        zero = jnp.zeros(())
+        normal = Normal(*(zero for _ in Normal._fields))
+        history = tuple((zero, zero, zero) for _ in range(5))
+        x = batch.fit.parameters
+        return OnlineState(batch, Recursion(normal, history, jnp.int32(0), x, self.eta_most))
+
+    def update(self, state: OnlineState, record: Record) -> OnlineState:
+        known, fit = state.batch.known, state.batch.fit
+        recursion = over_fresh_samples(partial(self._step, known), state.recursion, record)
+        fit = fitted(
+            known,
+            record,
+            fit,
+            recursion.x,
+            covariance(recursion.normal),
+            jnp.sum(record.fresh, dtype=jnp.int32),
+            recursion.samples > 1,
+        )
+        return OnlineState(state.batch._replace(fit=fit), recursion)
+
+    def estimate(self, state: OnlineState) -> Estimate:
+        return to_estimate(state.batch)
+
+    def _step(
+        self,
+        known: Known,
+        recursion: Recursion,
+        slip: Float[Array, ""],
+        adhesion: Float[Array, ""],
+    ) -> Recursion:
+        sample = regression(known, slip, adhesion)
+        eta = forgetting(
+            known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
+        )
+        calm = self._statistic_is_inside(sample, recursion.history) & (recursion.samples >= 5)
+        eta = jnp.where(self.redistributes & calm, self.eta_most, eta)
+        weight = jnp.where(self.weight_falls, (2 - eta) / 2, 1.0)
+        normal = discounted(recursion.normal, sample, eta, weight)
+        pull = _RIDGE * (normal.h11 + normal.h22)
+        x0 = free_values(known.curve)
+        x = jnp.stack(
+            bounded_pair(
+                normal.f1 + pull * x0[0],
+                normal.f2 + pull * x0[1],
+                normal.h11 + pull,
+                normal.h22 + pull,
+                normal.h12,
+                (known.lower[0], known.upper[0]),
+                (known.lower[1], known.upper[1]),
+            )
+        )
+        latest = (normal.h11, normal.h12, normal.h22)
+        history = (latest, *recursion.history[:-1])
+        normal = with_residual(normal, sample, weight, x)
+        return Recursion(normal, history, recursion.samples + 1, x, eta)
+
+    def _statistic_is_inside(self, sample: Regression, history: History) -> Bool[Array, ""]:
+        """S = (mean X1 - mean X2)/(S1 + S2), element by element, within the critical interval."""
+        u1, u2, _ = sample
+        inside = jnp.ones((), dtype=bool)
+        for now, *past in zip((u1 * u1, u1 * u2, u2 * u2), *history, strict=True):
+            first, second = jnp.stack([now, *past[:2]]), jnp.stack(past[2:])
+            spread = jnp.std(first) + jnp.std(second)
+            statistic = (jnp.mean(first) - jnp.mean(second)) / jnp.where(spread > 0, spread, 1.0)
+            inside = inside & (statistic > self.low) & (statistic < self.high)
+        return inside
+
+
+def _variant(
+    weight_falls: bool, eta_least: float, eta_most: float, redistributes: bool
+) -> QuadraticProgram:
+    low, high, gain = -0.8, -0.7, 2.0
+    numbers = (weight_falls, eta_least, eta_most, gain, redistributes, low, high)
+    return QuadraticProgram(*map(jnp.asarray, numbers))
+
+
+#: Algorithms 1 and 2. The gain and the critical interval are not printed.
+qp_qian2024_1 = _variant(True, 0.251, 1.0, True)
+qp_qian2024_2 = _variant(False, 0.971, 1.0, False)

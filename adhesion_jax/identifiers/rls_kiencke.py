@@ -1,0 +1,105 @@
+"""Recursive least squares with exponential forgetting on the linear form of Kiencke's curve."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.curve_fit import start, to_estimate
+from adhesion_jax.identifiers.kiencke_linear import (
+    fitted,
+    forgetting,
+    needs_kiencke,
+    regression,
+)
+from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.scenarios import Known, Record, Scenario
+
+#: Standard deviation of the start in p1 and p2, in units of the residual.
+_PRIOR = 1e5
+
+
+class Recursion(NamedTuple):
+    """The estimate, P = (sum w U U')^-1 and G = sum w^2 e^2 U U', w the discount."""
+
+    x1: Float[Array, ""]
+    x2: Float[Array, ""]
+    p11: Float[Array, ""]
+    p12: Float[Array, ""]
+    p22: Float[Array, ""]
+    g11: Float[Array, ""]
+    g12: Float[Array, ""]
+    g22: Float[Array, ""]
+
+
+class RecursiveLeastSquares(Identifier):
+    """K = P U/(eta + U'P U), x <- x + K (Z - U'x), P <- (P - K U'P)/eta, without bounds.
+
+    With gain 0 the forgetting factor is constant, `eta_most`; else it follows the error.
+    Source: Ljung 1999, System Identification, section 11.2; eta as in Qian et al. 2024, Eq. 9.
+    """
+
+    eta_least: Float[Array, ""]
+    eta_most: Float[Array, ""]
+    gain: Float[Array, ""]
+
+    def accepts(self, scenario: Scenario) -> str | None:
+        return needs_kiencke(scenario)
+
+    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
+        batch = start(known, key)
+        zero, wide = jnp.zeros(()), jnp.asarray(_PRIOR**2)
+        x1, x2 = batch.fit.parameters
+        return OnlineState(batch, Recursion(x1, x2, wide, zero, wide, zero, zero, zero))
+
+    def update(self, state: OnlineState, record: Record) -> OnlineState:
+        known = state.batch.known
+        recursion = over_fresh_samples(partial(self._step, known), state.recursion, record)
+        x1, x2, p11, p12, p22, g11, g12, g22 = recursion
+        p = jnp.array([[p11, p12], [p12, p22]])
+        fit = fitted(
+            known,
+            record,
+            state.batch.fit,
+            jnp.stack([x1, x2]),
+            p @ jnp.array([[g11, g12], [g12, g22]]) @ p,
+            jnp.sum(record.fresh, dtype=jnp.int32),
+            jnp.ones((), dtype=bool),
+        )
+        return OnlineState(state.batch._replace(fit=fit), recursion)
+
+    def estimate(self, state: OnlineState) -> Estimate:
+        return to_estimate(state.batch)
+
+    def _step(
+        self,
+        known: Known,
+        recursion: Recursion,
+        slip: Float[Array, ""],
+        adhesion: Float[Array, ""],
+    ) -> Recursion:
+        x1, x2, p11, p12, p22, g11, g12, g22 = recursion
+        u1, u2, z = regression(known, slip, adhesion)
+        x = jnp.stack([x1, x2])
+        eta = forgetting(known, slip, adhesion, x, self.eta_least, self.eta_most, self.gain)
+        pu1, pu2 = p11 * u1 + p12 * u2, p12 * u1 + p22 * u2
+        scale = eta + u1 * pu1 + u2 * pu2
+        innovation = z - x1 * u1 - x2 * u2
+        # The residual at the new x is the innovation times eta over the same scale.
+        squared = (innovation * eta / scale) ** 2
+        return Recursion(
+            x1 + pu1 / scale * innovation,
+            x2 + pu2 / scale * innovation,
+            (p11 - pu1 * pu1 / scale) / eta,
+            (p12 - pu1 * pu2 / scale) / eta,
+            (p22 - pu2 * pu2 / scale) / eta,
+            eta**2 * g11 + squared * u1 * u1,
+            eta**2 * g12 + squared * u1 * u2,
+            eta**2 * g22 + squared * u2 * u2,
+        )
+
+
+rls_kiencke = RecursiveLeastSquares(*map(jnp.asarray, (0.99, 0.99, 0.0)))
+rls_kiencke_variable = RecursiveLeastSquares(*map(jnp.asarray, (0.9, 1.0, 2.0)))

@@ -1,0 +1,73 @@
+"""A stream of samples at random slips, asked for estimates now and then."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import PRNGKeyArray
+
+from adhesion_jax.curves import Curve
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.scenarios.growing import growing_tables, prefixes
+from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
+
+#: When Qian et al. 2024 reads its figures.
+_CHECKPOINTS = (30, 230, 250)
+
+
+class Stream(Scenario):
+    """Every sample has a slip of its own, uniform on 0 to `slip_max`; one rail.
+
+    A block holds all the samples up to a length. The slips differ from run to run.
+    """
+
+    rails: tuple[str, ...] = eqx.field(static=True)
+    lengths: tuple[int, ...] = eqx.field(static=True)
+    sigma: float = eqx.field(static=True)
+    outliers: float = eqx.field(static=True)
+    slip_max: float = eqx.field(static=True)
+    truth: tuple[Curve, ...]
+    known: Known
+    run_axes: Any = eqx.field(default=Record(0, 0, None, None, {}), static=True)  # type: ignore[arg-type]
+
+    def draw(self, key: PRNGKeyArray) -> Record:
+        slip_key, noise_key = jax.random.split(key)
+        points = self.lengths[-1]
+        shape = (len(self.lengths), points)
+        slip = jax.random.uniform(slip_key, (points,), maxval=self.slip_max)
+        noise = draw_noise(noise_key, slip.shape, self.sigma, self.outliers)
+        adhesion = self.truth[0](slip, {}) + noise
+        mask, fresh = prefixes(points, self.lengths)
+        return Record(
+            jnp.broadcast_to(slip, shape), jnp.broadcast_to(adhesion, shape), mask, fresh, {}
+        )
+
+    def tables(self) -> Mapping[str, Sequence[Group]]:
+        return growing_tables(self.rails[0], self.lengths)
+
+
+def qian2024(options: Options) -> Stream:
+    """250 samples on one rail (dry), slip uniform on 0 to 0.2, Kiencke with a0 known."""
+    if options.blocks is not None:
+        raise InputError("--blocks does not go with --scenario qian2024, which is one stream.")
+    points = options.points or _CHECKPOINTS[-1]
+    if points < _CHECKPOINTS[0]:
+        raise InputError(
+            f"--points {points} is too few for --scenario qian2024; "
+            f"its first estimate is asked for after {_CHECKPOINTS[0]}."
+        )
+    lengths = (*(k for k in _CHECKPOINTS if k < points), points)
+    rail = rail_named(options.rail or "dry")
+    return Stream(
+        rails=(rail,) * len(lengths),
+        lengths=lengths,
+        sigma=0.01 if options.sigma is None else options.sigma,
+        outliers=options.outliers or 0.0,
+        slip_max=options.slip_max or 0.2,
+        truth=(KIENCKE_RAILS[rail],) * len(lengths),
+        known=QIAN2024,
+    )
