@@ -22,7 +22,6 @@ from adhesion_jax.campaign.store import (
     write_table,
 )
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
-from adhesion_jax.metrics.information import quantities, quantity_names
 from adhesion_jax.report import figures
 from adhesion_jax.report.tables import accuracy_table
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
@@ -169,10 +168,7 @@ def _draw(
         figures.convergence(
             stage / "convergence.png", tables["checkpoints"], estimates, reached, label
         )
-    truth = pd.DataFrame(
-        [np.asarray(quantities(curve)) for curve in scenario.truth],
-        columns=list(quantity_names(scenario.known.curve)),
-    )
+    truth = pd.DataFrame(scenario.quantities())
     truth.insert(0, "block", np.arange(len(truth)))
     figures.tracking(stage / "tracking.png", truth, estimates, list(names))
 

@@ -1,9 +1,10 @@
 """A Monte Carlo campaign: every identifier on the same runs, tile by tile, on all cores."""
 
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from itertools import pairwise
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from scipy.stats import t as student_t
 
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
 from adhesion_jax.campaign.tiles import (
@@ -23,21 +25,27 @@ from adhesion_jax.campaign.tiles import (
 )
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Status
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
-from adhesion_jax.metrics.information import quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments
+from adhesion_jax.metrics.tracking import Tracking, tracking_row
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.runtime import CORES, share_compilations
-from adhesion_jax.scenarios import Group, Record, Scenario
+from adhesion_jax.scenarios import Group, Scenario
 
 #: The method whose objective every other is held against.
 REFERENCE = "ml-exact"
+
+#: The bands of a stream are those of the runs of this many tiles, so that memory is flat.
+_BAND_TILES = 2
 
 #: Statuses that count as a failure whatever the method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
 
 
 class Campaign(NamedTuple):
-    """The tables by name (summary, switches, checkpoints) and the seconds of compilation."""
+    """The tables by name (summary, switches, checkpoints, tracking, bands).
+
+    And the seconds of compilation of each identifier.
+    """
 
     tables: Mapping[str, pd.DataFrame]
     compile_seconds: Mapping[str, float]
@@ -78,6 +86,8 @@ def run_campaign(
         for group in groups
     ]
     tally: dict[int, Moments] = {}
+    seen: dict[str, list[Tracking]] = {name: [] for name in names}
+    courses: list[pd.DataFrame] = []
     seconds: dict[str, list[float]] = {name: [] for name in methods}
     compile_seconds = dict.fromkeys(methods, 0.0)
     work = [(config, tile, name) for tile in range(_tiles(config)) for name in methods]
@@ -86,16 +96,24 @@ def run_campaign(
             runs = tile_runs(tile)
             runs = runs[runs < config.runs]
             estimates: dict[str, Estimate] = {}
+            tracking: dict[str, Tracking] = {}
             for name in methods:
                 result: TileResult = next(results)
                 seconds[name].append(result.seconds / (TILE * len(scenario.rails)))
                 compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
-                estimates[name] = jax.tree.map(lambda x: x[: len(runs)], result.estimate)  # noqa: B023
+                estimates[name], tracking[name] = jax.tree.map(
+                    lambda x: x[: len(runs)],  # noqa: B023
+                    (result.estimate, result.tracking),
+                )
                 progress(name)
             records = draw_tile(config, tile)
-            truth = _truth(scenario, records, np.asarray(bound_tile(config, records))[: len(runs)])
-            _count(tally, rows, scenario, estimates, truth)
+            truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
+            _count(tally, rows, scenario, estimates, tracking, truth)
             keep(_estimate_rows(scenario, names, estimates, runs))
+            for name in names:
+                seen[name].append(tracking[name])
+            if scenario.by_sample and tile < _BAND_TILES:
+                courses.append(_course_rows(scenario, names, estimates))
 
     tables = {
         table: pd.concat(
@@ -108,6 +126,10 @@ def run_campaign(
         )
         for table in scenario.tables()
     }
+    if any(a != b for a, b in pairwise(scenario.rails)):
+        tables["tracking"] = _tracking_table(config, scenario, seen)
+    if courses:
+        tables["bands"] = _bands(pd.concat(courses, ignore_index=True))
     return Campaign(tables, {name: compile_seconds[name] for name in names})
 
 
@@ -156,15 +178,15 @@ def _mapped(
             raise
 
 
-def _truth(scenario: Scenario, records: Record, bound: np.ndarray) -> Truth:
-    # [blocks, points], or with the runs in front where the mask differs between them.
-    points = np.asarray(records.mask).reshape(-1, *records.mask.shape[-2:])[0].sum(axis=-1)
+def _truth(scenario: Scenario, bound: np.ndarray) -> Truth:
+    quantities = scenario.quantities()
+    degrees_of_freedom = np.maximum(scenario.support() - len(scenario.known.curve.free), 1)
     return Truth(
-        names=quantity_names(scenario.known.curve),
-        values=np.stack([np.asarray(quantities(curve)) for curve in scenario.truth]),
+        names=tuple(quantities),
+        values=np.stack(list(quantities.values()), axis=-1),
         bound=bound,
         sigma=scenario.sigma,
-        degrees_of_freedom=points - len(scenario.known.curve.free),
+        quantile=student_t.ppf(0.975, degrees_of_freedom),
     )
 
 
@@ -173,43 +195,61 @@ def _count(
     rows: list[_Row],
     scenario: Scenario,
     estimates: Mapping[str, Estimate],
+    tracking: Mapping[str, Tracking],
     truth: Truth,
 ) -> None:
     """Add the runs of a tile to the sums behind every row of every table."""
-    # Where the exact optimum is not known no gap to it counts as a failure.
+    # Where the exact optimum is not known, or not looked for, no gap to it counts as a failure.
     outcomes = {
-        name: _outcome(scenario, e, estimates.get(REFERENCE, e)) for name, e in estimates.items()
+        name: _outcome(
+            scenario,
+            truth.names,
+            e,
+            estimates.get(REFERENCE, e) if IDENTIFIERS[name].fits_last_record else e,
+            tracking[name],
+        )
+        for name, e in estimates.items()
     }
     for index, row in enumerate(rows):
         outcome = outcomes[row.identifier]
-        part = Moments.of(run_statistics(outcome, truth, row.group.blocks, row.group.after_switch))
+        part = Moments.of(run_statistics(outcome, truth, row.group.blocks, row.group.switched))
         tally[index] = tally[index].plus(part) if index in tally else part
 
 
-def _standard_errors(estimate: Estimate) -> np.ndarray:
-    return np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1))
+def _standard_errors(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
+    place = [list(estimate.values).index(name) for name in names]
+    return np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1)[..., place])
 
 
-def _values(estimate: Estimate) -> np.ndarray:
-    return np.stack(list(estimate.values.values()), axis=-1)
+def _values(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
+    return np.stack([estimate.values[name] for name in names], axis=-1)
 
 
 def _on_box(scenario: Scenario, estimate: Estimate) -> np.ndarray:
     known = scenario.known
-    parameters = _values(estimate)[..., : len(known.curve.free)]
+    if not set(known.curve.free) <= set(estimate.values):  # a method without a curve
+        return np.zeros(estimate.status.shape, dtype=bool)
+    parameters = _values(estimate, known.curve.free)
     return np.asarray(jnp.any(on_bound(parameters, known.lower, known.upper), axis=-1))
 
 
-def _outcome(scenario: Scenario, estimate: Estimate, optimum: Estimate) -> Outcome:
+def _outcome(
+    scenario: Scenario,
+    names: Sequence[str],
+    estimate: Estimate,
+    optimum: Estimate,
+    tracking: Tracking,
+) -> Outcome:
     return Outcome(
-        values=_values(estimate),
-        standard_errors=_standard_errors(estimate),
+        values=_values(estimate, names),
+        standard_errors=_standard_errors(estimate, names),
         on_box=_on_box(scenario, estimate),
         unusable=np.isin(estimate.status, _UNUSABLE),
         objective=np.asarray(estimate.objective),
         optimum=np.asarray(optimum.objective),
         optimum_on_box=_on_box(scenario, optimum),
         evaluations=np.asarray(estimate.evaluations),
+        delay=np.asarray(tracking.delay),
     )
 
 
@@ -235,23 +275,69 @@ def _estimate_rows(
     estimates: Mapping[str, Estimate],
     runs: np.ndarray,
 ) -> pd.DataFrame:
-    """One row a run, identifier and block."""
-    blocks = np.arange(len(scenario.rails))
+    """One row a run, identifier and block that stands in a table."""
+    groups = [group for table in scenario.tables().values() for group in table]
+    blocks = np.array(sorted({block for group in groups for block in group.blocks}))
     frames = []
     for name in names:
-        estimate, errors = estimates[name], _standard_errors(estimates[name])
+        estimate: Estimate = jax.tree.map(lambda x: x[:, blocks], estimates[name])
+        errors = _standard_errors(estimate, list(estimate.values))
         columns: dict[str, object] = {
             "run": np.repeat(runs, len(blocks)),
             "identifier": name,
             "block": np.tile(blocks, len(runs)),
-            "rail": np.tile(np.array(scenario.rails), len(runs)),
+            "rail": np.tile(np.array(scenario.rails)[blocks], len(runs)),
         }
         columns |= {key: np.ravel(value) for key, value in estimate.values.items()}
         columns |= {f"{key}_se": errors[..., i].ravel() for i, key in enumerate(estimate.values)}
         columns |= {
             "status": [Status(code).name.lower() for code in np.ravel(estimate.status)],
             "objective": np.ravel(estimate.objective),
+            "forgetting": np.ravel(estimate.forgetting),
             "evaluations": np.ravel(estimate.evaluations),
         }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
+
+
+def _tracking_table(
+    config: Config, scenario: Scenario, seen: Mapping[str, list[Tracking]]
+) -> pd.DataFrame:
+    """One row an identifier and stretch of rail."""
+    rails = [rail for b, rail in enumerate(scenario.rails) if rail != (None, *scenario.rails)[b]]
+    rows = []
+    for name, parts in seen.items():
+        runs: Tracking = jax.tree.map(lambda *x: np.concatenate(x), *parts)
+        for stretch, rail in enumerate(rails):
+            names = {"scenario": config.scenario, "identifier": name, "rail": rail}
+            rows.append({**names, **tracking_row(runs, stretch, scenario.by_sample)})
+    return pd.DataFrame(rows)
+
+
+def _course_rows(
+    scenario: Scenario, names: tuple[str, ...], estimates: Mapping[str, Estimate]
+) -> pd.DataFrame:
+    """Every tracked quantity after every block of a tile of runs, in long form."""
+    frames = []
+    for name in names:
+        shown = {q: estimates[name].values[q] for q in scenario.quantities()}
+        for quantity, values in (*shown.items(), ("forgetting", estimates[name].forgetting)):
+            runs, blocks = values.shape
+            frames.append(
+                pd.DataFrame(
+                    {
+                        "identifier": name,
+                        "quantity": quantity,
+                        "block": np.tile(np.arange(blocks), runs),
+                        "value": np.ravel(values),
+                    }
+                )
+            )
+    return pd.concat(frames, ignore_index=True)
+
+
+def _bands(rows: pd.DataFrame) -> pd.DataFrame:
+    """The median and the band from 5 to 95 % of each quantity after each block."""
+    grouped = rows.groupby(["identifier", "quantity", "block"], sort=False)["value"]
+    levels = {"p05": 0.05, "median": 0.5, "p95": 0.95}
+    return pd.DataFrame({name: grouped.quantile(q) for name, q in levels.items()}).reset_index()

@@ -17,17 +17,18 @@ from jaxtyping import Array, Float, Key
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
-from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, identify
-from adhesion_jax.metrics.information import cramer_rao_bound
+from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, follow
+from adhesion_jax.metrics.tracking import Course, Tracking
 from adhesion_jax.scenarios import SCENARIOS, Options, Record
 
 TILE = 128
 
 
 class TileResult(NamedTuple):
-    """Estimates [runs, blocks] as NumPy arrays; CPU seconds of the run and of compilation."""
+    """Estimates [runs, blocks] and what was seen on the way, as NumPy arrays; CPU seconds."""
 
     estimate: Estimate
+    tracking: Tracking
     seconds: float
     compile_seconds: float
 
@@ -59,9 +60,10 @@ def identify_tile(config: Config, tile: int, name: str) -> TileResult:
     compiled = _compiled(config.scenario, config.options, jax.tree.structure(method))
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
-    estimate = jax.block_until_ready(compiled(method, records, keys))
+    found = jax.block_until_ready(compiled(method, records, keys))
     seconds = time.process_time() - began
-    return TileResult(jax.tree.map(np.asarray, estimate), seconds, compile_seconds)
+    estimate, tracking = jax.tree.map(np.asarray, found)
+    return TileResult(estimate, tracking, seconds, compile_seconds)
 
 
 @lru_cache
@@ -75,29 +77,27 @@ def _bound(
     scenario_name: str, options: Options
 ) -> Callable[[Record], Float[Array, "runs blocks values"]]:
     scenario = SCENARIOS[scenario_name](options)
-    truth = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenario.truth)
-
-    def one_run(record: Record) -> Float[Array, "blocks values"]:
-        return jax.vmap(cramer_rao_bound, in_axes=(0, 0, 0, 0, None))(
-            truth, record.slip, record.mask, record.conditions, scenario.sigma
-        )
-
-    return jax.jit(jax.vmap(one_run, in_axes=(scenario.run_axes,), axis_size=TILE))
+    return jax.jit(jax.vmap(scenario.bound, in_axes=(scenario.run_axes,), axis_size=TILE))
 
 
 @cache
 def _compiled(
     scenario_name: str, options: Options, form: jax.tree_util.PyTreeDef
-) -> Callable[[Identifier, Record, Key[Array, " runs"]], Estimate]:
+) -> Callable[[Identifier, Record, Key[Array, " runs"]], tuple[Estimate, Tracking]]:
     """The compiled function of all methods of one form.
 
     The identifier is an argument of it, so variants that differ in numbers alone share it.
     """
     scenario = SCENARIOS[scenario_name](options)
+    quantities = scenario.quantities()
+    mu_max = quantities.get("mu_max", np.full(len(scenario.rails), np.nan))
+    course = Course.of(scenario.rails, mu_max, scenario.by_sample)
 
-    def tile(method: Identifier, records: Record, keys: Key[Array, " runs"]) -> Estimate:
-        in_axes = (None, None, scenario.run_axes, 0)
-        return jax.vmap(identify, in_axes)(method, scenario.known, records, keys)
+    def tile(
+        method: Identifier, records: Record, keys: Key[Array, " runs"]
+    ) -> tuple[Estimate, Tracking]:
+        in_axes = (None, None, scenario.run_axes, 0, None)
+        return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, course)
 
     example = next(m for m in IDENTIFIERS.values() if jax.tree.structure(m) == form)
     config = Config(scenario=scenario_name, options=options)

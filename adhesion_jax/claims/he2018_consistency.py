@@ -21,6 +21,7 @@ from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.scenarios import Record, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.rails import RAILS
 
 Numbers = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def consistency_table(
     The noise of the sizes is independent, and so are their errors. One row a size and quantity.
     """
     slip, mask = map(jnp.asarray, sized_blocks(sizes, slip_max))
-    curve, known, sigma = scenario.truth[0], scenario.known, scenario.sigma
+    curve, known, sigma = RAILS[scenario.rails[0]], scenario.known, scenario.sigma
     clean = curve(slip, {})
 
     @jax.jit

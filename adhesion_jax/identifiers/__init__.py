@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from adhesion_jax.identifiers.base import Estimate as Estimate
 from adhesion_jax.identifiers.base import Identifier as Identifier
 from adhesion_jax.identifiers.base import Status as Status
+from adhesion_jax.identifiers.base import follow as follow
 from adhesion_jax.identifiers.base import identify as identify
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.identifiers.ls_kiencke import LinearLeastSquares

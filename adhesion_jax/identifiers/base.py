@@ -7,11 +7,14 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from adhesion_jax.metrics.tracking import Course, Tracking, start_tracking, track
 from adhesion_jax.scenarios import Known, Record, Scenario
 
 State = Any  # each identifier carries its own
+Carry = tuple[State, Tracking]
 
 
 class Status(IntEnum):
@@ -50,6 +53,8 @@ class Estimate(NamedTuple):
     covariance: Float[Array, "... values values"]
     status: Int[Array, "..."]  # a Status
     objective: Float[Array, "..."]  # sum of squared residuals over the last record
+    #: The factor its past was last discounted by: 0 at a reset, NaN for a method without a past.
+    forgetting: Float[Array, "..."]
     evaluations: Int[Array, "..."]  # of the model on the whole record, for this update
 
 
@@ -58,6 +63,10 @@ class Identifier(eqx.Module):
 
     Its fields are its settings. Numbers among them may differ without a new compilation.
     """
+
+    #: Whether it looks for the least sum of squares over the last record: only then is a gap to
+    #: the exact optimum a failure.
+    fits_last_record: eqx.AbstractClassVar[bool]
 
     @abstractmethod
     def accepts(self, scenario: Scenario) -> str | None:
@@ -76,6 +85,13 @@ class Identifier(eqx.Module):
         """What is known now."""
 
 
+def needs_blocks(scenario: Scenario) -> str | None:
+    """None, or the reason why a method without a past cannot work on the scenario."""
+    if not scenario.by_sample:
+        return None
+    return "it takes whole blocks, and this scenario gives one sample at a time"
+
+
 def identify(identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray) -> Estimate:
     """One run: the estimates after each of its blocks, arrays [blocks]."""
 
@@ -84,3 +100,31 @@ def identify(identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyA
         return state, identifier.estimate(state)
 
     return jax.lax.scan(step, identifier.init(known, key), blocks)[1]
+
+
+def follow(
+    identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray, course: Course
+) -> tuple[Estimate, Tracking]:
+    """`identify`, and what is seen of the method on its way, at every step.
+
+    A step is a whole block or, where the course is by sample, one sample of it.
+    """
+
+    def one_step(carry: Carry, step: tuple[Array, Record]) -> tuple[Carry, Estimate]:
+        (state, seen), (block, record) = carry, step
+        state = identifier.update(state, record)
+        estimate = identifier.estimate(state)
+        mu_max = estimate.values.get("mu_max", jnp.asarray(jnp.nan))
+        return (state, track(course, seen, block, mu_max, estimate.forgetting)), estimate
+
+    def one_block(carry: Carry, numbered: tuple[Array, Record]) -> tuple[Carry, Estimate]:
+        block, record = numbered
+        steps = record.mask.shape[-1] if course.by_sample else 1
+        parts = jax.tree.map(lambda x: x.reshape(steps, -1), record)
+        carry, estimates = jax.lax.scan(one_step, carry, (jnp.full(steps, block), parts))
+        return carry, jax.tree.map(lambda x: x[-1], estimates)
+
+    start = (identifier.init(known, key), start_tracking(course))
+    count = blocks.mask.shape[-2]
+    (_, seen), estimates = jax.lax.scan(one_block, start, (jnp.arange(count), blocks))
+    return estimates, seen

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.identifiers.base import needs_blocks
 from adhesion_jax.optim.variable_projection import Sums, summarise
 from adhesion_jax.scenarios import Known, Record, Scenario
 
@@ -11,6 +12,8 @@ from adhesion_jax.scenarios import Known, Record, Scenario
 def needs_burckhardt(scenario: Scenario) -> str | None:
     """None, or the reason why the scenario does not have this form."""
     curve = scenario.known.curve
+    if scenario.by_sample:
+        return needs_blocks(scenario)
     if type(curve) is Burckhardt and curve.free == ("c1", "c2", "c3"):
         return None
     return "it is written for Burckhardt's curve with c1, c2 and c3 unknown"

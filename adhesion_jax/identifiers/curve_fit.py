@@ -25,6 +25,7 @@ class Fit(NamedTuple):
     parameters: Float[Array, " free"]
     covariance: Float[Array, "free free"]
     objective: Float[Array, ""]  # sum of squared residuals over the record
+    forgetting: Float[Array, ""]
     evaluations: Int[Array, ""]
     converged: Bool[Array, ""]
     finite: Bool[Array, ""]
@@ -42,7 +43,8 @@ def start(known: Known, key: PRNGKeyArray) -> FitState:
     parameters = free_values(known.curve)
     size = parameters.size
     zero, no = jnp.int32(0), jnp.zeros((), dtype=bool)
-    empty = Fit(parameters, jnp.zeros((size, size)), jnp.zeros(()), zero, no, ~no)
+    nothing, none = jnp.zeros(()), jnp.asarray(jnp.nan)
+    empty = Fit(parameters, jnp.zeros((size, size)), nothing, none, zero, no, ~no)
     return FitState(known, key, empty)
 
 
@@ -74,7 +76,8 @@ def evaluate(
     objective = jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2)
     variance = objective / jnp.maximum(jnp.sum(record.mask) - parameters.size, 1)
     covariance = variance * inverse_information(information)
-    return Fit(parameters, covariance, objective, evaluations.astype(jnp.int32), converged, finite)
+    none, count = jnp.asarray(jnp.nan), evaluations.astype(jnp.int32)
+    return Fit(parameters, covariance, objective, none, count, converged, finite)
 
 
 def to_estimate(state: FitState) -> Estimate:
@@ -102,4 +105,4 @@ def to_estimate(state: FitState) -> Estimate:
     )
     # A plain dict would come out of a compiled function with its names sorted.
     named = OrderedDict(zip(quantity_names(curve), quantities(curve), strict=True))
-    return Estimate(named, covariance, status, fit.objective, fit.evaluations)
+    return Estimate(named, covariance, status, fit.objective, fit.forgetting, fit.evaluations)

@@ -1,10 +1,12 @@
 """Nonlinear least squares by a gradient solver, whichever library it comes from."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
 from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, to_estimate
 from adhesion_jax.optim.least_squares import Solver
 from adhesion_jax.scenarios import Known, Record, Scenario
@@ -16,11 +18,13 @@ class GradientLeastSquares(Identifier):
     After a block on which the solver did not converge the next one starts from the centre again.
     """
 
+    fits_last_record: ClassVar[bool] = True
+
     solver: Solver = eqx.field(static=True)
     steps: int = eqx.field(static=True)  # at most; a batch waits for its slowest run
 
     def accepts(self, scenario: Scenario) -> str | None:
-        return None
+        return needs_blocks(scenario)
 
     def init(self, known: Known, key: PRNGKeyArray) -> FitState:
         return start(known, key)

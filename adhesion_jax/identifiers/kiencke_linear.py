@@ -134,6 +134,7 @@ def fitted(
     previous: Fit,
     parameters: Float[Array, "2"],
     covariance: Float[Array, "2 2"],
+    forgetting: Float[Array, ""],
     evaluations: Int[Array, ""],
     converged: Bool[Array, ""],
 ) -> Fit:
@@ -141,4 +142,4 @@ def fitted(
     finite = jnp.all(jnp.isfinite(parameters))
     parameters = jnp.where(finite, parameters, previous.parameters)
     objective = jnp.sum(residual(known, record, parameters) ** 2)
-    return Fit(parameters, covariance, objective, evaluations, converged, finite)
+    return Fit(parameters, covariance, objective, forgetting, evaluations, converged, finite)

@@ -1,9 +1,11 @@
 """Least squares on the linear form of Kiencke's curve, all samples at once."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
 from adhesion_jax.identifiers.curve_fit import FitState, start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
@@ -22,8 +24,10 @@ class LinearLeastSquares(Identifier):
     On a slippery rail p2 may come out negative; there is no peak then, and that is a failure.
     """
 
+    fits_last_record: ClassVar[bool] = False
+
     def accepts(self, scenario: Scenario) -> str | None:
-        return needs_kiencke(scenario)
+        return needs_blocks(scenario) or needs_kiencke(scenario)
 
     def init(self, known: Known, key: PRNGKeyArray) -> FitState:
         return start(known, key)
@@ -53,8 +57,8 @@ class LinearLeastSquares(Identifier):
             g12=jnp.sum(squared * u1 * u2),
             g22=jnp.sum(squared * u2 * u2),
         )
-        yes, one = jnp.ones((), dtype=bool), jnp.int32(1)
-        fit = fitted(known, record, state.fit, x, covariance(sums), one, yes)
+        none, one, yes = jnp.asarray(jnp.nan), jnp.int32(1), jnp.ones((), dtype=bool)
+        fit = fitted(known, record, state.fit, x, covariance(sums), none, one, yes)
         return state._replace(fit=fit)
 
     def estimate(self, state: FitState) -> Estimate:

@@ -1,5 +1,7 @@
 """Maximum likelihood by differential evolution: He et al. 2018, its ablations and a repair."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
@@ -27,6 +29,8 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
     the mean absolute innovation of the block under theta(k-1) (Eq. 17 has .3 and .8; the mean
     over the block is our reading of its innovation).
     """
+
+    fits_last_record: ClassVar[bool] = True
 
     local_share: Float[Array, ""]
     radius: Float[Array, ""]

@@ -1,5 +1,7 @@
 """Exact maximum likelihood for Burckhardt's curve by variable projection."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
@@ -17,6 +19,8 @@ class ExactMaximumLikelihood(Identifier):
     no other method can have a lower objective (He et al. 2018, Eq. 13, whose Eq. 14 prints
     arg max for arg min).
     """
+
+    fits_last_record: ClassVar[bool] = True
 
     def accepts(self, scenario: Scenario) -> str | None:
         return needs_burckhardt(scenario)

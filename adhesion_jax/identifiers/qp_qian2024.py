@@ -1,7 +1,7 @@
 """Qian et al. 2024: a quadratic program at every sample, with a time-varying forgetting factor."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
@@ -50,6 +50,8 @@ class QuadraticProgram(Identifier):
     standard deviations where S_1 and S_2 are printed as variances, whose unit is another).
     """
 
+    fits_last_record: ClassVar[bool] = False
+
     weight_falls: Bool[Array, ""]
     eta_least: Float[Array, ""]
     eta_most: Float[Array, ""]
@@ -78,6 +80,7 @@ class QuadraticProgram(Identifier):
             fit,
             recursion.x,
             covariance(recursion.normal),
+            recursion.eta,
             jnp.sum(record.fresh, dtype=jnp.int32),
             recursion.samples > 1,
         )

@@ -1,7 +1,7 @@
 """Recursive least squares with exponential forgetting on the linear form of Kiencke's curve."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -32,6 +32,7 @@ class Recursion(NamedTuple):
     g11: Float[Array, ""]
     g12: Float[Array, ""]
     g22: Float[Array, ""]
+    eta: Float[Array, ""]
 
 
 class RecursiveLeastSquares(Identifier):
@@ -40,6 +41,8 @@ class RecursiveLeastSquares(Identifier):
     With gain 0 the forgetting factor is constant, `eta_most`; else it follows the error.
     Source: Ljung 1999, System Identification, section 11.2; eta as in Qian et al. 2024, Eq. 9.
     """
+
+    fits_last_record: ClassVar[bool] = False
 
     eta_least: Float[Array, ""]
     eta_most: Float[Array, ""]
@@ -52,12 +55,14 @@ class RecursiveLeastSquares(Identifier):
         batch = start(known, key)
         zero, wide = jnp.zeros(()), jnp.asarray(_PRIOR**2)
         x1, x2 = batch.fit.parameters
-        return OnlineState(batch, Recursion(x1, x2, wide, zero, wide, zero, zero, zero))
+        return OnlineState(
+            batch, Recursion(x1, x2, wide, zero, wide, zero, zero, zero, self.eta_most)
+        )
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         known = state.batch.known
         recursion = over_fresh_samples(partial(self._step, known), state.recursion, record)
-        x1, x2, p11, p12, p22, g11, g12, g22 = recursion
+        x1, x2, p11, p12, p22, g11, g12, g22, eta = recursion
         p = jnp.array([[p11, p12], [p12, p22]])
         fit = fitted(
             known,
@@ -65,6 +70,7 @@ class RecursiveLeastSquares(Identifier):
             state.batch.fit,
             jnp.stack([x1, x2]),
             p @ jnp.array([[g11, g12], [g12, g22]]) @ p,
+            eta,
             jnp.sum(record.fresh, dtype=jnp.int32),
             jnp.ones((), dtype=bool),
         )
@@ -80,7 +86,7 @@ class RecursiveLeastSquares(Identifier):
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
     ) -> Recursion:
-        x1, x2, p11, p12, p22, g11, g12, g22 = recursion
+        x1, x2, p11, p12, p22, g11, g12, g22, _ = recursion
         u1, u2, z = regression(known, slip, adhesion)
         x = jnp.stack([x1, x2])
         eta = forgetting(known, slip, adhesion, x, self.eta_least, self.eta_most, self.gain)
@@ -98,6 +104,7 @@ class RecursiveLeastSquares(Identifier):
             eta**2 * g11 + squared * u1 * u1,
             eta**2 * g12 + squared * u1 * u2,
             eta**2 * g22 + squared * u2 * u2,
+            eta,
         )
 
 

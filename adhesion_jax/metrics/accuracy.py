@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
 
 from adhesion_jax.metrics.moments import Moments
 
@@ -14,9 +13,6 @@ Array = NDArray[np.float64]
 
 #: A method fails where its sum of squares exceeds the optimum by more than this many sigma^2.
 FAILURE_GAP = 1.0
-
-#: A rail is tracked again when mu_max is within this share of the truth.
-_TRACKED = 0.03
 
 #: Where more runs than this touch the box, an RMSE below the bound is truncation.
 _BOX_SHARE = 0.01
@@ -36,6 +32,7 @@ class Outcome(NamedTuple):
     optimum: Array  # the objective of the exact maximum likelihood on the same data
     optimum_on_box: NDArray[np.bool_]  # whether that lies on the box
     evaluations: Array
+    delay: Array  # steps until the rail is tracked, [runs, stretches]
 
 
 class Truth(NamedTuple):
@@ -45,22 +42,19 @@ class Truth(NamedTuple):
     values: Array  # [blocks, values]
     bound: Array  # Cramer-Rao bound, [runs, blocks, values]
     sigma: float
-    degrees_of_freedom: Array  # [blocks]
+    quantile: Array  # of Student's t, of the 95 % intervals, [blocks]
 
 
 def run_statistics(
-    outcome: Outcome, truth: Truth, blocks: tuple[int, ...], after_switch: tuple[int, ...]
+    outcome: Outcome, truth: Truth, blocks: tuple[int, ...], switched: int | None
 ) -> Mapping[str, Array]:
     """The statistics of each run, averaged over `blocks`; their means over runs are the metrics.
 
-    Failures are part of every mean. `after_switch` are all the blocks of the rail, where it
-    began with a switch: over them the delay is counted.
+    Failures are part of every mean. `switched` is the stretch whose delay belongs to the row.
     """
     b = list(blocks)
     error = outcome.values[:, b] - truth.values[b]
-    half_width = (
-        student_t.ppf(0.975, truth.degrees_of_freedom[b])[:, None] * outcome.standard_errors[:, b]
-    )
+    half_width = truth.quantile[b][:, None] * outcome.standard_errors[:, b]
     gap = outcome.objective[:, b] - outcome.optimum[:, b]
     failed = outcome.unusable[:, b] | ~(gap <= FAILURE_GAP * truth.sigma**2 + _ROUNDING)
     statistics = {
@@ -73,17 +67,9 @@ def run_statistics(
         "failed": failed.mean(axis=1),
         "evaluations": outcome.evaluations[:, b].mean(axis=1),
     }
-    if after_switch:
-        statistics["delay"] = _delay(outcome, truth, list(after_switch))
+    if switched is not None:
+        statistics["delay"] = outcome.delay[:, switched].astype(float)
     return statistics
-
-
-def _delay(outcome: Outcome, truth: Truth, blocks: list[int]) -> Array:
-    """Blocks from a switch to the first one that is tracked; all of them where none is."""
-    peak = truth.names.index("mu_max")
-    true_peak = truth.values[blocks, peak]
-    tracked = np.abs(outcome.values[:, blocks, peak] - true_peak) < _TRACKED * true_peak
-    return np.where(tracked.any(axis=1), tracked.argmax(axis=1), len(blocks)).astype(float)
 
 
 def table_rows(

@@ -1,7 +1,10 @@
 """What data say about a curve: sensitivities, information, covariance, Cramer-Rao bound."""
 
+from collections.abc import Mapping, Sequence
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_free_values
@@ -16,6 +19,17 @@ def quantities(curve: Curve) -> Float[Array, " values"]:
     """The free parameters, the largest adhesion and its slip."""
     peak = curve.peak({})
     return jnp.concatenate([free_values(curve), jnp.stack([peak.adhesion, peak.slip])])
+
+
+def true_quantities(curves: Sequence[Curve]) -> Mapping[str, np.ndarray]:
+    """`quantities` of several curves of one kind, by name."""
+    values = np.asarray(jax.vmap(quantities)(stacked(curves)))
+    return dict(zip(quantity_names(curves[0]), values.T, strict=True))
+
+
+def stacked(curves: Sequence[Curve]) -> Curve:
+    """Curves of one kind as one whose parameters have the axis [curves]."""
+    return jax.tree.map(lambda *values: jnp.asarray(np.array(values)), *curves)
 
 
 def adhesion_and_information(
@@ -56,6 +70,19 @@ def quantity_covariance(
         free_values(curve)
     )
     return gradient @ covariance @ gradient.T
+
+
+def bound_of_blocks(
+    curves: Sequence[Curve],
+    slip: Float[Array, "blocks points"],
+    mask: Bool[Array, "blocks points"],
+    conditions: Conditions,
+    sigma: Scalar,
+) -> Float[Array, "blocks values"]:
+    """`cramer_rao_bound` of each block on its own."""
+    return jax.vmap(cramer_rao_bound, in_axes=(0, 0, 0, 0, None))(
+        stacked(curves), slip, mask, conditions, sigma
+    )
 
 
 def cramer_rao_bound(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
@@ -40,13 +41,13 @@ class Known(eqx.Module):
 class Group(NamedTuple):
     """Blocks whose estimates are pooled into one row of a table.
 
-    `after_switch` are all the blocks of the rail, if it began with a switch; k is the number of
-    points seen, where a table is ordered by it.
+    `switched` is the stretch of the run that began with a switch to this rail, if one did; k is
+    the number of points seen, where a table is ordered by it.
     """
 
     rail: str
     blocks: tuple[int, ...]
-    after_switch: tuple[int, ...] = ()
+    switched: int | None = None
     k: int | None = None
 
 
@@ -63,19 +64,35 @@ class Options:
 
 
 class Scenario(eqx.Module):
-    """Draws runs. `rails` names the rail of each block, `truth` the curve of each block."""
+    """Draws runs. `rails` names the rail of each block.
+
+    Where `by_sample`, a method is given the samples of a block one at a time and is followed at
+    each of them; a block is then what lies between two reports.
+    """
 
     known: eqx.AbstractVar[Known]
     rails: eqx.AbstractVar[tuple[str, ...]]
-    truth: eqx.AbstractVar[tuple[Curve, ...]]
     sigma: eqx.AbstractVar[float]
     outliers: eqx.AbstractVar[float]
+    by_sample: eqx.AbstractVar[bool]
     #: Zero for each field of a record that differs from run to run, None for one shared by all.
     run_axes: eqx.AbstractVar[Any]
 
     @abstractmethod
     def draw(self, key: PRNGKeyArray) -> Record:
         """All the blocks of one run: arrays [blocks, points]."""
+
+    @abstractmethod
+    def quantities(self) -> Mapping[str, np.ndarray]:
+        """The true value of each quantity at the end of each block, arrays [blocks]."""
+
+    @abstractmethod
+    def bound(self, record: Record) -> Float[Array, "blocks values"]:
+        """Cramer-Rao bound of `quantities` from the data of one run; NaN where there is none."""
+
+    @abstractmethod
+    def support(self) -> np.ndarray:
+        """How many points an estimate after each block can rest on, [blocks]."""
 
     @abstractmethod
     def tables(self) -> Mapping[str, Sequence[Group]]:

@@ -5,10 +5,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
+from adhesion_jax.metrics.information import bound_of_blocks, true_quantities
 from adhesion_jax.scenarios.base import (
     SHARED_SLIP,
     Group,
@@ -30,6 +32,7 @@ class Blocks(Scenario):
     slip: Float[Array, " points"]
     truth: tuple[Curve, ...]
     known: Known
+    by_sample: bool = eqx.field(default=False, static=True)
     run_axes: Any = eqx.field(default=SHARED_SLIP, static=True)
 
     def draw(self, key: PRNGKeyArray) -> Record:
@@ -39,6 +42,15 @@ class Blocks(Scenario):
         every = jnp.ones(clean.shape, dtype=bool)
         return Record(slip, clean + noise, every, every, {})
 
+    def quantities(self) -> Mapping[str, np.ndarray]:
+        return true_quantities(self.truth)
+
+    def bound(self, record: Record) -> Float[Array, "blocks values"]:
+        return bound_of_blocks(self.truth, record.slip, record.mask, record.conditions, self.sigma)
+
+    def support(self) -> np.ndarray:
+        return np.full(len(self.rails), self.slip.size)
+
     def tables(self) -> Mapping[str, Sequence[Group]]:
         """The first block after a switch has a table of its own: it shows the tracking."""
         starts = [b for b in range(1, len(self.rails)) if self.rails[b] != self.rails[b - 1]]
@@ -46,14 +58,14 @@ class Blocks(Scenario):
             rail: tuple(b for b, other in enumerate(self.rails) if other == rail)
             for rail in dict.fromkeys(self.rails)
         }
-        switched = {self.rails[b]: blocks[self.rails[b]] for b in starts}
+        switched = {self.rails[b]: number for number, b in enumerate(starts, 1)}
         summary = [
-            Group(rail, tuple(b for b in of_rail if b not in starts), switched.get(rail, ()))
+            Group(rail, tuple(b for b in of_rail if b not in starts), switched.get(rail))
             for rail, of_rail in blocks.items()
         ]
         if not starts:
             return {"summary": summary}
-        switches = [Group(self.rails[b], (b,), switched[self.rails[b]]) for b in starts]
+        switches = [Group(self.rails[b], (b,), number) for number, b in enumerate(starts, 1)]
         return {"summary": summary, "switches": switches}
 
 

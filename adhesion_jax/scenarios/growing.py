@@ -5,10 +5,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
+from adhesion_jax.metrics.information import bound_of_blocks, true_quantities
 from adhesion_jax.scenarios.base import (
     SHARED_SLIP,
     Group,
@@ -51,6 +53,7 @@ class GrowingSequence(Scenario):
     slip: Float[Array, " points"]
     truth: tuple[Curve, ...]
     known: Known
+    by_sample: bool = eqx.field(default=False, static=True)
     run_axes: Any = eqx.field(default=SHARED_SLIP, static=True)
 
     def draw(self, key: PRNGKeyArray) -> Record:
@@ -61,6 +64,15 @@ class GrowingSequence(Scenario):
         return Record(
             jnp.broadcast_to(self.slip, shape), jnp.broadcast_to(adhesion, shape), mask, fresh, {}
         )
+
+    def quantities(self) -> Mapping[str, np.ndarray]:
+        return true_quantities(self.truth)
+
+    def bound(self, record: Record) -> Float[Array, "blocks values"]:
+        return bound_of_blocks(self.truth, record.slip, record.mask, record.conditions, self.sigma)
+
+    def support(self) -> np.ndarray:
+        return np.array(self.lengths)
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
         return growing_tables(self.rails[0], self.lengths)

@@ -27,16 +27,14 @@ HE2018 = Known(
 _INITIAL_SLOPE = 40.0
 
 
-def _with_the_peak_of(rail: Burckhardt) -> Kiencke:
-    """p2 = 1/l_m^2 and p1 = a0/mu_m - 2/l_m put the peak where the other curve has it."""
-    peak = rail.peak({})
-    slip, adhesion = float(peak.slip), float(peak.adhesion)
+def peak_matched(slip: float, adhesion: float) -> Kiencke:
+    """p2 = 1/l_m^2 and p1 = a0/mu_m - 2/l_m put the peak where it is wanted."""
     return Kiencke(a0=_INITIAL_SLOPE, p1=_INITIAL_SLOPE / adhesion - 2 / slip, p2=slip**-2)
 
 
 #: The same rails by Kiencke's curve: Qian et al. 2024 draws its curves and prints no parameters.
 KIENCKE_RAILS: Mapping[str, Kiencke] = {
-    name: _with_the_peak_of(rail) for name, rail in RAILS.items()
+    name: peak_matched(*(float(x) for x in rail.peak({})[:2])) for name, rail in RAILS.items()
 }
 
 #: a0 known; p2 >= 1 and p1 >= -2 keep the peak below slip 1 and the curve above zero, the upper

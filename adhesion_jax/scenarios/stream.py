@@ -6,10 +6,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import PRNGKeyArray
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
+from adhesion_jax.metrics.information import bound_of_blocks, true_quantities
 from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
 from adhesion_jax.scenarios.growing import growing_tables, prefixes
 from adhesion_jax.scenarios.noise import draw_noise
@@ -32,6 +34,7 @@ class Stream(Scenario):
     slip_max: float = eqx.field(static=True)
     truth: tuple[Curve, ...]
     known: Known
+    by_sample: bool = eqx.field(default=False, static=True)
     run_axes: Any = eqx.field(default=Record(0, 0, None, None, {}), static=True)  # type: ignore[arg-type]
 
     def draw(self, key: PRNGKeyArray) -> Record:
@@ -45,6 +48,15 @@ class Stream(Scenario):
         return Record(
             jnp.broadcast_to(slip, shape), jnp.broadcast_to(adhesion, shape), mask, fresh, {}
         )
+
+    def quantities(self) -> Mapping[str, np.ndarray]:
+        return true_quantities(self.truth)
+
+    def bound(self, record: Record) -> Float[Array, "blocks values"]:
+        return bound_of_blocks(self.truth, record.slip, record.mask, record.conditions, self.sigma)
+
+    def support(self) -> np.ndarray:
+        return np.array(self.lengths)
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
         return growing_tables(self.rails[0], self.lengths)

@@ -1,0 +1,159 @@
+"""A stream that is followed sample by sample, on a rail that changes."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.errors import InputError
+from adhesion_jax.metrics.information import (
+    adhesion_and_information,
+    inverse_information,
+    quantity_covariance,
+    stacked,
+    true_quantities,
+)
+from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, rail_named
+
+#: Samples between two reports.
+_BLOCK = 10
+
+#: Every so many blocks there is a checkpoint.
+_SPACING = 5
+
+
+class Samples(Scenario):
+    """Slips independent and uniform on 0 to `slip_max`; the curve may differ between samples.
+
+    The bound is that for the data since the last switch; a rail that drifts has none, for no
+    curve holds for two samples.
+    """
+
+    rails: tuple[str, ...] = eqx.field(static=True)
+    sigma: float = eqx.field(static=True)
+    outliers: float = eqx.field(static=True)
+    slip_max: float = eqx.field(static=True)
+    drifts: bool = eqx.field(static=True)
+    curves: tuple[Kiencke, ...]  # of each sample
+    known: Known
+    by_sample: bool = eqx.field(default=True, static=True)
+    run_axes: Any = eqx.field(default=Record(0, 0, None, None, {}), static=True)  # type: ignore[arg-type]
+
+    @property
+    def truth(self) -> tuple[Kiencke, ...]:
+        """The curve at the end of each block."""
+        return self.curves[_BLOCK - 1 :: _BLOCK]
+
+    def draw(self, key: PRNGKeyArray) -> Record:
+        slip_key, noise_key = jax.random.split(key)
+        shape = (len(self.rails), _BLOCK)
+        slip = jax.random.uniform(slip_key, (len(self.curves),), maxval=self.slip_max)
+        clean = jax.vmap(lambda curve, slip: curve(slip, {}))(stacked(self.curves), slip)
+        adhesion = clean + draw_noise(noise_key, slip.shape, self.sigma, self.outliers)
+        every = jnp.ones(shape, dtype=bool)
+        return Record(slip.reshape(shape), adhesion.reshape(shape), every, every, {})
+
+    def quantities(self) -> Mapping[str, np.ndarray]:
+        return true_quantities(self.truth)
+
+    def bound(self, record: Record) -> Float[Array, "blocks values"]:
+        truth = stacked(self.truth)
+        _, information = jax.vmap(adhesion_and_information)(truth, record.slip, record.mask, {})
+        total = jnp.cumsum(information, axis=0)
+        first = np.arange(len(self.rails)) + 1 - self.support() // _BLOCK
+        since = total - jnp.where((first > 0)[:, None, None], total[first - 1], 0.0)
+        covariance = self.sigma**2 * jax.vmap(inverse_information)(since)
+        covariance = jax.vmap(quantity_covariance)(truth, covariance)
+        bound = jnp.sqrt(jnp.diagonal(covariance, axis1=-2, axis2=-1))
+        return jnp.full_like(bound, jnp.nan) if self.drifts else bound
+
+    def support(self) -> np.ndarray:
+        """Samples since the last switch."""
+        since, counts = 0, []
+        for b, rail in enumerate(self.rails):
+            since = since + _BLOCK if b == 0 or rail == self.rails[b - 1] else _BLOCK
+            counts.append(since)
+        return np.array(counts)
+
+    def tables(self) -> Mapping[str, Sequence[Group]]:
+        """The end of each stretch in the summary; k is the sample, counted from 0."""
+        blocks = len(self.rails)
+        switches = [b for b in range(1, blocks) if self.rails[b] != self.rails[b - 1]]
+        ends = {b - 1 for b in switches} | {blocks - 1}
+        after = {b + j for b in switches for j in range(_SPACING)}
+        spaced = set(range(_SPACING - 1, blocks, _SPACING))
+        return {
+            "summary": [Group(self.rails[b], (b,)) for b in sorted(ends)],
+            "checkpoints": [
+                Group(self.rails[b], (b,), k=_BLOCK * (b + 1) - 1)
+                for b in sorted(ends | after | spaced)
+                if b < blocks
+            ],
+        }
+
+
+def _samples(name: str, options: Options) -> int:
+    """How many samples, checked; the blocks and the two halves must come out even."""
+    if options.blocks is not None:
+        raise InputError(f"--blocks does not go with --scenario {name}, which is one stream.")
+    points = options.points or 1000
+    if points % (2 * _BLOCK) or points < 10 * _BLOCK:
+        raise InputError(
+            f"--points {points} does not go with --scenario {name}; "
+            f"it takes a multiple of {2 * _BLOCK}, at least {10 * _BLOCK}."
+        )
+    return points
+
+
+def qian2024_switch(options: Options) -> Samples:
+    """1000 samples at random slips, from dry to common rail at sample 500 (Qian 2024, Fig. 4-6)."""
+    if options.rail is not None:
+        raise InputError(
+            "--rail does not go with --scenario qian2024-switch, "
+            "which has its own rail sequence (dry, common)."
+        )
+    half = _samples("qian2024-switch", options) // 2
+    rails = ("dry",) * half + ("common",) * half
+    return Samples(
+        rails=rails[_BLOCK - 1 :: _BLOCK],
+        sigma=0.01 if options.sigma is None else options.sigma,
+        outliers=options.outliers or 0.0,
+        slip_max=options.slip_max or 0.2,
+        drifts=False,
+        curves=tuple(KIENCKE_RAILS[rail] for rail in rails),
+        known=QIAN2024,
+    )
+
+
+#: Share of adhesion that is lost between 20 and 100 % relative humidity.
+_LOST_TO_HUMIDITY = 0.17
+
+
+def drift(options: Options) -> Samples:
+    """1000 samples while humidity rises from 20 to 100 %, which takes 17 % of the adhesion.
+
+    The peak sinks in proportion to humidity at a constant slip; the initial slope, which is
+    elastic, stays.
+    """
+    count = _samples("drift", options)
+    rail = rail_named(options.rail or "dry")
+    peak = KIENCKE_RAILS[rail].peak({})
+    left = 1 - _LOST_TO_HUMIDITY * np.arange(count) / (count - 1)
+    return Samples(
+        rails=(rail,) * (count // _BLOCK),
+        sigma=0.01 if options.sigma is None else options.sigma,
+        outliers=options.outliers or 0.0,
+        slip_max=options.slip_max or 0.2,
+        drifts=True,
+        curves=tuple(
+            peak_matched(float(peak.slip), share * float(peak.adhesion)) for share in left
+        ),
+        known=QIAN2024,
+    )
