@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import t as student_t
 
 from adhesion_jax.campaign import tiles
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
@@ -92,20 +93,21 @@ def hand_made():
         optimum=np.ones((2, 4)),
         optimum_on_box=np.array([[1, 0, 0, 0], [0, 0, 0, 0]], dtype=bool),
         evaluations=np.full((2, 4), 7.0),
+        delay=np.array([[0, 1], [0, 2]]),
     )
     truth = Truth(
         names=("c1", "mu_max"),
         values=truth_values,
         bound=np.full((2, 4, 2), 0.1),
         sigma=0.04,
-        degrees_of_freedom=np.full(4, 10_000),
+        quantile=np.full(4, 1.96),
     )
     return outcome, truth
 
 
 def test_metrics_of_a_case_done_by_hand():
     outcome, truth = hand_made()
-    statistics = run_statistics(outcome, truth, (0, 1), ())
+    statistics = run_statistics(outcome, truth, (0, 1), None)
     row = (
         table_rows(Moments.of(statistics), truth, (0, 1), np.array([1e-3]))
         .set_index("quantity")
@@ -125,7 +127,7 @@ def test_metrics_of_a_case_done_by_hand():
 
 def test_efficiency_is_given_where_the_box_is_not_touched():
     outcome, truth = hand_made()
-    statistics = run_statistics(outcome, truth, (2, 3), ())
+    statistics = run_statistics(outcome, truth, (2, 3), None)
     row = (
         table_rows(Moments.of(statistics), truth, (2, 3), np.array([1e-3]))
         .set_index("quantity")
@@ -134,17 +136,15 @@ def test_efficiency_is_given_where_the_box_is_not_touched():
     assert row["rmse_over_crlb"] == pytest.approx(np.sqrt(0.04 / 4) / 0.1)
 
 
-def test_delay_counts_blocks_until_mu_max_is_within_three_per_cent():
+def test_the_delay_is_that_of_the_stretch_of_the_row():
     outcome, truth = hand_made()
-    statistics = run_statistics(outcome, truth, (3,), (2, 3))
-    # Run 0 is off by 5 % then by 1 %: one block; run 1 by 4 % then 5 %: never, so both blocks.
-    assert statistics["delay"].tolist() == [1.0, 2.0]
+    assert run_statistics(outcome, truth, (3,), 1)["delay"].tolist() == [1.0, 2.0]
 
 
 def test_a_gap_that_is_not_a_number_is_a_failure():
     outcome, truth = hand_made()
     broken = outcome._replace(objective=np.full((2, 4), np.nan))
-    assert run_statistics(broken, truth, (0,), ())["failed"].tolist() == [1.0, 1.0]
+    assert run_statistics(broken, truth, (0,), None)["failed"].tolist() == [1.0, 1.0]
 
 
 def test_keys_depend_on_seed_scenario_run_and_for_solvers_on_the_name():
@@ -201,7 +201,7 @@ def test_the_tables_say_what_the_estimates_say(small):
     campaign, estimates = small
     assert len(estimates) == 150 * 6 * 3
     summary = campaign.tables["summary"]
-    assert list(campaign.tables) == ["summary", "switches"]
+    assert list(campaign.tables) == ["summary", "switches", "tracking"]
     truth = dict(
         zip(quantity_names(RAILS["wet"]), np.asarray(quantities(RAILS["wet"])), strict=True)
     )
@@ -271,15 +271,16 @@ def test_a_planted_error_of_a_tenth_of_a_per_cent_in_mu_max_is_seen(many):
             optimum=plain,
             optimum_on_box=plain.astype(bool),
             evaluations=plain,
+            delay=plain,
         )
         about = Truth(
             names=("mu_max",),
             values=np.array([[truth]]),
             bound=np.full(peaks.shape, campaign.tables["summary"]["crlb"].iloc[3]),
             sigma=scenario.sigma,
-            degrees_of_freedom=np.array([497]),
+            quantile=student_t.ppf(0.975, np.array([497])),
         )
-        moments = Moments.of(run_statistics(outcome, about, (0,), ()))
+        moments = Moments.of(run_statistics(outcome, about, (0,), None))
         return table_rows(moments, about, (0,), np.zeros(1)).iloc[0]
 
     right, wrong = row(peaks), row(peaks * 1.001)

@@ -21,6 +21,8 @@ SMALL = {
     "he2018-1": Options(points=100),
     "he2018-blocks": Options(points=120, blocks=6),
     "qian2024": Options(points=120),
+    "qian2024-switch": Options(points=200),
+    "drift": Options(points=100),
 }
 NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
 GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
@@ -183,16 +185,19 @@ def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     assert same == (name not in EVOLUTION)  # only a random search has a randomness of its own
 
 
-@pytest.mark.parametrize(("name", "scenario_name"), PAIRS)
+@pytest.mark.parametrize(("name", "scenario_name"), [pair for pair in PAIRS if pair[1] != "drift"])
 def test_data_without_any_noise_give_the_truth_back(name, scenario_name):
     options = dataclasses.replace(SMALL[scenario_name], sigma=0.0)
     scenario = SCENARIOS[scenario_name](options)
     records, estimate = identified(IDENTIFIERS[name], scenario)
-    expected = np.array([free_values(truth) for truth in scenario.truth])
+    true = scenario.quantities()
+    expected = np.stack([true[name] for name in scenario.known.curve.free], axis=-1)
     right = np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
     status = np.asarray(estimate.status)
-    # Of a growing sequence the whole: the first few points hardly show c3.
+    # Of a growing sequence the whole: the first few points hardly show c3. Of a stream the first
+    # rail: how soon the second one is found is another question.
     whole = np.all(np.broadcast_to(records.mask, records.adhesion.shape), axis=-1)
+    whole &= np.array(scenario.rails) == scenario.rails[0] if scenario.by_sample else True
     if name not in EVOLUTION:
         assert np.all((right | (status != Status.TRUSTED))[whole])
     # He's variants miss the optimum in some of the searches, most of all from a start far away

@@ -6,26 +6,45 @@ from scipy import stats
 
 from adhesion_jax.curves import free_values
 from adhesion_jax.errors import InputError
+from adhesion_jax.metrics.information import (
+    cramer_rao_bound,
+    quantities,
+    quantity_names,
+    stacked,
+    true_quantities,
+)
 from adhesion_jax.scenarios import SCENARIOS, Options
 from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, QIAN2024, RAILS
+from adhesion_jax.scenarios.samples import Samples
 
 SIZES = {
     "single": (1, 500),
     "he2018-1": (20, 500),
     "he2018-blocks": (12, 500),
     "qian2024": (3, 250),
+    "qian2024-switch": (100, 10),
+    "drift": (100, 10),
 }
-SLIP_MAX = {"single": 0.2, "he2018-1": 0.5, "he2018-blocks": 0.2, "qian2024": 0.2}
+SLIP_MAX = dict.fromkeys(SIZES, 0.2) | {"he2018-1": 0.5}
 
-#: Scenarios in which every sample has a slip of its own.
-RANDOM_SLIP = {"qian2024"}
+#: Streams, in which every sample has a slip of its own, and those followed at every sample.
+RANDOM_SLIP = {"qian2024", "qian2024-switch", "drift"}
+BY_SAMPLE = {"qian2024-switch", "drift"}
+
+
+def clean_adhesion(scenario, record):
+    """The adhesion without noise, [blocks, points]; of a stream each sample has its curve."""
+    if isinstance(scenario, Samples):
+        shape = record.slip.shape[-2:]
+        p1, p2 = (np.reshape(p, shape) for p in (scenario.curves.p1, scenario.curves.p2))
+        return 40 * record.slip / (1 + p1 * record.slip + p2 * record.slip**2)
+    return jnp.stack([c(s, {}) for c, s in zip(scenario.truth, record.slip, strict=True)])
 
 
 def noise_of(scenario, key):
     """What is left of a run when the truth is taken away, [blocks, points]."""
     record = scenario.draw(key)
-    clean = jnp.stack([c(s, {}) for c, s in zip(scenario.truth, record.slip, strict=True)])
-    return np.asarray(record.adhesion - clean)
+    return np.asarray(record.adhesion - clean_adhesion(scenario, record))
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -36,18 +55,22 @@ def test_a_run_has_the_blocks_and_points_that_are_promised(name):
     assert record.slip.shape == record.adhesion.shape == record.mask.shape == shape
     assert record.mask.dtype == bool
     assert record.slip.dtype == record.adhesion.dtype == jnp.float64
-    assert len(scenario.rails) == len(scenario.truth) == shape[0]
+    assert len(scenario.rails) == shape[0]
     assert scenario.sigma == 0.01
     if name in RANDOM_SLIP:
-        slip = np.concatenate([scenario.draw(jax.random.key(k)).slip[-1] for k in range(20)])
+        draw = jax.jit(jax.vmap(scenario.draw))
+        slip = np.ravel(draw(jax.random.split(jax.random.key(0), 20)).slip[:, -1])
         assert stats.kstest(slip, "uniform", (0, SLIP_MAX[name])).pvalue > 1e-3
     else:
         expected = np.broadcast_to(np.linspace(0, SLIP_MAX[name], shape[1]), shape)
         np.testing.assert_allclose(record.slip, expected, atol=1e-15)
-    rails, known = (KIENCKE_RAILS, QIAN2024) if name == "qian2024" else (RAILS, HE2018)
-    for rail, truth in zip(scenario.rails, scenario.truth, strict=True):
-        assert truth is rails[rail]
+    rails, known = (KIENCKE_RAILS, QIAN2024) if name in RANDOM_SLIP else (RAILS, HE2018)
+    if name != "drift":
+        truth = true_quantities(stacked([rails[rail] for rail in scenario.rails]))
+        for quantity, values in scenario.quantities().items():
+            np.testing.assert_array_equal(values, truth[quantity])
     assert scenario.known is known
+    assert scenario.by_sample == (name in BY_SAMPLE)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -69,10 +92,11 @@ def test_options_change_what_they_name(name):
     scenario = SCENARIOS[name](options)
     record = scenario.draw(jax.random.key(0))
     blocks = 2 if name == "qian2024" else SIZES[name][0]  # no checkpoint beyond the last point
-    assert record.slip.shape == (blocks, 200)
+    assert record.slip.shape == ((20, 10) if name in BY_SAMPLE else (blocks, 200))
     assert float(np.max(record.slip)) == pytest.approx(0.3, rel=0.05 if name in RANDOM_SLIP else 0)
     assert scenario.sigma == 0.1
-    assert np.std(noise_of(scenario, jax.random.key(0))[-1]) == pytest.approx(0.1, rel=0.2)
+    noise = noise_of(scenario, jax.random.key(0))
+    assert np.std(noise if name in BY_SAMPLE else noise[-1]) == pytest.approx(0.1, rel=0.2)
     silent = SCENARIOS[name](Options(sigma=0.0))
     assert np.max(np.abs(noise_of(silent, jax.random.key(0)))) < 1e-15
 
@@ -84,8 +108,11 @@ def test_noise_is_normal_with_the_given_deviation(name, sigma):
     # The last block: of a growing sequence the others hold the same points.
     draw = jax.jit(jax.vmap(scenario.draw))
     record = draw(jax.random.split(jax.random.key(1), 100))
-    clean = np.asarray(scenario.truth[-1](record.slip[:, -1], {}))
-    noise = (np.asarray(record.adhesion[:, -1]) - clean).ravel() / sigma
+    if name in BY_SAMPLE:
+        noise = np.asarray(record.adhesion - clean_adhesion(scenario, record)).ravel() / sigma
+    else:
+        clean = np.asarray(scenario.truth[-1](record.slip[:, -1], {}))
+        noise = (np.asarray(record.adhesion[:, -1]) - clean).ravel() / sigma
     assert abs(np.mean(noise)) < 4 / np.sqrt(noise.size)
     assert abs(np.std(noise) - 1) < 4 / np.sqrt(2 * noise.size)
     assert stats.kstest(noise, "norm").pvalue > 1e-3
@@ -111,14 +138,17 @@ def test_the_key_decides_the_noise(name):
     )  # fmt: skip
     np.testing.assert_array_equal(one, again)
     assert not np.any(one == other)
-    assert abs(np.corrcoef(one[-1], other[-1])[0, 1]) < 4.5 / np.sqrt(one.shape[1])
+    pair = np.ravel(one), np.ravel(other)
+    blocks_alike = one.shape[0] if name in ("he2018-1", "qian2024") else 1
+    assert abs(np.corrcoef(*pair)[0, 1]) < 4.5 / np.sqrt(one.size / blocks_alike)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_outliers_have_ten_times_the_deviation_and_the_share_asked_for(name):
     def drawn(share):
         scenario = SCENARIOS[name](Options(outliers=share))
-        return np.stack([noise_of(scenario, jax.random.key(k))[-1] for k in range(40)]).ravel()
+        last = slice(None) if name in BY_SAMPLE else -1
+        return np.stack([noise_of(scenario, jax.random.key(k))[last] for k in range(40)]).ravel()
 
     clean, spoiled, all_out = drawn(None), drawn(0.1), drawn(1.0)
     np.testing.assert_allclose(all_out, 10 * clean, atol=1e-14)
@@ -160,8 +190,8 @@ def test_tables_pool_each_rail_without_the_first_block_after_a_switch():
     assert summary["dry"].blocks == (0, 1, 2, 3)
     assert summary["common"].blocks == (5, 6, 7)
     assert summary["wet"].blocks == (9, 10, 11)
-    began = [summary[rail].after_switch for rail in ("dry", "common", "wet")]
-    assert began == [(), (4, 5, 6, 7), (8, 9, 10, 11)]
+    assert [summary[rail].switched for rail in ("dry", "common", "wet")] == [None, 1, 2]
+    assert [g.switched for g in tables["switches"]] == [1, 2]
     assert [(g.rail, g.blocks) for g in tables["switches"]] == [("common", (4,)), ("wet", (8,))]
     assert set(SCENARIOS["single"](Options()).tables()) == {"summary"}
     growing = SCENARIOS["he2018-1"](Options()).tables()
@@ -229,6 +259,11 @@ def test_the_rails_are_those_of_the_paper_and_lie_inside_the_box_like_the_start(
         ("qian2024", Options(blocks=5), "--blocks"),
         ("qian2024", Options(rail="icy"), "--rail icy"),
         ("qian2024", Options(points=29), "--points 29"),
+        ("qian2024-switch", Options(rail="dry"), "--rail"),
+        ("qian2024-switch", Options(blocks=5), "--blocks"),
+        ("qian2024-switch", Options(points=110), "--points 110"),
+        ("qian2024-switch", Options(points=80), "--points 80"),
+        ("drift", Options(rail="icy"), "--rail icy"),
     ],
 )
 def test_options_that_do_not_fit_are_refused_by_name(name, options, option):
@@ -239,3 +274,53 @@ def test_options_that_do_not_fit_are_refused_by_name(name, options, option):
     assert "\n" not in sentence
     if option == "--rail icy":
         assert "dry, common, wet" in sentence
+
+
+def test_a_switching_stream_is_on_dry_then_on_common_rail():
+    scenario = SCENARIOS["qian2024-switch"](Options(sigma=0.0))
+    record = scenario.draw(jax.random.key(3))
+    slip, adhesion = np.ravel(record.slip), np.ravel(record.adhesion)
+    for rail, part in (("dry", slice(500)), ("common", slice(500, 1000))):
+        expected = KIENCKE_RAILS[rail](jnp.asarray(slip[part]), {})
+        np.testing.assert_allclose(adhesion[part], expected, rtol=1e-12)
+    tables = scenario.tables()
+    assert [(g.rail, g.blocks) for g in tables["summary"]] == [("dry", (49,)), ("common", (99,))]
+    k = [g.k for g in tables["checkpoints"]]
+    assert {49, 499, 509, 549, 999} <= set(k)
+    assert k == sorted(set(k))
+
+
+def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
+    scenario = SCENARIOS["qian2024-switch"](Options())
+    record = scenario.draw(jax.random.key(4))
+    bound = np.asarray(scenario.bound(record))
+    slip = np.ravel(record.slip)
+    np.testing.assert_array_equal(scenario.support(), np.tile(np.arange(10, 501, 10), 2))
+    for block, rail, part in (
+        (9, "dry", slice(100)),
+        (49, "dry", slice(500)),
+        (50, "common", slice(500, 510)),
+        (99, "common", slice(500, 1000)),
+    ):
+        part = jnp.asarray(slip[part])
+        every = jnp.ones(part.shape, dtype=bool)
+        alone = cramer_rao_bound(KIENCKE_RAILS[rail], part, every, {}, 0.01)
+        np.testing.assert_allclose(bound[block], alone, rtol=1e-9)
+    # Tabulated by an independent prototype, in per cent of mu_max.
+    truth = scenario.quantities()["mu_max"]
+    keys = jax.random.split(jax.random.key(0), 40)
+    many = jax.jit(jax.vmap(lambda key: scenario.bound(scenario.draw(key))))(keys)
+    share = 100 * np.sqrt(np.mean(np.square(many), axis=0))[:, 2] / truth
+    assert share[[49, 99]] == pytest.approx([0.0705, 0.256], rel=0.02)
+
+
+def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_slip():
+    scenario = SCENARIOS["drift"](Options(rail="common"))
+    first, last = (jax.tree.map(lambda x: x[k], scenario.curves) for k in (0, -1))  # noqa: B023
+    values = dict(zip(quantity_names(first), quantities(first), strict=True))
+    assert values["mu_max"] == pytest.approx(float(RAILS["common"].peak({}).adhesion), rel=1e-12)
+    end = scenario.quantities()
+    assert end["mu_max"][-1] / values["mu_max"] == pytest.approx(0.83, rel=1e-12)
+    np.testing.assert_allclose(end["slip_opt"], values["slip_opt"], rtol=1e-12)
+    assert last.a0 == first.a0
+    assert np.isnan(np.asarray(scenario.bound(scenario.draw(jax.random.key(0))))).all()

@@ -1,6 +1,7 @@
 """What data say about a curve: sensitivities, information, covariance, Cramer-Rao bound."""
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_free_values
+
+C = TypeVar("C", bound=Curve)
 
 
 def quantity_names(curve: Curve) -> tuple[str, ...]:
@@ -21,15 +24,16 @@ def quantities(curve: Curve) -> Float[Array, " values"]:
     return jnp.concatenate([free_values(curve), jnp.stack([peak.adhesion, peak.slip])])
 
 
-def true_quantities(curves: Sequence[Curve]) -> Mapping[str, np.ndarray]:
-    """`quantities` of several curves of one kind, by name."""
-    values = np.asarray(jax.vmap(quantities)(stacked(curves)))
-    return dict(zip(quantity_names(curves[0]), values.T, strict=True))
+def true_quantities(curves: Curve) -> Mapping[str, np.ndarray]:
+    """`quantities` of stacked curves, by name."""
+    values = np.asarray(jax.vmap(quantities)(curves))
+    return dict(zip(quantity_names(curves), values.T, strict=True))
 
 
-def stacked(curves: Sequence[Curve]) -> Curve:
+def stacked(curves: Sequence[C]) -> C:
     """Curves of one kind as one whose parameters have the axis [curves]."""
-    return jax.tree.map(lambda *values: jnp.asarray(np.array(values)), *curves)
+    together: C = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *curves)
+    return together
 
 
 def adhesion_and_information(
@@ -73,15 +77,15 @@ def quantity_covariance(
 
 
 def bound_of_blocks(
-    curves: Sequence[Curve],
+    curves: Curve,
     slip: Float[Array, "blocks points"],
     mask: Bool[Array, "blocks points"],
     conditions: Conditions,
     sigma: Scalar,
 ) -> Float[Array, "blocks values"]:
-    """`cramer_rao_bound` of each block on its own."""
+    """`cramer_rao_bound` of each block on its own; the curves are stacked."""
     return jax.vmap(cramer_rao_bound, in_axes=(0, 0, 0, 0, None))(
-        stacked(curves), slip, mask, conditions, sigma
+        curves, slip, mask, conditions, sigma
     )
 
 

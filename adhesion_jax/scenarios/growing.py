@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
-from adhesion_jax.metrics.information import bound_of_blocks, true_quantities
+from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
 from adhesion_jax.scenarios.base import (
     SHARED_SLIP,
     Group,
@@ -66,10 +66,12 @@ class GrowingSequence(Scenario):
         )
 
     def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(self.truth)
+        return true_quantities(stacked(self.truth))
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        return bound_of_blocks(self.truth, record.slip, record.mask, record.conditions, self.sigma)
+        return bound_of_blocks(
+            stacked(self.truth), record.slip, record.mask, record.conditions, self.sigma
+        )
 
     def support(self) -> np.ndarray:
         return np.array(self.lengths)

@@ -41,30 +41,26 @@ class Samples(Scenario):
     outliers: float = eqx.field(static=True)
     slip_max: float = eqx.field(static=True)
     drifts: bool = eqx.field(static=True)
-    curves: tuple[Kiencke, ...]  # of each sample
+    curves: Kiencke  # its parameters are those of each sample, [samples]
     known: Known
     by_sample: bool = eqx.field(default=True, static=True)
     run_axes: Any = eqx.field(default=Record(0, 0, None, None, {}), static=True)  # type: ignore[arg-type]
 
-    @property
-    def truth(self) -> tuple[Kiencke, ...]:
-        """The curve at the end of each block."""
-        return self.curves[_BLOCK - 1 :: _BLOCK]
-
     def draw(self, key: PRNGKeyArray) -> Record:
         slip_key, noise_key = jax.random.split(key)
         shape = (len(self.rails), _BLOCK)
-        slip = jax.random.uniform(slip_key, (len(self.curves),), maxval=self.slip_max)
-        clean = jax.vmap(lambda curve, slip: curve(slip, {}))(stacked(self.curves), slip)
-        adhesion = clean + draw_noise(noise_key, slip.shape, self.sigma, self.outliers)
+        slip = jax.random.uniform(slip_key, (_BLOCK * len(self.rails),), maxval=self.slip_max)
+        adhesion = self.curves(slip, {}) + draw_noise(
+            noise_key, slip.shape, self.sigma, self.outliers
+        )
         every = jnp.ones(shape, dtype=bool)
         return Record(slip.reshape(shape), adhesion.reshape(shape), every, every, {})
 
     def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(self.truth)
+        return true_quantities(self._truth())
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        truth = stacked(self.truth)
+        truth = self._truth()
         _, information = jax.vmap(adhesion_and_information)(truth, record.slip, record.mask, {})
         total = jnp.cumsum(information, axis=0)
         first = np.arange(len(self.rails)) + 1 - self.support() // _BLOCK
@@ -73,6 +69,10 @@ class Samples(Scenario):
         covariance = jax.vmap(quantity_covariance)(truth, covariance)
         bound = jnp.sqrt(jnp.diagonal(covariance, axis1=-2, axis2=-1))
         return jnp.full_like(bound, jnp.nan) if self.drifts else bound
+
+    def _truth(self) -> Kiencke:
+        """The curve at the end of each block."""
+        return jax.tree.map(lambda values: values[_BLOCK - 1 :: _BLOCK], self.curves)
 
     def support(self) -> np.ndarray:
         """Samples since the last switch."""
@@ -127,7 +127,7 @@ def qian2024_switch(options: Options) -> Samples:
         outliers=options.outliers or 0.0,
         slip_max=options.slip_max or 0.2,
         drifts=False,
-        curves=tuple(KIENCKE_RAILS[rail] for rail in rails),
+        curves=stacked([KIENCKE_RAILS[rail] for rail in rails]),
         known=QIAN2024,
     )
 
@@ -152,8 +152,8 @@ def drift(options: Options) -> Samples:
         outliers=options.outliers or 0.0,
         slip_max=options.slip_max or 0.2,
         drifts=True,
-        curves=tuple(
-            peak_matched(float(peak.slip), share * float(peak.adhesion)) for share in left
+        curves=stacked(
+            [peak_matched(float(peak.slip), share * float(peak.adhesion)) for share in left]
         ),
         known=QIAN2024,
     )
