@@ -2,8 +2,10 @@
 
 import dataclasses
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 import jax
@@ -12,8 +14,14 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
-from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
+from adhesion_jax.campaign.config import (
+    MAIN_JOB,
+    Config,
+    build_scenario,
+    choose_identifiers,
+    main_job,
+)
+from adhesion_jax.campaign.monte_carlo import progress_steps, row_columns, run_campaigns
 from adhesion_jax.campaign.store import (
     EstimateWriter,
     read_estimates,
@@ -23,7 +31,7 @@ from adhesion_jax.campaign.store import (
 )
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
 from adhesion_jax.report import figures
-from adhesion_jax.report.tables import accuracy_table
+from adhesion_jax.report.tables import accuracy_table, tracking_text
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
 from adhesion_jax.scenarios.growing import GrowingSequence
 from adhesion_jax.scenarios.rails import RAILS
@@ -46,12 +54,26 @@ def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 OWN_FILES = (
     *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", "metadata.json"),
-    *("histogram_mu_max.png", "tracking.png", "convergence.png"),
+    *("tracking.csv", "bands.csv"),
+    *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png"),
 )
 
 
+class Job(NamedTuple):
+    """One scenario of the job, and what runs on it."""
+
+    name: str
+    scenario: Scenario
+    identifiers: tuple[str, ...]
+
+    @staticmethod
+    def of(config: Config) -> "Job":
+        scenario = build_scenario(config)
+        return Job(config.scenario, scenario, choose_identifiers(config, scenario))
+
+
 @click.command()
-@click.option("--scenario", default="he2018-blocks", show_default=True, help="What is identified.")
+@click.option("--scenario", help=f"What is identified (by default {' and '.join(MAIN_JOB)}).")
 @click.option("--identifiers", help="Names divided by commas; by default all that fit.")
 @click.option("--rail", help="Rail of a scenario that has one rail.")
 @click.option("--sigma", type=FiniteRange(min=0), help="Noise of the adhesion signal (0.01).")
@@ -81,7 +103,7 @@ OWN_FILES = (
     help="Show the names.",
 )
 def main(
-    scenario: str,
+    scenario: str | None,
     identifiers: str | None,
     rail: str | None,
     sigma: float | None,
@@ -94,45 +116,56 @@ def main(
     out: Path,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
-    config = Config(
-        scenario=scenario,
+    asked = Config(
         identifiers=tuple(name.strip() for name in identifiers.split(",")) if identifiers else (),
         options=Options(rail, sigma, points, slip_max, outliers, blocks),
         runs=runs,
         seed=seed,
     )
-    built = build_scenario(config)
-    names = choose_identifiers(config, built)
+    parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
+    jobs = [Job.of(config) for config in parts]
     directory = output_directory(out)
     began = time.perf_counter()
     with staged(directory, OWN_FILES) as stage:
-        writer = EstimateWriter(stage / "runs.parquet")
-        with tqdm(total=progress_steps(config), desc="compiling", unit="tile") as bar:
+        columns = row_columns([job.scenario for job in jobs])
+        writer = EstimateWriter(stage / "runs.parquet", columns)
+        with tqdm(total=sum(map(progress_steps, parts)), desc="compiling", unit="tile") as bar:
 
             def progress(name: str) -> None:
                 bar.set_description(name)
                 bar.update()
 
-            campaign = run_campaign(config, writer.append, progress)
+            campaigns = run_campaigns(parts, writer.append, progress)
         writer.close()
-        for name, table in campaign.tables.items():
+        tables = _joined([campaign.tables for campaign in campaigns])
+        for name, table in tables.items():
             write_table(stage / f"{name}.csv", table)
-        _draw(stage, built, names, campaign.tables)
+        _draw(stage, jobs, tables)
         metadata = {
-            "config": dataclasses.asdict(config),
-            "in_force": _in_force(built),
-            "identifiers": names,
+            "config": {
+                **dataclasses.asdict(asked),
+                "scenario": ",".join(part.scenario for part in parts),
+            },
+            "in_force": {job.name: _in_force(job.scenario) for job in jobs},
+            "identifiers": {job.name: job.identifiers for job in jobs},
             "seed": seed,
             "statuses": {status.name.lower(): status.sentence for status in Status},
-            "compile_seconds": campaign.compile_seconds,
+            "compile_seconds": {
+                job.name: campaign.compile_seconds
+                for job, campaign in zip(jobs, campaigns, strict=True)
+            },
             "wall_seconds": time.perf_counter() - began,
             **runtime.describe(),
         }
         write_metadata(stage / "metadata.json", metadata)
-    for name in [name for name in campaign.tables if name != "checkpoints"]:
-        table = campaign.tables[name]
-        click.echo(f"\n{name}: mu_max over {runs} runs of {scenario}")
-        click.echo(accuracy_table(table))
+    names = " and ".join(job.name for job in jobs)
+    for name in ("summary", "switches"):
+        if name in tables:
+            click.echo(f"\n{name}: mu_max over {runs} runs of {names}")
+            click.echo(accuracy_table(tables[name]))
+    if "tracking" in tables:
+        click.echo(f"\ntracking: mu_max over {runs} runs of {names}")
+        click.echo(tracking_text(tables["tracking"]))
     click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 
@@ -148,29 +181,45 @@ def _in_force(scenario: Scenario) -> dict[str, object]:
     }
 
 
-def _draw(
-    stage: Path, scenario: Scenario, names: tuple[str, ...], tables: Mapping[str, pd.DataFrame]
-) -> None:
+def _joined(campaigns: Sequence[Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
+    """Tables of the same name one below the other."""
+    names = dict.fromkeys(name for tables in campaigns for name in tables)
+    return {
+        name: pd.concat([tables[name] for tables in campaigns if name in tables], ignore_index=True)
+        for name in names
+    }
+
+
+def _draw(stage: Path, jobs: Sequence[Job], tables: Mapping[str, pd.DataFrame]) -> None:
     def estimates(identifier: str, columns: list[str]) -> pd.DataFrame:
         return read_estimates(stage / "runs.parquet", columns, identifier)
 
-    pooled = [block for group in scenario.tables()["summary"] for block in group.blocks]
-    figures.histogram(stage / "histogram_mu_max.png", tables["summary"], estimates, pooled)
-    if isinstance(scenario, GrowingSequence):
-        slip = np.asarray(scenario.slip)
-        reached, label = (
-            [float(slip[length - 1]) for length in scenario.lengths],
-            "slip reached (1)",
-        )
-    if isinstance(scenario, Stream):
-        reached, label = [float(length) for length in scenario.lengths], "samples seen (1)"
-    if "checkpoints" in tables:
-        figures.convergence(
-            stage / "convergence.png", tables["checkpoints"], estimates, reached, label
-        )
-    truth = pd.DataFrame(scenario.quantities())
-    truth.insert(0, "block", np.arange(len(truth)))
-    figures.tracking(stage / "tracking.png", truth, estimates, list(names))
+    pooled = {
+        job.name: [b for group in job.scenario.tables()["summary"] for b in group.blocks]
+        for job in jobs
+        if "mu_max" in job.scenario.quantities()
+    }
+    if pooled:
+        figures.histogram(stage / "histogram_mu_max.png", tables["summary"], estimates, pooled)
+    for name, scenario, identifiers in jobs:
+        truth = pd.DataFrame(scenario.quantities())
+        truth.insert(0, "block", np.arange(len(truth)))
+        if scenario.by_sample:
+            steps = np.asarray(scenario.draw(jax.random.key(0)).slip).shape[-1]
+            of_job = tables["bands"][tables["bands"]["scenario"] == name]
+            figures.bands(stage / "bands.png", truth, of_job, steps)
+            continue
+        figures.tracking(stage / "tracking.png", truth, estimates, list(identifiers))
+        if isinstance(scenario, GrowingSequence):
+            slip = np.asarray(scenario.slip)
+            reached = [float(slip[length - 1]) for length in scenario.lengths]
+            label = "slip reached (1)"
+        elif isinstance(scenario, Stream):
+            reached, label = [float(length) for length in scenario.lengths], "samples seen (1)"
+        else:
+            continue
+        path = stage / "convergence.png"
+        figures.convergence(path, tables["checkpoints"], estimates, reached, label)
 
 
 if __name__ == "__main__":

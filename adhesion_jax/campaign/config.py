@@ -1,10 +1,14 @@
 """What a Monte Carlo campaign is asked for: the command line, checked."""
 
+import dataclasses
 from dataclasses import dataclass, field
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
+
+#: What runs when no scenario is named: curves identified block by block, and a stream.
+MAIN_JOB = ("he2018-blocks", "qian2024-switch")
 
 
 @dataclass(frozen=True)
@@ -46,3 +50,39 @@ def choose_identifiers(config: Config, scenario: Scenario) -> tuple[str, ...]:
                 f"--identifiers {name} does not go with --scenario {config.scenario}: {reason}."
             )
     return tuple(dict.fromkeys(config.identifiers))
+
+
+def main_job(config: Config) -> list[Config]:
+    """The configurations of `MAIN_JOB` that take the options and the identifiers of `config`.
+
+    A scenario whom an option does not suit is left out, and an identifier where it is not
+    accepted; InputError where nothing is left of them.
+    """
+    parts, refusals = [], []
+    for scenario in MAIN_JOB:
+        part = dataclasses.replace(config, scenario=scenario)
+        try:
+            built = build_scenario(part)
+            if config.identifiers:
+                suited = [name for name in config.identifiers if _suits(name, built)]
+                part = dataclasses.replace(part, identifiers=tuple(suited) or config.identifiers)
+            choose_identifiers(part, built)
+        except InputError as refusal:
+            refusals.append(refusal)
+        else:
+            parts.append(part)
+    chosen = {name for part in parts for name in part.identifiers}
+    if not parts or not set(config.identifiers) <= chosen:
+        raise (
+            refusals[0]
+            if refusals
+            else InputError(
+                f"--identifiers {', '.join(sorted(set(config.identifiers) - chosen))} "
+                f"does not go with the main job; name a --scenario."
+            )
+        )
+    return parts
+
+
+def _suits(name: str, scenario: Scenario) -> bool:
+    return name in IDENTIFIERS and IDENTIFIERS[name].accepts(scenario) is None

@@ -60,9 +60,24 @@ class _Row(NamedTuple):
 
 
 def progress_steps(config: Config) -> int:
-    """How often `run_campaign` reports progress."""
-    scenario = build_scenario(config)
-    return len(_methods(scenario, choose_identifiers(config, scenario))) * _tiles(config)
+    """How often progress is reported for one configuration."""
+    return len(_work(config))
+
+
+def run_campaigns(
+    configs: Sequence[Config],
+    keep: Callable[[pd.DataFrame], None],
+    progress: Callable[[str], None],
+    workers: int = CORES,
+) -> list[Campaign]:
+    """Run all identifiers on all runs; what is kept of a run is its share in some sums.
+
+    `keep` is given the estimates of each tile of runs, one row an estimate, in the order of the
+    runs; `progress` the name of the identifier whenever one is done with a tile.
+    """
+    work = [unit for config in configs for unit in _work(config)]
+    with _mapped(identify_tile, work, workers) as results:
+        return [_gathered(config, results, keep, progress) for config in configs]
 
 
 def run_campaign(
@@ -71,11 +86,24 @@ def run_campaign(
     progress: Callable[[str], None],
     workers: int = CORES,
 ) -> Campaign:
-    """Run all identifiers on all runs; what is kept of a run is its share in some sums.
+    """`run_campaigns` of a single configuration."""
+    return run_campaigns([config], keep, progress, workers)[0]
 
-    `keep` is given the estimates of each tile of runs, one row an estimate, in the order of the
-    runs; `progress` the name of the identifier whenever one is done with a tile.
-    """
+
+def _work(config: Config) -> list[tuple[Config, int, str]]:
+    """The units of work in the order in which their results are taken."""
+    scenario = build_scenario(config)
+    methods = _methods(scenario, choose_identifiers(config, scenario))
+    return [(config, tile, name) for tile in range(_tiles(config)) for name in methods]
+
+
+def _gathered(
+    config: Config,
+    results: Iterator[TileResult],
+    keep: Callable[[pd.DataFrame], None],
+    progress: Callable[[str], None],
+) -> Campaign:
+    """The tables of one configuration, from its results."""
     scenario = build_scenario(config)
     names = choose_identifiers(config, scenario)
     methods = _methods(scenario, names)
@@ -90,30 +118,28 @@ def run_campaign(
     courses: list[pd.DataFrame] = []
     seconds: dict[str, list[float]] = {name: [] for name in methods}
     compile_seconds = dict.fromkeys(methods, 0.0)
-    work = [(config, tile, name) for tile in range(_tiles(config)) for name in methods]
-    with _mapped(identify_tile, work, workers) as results:
-        for tile in range(_tiles(config)):
-            runs = tile_runs(tile)
-            runs = runs[runs < config.runs]
-            estimates: dict[str, Estimate] = {}
-            tracking: dict[str, Tracking] = {}
-            for name in methods:
-                result: TileResult = next(results)
-                seconds[name].append(result.seconds / (TILE * len(scenario.rails)))
-                compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
-                estimates[name], tracking[name] = jax.tree.map(
-                    lambda x: x[: len(runs)],  # noqa: B023
-                    (result.estimate, result.tracking),
-                )
-                progress(name)
-            records = draw_tile(config, tile)
-            truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
-            _count(tally, rows, scenario, estimates, tracking, truth)
-            keep(_estimate_rows(scenario, names, estimates, runs))
-            for name in names:
-                seen[name].append(tracking[name])
-            if scenario.by_sample and tile < _BAND_TILES:
-                courses.append(_course_rows(scenario, names, estimates))
+    for tile in range(_tiles(config)):
+        runs = tile_runs(tile)
+        runs = runs[runs < config.runs]
+        estimates: dict[str, Estimate] = {}
+        tracking: dict[str, Tracking] = {}
+        for name in methods:
+            result: TileResult = next(results)
+            seconds[name].append(result.seconds / (TILE * len(scenario.rails)))
+            compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
+            estimates[name], tracking[name] = jax.tree.map(
+                lambda x: x[: len(runs)],  # noqa: B023
+                (result.estimate, result.tracking),
+            )
+            progress(name)
+        records = draw_tile(config, tile)
+        truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
+        _count(tally, rows, scenario, estimates, tracking, truth)
+        keep(_estimate_rows(config, scenario, names, estimates, runs))
+        for name in names:
+            seen[name].append(tracking[name])
+        if scenario.by_sample and tile < _BAND_TILES:
+            courses.append(_course_rows(scenario, names, estimates))
 
     tables = {
         table: pd.concat(
@@ -129,7 +155,7 @@ def run_campaign(
     if any(a != b for a, b in pairwise(scenario.rails)):
         tables["tracking"] = _tracking_table(config, scenario, seen)
     if courses:
-        tables["bands"] = _bands(pd.concat(courses, ignore_index=True))
+        tables["bands"] = _bands(config, pd.concat(courses, ignore_index=True))
     return Campaign(tables, {name: compile_seconds[name] for name in names})
 
 
@@ -269,7 +295,25 @@ def _table_rows(
     return table
 
 
+def row_columns(scenarios: Sequence[Scenario]) -> list[str]:
+    """The columns of the rows that `run_campaigns` has kept, over several scenarios."""
+    values = dict.fromkeys(
+        name for scenario in scenarios for name in (*_identified(scenario), *scenario.quantities())
+    )
+    errors = [f"{name}_se" for name in values]
+    return [*_ROW_KEYS, *values, *errors, "status", "objective", "forgetting", "evaluations"]
+
+
+def _identified(scenario: Scenario) -> tuple[str, ...]:
+    """The parameters of the curve that is identified, if it is a curve."""
+    return scenario.known.curve.free if "mu_max" in scenario.quantities() else ()
+
+
+_ROW_KEYS = ("scenario", "run", "identifier", "block", "rail")
+
+
 def _estimate_rows(
+    config: Config,
     scenario: Scenario,
     names: tuple[str, ...],
     estimates: Mapping[str, Estimate],
@@ -283,6 +327,7 @@ def _estimate_rows(
         estimate: Estimate = jax.tree.map(lambda x: x[:, blocks], estimates[name])
         errors = _standard_errors(estimate, list(estimate.values))
         columns: dict[str, object] = {
+            "scenario": config.scenario,
             "run": np.repeat(runs, len(blocks)),
             "identifier": name,
             "block": np.tile(blocks, len(runs)),
@@ -336,8 +381,10 @@ def _course_rows(
     return pd.concat(frames, ignore_index=True)
 
 
-def _bands(rows: pd.DataFrame) -> pd.DataFrame:
+def _bands(config: Config, rows: pd.DataFrame) -> pd.DataFrame:
     """The median and the band from 5 to 95 % of each quantity after each block."""
     grouped = rows.groupby(["identifier", "quantity", "block"], sort=False)["value"]
     levels = {"p05": 0.05, "median": 0.5, "p95": 0.95}
-    return pd.DataFrame({name: grouped.quantile(q) for name, q in levels.items()}).reset_index()
+    bands = pd.DataFrame({name: grouped.quantile(q) for name, q in levels.items()}).reset_index()
+    bands.insert(0, "scenario", config.scenario)
+    return bands

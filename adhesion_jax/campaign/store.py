@@ -49,13 +49,17 @@ def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
 
 
 class EstimateWriter:
-    """Appends tables of estimates to one parquet file, a row group a table."""
+    """Appends tables of estimates to one parquet file, a row group a table.
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    A column that a table does not have stays empty in its rows.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        self._path, self._columns = path, columns
         self._writer: pq.ParquetWriter | None = None
 
     def append(self, rows: pd.DataFrame) -> None:
+        rows = rows.reindex(columns=list(self._columns))
         table = pa.Table.from_pandas(rows, preserve_index=False)
         if self._writer is None:
             self._writer = pq.ParquetWriter(self._path, table.schema, compression="zstd")

@@ -1,6 +1,6 @@
 """Figures of a Monte Carlo campaign, drawn from its tables and its stored estimates."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,53 +21,73 @@ LABELS = {
     "p1": "$p_1$ (1)",
     "p2": "$p_2$ (1)",
     "mu_max": r"maximum adhesion $\mu_{max}$ (1)",
+    "slope": r"slope $d\mu/dv_s$ (s/m)",
     "slip_opt": r"slip at the peak $\lambda_{opt}$ (1)",
 }
+
+_SHORT = {"mu_max": r"$\mu_{max}$ (1)", "forgetting": "forgetting\nfactor (1)"}
 
 #: The histogram reaches this many bounds to either side of the truth.
 _WIDTHS, _BINS = 6, 60
 
 
-def histogram(path: Path, summary: pd.DataFrame, estimates: Estimates, blocks: list[int]) -> None:
-    """mu_max of every identifier, a panel a rail, with the truth and the bound's width.
+def histogram(
+    path: Path, summary: pd.DataFrame, estimates: Estimates, blocks: Mapping[str, list[int]]
+) -> None:
+    """mu_max of every identifier, a panel a scenario and rail, with the truth and the bound.
 
-    The first blocks after a switch are left out, as they are in the summary. Estimates beyond
-    the panel are counted in it (He et al. 2018, Fig. 12 and 17).
+    `blocks` are those of each scenario that stand in its summary: the first after a switch are
+    left out. Estimates beyond the panel are counted in it (He et al. 2018, Fig. 12 and 17).
     """
     rows = summary[summary["quantity"] == "mu_max"]
-    rails = list(dict.fromkeys(rows["rail"]))
+    panels = list(dict.fromkeys(zip(rows["scenario"], rows["rail"], strict=True)))
     names = list(dict.fromkeys(rows["identifier"]))
     styles = line_styles(names)
-    figure = Figure(figsize=(5.2 * max(len(rails), 1.4), 5.2), layout="constrained")
-    axes = figure.subplots(1, len(rails), squeeze=False)[0]
-    truth = rows.groupby("rail")["truth"].first()
-    bound = rows.groupby("rail")["crlb"].first()
-    beyond: dict[str, list[str]] = {rail: [] for rail in rails}
+    columns = min(len(panels), 3)
+    lines = -(-len(panels) // columns)
+    figure = Figure(figsize=(5.2 * max(columns, 1.4), 4.2 * lines + 1.0), layout="constrained")
+    axes = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axis in axes[len(panels) :]:
+        axis.set_axis_off()
+    truth = rows.groupby(["scenario", "rail"])["truth"].first()
+    bound = rows.groupby(["scenario", "rail"])["crlb"].first()
+    beyond: dict[tuple[str, str], list[str]] = {panel: [] for panel in panels}
     for name in names:
-        table = estimates(name, ["rail", "block", "mu_max"])
-        table = table[table["block"].isin(blocks)]
-        for rail, axis in zip(rails, axes, strict=True):
-            centre, width = truth[rail], _WIDTHS * max(bound[rail], 1e-9)
+        every = estimates(name, ["scenario", "rail", "block", "mu_max"])
+        for panel, axis in zip(panels, axes, strict=False):
+            table = every[(every["scenario"] == panel[0]) & (every["rail"] == panel[1])]
+            values = table.loc[table["block"].isin(blocks[panel[0]]), "mu_max"].to_numpy()
+            if len(values) == 0:
+                continue
+            centre, width = truth[panel], _half_width(bound[panel], values)
             edges = np.linspace(centre - width, centre + width, _BINS + 1)
-            values = table.loc[table["rail"] == rail, "mu_max"].to_numpy()
             density = np.histogram(values, edges)[0] / (len(values) * np.diff(edges))
             outside = np.mean((values < edges[0]) | (values > edges[-1]))
             if outside > 0:
-                beyond[rail].append(f"{name}: {100 * outside:.2g} %")
+                beyond[panel].append(f"{name}: {100 * outside:.2g} %")
             style = {key: styles[name][key] for key in ("color", "linestyle")}
             axis.stairs(density, edges, label=name, linewidth=1.3, **style)
-    for rail, axis in zip(rails, axes, strict=True):
-        centre, width = truth[rail], bound[rail]
+    for panel, axis in zip(panels, axes, strict=False):
+        centre, width = truth[panel], bound[panel]
         axis.axvline(centre, color="0.4", linewidth=1, label="truth")
-        band = (centre - 1.96 * width, centre + 1.96 * width)
-        axis.axvspan(*band, color="0.9", zorder=0, label="truth ± 1.96 × Cramér-Rao bound")
-        axis.set(title=f"{rail} rail", xlabel=LABELS["mu_max"], ylabel="probability density (1)")
-        if beyond[rail]:
-            note = "\n".join(["beyond the axis", *beyond[rail]])
+        if np.isfinite(width):
+            band = (centre - 1.96 * width, centre + 1.96 * width)
+            axis.axvspan(*band, color="0.9", zorder=0, label="truth ± 1.96 × Cramér-Rao bound")
+        title = f"{panel[0]}: {panel[1]} rail" if len(blocks) > 1 else f"{panel[1]} rail"
+        axis.set(title=title, xlabel=LABELS["mu_max"], ylabel="probability density (1)")
+        if beyond[panel]:
+            note = "\n".join(["beyond the axis", *beyond[panel]])
             axis.text(0.02, 0.98, note, transform=axis.transAxes, va="top", fontsize=7)
-    handles, labels = axes[0].get_legend_handles_labels()
+    found = [axis.get_legend_handles_labels() for axis in axes]
+    legend = {label: handle for pair in found for handle, label in zip(*pair, strict=True)}
+    handles, labels = list(legend.values()), list(legend)
     figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
     figure.savefig(path, dpi=150)
+
+
+def _half_width(bound: float, values: np.ndarray) -> float:
+    """So many bounds; where there is none, so many deviations of the estimates."""
+    return _WIDTHS * max(bound if np.isfinite(bound) else float(np.std(values)), 1e-9)
 
 
 def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[str]) -> None:
@@ -76,24 +96,16 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
     A row a quantity, the last one the error of mu_max; a column an identifier. `truth` has the
     columns block and quantities.
     """
-    shown = [str(name) for name in truth if name not in ("block", "slip_opt")]
+    shown = _shown(truth)
     width, height = 2.4 * len(names) + 1.2, 2.0 * (len(shown) + 1)
     figure = Figure(figsize=(width, height))
-    # Margins in inches: a layout engine takes longer over forty panels than to draw them.
     axes = figure.subplots(
         len(shown) + 1,
         len(names),
         sharex=True,
         sharey="row",
         squeeze=False,
-        gridspec_kw={
-            "left": 0.8 / width,
-            "right": 1 - 0.1 / width,
-            "bottom": 0.5 / height,
-            "top": 1 - 0.35 / height,
-            "wspace": 0.06,
-            "hspace": 0.08,
-        },
+        gridspec_kw=_margins(width, height),
     )
     block, peak = truth["block"].to_numpy(), truth["mu_max"].to_numpy()
     for name, column in zip(names, axes.T, strict=True):
@@ -109,12 +121,67 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
         column[0].set_title(name, fontsize=10)
         column[-1].set_xlabel("block (1)")
         column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    short = {**LABELS, "mu_max": r"$\mu_{max}$ (1)"}
-    labels = [*(short[quantity] for quantity in shown), r"error of $\mu_{max}$ (%)"]
+    labels = [*({**LABELS, **_SHORT}[quantity] for quantity in shown), r"error of $\mu_{max}$ (%)"]
     for label, axis in zip(labels, axes[:, 0], strict=True):
         axis.set_ylabel(label)
     axes[0, 0].legend(fontsize=7, loc="upper right")
     figure.savefig(path, dpi=150)
+
+
+def _shown(truth: pd.DataFrame) -> list[str]:
+    return [str(name) for name in truth if name not in ("block", "slip_opt")]
+
+
+def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> None:
+    """The quantities of a stream over its samples, and the forgetting factor beneath them.
+
+    A column an identifier, so that the two algorithms of Qian et al. 2024 stand side by side
+    (their Fig. 4 to 6); a row a quantity: the median and the band from 5 to 95 % of the runs.
+    `truth` has the columns block and quantities, a block is `step` samples.
+    """
+    names, shown = list(dict.fromkeys(bands["identifier"])), _shown(truth)
+    rows = [*shown, "forgetting"]
+    width, height = 2.4 * len(names) + 1.2, 2.0 * len(rows)
+    figure = Figure(figsize=(width, height))
+    axes = figure.subplots(
+        len(rows),
+        len(names),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
+        gridspec_kw=_margins(width, height),
+    )
+    seen = step * (truth["block"].to_numpy() + 1)
+    for name, column in zip(names, axes.T, strict=True):
+        of_name = bands[bands["identifier"] == name]
+        for quantity, axis in zip(rows, column, strict=True):
+            band = of_name[of_name["quantity"] == quantity]
+            axis.fill_between(seen, band["p05"], band["p95"], color="0.75", label="5 to 95 %")
+            axis.plot(seen, band["median"], color="#0072B2", linewidth=1.2, label="median")
+            if quantity in shown:
+                true = truth[quantity].to_numpy()
+                axis.plot(seen, true, "k--", linewidth=1, label="truth", drawstyle="steps")
+                reach = 0.6 * max(np.abs(true).max(), np.ptp(true))
+                axis.set_ylim(min(true.min(), 0) - reach / 4, true.max() + reach)
+        column[0].set_title(name, fontsize=10)
+        column[-1].set_xlabel("samples (1)")
+        column[-1].set_ylim(-0.05, 1.05)
+    for quantity, axis in zip(rows, axes[:, 0], strict=True):
+        axis.set_ylabel(_SHORT.get(quantity, LABELS.get(quantity, quantity)))
+    axes[0, 0].legend(fontsize=7, loc="upper right")
+    figure.savefig(path, dpi=150)
+
+
+def _margins(width: float, height: float) -> dict[str, float]:
+    """In inches: a layout engine takes longer over forty panels than to draw them."""
+    return {
+        "left": 0.8 / width,
+        "right": 1 - 0.1 / width,
+        "bottom": 0.5 / height,
+        "top": 1 - 0.35 / height,
+        "wspace": 0.06,
+        "hspace": 0.08,
+    }
 
 
 def convergence(

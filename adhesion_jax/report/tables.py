@@ -14,7 +14,7 @@ def _plus_minus(value: float, error: float) -> str:
 
 def _percent_pairs(table: pd.DataFrame, column: str) -> list[str]:
     return [
-        _percent(value) + (f" ± {100 * error:.1g}" if np.isfinite(error) else "")
+        _percent(value) + (f" ± {100 * error:.1g}" if np.isfinite(error + value) else "")
         for value, error in zip(table[column], table[f"{column}_se"], strict=True)
     ]
 
@@ -26,8 +26,10 @@ def _percent(value: float) -> str:
 def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",)) -> str:
     """An aligned table of how well each identifier knows some quantities, relative to the truth."""
     chosen = table[table["quantity"].isin(quantities)]
+    several = len(set(chosen["scenario"])) > 1
     lines = pd.DataFrame(
         {
+            **({"scenario": chosen["scenario"]} if several else {}),
             "rail": chosen["rail"],
             **({"k": chosen["k"]} if "k" in chosen else {}),
             "quantity": chosen["quantity"],
@@ -44,10 +46,30 @@ def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",
             "evaluations": chosen["evaluations"].map(lambda x: f"{x:.0f}"),
         }
     )
-    order = {name: place for place, name in enumerate(dict.fromkeys(lines["rail"]))}
-    keys = [lines["rail"].map(order)] + ([lines["k"]] if "k" in lines else [])
+    panels = list(zip(chosen["scenario"], chosen["rail"], strict=True))
+    order = {panel: place for place, panel in enumerate(dict.fromkeys(panels))}
+    keys = [pd.Series([order[panel] for panel in panels])] + ([lines["k"]] if "k" in lines else [])
     lines = lines.iloc[np.lexsort([*reversed([k.to_numpy() for k in keys])])]
     return lines.to_string(index=False)
+
+
+def tracking_text(table: pd.DataFrame) -> str:
+    """An aligned table of how each identifier follows a rail that changes."""
+    table = table[table["overshoot"].notna()]  # the first rail of a run is not tracked from another
+    several = len(set(table["scenario"])) > 1
+    return pd.DataFrame(
+        {
+            **({"scenario": table["scenario"]} if several else {}),
+            "rail": table["rail"],
+            "identifier": table["identifier"],
+            "delay (median)": _pairs(table, "delay_median"),
+            "unit": table["unit"],
+            "never tracked": _percent_pairs(table, "never_tracked_share"),
+            "overshoot": _percent_pairs(table, "overshoot"),
+            "missed switches": _percent_pairs(table, "missed_share"),
+            "false resets per 1000": _pairs(table, "false_resets_per_1000"),
+        }
+    ).to_string(index=False)
 
 
 def _pairs(table: pd.DataFrame, column: str) -> list[str]:
