@@ -16,6 +16,9 @@ from adhesion_jax.scenarios.rails import RAILS
 #: CPU seconds that an identifier is timed for in a turn, at least.
 _LEAST_SECONDS = 0.2
 
+#: Pieces of the peer's work before an identifier is timed, and after it.
+_PEER_REPEATS = 3
+
 _PEER_CURVES, _PEER_POINTS, _PEER_STEPS = 64, 500, 8
 
 
@@ -74,10 +77,9 @@ def measure_speed(
 
 
 def _ratio(config: Config, name: str, method: Identifier) -> float:
-    identify_tile(config, 0, name, method)  # memory and caches as in the calls that count
-    peer = [peer_seconds() for _ in range(3)]
+    peer = [peer_seconds() for _ in range(_PEER_REPEATS)]
     spent: list[float] = []
     while sum(spent) < _LEAST_SECONDS:
         spent.append(identify_tile(config, 0, name, method).seconds)
-    peer += [peer_seconds() for _ in range(3)]
-    return TILE * float(np.median(peer)) / float(np.median(spent))
+    peer += [peer_seconds() for _ in range(_PEER_REPEATS)]
+    return TILE * float(np.mean(peer)) / float(np.mean(spent))
