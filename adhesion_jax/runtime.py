@@ -6,7 +6,10 @@ that has already opened one keeps what it has; `describe` tells what is in force
 
 import os
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
+from tempfile import TemporaryDirectory
 
 #: Cores this process may use; a campaign starts one worker process on each.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -35,6 +38,17 @@ PACKAGES = (
     "scipy",
     "pandas",
 )
+
+
+@contextmanager
+def compilation_folder() -> Iterator[str]:
+    """Where workers leave what they compile: the folder this process shares, or a passing one."""
+    shared: str | None = jax.config.values["jax_compilation_cache_dir"]
+    if shared is not None:
+        yield shared
+        return
+    with TemporaryDirectory() as folder:
+        yield folder
 
 
 def share_compilations(folder: str) -> None:

@@ -45,7 +45,7 @@ def main(repeats: int, seed: int, out: Path) -> None:
                 if name == PEER:
                     rate = _peer_rate(config, turn)
                 else:
-                    result = identify_tile(config, turn, name)
+                    result = identify_tile(config, turn, name, IDENTIFIERS[name])
                     rate = TILE * blocks / result.seconds
                     compile_seconds[name] += result.compile_seconds
                 if turn > 0:  # the first turn compiles and warms up

@@ -1,10 +1,11 @@
 """What a Monte Carlo campaign is asked for: the command line, checked."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from adhesion_jax.errors import InputError
-from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS
+from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Identifier
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
 
 #: What runs when no scenario is named: curves identified block by block, and a stream.
@@ -31,20 +32,22 @@ def build_scenario(config: Config) -> Scenario:
     return SCENARIOS[config.scenario](config.options)
 
 
-def choose_identifiers(config: Config, scenario: Scenario) -> tuple[str, ...]:
+def choose_identifiers(
+    config: Config, scenario: Scenario, identifiers: Mapping[str, Identifier] = IDENTIFIERS
+) -> tuple[str, ...]:
     """The names to run, in the order of the registry or of the command line."""
     if not config.identifiers:
         return tuple(
             name
-            for name, identifier in IDENTIFIERS.items()
+            for name, identifier in identifiers.items()
             if name not in ABLATIONS and identifier.accepts(scenario) is None
         )
     for name in config.identifiers:
-        if name not in IDENTIFIERS:
+        if name not in identifiers:
             raise InputError(
-                f"--identifiers {name} is unknown; the identifiers are {', '.join(IDENTIFIERS)}."
+                f"--identifiers {name} is unknown; the identifiers are {', '.join(identifiers)}."
             )
-        reason = IDENTIFIERS[name].accepts(scenario)
+        reason = identifiers[name].accepts(scenario)
         if reason is not None:
             raise InputError(
                 f"--identifiers {name} does not go with --scenario {config.scenario}: {reason}."

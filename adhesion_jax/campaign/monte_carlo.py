@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from itertools import pairwise
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import jax
@@ -23,12 +22,12 @@ from adhesion_jax.campaign.tiles import (
     identify_tile,
     tile_runs,
 )
-from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Status
+from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, Status
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import Tracking, tracking_row
 from adhesion_jax.optim.box import on_bound
-from adhesion_jax.runtime import CORES, share_compilations
+from adhesion_jax.runtime import CORES, compilation_folder, share_compilations
 from adhesion_jax.scenarios import Group, Scenario
 
 #: The method whose objective every other is held against.
@@ -59,9 +58,9 @@ class _Row(NamedTuple):
     identifier: str
 
 
-def progress_steps(config: Config) -> int:
+def progress_steps(config: Config, identifiers: Mapping[str, Identifier] = IDENTIFIERS) -> int:
     """How often progress is reported for one configuration."""
-    return len(_work(config))
+    return len(_work(config, identifiers))
 
 
 def run_campaigns(
@@ -69,15 +68,17 @@ def run_campaigns(
     keep: Callable[[pd.DataFrame], None],
     progress: Callable[[str], None],
     workers: int = CORES,
+    identifiers: Mapping[str, Identifier] = IDENTIFIERS,
 ) -> list[Campaign]:
     """Run all identifiers on all runs; what is kept of a run is its share in some sums.
 
     `keep` is given the estimates of each tile of runs, one row an estimate, in the order of the
-    runs; `progress` the name of the identifier whenever one is done with a tile.
+    runs; `progress` the name of the identifier whenever one is done with a tile. The names of
+    the configurations are looked up in `identifiers`.
     """
-    work = [unit for config in configs for unit in _work(config)]
+    work = [unit for config in configs for unit in _work(config, identifiers)]
     with _mapped(identify_tile, work, workers) as results:
-        return [_gathered(config, results, keep, progress) for config in configs]
+        return [_gathered(config, results, keep, progress, identifiers) for config in configs]
 
 
 def run_campaign(
@@ -85,16 +86,23 @@ def run_campaign(
     keep: Callable[[pd.DataFrame], None],
     progress: Callable[[str], None],
     workers: int = CORES,
+    identifiers: Mapping[str, Identifier] = IDENTIFIERS,
 ) -> Campaign:
     """`run_campaigns` of a single configuration."""
-    return run_campaigns([config], keep, progress, workers)[0]
+    return run_campaigns([config], keep, progress, workers, identifiers)[0]
 
 
-def _work(config: Config) -> list[tuple[Config, int, str]]:
+def _work(
+    config: Config, identifiers: Mapping[str, Identifier]
+) -> list[tuple[Config, int, str, Identifier]]:
     """The units of work in the order in which their results are taken."""
     scenario = build_scenario(config)
-    methods = _methods(scenario, choose_identifiers(config, scenario))
-    return [(config, tile, name) for tile in range(_tiles(config)) for name in methods]
+    methods = _methods(scenario, choose_identifiers(config, scenario, identifiers), identifiers)
+    return [
+        (config, tile, name, identifiers[name])
+        for tile in range(_tiles(config))
+        for name in methods
+    ]
 
 
 def _gathered(
@@ -102,11 +110,12 @@ def _gathered(
     results: Iterator[TileResult],
     keep: Callable[[pd.DataFrame], None],
     progress: Callable[[str], None],
+    identifiers: Mapping[str, Identifier],
 ) -> Campaign:
     """The tables of one configuration, from its results."""
     scenario = build_scenario(config)
-    names = choose_identifiers(config, scenario)
-    methods = _methods(scenario, names)
+    names = choose_identifiers(config, scenario, identifiers)
+    methods = _methods(scenario, names, identifiers)
     rows = [
         _Row(table, group, name)
         for table, groups in scenario.tables().items()
@@ -134,7 +143,12 @@ def _gathered(
             progress(name)
         records = draw_tile(config, tile)
         truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
-        _count(tally, rows, scenario, estimates, tracking, truth)
+        # Where the exact optimum is not known, or not looked for, no gap to it is a failure.
+        optima = {
+            name: estimates.get(REFERENCE, e) if identifiers[name].fits_last_record else e
+            for name, e in estimates.items()
+        }
+        _count(tally, rows, scenario, estimates, optima, tracking, truth)
         keep(_estimate_rows(config, scenario, names, estimates, runs))
         for name in names:
             seen[name].append(tracking[name])
@@ -163,33 +177,38 @@ def _tiles(config: Config) -> int:
     return -(-config.runs // TILE)
 
 
-def _methods(scenario: Scenario, names: tuple[str, ...]) -> tuple[str, ...]:
+def _methods(
+    scenario: Scenario, names: tuple[str, ...], identifiers: Mapping[str, Identifier]
+) -> tuple[str, ...]:
     """What is run: the reference wherever it can be, even where it is not reported.
 
     One method of each compiled form first, so that the workers begin by compiling different ones.
     """
-    has_reference = IDENTIFIERS[REFERENCE].accepts(scenario) is None
+    reference = identifiers.get(REFERENCE)
+    has_reference = reference is not None and reference.accepts(scenario) is None
     methods = dict.fromkeys((*([REFERENCE] if has_reference else []), *names))
-    first_of_form = {jax.tree.structure(IDENTIFIERS[name]): name for name in reversed(methods)}
+    first_of_form = {jax.tree.structure(identifiers[name]): name for name in reversed(methods)}
     firsts = [name for name in methods if name in first_of_form.values()]
     return (*firsts, *(name for name in methods if name not in firsts))
 
 
 @contextmanager
 def _mapped(
-    function: Callable[..., TileResult], work: list[tuple[Config, int, str]], workers: int
+    function: Callable[..., TileResult],
+    work: list[tuple[Config, int, str, Identifier]],
+    workers: int,
 ) -> Iterator[Iterator[TileResult]]:
     """The results in the order of the work, from as many processes as there is work for.
 
     Processes, because two threads that run compiled loops in one process can wait for each
     other for ever, and spawned, because a fork of a process in which jax runs is not safe.
     """
-    tiles = len({tile for _, tile, _ in work})
+    tiles = len({tile for _, tile, _, _ in work})
     if min(workers, tiles) == 1:
         yield (function(*unit) for unit in work)
         return
     with (
-        TemporaryDirectory() as folder,
+        compilation_folder() as folder,
         ProcessPoolExecutor(
             min(workers, tiles),
             mp_context=multiprocessing.get_context("spawn"),
@@ -221,19 +240,13 @@ def _count(
     rows: list[_Row],
     scenario: Scenario,
     estimates: Mapping[str, Estimate],
+    optima: Mapping[str, Estimate],
     tracking: Mapping[str, Tracking],
     truth: Truth,
 ) -> None:
     """Add the runs of a tile to the sums behind every row of every table."""
-    # Where the exact optimum is not known, or not looked for, no gap to it counts as a failure.
     outcomes = {
-        name: _outcome(
-            scenario,
-            truth.names,
-            e,
-            estimates.get(REFERENCE, e) if IDENTIFIERS[name].fits_last_record else e,
-            tracking[name],
-        )
+        name: _outcome(scenario, truth.names, e, optima[name], tracking[name])
         for name, e in estimates.items()
     }
     for index, row in enumerate(rows):

@@ -8,7 +8,7 @@ not on how many runs, tiles at a time or workers there are.
 import time
 from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Key
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
-from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, follow
+from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Course, Tracking
 from adhesion_jax.scenarios import SCENARIOS, Options, Record
 
@@ -50,14 +50,15 @@ def bound_tile(config: Config, records: Record) -> Float[Array, "runs blocks val
     return _bound(config.scenario, config.options)(records)
 
 
-def identify_tile(config: Config, tile: int, name: str) -> TileResult:
-    """The estimates of one identifier on all the runs of a tile."""
-    method = IDENTIFIERS[name]
+def identify_tile(config: Config, tile: int, name: str, method: Identifier) -> TileResult:
+    """The estimates of one identifier, by its name and itself, on all the runs of a tile."""
     records = jax.block_until_ready(draw_tile(config, tile))
     runs = jnp.asarray(tile_runs(tile))
     keys = jax.block_until_ready(solver_keys(config.seed, config.scenario, name, runs))
     began = time.perf_counter()
-    compiled = _compiled(config.scenario, config.options, jax.tree.structure(method))
+    leaves, form = jax.tree.flatten(method)
+    kinds = tuple(jax.typeof(jnp.asarray(leaf)) for leaf in leaves)
+    compiled = _compiled(config.scenario, config.options, form, kinds)
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
     found = jax.block_until_ready(compiled(method, records, keys))
@@ -82,9 +83,12 @@ def _bound(
 
 @cache
 def _compiled(
-    scenario_name: str, options: Options, form: jax.tree_util.PyTreeDef
+    scenario_name: str,
+    options: Options,
+    form: jax.tree_util.PyTreeDef,
+    kinds: tuple[Any, ...],
 ) -> Callable[[Identifier, Record, Key[Array, " runs"]], tuple[Estimate, Tracking]]:
-    """The compiled function of all methods of one form.
+    """The compiled function of all methods of one form, whose numbers are of these kinds.
 
     The identifier is an argument of it, so variants that differ in numbers alone share it.
     """
@@ -99,7 +103,9 @@ def _compiled(
         in_axes = (None, None, scenario.run_axes, 0, None)
         return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, course)
 
-    example = next(m for m in IDENTIFIERS.values() if jax.tree.structure(m) == form)
+    example = jax.tree.unflatten(
+        form, [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
+    )
     config = Config(scenario=scenario_name, options=options)
     keys = solver_keys(config.seed, scenario_name, "", jnp.asarray(tile_runs(0)))
     return jax.jit(tile).lower(example, draw_tile(config, 0), keys).compile()

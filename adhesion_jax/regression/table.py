@@ -1,0 +1,58 @@
+"""The table of the benchmark, and the baseline as a file of it."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from adhesion_jax.data.files import read_table
+from adhesion_jax.errors import InputError
+
+#: What names a row.
+KEYS = ("scenario", "identifier", "rail", "quantity")
+
+#: Figures of a quantity on a rail; empty in a row of speed.
+ACCURACY = (
+    *("bias", "bias_se", "rmse", "rmse_se", "coverage95", "coverage95_se"),
+    *("failure_share", "failure_share_se", "runs"),
+)
+
+#: The quantity of a row of speed, whose rail is empty.
+SPEED = "speed"
+
+COLUMNS = (*KEYS, *ACCURACY, "speed", "speed_spread")
+
+_REMEDY = "write it anew with --update"
+
+
+def assemble(accuracy: pd.DataFrame, speed: pd.DataFrame) -> pd.DataFrame:
+    """The whole table, in the order of its columns."""
+    return pd.concat([accuracy, speed], ignore_index=True).reindex(columns=list(COLUMNS))
+
+
+def read_baseline(path: Path) -> pd.DataFrame:
+    """The table in a file; InputError where there is none, or where it is not such a table."""
+    if not path.is_file():
+        raise InputError(f"--baseline {path} does not exist; make it with --update.")
+    cells = read_table(path)
+    missing = [name for name in COLUMNS if name not in cells]
+    if missing:
+        raise InputError(f"{path} has no column {missing[0]}; {_REMEDY}.")
+    table = pd.DataFrame({name: cells[name].fillna("").astype(str) for name in KEYS})
+    for name in COLUMNS[len(KEYS) :]:
+        text = cells[name].fillna("").astype(str).str.strip()
+        table[name] = pd.to_numeric(text.where(text != "", "nan"), errors="coerce")
+        words = text[table[name].isna() & ~text.str.lower().isin(["", "nan"])]
+        if len(words):
+            raise InputError(
+                f"{path} row {words.index[0]}, column {name}: {words.iloc[0]!r} is not a number; "
+                f"{_REMEDY}."
+            )
+    speed = table["quantity"] == SPEED
+    for name, rows in (("runs", ~speed), (SPEED, speed)):
+        bad = table.index[rows & ~(table[name] > 0)]
+        if len(bad):
+            raise InputError(f"{path} row {bad[0]}, column {name} is not above 0; {_REMEDY}.")
+    twice = table.index[table.duplicated(list(KEYS))]
+    if len(twice):
+        raise InputError(f"{path} row {twice[0]} names what an earlier row does; {_REMEDY}.")
+    return table.reset_index(drop=True)
