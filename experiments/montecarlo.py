@@ -21,7 +21,8 @@ from adhesion_jax.campaign.config import (
     choose_identifiers,
     main_job,
 )
-from adhesion_jax.campaign.monte_carlo import progress_steps, row_columns, run_campaigns
+from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaigns
+from adhesion_jax.campaign.rows import row_columns
 from adhesion_jax.campaign.store import (
     EstimateWriter,
     read_estimates,

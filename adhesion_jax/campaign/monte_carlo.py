@@ -14,6 +14,14 @@ import pandas as pd
 from scipy.stats import t as student_t
 
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
+from adhesion_jax.campaign.rows import (
+    bands_table,
+    course_rows,
+    estimate_rows,
+    standard_errors,
+    tracking_table,
+    values_of,
+)
 from adhesion_jax.campaign.tiles import (
     TILE,
     TileResult,
@@ -25,7 +33,7 @@ from adhesion_jax.campaign.tiles import (
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, Status
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.moments import Moments
-from adhesion_jax.metrics.tracking import Tracking, tracking_row
+from adhesion_jax.metrics.tracking import Tracking
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.runtime import CORES, compilation_folder, share_compilations
 from adhesion_jax.scenarios import Group, Scenario
@@ -149,11 +157,11 @@ def _gathered(
             for name, e in estimates.items()
         }
         _count(tally, rows, scenario, estimates, optima, tracking, truth)
-        keep(_estimate_rows(config, scenario, names, estimates, runs))
+        keep(estimate_rows(config, scenario, names, estimates, runs))
         for name in names:
             seen[name].append(tracking[name])
         if scenario.by_sample and tile < _BAND_TILES:
-            courses.append(_course_rows(scenario, names, estimates))
+            courses.append(course_rows(scenario, names, estimates))
 
     tables = {
         table: pd.concat(
@@ -167,9 +175,9 @@ def _gathered(
         for table in scenario.tables()
     }
     if any(a != b for a, b in pairwise(scenario.rails)):
-        tables["tracking"] = _tracking_table(config, scenario, seen)
+        tables["tracking"] = tracking_table(config, scenario, seen)
     if courses:
-        tables["bands"] = _bands(config, pd.concat(courses, ignore_index=True))
+        tables["bands"] = bands_table(config, pd.concat(courses, ignore_index=True))
     return Campaign(tables, {name: compile_seconds[name] for name in names})
 
 
@@ -255,20 +263,11 @@ def _count(
         tally[index] = tally[index].plus(part) if index in tally else part
 
 
-def _standard_errors(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
-    place = [list(estimate.values).index(name) for name in names]
-    return np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1)[..., place])
-
-
-def _values(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
-    return np.stack([estimate.values[name] for name in names], axis=-1)
-
-
 def _on_box(scenario: Scenario, estimate: Estimate) -> np.ndarray:
     known = scenario.known
     if not set(known.curve.free) <= set(estimate.values):  # a method without a curve
         return np.zeros(estimate.status.shape, dtype=bool)
-    parameters = _values(estimate, known.curve.free)
+    parameters = values_of(estimate, known.curve.free)
     return np.asarray(jnp.any(on_bound(parameters, known.lower, known.upper), axis=-1))
 
 
@@ -280,8 +279,8 @@ def _outcome(
     tracking: Tracking,
 ) -> Outcome:
     return Outcome(
-        values=_values(estimate, names),
-        standard_errors=_standard_errors(estimate, names),
+        values=values_of(estimate, names),
+        standard_errors=standard_errors(estimate, names),
         on_box=_on_box(scenario, estimate),
         unusable=np.isin(estimate.status, _UNUSABLE),
         objective=np.asarray(estimate.objective),
@@ -306,98 +305,3 @@ def _table_rows(
     for place, (column, value) in enumerate(names.items()):
         table.insert(place, column, value)
     return table
-
-
-def row_columns(scenarios: Sequence[Scenario]) -> list[str]:
-    """The columns of the rows that `run_campaigns` has kept, over several scenarios."""
-    values = dict.fromkeys(
-        name for scenario in scenarios for name in (*_identified(scenario), *scenario.quantities())
-    )
-    errors = [f"{name}_se" for name in values]
-    return [*_ROW_KEYS, *values, *errors, "status", "objective", "forgetting", "evaluations"]
-
-
-def _identified(scenario: Scenario) -> tuple[str, ...]:
-    """The parameters of the curve that is identified, if it is a curve."""
-    return scenario.known.curve.free if "mu_max" in scenario.quantities() else ()
-
-
-_ROW_KEYS = ("scenario", "run", "identifier", "block", "rail")
-
-
-def _estimate_rows(
-    config: Config,
-    scenario: Scenario,
-    names: tuple[str, ...],
-    estimates: Mapping[str, Estimate],
-    runs: np.ndarray,
-) -> pd.DataFrame:
-    """One row a run, identifier and block that stands in a table."""
-    groups = [group for table in scenario.tables().values() for group in table]
-    blocks = np.array(sorted({block for group in groups for block in group.blocks}))
-    frames = []
-    for name in names:
-        estimate: Estimate = jax.tree.map(lambda x: x[:, blocks], estimates[name])
-        errors = _standard_errors(estimate, list(estimate.values))
-        columns: dict[str, object] = {
-            "scenario": config.scenario,
-            "run": np.repeat(runs, len(blocks)),
-            "identifier": name,
-            "block": np.tile(blocks, len(runs)),
-            "rail": np.tile(np.array(scenario.rails)[blocks], len(runs)),
-        }
-        columns |= {key: np.ravel(value) for key, value in estimate.values.items()}
-        columns |= {f"{key}_se": errors[..., i].ravel() for i, key in enumerate(estimate.values)}
-        columns |= {
-            "status": [Status(code).name.lower() for code in np.ravel(estimate.status)],
-            "objective": np.ravel(estimate.objective),
-            "forgetting": np.ravel(estimate.forgetting),
-            "evaluations": np.ravel(estimate.evaluations),
-        }
-        frames.append(pd.DataFrame(columns))
-    return pd.concat(frames, ignore_index=True)
-
-
-def _tracking_table(
-    config: Config, scenario: Scenario, seen: Mapping[str, list[Tracking]]
-) -> pd.DataFrame:
-    """One row an identifier and stretch of rail."""
-    rails = [rail for b, rail in enumerate(scenario.rails) if rail != (None, *scenario.rails)[b]]
-    rows = []
-    for name, parts in seen.items():
-        runs: Tracking = jax.tree.map(lambda *x: np.concatenate(x), *parts)
-        for stretch, rail in enumerate(rails):
-            names = {"scenario": config.scenario, "identifier": name, "rail": rail}
-            rows.append({**names, **tracking_row(runs, stretch, scenario.by_sample)})
-    return pd.DataFrame(rows)
-
-
-def _course_rows(
-    scenario: Scenario, names: tuple[str, ...], estimates: Mapping[str, Estimate]
-) -> pd.DataFrame:
-    """Every tracked quantity after every block of a tile of runs, in long form."""
-    frames = []
-    for name in names:
-        shown = {q: estimates[name].values[q] for q in scenario.quantities()}
-        for quantity, values in (*shown.items(), ("forgetting", estimates[name].forgetting)):
-            runs, blocks = values.shape
-            frames.append(
-                pd.DataFrame(
-                    {
-                        "identifier": name,
-                        "quantity": quantity,
-                        "block": np.tile(np.arange(blocks), runs),
-                        "value": np.ravel(values),
-                    }
-                )
-            )
-    return pd.concat(frames, ignore_index=True)
-
-
-def _bands(config: Config, rows: pd.DataFrame) -> pd.DataFrame:
-    """The median and the band from 5 to 95 % of each quantity after each block."""
-    grouped = rows.groupby(["identifier", "quantity", "block"], sort=False)["value"]
-    levels = {"p05": 0.05, "median": 0.5, "p95": 0.95}
-    bands = pd.DataFrame({name: grouped.quantile(q) for name, q in levels.items()}).reset_index()
-    bands.insert(0, "scenario", config.scenario)
-    return bands

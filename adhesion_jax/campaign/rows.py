@@ -1,0 +1,115 @@
+"""What a campaign keeps: rows of estimates, bands of a stream, the table of tracking."""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.campaign.config import Config
+from adhesion_jax.identifiers import Estimate, Status
+from adhesion_jax.metrics.tracking import Tracking, tracking_row
+from adhesion_jax.scenarios import Scenario
+
+_ROW_KEYS = ("scenario", "run", "identifier", "block", "rail")
+
+
+def standard_errors(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
+    place = [list(estimate.values).index(name) for name in names]
+    return np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1)[..., place])
+
+
+def values_of(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
+    return np.stack([estimate.values[name] for name in names], axis=-1)
+
+
+def row_columns(scenarios: Sequence[Scenario]) -> list[str]:
+    """The columns of the rows that `run_campaigns` has kept, over several scenarios."""
+    values = dict.fromkeys(
+        name for scenario in scenarios for name in (*_identified(scenario), *scenario.quantities())
+    )
+    errors = [f"{name}_se" for name in values]
+    return [*_ROW_KEYS, *values, *errors, "status", "objective", "forgetting", "evaluations"]
+
+
+def _identified(scenario: Scenario) -> tuple[str, ...]:
+    """The parameters of the curve that is identified, if it is a curve."""
+    return scenario.known.curve.free if "mu_max" in scenario.quantities() else ()
+
+
+def estimate_rows(
+    config: Config,
+    scenario: Scenario,
+    names: tuple[str, ...],
+    estimates: Mapping[str, Estimate],
+    runs: np.ndarray,
+) -> pd.DataFrame:
+    """One row a run, identifier and block that stands in a table."""
+    groups = [group for table in scenario.tables().values() for group in table]
+    blocks = np.array(sorted({block for group in groups for block in group.blocks}))
+    frames = []
+    for name in names:
+        estimate: Estimate = jax.tree.map(lambda x: x[:, blocks], estimates[name])
+        errors = standard_errors(estimate, list(estimate.values))
+        columns: dict[str, object] = {
+            "scenario": config.scenario,
+            "run": np.repeat(runs, len(blocks)),
+            "identifier": name,
+            "block": np.tile(blocks, len(runs)),
+            "rail": np.tile(np.array(scenario.rails)[blocks], len(runs)),
+        }
+        columns |= {key: np.ravel(value) for key, value in estimate.values.items()}
+        columns |= {f"{key}_se": errors[..., i].ravel() for i, key in enumerate(estimate.values)}
+        columns |= {
+            "status": [Status(code).name.lower() for code in np.ravel(estimate.status)],
+            "objective": np.ravel(estimate.objective),
+            "forgetting": np.ravel(estimate.forgetting),
+            "evaluations": np.ravel(estimate.evaluations),
+        }
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)
+
+
+def tracking_table(
+    config: Config, scenario: Scenario, seen: Mapping[str, list[Tracking]]
+) -> pd.DataFrame:
+    """One row an identifier and stretch of rail."""
+    rails = [rail for b, rail in enumerate(scenario.rails) if rail != (None, *scenario.rails)[b]]
+    rows = []
+    for name, parts in seen.items():
+        runs: Tracking = jax.tree.map(lambda *x: np.concatenate(x), *parts)
+        for stretch, rail in enumerate(rails):
+            names = {"scenario": config.scenario, "identifier": name, "rail": rail}
+            rows.append({**names, **tracking_row(runs, stretch, scenario.by_sample)})
+    return pd.DataFrame(rows)
+
+
+def course_rows(
+    scenario: Scenario, names: tuple[str, ...], estimates: Mapping[str, Estimate]
+) -> pd.DataFrame:
+    """Every tracked quantity after every block of a tile of runs, in long form."""
+    frames = []
+    for name in names:
+        shown = {q: estimates[name].values[q] for q in scenario.quantities()}
+        for quantity, values in (*shown.items(), ("forgetting", estimates[name].forgetting)):
+            runs, blocks = values.shape
+            frames.append(
+                pd.DataFrame(
+                    {
+                        "identifier": name,
+                        "quantity": quantity,
+                        "block": np.tile(np.arange(blocks), runs),
+                        "value": np.ravel(values),
+                    }
+                )
+            )
+    return pd.concat(frames, ignore_index=True)
+
+
+def bands_table(config: Config, rows: pd.DataFrame) -> pd.DataFrame:
+    """The median and the band from 5 to 95 % of each quantity after each block."""
+    grouped = rows.groupby(["identifier", "quantity", "block"], sort=False)["value"]
+    levels = {"p05": 0.05, "median": 0.5, "p95": 0.95}
+    bands = pd.DataFrame({name: grouped.quantile(q) for name, q in levels.items()}).reset_index()
+    bands.insert(0, "scenario", config.scenario)
+    return bands
