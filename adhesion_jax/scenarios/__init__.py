@@ -11,6 +11,7 @@ from adhesion_jax.scenarios.blocks import coloured, he2018_blocks, single
 from adhesion_jax.scenarios.growing import he2018_1
 from adhesion_jax.scenarios.mismatch import mismatch, mismatch_kiencke
 from adhesion_jax.scenarios.samples import drift, qian2024_switch
+from adhesion_jax.scenarios.slope import fang2018_slope
 from adhesion_jax.scenarios.stream import qian2024
 
 #: Command-line name to the function that builds the scenario from a user's options.
@@ -22,6 +23,7 @@ SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
     "qian2024": qian2024,
     "qian2024-switch": qian2024_switch,
     "drift": drift,
+    "fang2018-slope": fang2018_slope,
     "mismatch": mismatch,
     "mismatch-kiencke": mismatch_kiencke,
 }
