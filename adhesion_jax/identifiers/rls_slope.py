@@ -11,7 +11,7 @@ from adhesion_jax.identifiers.online import over_fresh_samples
 from adhesion_jax.scenarios import Known, Record, Scenario
 
 #: Of theta in units of s^2: nothing is known of the slope at first.
-_DIFFUSE = 1e6
+_DIFFUSE = 1e12
 
 
 class SlopeState(NamedTuple):
@@ -106,7 +106,7 @@ class RecursiveSlope(Identifier):
         kappa = 1 / (1 + self.gamma * phi**2)
 
         # The noise of y is rise (e - u), e that of the sample; that of the innovation, less d phi.
-        kept, keep = 1 - gain * phi, 1 - share
+        kept, keep = 1 / scale, 1 - share
         uu, ud, dd = state.uu, state.ud, state.dd
         unit = rise**2 * (1 + uu) + phi**2 * dd + 2 * rise * phi * ud
         taken = SlopeState(

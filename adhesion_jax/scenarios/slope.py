@@ -30,6 +30,10 @@ _BEYOND = 1.6
 #: Of the measured slip velocity, m/s: a wheel encoder's.
 _SIGMA_VELOCITY = 0.005
 
+#: Every run measures its own signals at the same times.
+_OWN: Any = {"slip_velocity_mps": 0, "time_s": None}
+_RUN_AXES: Any = Record(0, 0, None, None, _OWN)  # type: ignore[arg-type]
+
 
 class SlopeStream(Scenario):
     """One rail; slip velocity v_s follows a sine of time, adhesion Burckhardt's curve.
@@ -46,10 +50,7 @@ class SlopeStream(Scenario):
     truth: tuple[Curve, ...]
     known: Known
     by_sample: bool = eqx.field(default=True, static=True)
-    run_axes: Any = eqx.field(
-        default=Record(0, 0, None, None, {"slip_velocity_mps": 0, "time_s": None}),  # type: ignore[arg-type]
-        static=True,
-    )
+    run_axes: Any = eqx.field(default=_RUN_AXES, static=True)
 
     def time(self) -> Float[Array, "blocks points"]:
         shape = (len(self.rails), _BLOCK)
