@@ -80,7 +80,11 @@ class Mismatch(Scenario):
         return {"mu_max": peak[:1], "slip_opt": peak[1:]}
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        """What a method could know that has the right curve, its free parameters unknown."""
+        """What a method could know that has the right curve, its free parameters unknown.
+
+        It holds for estimates without bias. The curve assumed has fewer parameters and may come
+        below it, where its bias happens to be small.
+        """
         curve, every = self.truth[0], jnp.ones(self.slip.shape, dtype=bool)
         _, information = adhesion_and_information(curve, self.slip, every, self.conditions)
         gradient = jax.jacfwd(
