@@ -17,12 +17,15 @@ from adhesion_jax.identifiers.ml_de import (
     ml_de_robust,
 )
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
+from adhesion_jax.identifiers.ml_pooled import PooledMaximumLikelihood
 from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
+from adhesion_jax.identifiers.rls_slope import rls_slope
 from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
 
 IDENTIFIERS: Mapping[str, Identifier] = {
     "ml-exact": ExactMaximumLikelihood(),
+    "ml-pooled": PooledMaximumLikelihood(),
     "ml-de": ml_de,
     "ml-de-eq16": ml_de_eq16,
     "ml-de-eq17": ml_de_eq17,
@@ -37,6 +40,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "qp-qian2024-2": qp_qian2024_2,
     "rls-kiencke": rls_kiencke,
     "rls-kiencke-variable": rls_kiencke_variable,
+    "rls-slope": rls_slope,
 }
 
 #: Variants that explain a published method; they run only when named.

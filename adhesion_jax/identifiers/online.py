@@ -1,19 +1,19 @@
 """What methods that take one sample after the other share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from adhesion_jax.identifiers.curve_fit import FitState
 from adhesion_jax.scenarios import Record
 
 R = TypeVar("R")
 
-#: (recursion, slip, adhesion) to the recursion after that sample.
-Step = Callable[[R, Float[Array, ""], Float[Array, ""]], R]
+#: (recursion, slip, adhesion, conditions asked for) to the recursion after that sample.
+Step = Callable[..., R]
 
 
 class OnlineState(NamedTuple):
@@ -23,13 +23,16 @@ class OnlineState(NamedTuple):
     recursion: Any  # the method's own
 
 
-def over_fresh_samples(step: Step[R], recursion: R, record: Record) -> R:
+def over_fresh_samples(
+    step: Step[R], recursion: R, record: Record, conditions: Sequence[str] = ()
+) -> R:
     """The recursion after every point of the record that has not been seen before."""
 
-    def one_sample(recursion: R, sample: tuple[Array, Array, Array]) -> tuple[R, None]:
-        slip, adhesion, fresh = sample
-        taken = step(recursion, slip, adhesion)
+    def one_sample(recursion: R, sample: tuple[Array, ...]) -> tuple[R, None]:
+        fresh, *columns = sample
+        taken = step(recursion, *columns)
         return jax.tree.map(lambda new, old: jnp.where(fresh, new, old), taken, recursion), None
 
-    samples = (record.slip, record.adhesion, record.fresh)
+    asked_for = (record.conditions[name] for name in conditions)
+    samples = (record.fresh, record.slip, record.adhesion, *asked_for)
     return jax.lax.scan(one_sample, recursion, samples)[0]

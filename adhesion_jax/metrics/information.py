@@ -46,12 +46,24 @@ def adhesion_and_information(
 
     For noise of variance s^2 the Fisher information is J'J/s^2.
     """
+    adhesion, sensitivity = adhesion_and_sensitivity(curve, slip, conditions)
+    return adhesion, information_of(jnp.where(mask, sensitivity, 0.0))
+
+
+def adhesion_and_sensitivity(
+    curve: Curve, slip: Float[Array, " points"], conditions: Conditions
+) -> tuple[Float[Array, " points"], Float[Array, "free points"]]:
+    """The model at every point, and d mu/d parameters there."""
     adhesion, push = jax.linearize(
         lambda values: with_free_values(curve, values)(slip, conditions), free_values(curve)
     )
-    sensitivity = jnp.where(mask, jax.vmap(push)(jnp.eye(len(curve.free))), 0.0)
+    return adhesion, jax.vmap(push)(jnp.eye(len(curve.free)))
+
+
+def information_of(sensitivity: Float[Array, "free points"]) -> Float[Array, "free free"]:
+    """J'J, J the transposed sensitivity."""
     # A sum of products: a matrix product of this shape is slower in a batch.
-    return adhesion, jnp.sum(sensitivity[:, None] * sensitivity[None, :], axis=-1)
+    return jnp.sum(sensitivity[:, None] * sensitivity[None, :], axis=-1)
 
 
 def inverse_information(information: Float[Array, "free free"]) -> Float[Array, "free free"]:
@@ -101,5 +113,12 @@ def cramer_rao_bound(
     For independent Gaussian noise of standard deviation sigma and parameters without bounds.
     """
     _, information = adhesion_and_information(curve, slip, mask, conditions)
+    return bound_of_information(curve, information, sigma)
+
+
+def bound_of_information(
+    curve: Curve, information: Float[Array, "free free"], sigma: Scalar
+) -> Float[Array, " values"]:
+    """Smallest standard deviation of each of `quantities` where J'J is this."""
     covariance = sigma**2 * inverse_information(information)
     return jnp.sqrt(jnp.diagonal(quantity_covariance(curve, covariance)))

@@ -90,9 +90,18 @@ def sum_of_squares(
     nu_upper: Float[Array, ""],
 ) -> Float[Array, "*shape"]:
     """Sum (y - a phi(x; nu) - b psi(x))^2 from the sums alone."""
+    return _expand(sums, a, b, *sums_at(sums, nu, nu_lower, nu_upper))
+
+
+def sums_at(
+    sums: Sums,
+    nu: Float[Array, "*shape"],
+    nu_lower: Float[Array, ""],
+    nu_upper: Float[Array, ""],
+) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"], Float[Array, "*shape"]]:
+    """Sum y phi, sum phi^2 and sum phi psi at one nu."""
     x = _chebyshev_variable(nu, nu_lower, nu_upper)
-    y_phi, phi_phi, phi_psi = (_series(c, x) for c in (sums.y_phi, sums.phi_phi, sums.phi_psi))
-    return _expand(sums, a, b, y_phi, phi_phi, phi_psi)
+    return _series(sums.y_phi, x), _series(sums.phi_phi, x), _series(sums.phi_psi, x)
 
 
 @jax.custom_batching.custom_vmap

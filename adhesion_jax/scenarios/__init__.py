@@ -7,17 +7,23 @@ from adhesion_jax.scenarios.base import Known as Known
 from adhesion_jax.scenarios.base import Options as Options
 from adhesion_jax.scenarios.base import Record as Record
 from adhesion_jax.scenarios.base import Scenario as Scenario
-from adhesion_jax.scenarios.blocks import he2018_blocks, single
+from adhesion_jax.scenarios.blocks import coloured, he2018_blocks, single
 from adhesion_jax.scenarios.growing import he2018_1
+from adhesion_jax.scenarios.mismatch import mismatch, mismatch_kiencke
 from adhesion_jax.scenarios.samples import drift, qian2024_switch
+from adhesion_jax.scenarios.slope import fang2018_slope
 from adhesion_jax.scenarios.stream import qian2024
 
 #: Command-line name to the function that builds the scenario from a user's options.
 SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
     "single": single,
+    "coloured": coloured,
     "he2018-1": he2018_1,
     "he2018-blocks": he2018_blocks,
     "qian2024": qian2024,
     "qian2024-switch": qian2024_switch,
     "drift": drift,
+    "fang2018-slope": fang2018_slope,
+    "mismatch": mismatch,
+    "mismatch-kiencke": mismatch_kiencke,
 }

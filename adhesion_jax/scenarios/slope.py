@@ -1,0 +1,119 @@
+"""A wheel whose slip velocity moves up and down across the peak, for the slope of the curve."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from adhesion_jax.curves import Curve
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
+
+#: Samples between two reports, and reports between two checkpoints.
+_BLOCK, _SPACING = 10, 10
+
+#: Fang et al. 2018 prints neither; our reading of a train under way and its controller.
+_VEHICLE_SPEED, _SAMPLING = 20.0, 0.01
+
+#: The slip velocity goes from an eighth of its largest value to that and back in this time, s.
+_PERIOD, _LEAST = 8.0, 0.125
+
+#: The largest slip, in terms of the slip of the peak.
+_BEYOND = 1.6
+
+#: Of the measured slip velocity, m/s: a wheel encoder's.
+_SIGMA_VELOCITY = 0.005
+
+#: Every run measures its own signals at the same times.
+_OWN: Any = {"slip_velocity_mps": 0, "time_s": None}
+_RUN_AXES: Any = Record(0, 0, None, None, _OWN)  # type: ignore[arg-type]
+
+
+class SlopeStream(Scenario):
+    """One rail; slip velocity v_s follows a sine of time, adhesion Burckhardt's curve.
+
+    Adhesion and slip velocity are both measured with noise. What is asked for is d mu/d v_s at
+    the slip velocity of the moment, in s/m. It is close to zero on the far side of the peak, so
+    an error of it means little as a share.
+    """
+
+    rails: tuple[str, ...] = eqx.field(static=True)
+    sigma: float = eqx.field(static=True)
+    outliers: float = eqx.field(static=True)
+    slip_max: float = eqx.field(static=True)
+    truth: tuple[Curve, ...]
+    known: Known
+    by_sample: bool = eqx.field(default=True, static=True)
+    run_axes: Any = eqx.field(default=_RUN_AXES, static=True)
+
+    def time(self) -> Float[Array, "blocks points"]:
+        shape = (len(self.rails), _BLOCK)
+        return _SAMPLING * jnp.arange(shape[0] * shape[1]).reshape(shape)
+
+    def slip(self, time: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """The true slip, at its least at time 0."""
+        height = 0.5 * (1 - jnp.cos(2 * jnp.pi * time / _PERIOD))
+        return self.slip_max * (_LEAST + (1 - _LEAST) * height)
+
+    def draw(self, key: PRNGKeyArray) -> Record:
+        velocity_key, noise_key = jax.random.split(key)
+        time = self.time()
+        slip = self.slip(time)
+        every = jnp.ones(time.shape, dtype=bool)
+        velocity = _VEHICLE_SPEED * slip
+        velocity = velocity + _SIGMA_VELOCITY * jax.random.normal(velocity_key, time.shape)
+        noise = draw_noise(noise_key, time.shape, self.sigma, self.outliers)
+        adhesion = self.truth[0](slip, {}) + noise
+        conditions = {"slip_velocity_mps": velocity, "time_s": time}
+        return Record(velocity / _VEHICLE_SPEED, adhesion, every, every, conditions)
+
+    def quantities(self) -> Mapping[str, np.ndarray]:
+        slope = jax.vmap(jax.grad(lambda slip: self.truth[0](slip, {})))
+        return {"slope": np.asarray(slope(self.slip(self.time()[:, -1]))) / _VEHICLE_SPEED}
+
+    def bound(self, record: Record) -> Float[Array, "blocks values"]:
+        """None: the slope is another one at every sample, and no curve that joins them is known."""
+        return jnp.full((len(self.rails), 1), jnp.nan)
+
+    def support(self) -> np.ndarray:
+        return _BLOCK * (np.arange(len(self.rails)) + 1)
+
+    def tables(self) -> Mapping[str, Sequence[Group]]:
+        """The last block in the summary; k is the sample, counted from 0."""
+        blocks = len(self.rails)
+        spaced = range(_SPACING - 1, blocks, _SPACING)
+        checkpoints = [Group(self.rails[b], (b,), k=_BLOCK * (b + 1) - 1) for b in spaced]
+        return {
+            "summary": [Group(self.rails[-1], (blocks - 1,))],
+            "checkpoints": checkpoints,
+        }
+
+
+def fang2018_slope(options: Options) -> SlopeStream:
+    """1800 samples while slip velocity moves across the peak and back, for d mu/d v_s."""
+    if options.blocks is not None:
+        raise InputError(
+            "--blocks does not go with --scenario fang2018-slope, which is one stream."
+        )
+    points = 1800 if options.points is None else options.points
+    if points % _BLOCK or points < _BLOCK * _SPACING:
+        raise InputError(
+            f"--points {points} does not go with --scenario fang2018-slope; "
+            f"it takes a multiple of {_BLOCK}, at least {_BLOCK * _SPACING}."
+        )
+    rail = rail_named(options.rail or "dry")
+    truth, blocks = RAILS[rail], points // _BLOCK
+    return SlopeStream(
+        rails=(rail,) * blocks,
+        sigma=0.01 if options.sigma is None else options.sigma,
+        outliers=options.outliers or 0.0,
+        slip_max=options.slip_max or _BEYOND * float(truth.peak({}).slip),
+        truth=(truth,) * blocks,
+        known=HE2018,
+    )
