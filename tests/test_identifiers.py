@@ -23,8 +23,14 @@ SMALL = {
     "qian2024": Options(points=120),
     "qian2024-switch": Options(points=200),
     "drift": Options(points=100),
+    "coloured": Options(points=120),
+    "mismatch": Options(points=120),
+    "mismatch-kiencke": Options(points=120),
 }
 NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
+
+#: `rls-slope` knows no curve; its contract is another one, and so are its tests.
+CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name != "rls-slope"}
 GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
 EVOLUTION = [name for name in IDENTIFIERS if name.startswith("ml-de")]
 
@@ -71,10 +77,13 @@ def accepts(name, scenario_name):
     return IDENTIFIERS[name].accepts(SCENARIOS[scenario_name](SMALL[scenario_name])) is None
 
 
-PAIRS = [(name, other) for other in SCENARIOS for name in IDENTIFIERS if accepts(name, other)]
+PAIRS = [(name, other) for other in SMALL for name in CURVE_METHODS if accepts(name, other)]
+
+#: Where a rail drifts, or has another curve, no curve is the truth of a block.
+HAVE_TRUTH = [pair for pair in PAIRS if not pair[1].startswith(("drift", "mismatch"))]
 
 #: A short scenario that each method takes.
-HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in IDENTIFIERS}
+HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
 
 
 @functools.cache
@@ -89,11 +98,11 @@ def parameters_of(estimate):
     return np.stack([estimate.values[name] for name in names], axis=-1)
 
 
-def law(parameters, slip):
+def law(parameters, slip, a0=40.0):
     """Adhesion without the package: Burckhardt's three parameters or Kiencke's two."""
     if parameters.shape[-1] == 2:
         p1, p2 = np.moveaxis(parameters[..., None], -2, 0)
-        return 40.0 * slip / (1 + p1 * slip + p2 * slip**2)
+        return a0 * slip / (1 + p1 * slip + p2 * slip**2)
     c1, c2, c3 = np.moveaxis(parameters[..., None], -2, 0)
     return c1 * (1 - np.exp(-c2 * slip)) - c3 * slip
 
@@ -109,10 +118,10 @@ def peak_slip(parameters):
     return np.where(np.isfinite(slip), np.clip(slip, 0, 1), 1.0)
 
 
-def raw_sum_of_squares(parameters, records):
+def raw_sum_of_squares(parameters, records, a0=40.0):
     """sum (z - f)^2 over the points that are there, [runs, blocks], without the package."""
     slip, mask = np.asarray(records.slip), np.asarray(records.mask)
-    misfit = np.asarray(records.adhesion) - law(parameters, slip)
+    misfit = np.asarray(records.adhesion) - law(parameters, slip, a0)
     return np.sum(np.where(mask, misfit, 0.0) ** 2, axis=-1)
 
 
@@ -146,11 +155,12 @@ def test_every_identifier_keeps_the_contract_on_every_scenario(name, scenario_na
         assert np.all(parameters <= upper * (1 + 1e-14))
     peak = peak_slip(parameters)
     np.testing.assert_allclose(estimate.values["slip_opt"], peak, rtol=1e-9)
-    top = law(parameters, peak[..., None])[..., 0]
+    a0 = getattr(scenario.known.curve, "a0", None)
+    top = law(parameters, peak[..., None], a0)[..., 0]
     np.testing.assert_allclose(estimate.values["mu_max"], top, rtol=1e-9)
 
     objective = np.asarray(estimate.objective)
-    np.testing.assert_allclose(objective, raw_sum_of_squares(parameters, records), rtol=1e-9)
+    np.testing.assert_allclose(objective, raw_sum_of_squares(parameters, records, a0), rtol=1e-9)
     if peer == "ml-exact":
         assert np.all(objective >= np.asarray(other.objective) - 1e-6 * scenario.sigma**2)
 
@@ -174,7 +184,7 @@ def test_every_identifier_keeps_the_contract_on_every_scenario(name, scenario_na
         np.testing.assert_array_equal(status, np.where(on_box, Status.ON_BOX, Status.TRUSTED))
 
 
-@pytest.mark.parametrize("name", IDENTIFIERS)
+@pytest.mark.parametrize("name", CURVE_METHODS)
 def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     scenario, _, first = small(name, HOME[name])
     _, again = identified(IDENTIFIERS[name], scenario)
@@ -185,7 +195,7 @@ def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     assert same == (name not in EVOLUTION)  # only a random search has a randomness of its own
 
 
-@pytest.mark.parametrize(("name", "scenario_name"), [pair for pair in PAIRS if pair[1] != "drift"])
+@pytest.mark.parametrize(("name", "scenario_name"), HAVE_TRUTH)
 def test_data_without_any_noise_give_the_truth_back(name, scenario_name):
     options = dataclasses.replace(SMALL[scenario_name], sigma=0.0)
     scenario = SCENARIOS[scenario_name](options)
@@ -206,7 +216,7 @@ def test_data_without_any_noise_give_the_truth_back(name, scenario_name):
     assert np.mean(right[whole]) >= (0.9 if name == "ml-de-robust" else least)
 
 
-@pytest.mark.parametrize("name", IDENTIFIERS)
+@pytest.mark.parametrize("name", CURVE_METHODS)
 def test_with_hardly_any_noise_every_rail_is_recovered_or_the_status_says_why_not(name):
     recovered = []
     for rail in ("dry", "common", "wet"):
@@ -369,7 +379,7 @@ def test_the_status_says_why_an_estimate_cannot_be_trusted(name):
     assert on_box == Status.ON_BOX or (on_box == Status.NOT_CONVERGED and name in GRADIENT)
 
 
-@pytest.mark.parametrize("name", IDENTIFIERS)
+@pytest.mark.parametrize("name", CURVE_METHODS)
 def test_data_that_are_not_numbers_are_never_trusted(name):
     adhesion = np.full(SLIP.size, 0.3)
     adhesion[17] = np.nan
@@ -387,7 +397,7 @@ def test_statuses_are_sentences_and_the_graver_has_the_higher_code():
     assert len({status.sentence for status in Status}) == len(Status)
 
 
-@pytest.mark.parametrize("name", IDENTIFIERS)
+@pytest.mark.parametrize("name", CURVE_METHODS)
 def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
     truth = Kiencke(a0=40.0, p1=31.29, p2=100.0)
     scenario = Blocks(("dry",), 0.001, 0.0, jnp.linspace(0.0, 0.2, 100), (truth,), KIENCKE)

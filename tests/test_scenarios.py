@@ -24,8 +24,15 @@ SIZES = {
     "qian2024": (3, 250),
     "qian2024-switch": (100, 10),
     "drift": (100, 10),
+    "coloured": (1, 500),
+    "mismatch": (1, 500),
+    "mismatch-kiencke": (1, 500),
 }
 SLIP_MAX = dict.fromkeys(SIZES, 0.2) | {"he2018-1": 0.5}
+
+#: The slope of fang2018-slope is another kind of question, and so are its tests.
+NAMES = [name for name in SCENARIOS if name != "fang2018-slope"]
+WHITE = [name for name in NAMES if name != "coloured"]
 
 #: Streams, in which every sample has a slip of its own, and those followed at every sample.
 RANDOM_SLIP = {"qian2024", "qian2024-switch", "drift"}
@@ -38,7 +45,9 @@ def clean_adhesion(scenario, record):
         shape = record.slip.shape[-2:]
         p1, p2 = (np.reshape(p, shape) for p in (scenario.curves.p1, scenario.curves.p2))
         return 40 * record.slip / (1 + p1 * record.slip + p2 * record.slip**2)
-    return jnp.stack([c(s, {}) for c, s in zip(scenario.truth, record.slip, strict=True)])
+    conditions = getattr(scenario, "conditions", {})
+    pairs = zip(scenario.truth, record.slip, strict=True)
+    return jnp.stack([curve(slip, conditions) for curve, slip in pairs])
 
 
 def noise_of(scenario, key):
@@ -47,7 +56,7 @@ def noise_of(scenario, key):
     return np.asarray(record.adhesion - clean_adhesion(scenario, record))
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_run_has_the_blocks_and_points_that_are_promised(name):
     scenario = SCENARIOS[name](Options())
     record = scenario.draw(jax.random.key(0))
@@ -64,16 +73,18 @@ def test_a_run_has_the_blocks_and_points_that_are_promised(name):
     else:
         expected = np.broadcast_to(np.linspace(0, SLIP_MAX[name], shape[1]), shape)
         np.testing.assert_allclose(record.slip, expected, atol=1e-15)
+    assert scenario.by_sample == (name in BY_SAMPLE)
+    if name.startswith("mismatch"):  # rails and box of its own
+        return
     rails, known = (KIENCKE_RAILS, QIAN2024) if name in RANDOM_SLIP else (RAILS, HE2018)
     if name != "drift":
         truth = true_quantities(stacked([rails[rail] for rail in scenario.rails]))
         for quantity, values in scenario.quantities().items():
             np.testing.assert_array_equal(values, truth[quantity])
     assert scenario.known is known
-    assert scenario.by_sample == (name in BY_SAMPLE)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_point_is_fresh_once(name):
     """Blocks that overlap hold a point again and again; a method that is a stream takes it once."""
     record = SCENARIOS[name](Options()).draw(jax.random.key(0))
@@ -86,7 +97,7 @@ def test_every_point_is_fresh_once(name):
         np.testing.assert_array_equal(fresh, mask)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", NAMES)
 def test_options_change_what_they_name(name):
     options = Options(sigma=0.1, points=200, slip_max=0.3)
     scenario = SCENARIOS[name](options)
@@ -101,7 +112,7 @@ def test_options_change_what_they_name(name):
     assert np.max(np.abs(noise_of(silent, jax.random.key(0)))) < 1e-15
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", WHITE)
 @pytest.mark.parametrize("sigma", [0.01, 0.1])
 def test_noise_is_normal_with_the_given_deviation(name, sigma):
     scenario = SCENARIOS[name](Options(sigma=sigma))
@@ -111,7 +122,8 @@ def test_noise_is_normal_with_the_given_deviation(name, sigma):
     if name in BY_SAMPLE:
         noise = np.asarray(record.adhesion - clean_adhesion(scenario, record)).ravel() / sigma
     else:
-        clean = np.asarray(scenario.truth[-1](record.slip[:, -1], {}))
+        conditions = getattr(scenario, "conditions", {})
+        clean = np.asarray(scenario.truth[-1](record.slip[:, -1], conditions))
         noise = (np.asarray(record.adhesion[:, -1]) - clean).ravel() / sigma
     assert abs(np.mean(noise)) < 4 / np.sqrt(noise.size)
     assert abs(np.std(noise) - 1) < 4 / np.sqrt(2 * noise.size)
@@ -130,7 +142,7 @@ def test_the_blocks_of_a_run_have_their_own_noise_and_a_growing_sequence_only_on
     np.testing.assert_array_equal(growing, np.broadcast_to(growing[0], growing.shape))
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_key_decides_the_noise(name):
     scenario = SCENARIOS[name](Options())
     one, again, other = (
@@ -143,7 +155,7 @@ def test_the_key_decides_the_noise(name):
     assert abs(np.corrcoef(*pair)[0, 1]) < 4.5 / np.sqrt(one.size / blocks_alike)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", WHITE)
 def test_outliers_have_ten_times_the_deviation_and_the_share_asked_for(name):
     def drawn(share):
         scenario = SCENARIOS[name](Options(outliers=share))
@@ -200,7 +212,7 @@ def test_tables_pool_each_rail_without_the_first_block_after_a_switch():
     assert [g.blocks for g in growing["checkpoints"]] == [(j,) for j in range(20)]
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", NAMES)
 def test_what_is_shared_by_all_runs_is_declared(name):
     scenario = SCENARIOS[name](Options(points=100))
     keys = jax.random.split(jax.random.key(5), 3)
@@ -293,7 +305,7 @@ def test_a_switching_stream_is_on_dry_then_on_common_rail():
 def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
     scenario = SCENARIOS["qian2024-switch"](Options())
     record = scenario.draw(jax.random.key(4))
-    bound = np.asarray(scenario.bound(record))
+    bound = np.asarray(jax.jit(scenario.bound)(record))
     slip = np.ravel(record.slip)
     np.testing.assert_array_equal(scenario.support(), np.tile(np.arange(10, 501, 10), 2))
     for block, rail, part in (
