@@ -18,6 +18,7 @@ from adhesion_jax.identifiers.ml_de import (
 )
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
 from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
+from adhesion_jax.identifiers.riv import riv
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
 
@@ -37,6 +38,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "qp-qian2024-2": qp_qian2024_2,
     "rls-kiencke": rls_kiencke,
     "rls-kiencke-variable": rls_kiencke_variable,
+    "riv": riv,
 }
 
 #: Variants that explain a published method; they run only when named.
