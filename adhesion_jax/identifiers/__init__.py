@@ -17,6 +17,7 @@ from adhesion_jax.identifiers.ml_de import (
     ml_de_robust,
 )
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
+from adhesion_jax.identifiers.qp_bias_compensated import qp_bias_compensated
 from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
 from adhesion_jax.identifiers.riv import riv
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
@@ -36,6 +37,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "ls-kiencke": LinearLeastSquares(),
     "qp-qian2024-1": qp_qian2024_1,
     "qp-qian2024-2": qp_qian2024_2,
+    "qp-bias-compensated": qp_bias_compensated,
     "rls-kiencke": rls_kiencke,
     "rls-kiencke-variable": rls_kiencke_variable,
     "riv": riv,
