@@ -139,9 +139,7 @@ class BiasCompensatedProgram(Identifier):
         error, d = z - x[0] * u1 - x[1] * u2, 1 + x[0] * size + x[1] * size**2
         noise = noise._replace(squares=noise.squares + (error / d) ** 2)
         # What the sample adds to the equation: U e + s^2 D [l, l^2] in place of U e alone.
-        score = Regression(
-            u1 * error + s2 * d * size, u2 * error + s2 * d * size**2, jnp.ones(())
-        )
+        score = Regression(u1 * error + s2 * d * size, u2 * error + s2 * d * size**2, jnp.ones(()))
         normal = with_residual(normal, score, jnp.ones(()), jnp.zeros(2))
         return Recursion(normal, noise, recursion.samples + 1, x, eta)
 

@@ -1,13 +1,14 @@
-"""Recursive refined instrumental variables on the linear form of Kiencke's curve, made robust."""
+"""Refined instrumental variables on Kiencke's linear form: recursive, robust, with resets."""
 
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import free_values
+from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import fitted, needs_kiencke, regression
@@ -15,179 +16,295 @@ from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
 from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.scenarios import Known, Record, Scenario
 
-import os
-_E = lambda n, d: float(os.environ.get(n, d))
-_LENGTH = int(_E("LENGTH", 40))
-_PASSES_NEW = int(_E("PNEW", 5))
-_PASSES = int(_E("PASSES", 5))
-_HUBER = _E("HUBER", 2.0)
-_SKIP = _E("SKIP", 1e9)
-_GAIN = _E("GAIN", 0.02)
-_PRIOR = _E("PRIOR", 0.1)
-_START = int(_E("START", 20))
-_MEDIAN = 0.6744897501960817
-_OPTIMAL = 2.33
-_FLOOR = 1e-9
+#: So many samples are kept, and fitted anew with each that comes until there are so many: by then
+#: the estimate is near enough for the instruments of a sample never to be computed again.
+LENGTH = 40
+
+#: Passes over the kept samples: from nothing, the first of them least squares, and from the
+#: estimate before, which then differs by one sample.
+_FROM_NOTHING, _FROM_ESTIMATE = 5, 2
+
+#: An estimate that rests on fewer samples is made from nothing with the next one.
+_FEW = 10
+
+#: Samples from the start of a run before the scale is known well enough for a vote.
+_VOTELESS = 20
+
+#: A sample votes for a reset by its innovation over its standard deviation: so many of the last
+#: so many beyond a limit. The first rule answers a switch, the second one too small for it; a
+#: Gaussian innovation breaks either less than once in 10^9 samples, and three per cent of
+#: outliers the first about once in 10^6.
+_FAST, _SLOW = (4, 5, 3.0), (8, 10, 2.2)
+
+#: Median of |n| for a standard Gaussian n, and the step of its recursion that has least variance
+#: per sample: 1/(density of log |n| at the median).
+_MEDIAN, _STEP = 0.6745, 2.333
+
+#: No sensor of adhesion is finer; data without noise would leave no scale.
+_FINEST = 1e-9
+
+#: Below five samples two parameters leave too few residuals for a scale; the adhesion gives one.
+_SCALE_OF_ADHESION = 0.05
 
 
-class Window(NamedTuple):
-    slip: Float[Array, "length"]
-    adhesion: Float[Array, "length"]
-    surprise: Float[Array, "length"]
-    held: Bool[Array, "length"]
+class Kept(NamedTuple):
+    """The last samples, the latest first."""
+
+    size: Float[Array, " length"]  # |slip|
+    adhesion: Float[Array, " length"]
+    surprise: Float[Array, " length"]  # |nu|, or 0 where it is no vote
+    used: Bool[Array, " length"]  # since the reset, or a vote for it
 
 
 class Sums(NamedTuple):
+    """Sum w zeta U' and sum w zeta Z, the prior among them; then counts for the covariance."""
+
     h11: Float[Array, ""]
     h12: Float[Array, ""]
     h22: Float[Array, ""]
     f1: Float[Array, ""]
     f2: Float[Array, ""]
-    count: Float[Array, ""]
+    number: Float[Array, ""]
     weights: Float[Array, ""]
-    linear: Float[Array, ""]
-    squares: Float[Array, ""]
+    unclipped: Float[Array, ""]
+    squares: Float[Array, ""]  # sum (w r)^2, each r scaled to the variance of the noise
 
 
 class Recursion(NamedTuple):
-    window: Window
+    kept: Kept
     sums: Sums
     x: Float[Array, "2"]
     scale: Float[Array, ""]
     samples: Int[Array, ""]
-    age: Int[Array, ""]
-    kept: Float[Array, ""]
-
-
-def _weight(nu):
-    size = jnp.abs(nu)
-    return jnp.where(size > _SKIP, 0.0, jnp.where(size > _HUBER, _HUBER / size, 1.0))
-
-
-def _terms(known, x, slip, adhesion):
-    d = 1 + x[0] * slip + x[1] * slip**2
-    model = known.curve.a0 * slip / d
-    return d, model
-
-
-def _median(values, held):
-    count = jnp.sum(held)
-    ordered = jnp.sort(jnp.where(held, values, jnp.inf))
-    low, high = ordered[jnp.maximum((count - 1) // 2, 0)], ordered[count // 2]
-    return 0.5 * (low + high)
+    age: Int[Array, ""]  # samples since the reset, those that were asked for it among them
+    past: Float[Array, ""]  # 0 where the record held a reset, else 1
 
 
 class RefinedInstruments(Identifier):
+    """(sum w zeta U') x = sum w zeta Z with zeta = mu_hat [l, l^2]/D^2, D = 1 + p1 l + p2 l^2.
+
+    As Z - U'x = D (mu_hat - mu), the solution that agrees with its own instruments makes
+    sum w r d mu_hat/d p zero, r = mu - mu_hat: it is the nonlinear fit, and the instruments,
+    free of the noise of their sample, leave no bias. The weights are Huber's, min(1, huber/|nu|),
+    nu = r over its standard deviation. While the estimate is young it is iterated on the samples
+    kept; afterwards each sample is weighed once, with the estimate before it. When the votes of
+    the last samples say that the curve has changed, only the voters are kept.
+    Source: Young 2011, Recursive Estimation and Time-Series Analysis, chapter 7; Huber 1981,
+    Robust Statistics, sections 7.6 (covariance) and 5.1 (median deviation).
+    """
+
     fits_last_record: ClassVar[bool] = False
+
+    huber: Float[Array, ""]
+    gain: Float[Array, ""]  # least gain of the scale
+    prior: Float[Array, ""]  # standard deviation of the start, as a share of the box
 
     def accepts(self, scenario: Scenario) -> str | None:
         return needs_kiencke(scenario)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         batch = start(known, key)
-        zeros = jnp.zeros(_LENGTH)
-        zero, none = jnp.zeros(()), jnp.int32(0)
-        window = Window(zeros, zeros, zeros, zeros > 0)
+        empty, zero, none = jnp.zeros(LENGTH), jnp.zeros(()), jnp.int32(0)
+        kept = Kept(empty, empty, empty, empty > 0)
         sums = Sums(*(zero for _ in Sums._fields))
-        return OnlineState(batch, Recursion(window, sums, batch.fit.parameters, zero + _FLOOR, none, none, zero + 1.0))
+        x, scale = batch.fit.parameters, jnp.asarray(_FINEST)
+        return OnlineState(batch, Recursion(kept, sums, x, scale, none, none, zero))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         known = state.batch.known
-        r = state.recursion._replace(kept=jnp.ones(()))
-        r = over_fresh_samples(partial(self._step, known), r, record)
-        fit = fitted(known, record, state.batch.fit, r.x, self._covariance(r.sums), r.kept,
-            jnp.sum(record.fresh, dtype=jnp.int32), r.sums.count > 2)
-        return OnlineState(state.batch._replace(fit=fit), r)
+        recursion = state.recursion._replace(past=jnp.ones(()))
+        recursion = over_fresh_samples(partial(self._step, known), recursion, record)
+        fit = fitted(
+            known,
+            record,
+            state.batch.fit,
+            recursion.x,
+            _covariance(recursion.sums),
+            recursion.past,
+            jnp.sum(record.fresh, dtype=jnp.int32),
+            recursion.sums.number > 2,
+        )
+        return OnlineState(state.batch._replace(fit=fit), recursion)
 
     def estimate(self, state: OnlineState) -> Estimate:
         return to_estimate(state.batch)
 
-    def _inverse(self, s):
-        det = s.h11 * s.h22 - s.h12**2
-        det = jnp.where(det > 0, det, jnp.nan)
-        return s.h22 / det, -s.h12 / det, s.h11 / det
+    def _step(
+        self,
+        known: Known,
+        recursion: Recursion,
+        slip: Float[Array, ""],
+        adhesion: Float[Array, ""],
+    ) -> Recursion:
+        size, adhesion = jnp.abs(slip), jnp.sign(slip) * adhesion
+        sums, x, nu = self._taken_up(known, recursion, size, adhesion)
+        kept, reset = _voted(recursion, size, adhesion, nu)
 
-    def _covariance(self, s):
-        a, b, c = self._inverse(s)
-        factor = s.squares / jnp.maximum(s.count - 2, 1) * s.weights * s.count / jnp.maximum(s.linear, 1)**2
-        return factor * jnp.array([[a, b], [b, c]])
+        samples = recursion.samples + 1
+        age = jnp.where(reset, _SLOW[1], jnp.minimum(recursion.age + 1, LENGTH + 1))
+        # The noise is that of the sensor, not of the rail: its scale outlives a reset.
+        step = jnp.maximum(_STEP / samples, self.gain)
+        factor = jnp.exp(step * jnp.where(jnp.abs(nu) > _MEDIAN, 0.5, -0.5))
+        scale = jnp.maximum(recursion.scale * factor, _FINEST)
 
-    def _solve(self, known, s):
-        return jnp.stack(bounded_pair(s.f1, s.f2, s.h11, s.h22, s.h12,
-            (known.lower[0], known.upper[0]), (known.lower[1], known.upper[1])))
+        anew = reset | (jnp.sum(kept.used) < _FEW)
+        passes = jnp.where(anew, _FROM_NOTHING, jnp.where(age <= LENGTH, _FROM_ESTIMATE, 0))
+        first = age == samples  # there has been no reset yet
+        x, sums, scale = self._refitted(known, kept, x, sums, scale, anew, first, passes)
+        past = jnp.where(reset, 0.0, recursion.past)
+        return Recursion(kept, sums, x, scale, samples, age, past)
 
-    def _step(self, known, r, slip, adhesion):
-        a0 = known.curve.a0
-        slip, adhesion = jnp.abs(slip), jnp.sign(slip) * adhesion
-        x, s = r.x, r.sums
-        # prediction
-        d, model = _terms(known, x, slip, adhesion)
-        g1 = model * slip / d
-        g2 = g1 * slip
-        ia, ib, ic = self._inverse(s)
-        leverage = jnp.where(r.age > 1, ia * g1 * g1 + 2 * ib * g1 * g2 + ic * g2 * g2, 1.0)
-        leverage = jnp.maximum(leverage, 0.0)
-        e = adhesion - model
-        nu = e / (r.scale * jnp.sqrt(1 + leverage))
-        w = _weight(nu)
-        # recursion
-        z1 = w * g1 / d
-        z2 = z1 * slip
-        u1, u2, z = slip * adhesion, slip**2 * adhesion, a0 * slip - adhesion
-        s = Sums(s.h11 + z1 * u1, s.h12 + z1 * u2, s.h22 + z2 * u2, s.f1 + z1 * z, s.f2 + z2 * z,
-            s.count + 1, s.weights + w, s.linear + (jnp.abs(nu) < _HUBER), s.squares + w**2 * e**2 / (1 + leverage))
-        x = self._solve(known, s)
-        # votes
-        size = jnp.where(r.samples < _START, 0.0, jnp.abs(nu))
-        win = r.window
-        push = lambda new, old: jnp.concatenate([new[None], old[:-1]])
-        win = Window(push(slip, win.slip), push(adhesion, win.adhesion), push(size, win.surprise), push(slip > -1, win.held))
-        few = (win.surprise > 3.0) & (jnp.arange(_LENGTH) < 5)
-        many = (win.surprise > 2.2) & (jnp.arange(_LENGTH) < 10)
-        fast, slow = jnp.sum(few) >= 4, jnp.sum(many) >= 8
-        reset = fast | slow
-        held = jnp.where(reset, jnp.where(fast, few, many), win.held)
-        win = win._replace(held=held, surprise=jnp.where(reset, 0.0, win.surprise))
-        samples = r.samples + 1
-        age = jnp.where(reset, 10, jnp.minimum(r.age + 1, _LENGTH + 1))
-        gain = jnp.maximum(_OPTIMAL / samples, _GAIN)
-        scale = r.scale * jnp.exp(gain * (jnp.where(jnp.abs(nu) > _MEDIAN, 0.5, -0.5)))
-        scale = jnp.maximum(scale, _FLOOR)
-        young = age <= _LENGTH
-        first = age == samples
-        passes = jnp.where(young, jnp.where(reset | (samples < 10), _PASSES_NEW, _PASSES), 0)
-        lin = passes >= 5
-        x, s, scale = self._refit(known, win, x, s, scale, first, passes)
-        return Recursion(win, s, x, scale, samples, age, jnp.where(reset, 0.0, r.kept))
+    def _taken_up(
+        self,
+        known: Known,
+        recursion: Recursion,
+        size: Float[Array, ""],
+        adhesion: Float[Array, ""],
+    ) -> tuple[Sums, Float[Array, "2"], Float[Array, ""]]:
+        """The sums and x with one more sample, and its innovation in standard deviations."""
+        old, x = recursion.sums, recursion.x
+        d, model = _curve(known, x, size)
+        g1 = model * size / d  # -d mu_hat/d p1
+        i11, i12, i22 = _inverse(old)
+        # Variance of the prediction over that of the noise.
+        leverage = jnp.maximum(g1**2 * (i11 + 2 * i12 * size + i22 * size**2), 0.0)
+        residual = adhesion - model
+        nu = residual / (recursion.scale * jnp.sqrt(1 + leverage))
+        weight = self._weight(nu)
+        u1, u2, z = regression(known, size, adhesion)
+        zeta1 = weight * g1 / d
+        sums = Sums(
+            old.h11 + zeta1 * u1,
+            old.h12 + zeta1 * u2,
+            old.h22 + zeta1 * size * u2,
+            old.f1 + zeta1 * z,
+            old.f2 + zeta1 * size * z,
+            old.number + 1,
+            old.weights + weight,
+            old.unclipped + (weight == 1),
+            old.squares + (weight * residual) ** 2 / (1 + leverage),
+        )
+        return sums, _solution(known, sums), nu
 
-    def _refit(self, known, win, x, s, scale, first, passes):
-        a0 = known.curve.a0
-        l, mu, held = win.slip, win.adhesion, win.held
-        n = jnp.sum(held)
-        precision = 1 / (_PRIOR * (known.upper - known.lower)) ** 2
+    def _refitted(
+        self,
+        known: Known,
+        kept: Kept,
+        x: Float[Array, "2"],
+        sums: Sums,
+        scale: Float[Array, ""],
+        anew: Bool[Array, ""],
+        first: Bool[Array, ""],
+        passes: Int[Array, ""],
+    ) -> tuple[Float[Array, "2"], Sums, Float[Array, ""]]:
+        """x, sums and, where `first`, the scale after some passes over the samples kept.
+
+        In a batch the passes are as many as the youngest of its runs needs.
+        """
+        size, adhesion, _, used = kept
+        count = jnp.sum(used, dtype=float)
+        u1, u2, z = regression(known, size, adhesion)
+        precision = (self.prior * (known.upper - known.lower)) ** -2
         x0 = free_values(known.curve)
-        u1, u2, z = l * mu, l**2 * mu, a0 * l - mu
-        scratch = passes >= 5
+        largest = jnp.max(jnp.where(used, jnp.abs(adhesion), 0.0))
 
-        def body(i, carry):
-            x, s, scale = carry
-            d, model = _terms(known, x, l, mu)
-            e = mu - model
-            mad = _median(jnp.abs(e), held) / _MEDIAN * jnp.sqrt(n / jnp.maximum(n - 2, 1))
-            mad = jnp.where(n < 5, jnp.maximum(mad, 0.05 * jnp.max(jnp.where(held, jnp.abs(mu), 0))), mad)
-            scale = jnp.where(first, jnp.maximum(mad, _FLOOR), scale)
-            lin = scratch & (i == 0)
-            nu = e / scale
-            w = jnp.where(held, jnp.where(lin, 1.0, _weight(nu)), 0.0)
-            z1 = w * jnp.where(lin, u1, model * l / d**2)
-            z2 = z1 * l
-            p1, p2 = scale**2 * precision
-            sums = Sums(jnp.sum(z1 * u1) + p1, jnp.sum(z1 * u2), jnp.sum(z2 * u2) + p2,
-                jnp.sum(z1 * z) + p1 * x0[0], jnp.sum(z2 * z) + p2 * x0[1],
-                n + 0.0, jnp.sum(w), jnp.sum(held & (jnp.abs(nu) < _HUBER)) + 0.0, jnp.sum(w**2 * e**2))
-            return self._solve(known, sums), sums, scale
+        def one_pass(
+            number: Int[Array, ""], carry: tuple[Array, Sums, Array]
+        ) -> tuple[Array, Sums, Array]:
+            x, _, scale = carry
+            d, model = _curve(known, x, size)
+            residual = adhesion - model
+            # Two parameters have been fitted to the residuals.
+            spread = jnp.sqrt(count / jnp.maximum(count - 2, 1)) / _MEDIAN
+            deviation = spread * _median(jnp.abs(residual), used)
+            deviation = jnp.where(
+                count < 5, jnp.maximum(deviation, _SCALE_OF_ADHESION * largest), deviation
+            )
+            scale = jnp.where(first, jnp.maximum(deviation, _FINEST), scale)
+            linear = anew & (number == 0)
+            weight = jnp.where(used, jnp.where(linear, 1.0, self._weight(residual / scale)), 0.0)
+            zeta1 = weight * jnp.where(linear, u1, model * size / d**2)
+            prior = scale**2 * precision
+            sums = Sums(
+                jnp.sum(zeta1 * u1) + prior[0],
+                jnp.sum(zeta1 * u2),
+                jnp.sum(zeta1 * size * u2) + prior[1],
+                jnp.sum(zeta1 * z) + prior[0] * x0[0],
+                jnp.sum(zeta1 * size * z) + prior[1] * x0[1],
+                count,
+                jnp.sum(weight),
+                jnp.sum(weight == 1, dtype=float),
+                jnp.sum((weight * residual) ** 2),
+            )
+            return _solution(known, sums), sums, scale
 
-        return jax.lax.fori_loop(0, passes, body, (x, s, scale))
+        return jax.lax.fori_loop(0, passes, one_pass, (x, sums, scale))
+
+    def _weight(self, nu: Float[Array, "*points"]) -> Float[Array, "*points"]:
+        return jnp.where(jnp.abs(nu) > self.huber, self.huber / jnp.abs(nu), 1.0)
 
 
-riv = RefinedInstruments()
+def _curve(
+    known: Known, x: Float[Array, "2"], size: Float[Array, "*points"]
+) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
+    """D and mu_hat."""
+    d = 1 + x[0] * size + x[1] * size**2
+    return d, cast(Kiencke, known.curve).a0 * size / d
+
+
+def _voted(
+    recursion: Recursion, size: Float[Array, ""], adhesion: Float[Array, ""], nu: Float[Array, ""]
+) -> tuple[Kept, Bool[Array, ""]]:
+    """The samples kept with the latest, only voters where they ask for a reset, and if they do."""
+    surprise = jnp.where(recursion.samples < _VOTELESS, 0.0, jnp.abs(nu))
+    latest = (size, adhesion, surprise, jnp.ones((), dtype=bool))
+    kept = Kept(
+        *(
+            jnp.concatenate([new[None], old[:-1]])
+            for new, old in zip(latest, recursion.kept, strict=True)
+        )
+    )
+    place = jnp.arange(LENGTH)
+    fast, slow = ((place < last) & (kept.surprise > limit) for _, last, limit in (_FAST, _SLOW))
+    is_fast, is_slow = jnp.sum(fast) >= _FAST[0], jnp.sum(slow) >= _SLOW[0]
+    reset = is_fast | is_slow
+    return kept._replace(
+        surprise=jnp.where(reset, 0.0, kept.surprise),  # nobody votes twice
+        used=jnp.where(is_fast, fast, jnp.where(is_slow, slow, kept.used)),
+    ), reset
+
+
+def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Float[Array, ""]:
+    """Of the values that are used; there is one at least."""
+    ordered, count = jnp.sort(jnp.where(used, values, jnp.inf)), jnp.sum(used)
+    return (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
+
+
+def _solution(known: Known, sums: Sums) -> Float[Array, "2"]:
+    """The x in the box; the sums are symmetric like those of least squares."""
+    ranges = [(known.lower[i], known.upper[i]) for i in (0, 1)]
+    return jnp.stack(bounded_pair(sums.f1, sums.f2, sums.h11, sums.h22, sums.h12, *ranges))
+
+
+def _inverse(sums: Sums) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Elements 11, 12 and 22 of the inverse of sum w zeta U'; 0 before the first sample."""
+    determinant = sums.h11 * sums.h22 - sums.h12**2
+    determinant = jnp.where(sums.number > 0, determinant, jnp.inf)
+    return sums.h22 / determinant, -sums.h12 / determinant, sums.h11 / determinant
+
+
+def _covariance(sums: Sums) -> Float[Array, "2 2"]:
+    """Mean psi^2/(mean psi')^2 times the inverse information, psi = w r clipped by Huber.
+
+    sum w zeta U' is the information times the mean weight; psi' is 1 where r is not clipped.
+    """
+    i11, i12, i22 = _inverse(sums)
+    squared = sums.squares / jnp.maximum(sums.number - 2, 1)
+    clipping = sums.weights * sums.number / jnp.maximum(sums.unclipped, 1) ** 2
+    return squared * clipping * jnp.array([[i11, i12], [i12, i22]])
+
+
+#: huber: 2 costs .5 % of the root mean square error without outliers, and with three per cent of
+#: them does as well as 1.5. gain: of the median over some fifty samples, so that the scale is
+#: known to 8 %. prior: a tenth of the box, felt with a handful of samples only.
+riv = RefinedInstruments(*map(jnp.asarray, (2.0, 0.02, 0.1)))
