@@ -27,13 +27,11 @@ _FROM_NOTHING, _FROM_ESTIMATE = 5, 2
 #: An estimate that rests on fewer samples is made from nothing with the next one.
 _FEW = 10
 
-#: Samples from the start of a run before the scale is known well enough for a vote.
-_VOTELESS = 20
-
 #: A sample votes for a reset by its innovation over its standard deviation: so many of the last
-#: so many beyond a limit. The first rule answers a switch, the second one too small for it; a
-#: Gaussian innovation breaks either less than once in 10^9 samples, and three per cent of
-#: outliers the first about once in 10^6.
+#: so many beyond a limit. The first rule answers a switch, the second one too small for it. With
+#: Gaussian noise either is met less than once in 10^9 samples; with three per cent of outliers
+#: ten times as wide the first is, twice in 10^6. Nobody votes among the first `LENGTH` samples of
+#: a run: a scale from twenty residuals may be a third of the truth.
 _FAST, _SLOW = (4, 5, 3.0), (8, 10, 2.2)
 
 #: Median of |n| for a standard Gaussian n, and the step of its recursion that has least variance
@@ -149,7 +147,7 @@ class RefinedInstruments(Identifier):
 
         anew = reset | (jnp.sum(kept.used) < _FEW)
         passes = jnp.where(anew, _FROM_NOTHING, jnp.where(age <= LENGTH, _FROM_ESTIMATE, 0))
-        first = age == samples  # there has been no reset yet
+        first = samples <= LENGTH
         x, sums, scale = self._refitted(known, kept, x, sums, scale, anew, first, passes)
         past = jnp.where(reset, 0.0, recursion.past)
         return Recursion(kept, sums, x, scale, samples, age, past)
@@ -256,7 +254,7 @@ def _voted(
     recursion: Recursion, size: Float[Array, ""], adhesion: Float[Array, ""], nu: Float[Array, ""]
 ) -> tuple[Kept, Bool[Array, ""]]:
     """The samples kept with the latest, only voters where they ask for a reset, and if they do."""
-    surprise = jnp.where(recursion.samples < _VOTELESS, 0.0, jnp.abs(nu))
+    surprise = jnp.where(recursion.samples < LENGTH, 0.0, jnp.abs(nu))
     latest = (size, adhesion, surprise, jnp.ones((), dtype=bool))
     kept = Kept(
         *(
