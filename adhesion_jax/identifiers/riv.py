@@ -31,7 +31,8 @@ _FEW = 10
 #: so many beyond a limit. The first rule answers a switch, the second one too small for it. With
 #: Gaussian noise either is met less than once in 10^9 samples; with three per cent of outliers
 #: ten times as wide the first is, twice in 10^6. Nobody votes among the first `LENGTH` samples of
-#: a run: a scale from twenty residuals may be a third of the truth.
+#: a run: a scale from twenty residuals may be a third of the truth. A switch among these goes
+#: unanswered where it makes the residuals, and with them the scale, large.
 _FAST, _SLOW = (4, 5, 3.0), (8, 10, 2.2)
 
 #: Median of |n| for a standard Gaussian n, and the step of its recursion that has least variance
@@ -304,5 +305,6 @@ def _covariance(sums: Sums) -> Float[Array, "2 2"]:
 
 #: huber: 2 costs .5 % of the root mean square error without outliers, and with three per cent of
 #: them does as well as 1.5. gain: of the median over some fifty samples, so that the scale is
-#: known to 8 %. prior: a tenth of the box, felt with a handful of samples only.
+#: known to 8 %. prior: a tenth of the box, felt with a handful of samples, or later where the noise
+#: leaves p2 unknown within hundreds (wet rail, ten times the noise).
 riv = RefinedInstruments(*map(jnp.asarray, (2.0, 0.02, 0.1)))
