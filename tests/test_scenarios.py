@@ -305,7 +305,7 @@ def test_a_switching_stream_is_on_dry_then_on_common_rail():
 def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
     scenario = SCENARIOS["qian2024-switch"](Options())
     record = scenario.draw(jax.random.key(4))
-    bound = np.asarray(jax.jit(scenario.bound)(record))
+    bound = np.asarray(jax.jit(lambda record: scenario.bound(record))(record))
     slip = np.ravel(record.slip)
     np.testing.assert_array_equal(scenario.support(), np.tile(np.arange(10, 501, 10), 2))
     for block, rail, part in (

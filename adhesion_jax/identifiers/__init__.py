@@ -18,7 +18,9 @@ from adhesion_jax.identifiers.ml_de import (
 )
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
 from adhesion_jax.identifiers.ml_pooled import PooledMaximumLikelihood
+from adhesion_jax.identifiers.qp_bias_compensated import qp_bias_compensated
 from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
+from adhesion_jax.identifiers.riv import riv
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.identifiers.rls_slope import rls_slope
 from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
@@ -38,8 +40,10 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "ls-kiencke": LinearLeastSquares(),
     "qp-qian2024-1": qp_qian2024_1,
     "qp-qian2024-2": qp_qian2024_2,
+    "qp-bias-compensated": qp_bias_compensated,
     "rls-kiencke": rls_kiencke,
     "rls-kiencke-variable": rls_kiencke_variable,
+    "riv": riv,
     "rls-slope": rls_slope,
 }
 

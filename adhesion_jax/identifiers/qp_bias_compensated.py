@@ -1,0 +1,169 @@
+"""The quadratic program of Qian et al. 2024 without the bias of noise in the regressors."""
+
+from functools import partial
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from adhesion_jax.curves import free_values
+from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.curve_fit import start, to_estimate
+from adhesion_jax.identifiers.kiencke_linear import (
+    Normal,
+    Regression,
+    covariance,
+    discounted,
+    fitted,
+    forgetting,
+    needs_kiencke,
+    regression,
+    with_residual,
+)
+from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.scenarios import Known, Record, Scenario
+
+#: The program is pulled to the start by this share of the information: enough to settle it while
+#: one sample alone is known, too little to be seen afterwards.
+_RIDGE = 1e-10
+
+#: Of the noise that would leave H without curvature, at most this share is believed: after a
+#: switch the residuals are not noise, and the program must stay convex.
+_MOST = 0.5
+
+
+class Noise(NamedTuple):
+    """What noise of variance 1 adds to H, m = sum w [l^2, l^3; l^3, l^4], and takes from f.
+
+    From f it takes [sum w l, m11]. Its variance is estimated by sum w e^2/D^2 over sum w.
+    """
+
+    m11: Float[Array, ""]
+    m12: Float[Array, ""]
+    m22: Float[Array, ""]
+    f1: Float[Array, ""]
+    squares: Float[Array, ""]
+    weights: Float[Array, ""]
+
+
+class Recursion(NamedTuple):
+    normal: Normal
+    noise: Noise
+    samples: Int[Array, ""]
+    x: Float[Array, "2"]
+    eta: Float[Array, ""]
+
+
+class BiasCompensatedProgram(Identifier):
+    """Algorithm 2 of Qian et al. 2024 on (H - s^2 M) x = f + s^2 [sum w l, sum w l^2].
+
+    With mu = mu_0 + n, U U' is too large by s^2 [l^2, l^3; l^3, l^4] on average and U Z too small
+    by s^2 [l, l^2]. e = Z - U'x = D (mu_hat - mu), so the mean of e^2/D^2 estimates s^2.
+    Source: Söderström 2007, Automatica 43:939-958 (bias-eliminating least squares), for this case.
+    """
+
+    fits_last_record: ClassVar[bool] = False
+
+    eta_least: Float[Array, ""]
+    eta_most: Float[Array, ""]
+    gain: Float[Array, ""]
+
+    def accepts(self, scenario: Scenario) -> str | None:
+        return needs_kiencke(scenario)
+
+    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
+        batch = start(known, key)
+        zero = jnp.zeros(())
+        normal = Normal(*(zero for _ in Normal._fields))
+        noise = Noise(*(zero for _ in Noise._fields))
+        x = batch.fit.parameters
+        return OnlineState(batch, Recursion(normal, noise, jnp.int32(0), x, self.eta_most))
+
+    def update(self, state: OnlineState, record: Record) -> OnlineState:
+        known = state.batch.known
+        recursion = over_fresh_samples(partial(self._step, known), state.recursion, record)
+        normal, noise, samples, x, eta = recursion
+        fit = fitted(
+            known,
+            record,
+            state.batch.fit,
+            x,
+            covariance(compensated(normal, noise, variance(normal, noise))),
+            eta,
+            jnp.sum(record.fresh, dtype=jnp.int32),
+            samples > 1,
+        )
+        return OnlineState(state.batch._replace(fit=fit), recursion)
+
+    def estimate(self, state: OnlineState) -> Estimate:
+        return to_estimate(state.batch)
+
+    def _step(
+        self,
+        known: Known,
+        recursion: Recursion,
+        slip: Float[Array, ""],
+        adhesion: Float[Array, ""],
+    ) -> Recursion:
+        sample, size = regression(known, slip, adhesion), jnp.abs(slip)
+        eta = forgetting(
+            known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
+        )
+        normal = discounted(recursion.normal, sample, eta, jnp.ones(()))
+        old = recursion.noise
+        noise = Noise(
+            eta * old.m11 + size**2,
+            eta * old.m12 + size**3,
+            eta * old.m22 + size**4,
+            eta * old.f1 + size,
+            eta * old.squares,  # the residual is known once x is
+            eta * old.weights + 1,
+        )
+        s2 = variance(normal, noise)
+        clear = compensated(normal, noise, s2)
+        pull = _RIDGE * (clear.h11 + clear.h22)
+        x0 = free_values(known.curve)
+        x = jnp.stack(
+            bounded_pair(
+                clear.f1 + pull * x0[0],
+                clear.f2 + pull * x0[1],
+                clear.h11 + pull,
+                clear.h22 + pull,
+                clear.h12,
+                (known.lower[0], known.upper[0]),
+                (known.lower[1], known.upper[1]),
+            )
+        )
+        u1, u2, z = sample
+        error, d = z - x[0] * u1 - x[1] * u2, 1 + x[0] * size + x[1] * size**2
+        noise = noise._replace(squares=noise.squares + (error / d) ** 2)
+        # What the sample adds to the equation: U e + s^2 D [l, l^2] in place of U e alone.
+        score = Regression(u1 * error + s2 * d * size, u2 * error + s2 * d * size**2, jnp.ones(()))
+        normal = with_residual(normal, score, jnp.ones(()), jnp.zeros(2))
+        return Recursion(normal, noise, recursion.samples + 1, x, eta)
+
+
+def variance(normal: Normal, noise: Noise) -> Float[Array, ""]:
+    """That of the adhesion, no more than a share of the least s^2 where det(H - s^2 M) = 0."""
+    curvature = jnp.maximum(normal.h11 * normal.h22 - normal.h12**2, 0.0)
+    spread = noise.m11 * noise.m22 - noise.m12**2
+    mixed = normal.h11 * noise.m22 + normal.h22 * noise.m11 - 2 * normal.h12 * noise.m12
+    root = jnp.sqrt(jnp.maximum(mixed**2 - 4 * spread * curvature, 0.0))
+    least = 2 * curvature / jnp.where(mixed + root > 0, mixed + root, 1.0)
+    return jnp.minimum(noise.squares / jnp.maximum(noise.weights, 1.0), _MOST * least)
+
+
+def compensated(normal: Normal, noise: Noise, s2: Float[Array, ""]) -> Normal:
+    """The sums as they would be on average if the adhesion in the regressors were exact."""
+    return normal._replace(
+        h11=normal.h11 - s2 * noise.m11,
+        h12=normal.h12 - s2 * noise.m12,
+        h22=normal.h22 - s2 * noise.m22,
+        f1=normal.f1 + s2 * noise.f1,
+        f2=normal.f2 + s2 * noise.m11,
+    )
+
+
+#: With the settings of Algorithm 2.
+qp_bias_compensated = BiasCompensatedProgram(*map(jnp.asarray, (0.971, 1.0, 2.0)))
