@@ -5,10 +5,13 @@ that has already opened one keeps what it has; `describe` tells what is in force
 """
 
 import os
+import pickle
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from hashlib import sha256
 from importlib.metadata import version
+from pathlib import Path
 from tempfile import TemporaryDirectory
 
 #: Cores this process may use; a campaign starts one worker process on each.
@@ -22,6 +25,8 @@ _added = (f"{name}={value}" for name, value in _FLAGS.items() if name not in _gi
 os.environ["XLA_FLAGS"] = " ".join([_given, *_added]).strip()
 
 import jax  # noqa: E402  (the flags must be set before)
+from filelock import FileLock  # noqa: E402
+from jax.experimental.serialize_executable import deserialize_and_load, serialize  # noqa: E402
 
 # In single precision a gradient solver claims success with a wrong answer on a third of the
 # NIST StRD problems; in double precision on none, one true local minimum apart.
@@ -56,6 +61,23 @@ def share_compilations(folder: str) -> None:
     jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def shared_program(name: bytes, make: Callable[[], jax.stages.Compiled]) -> jax.stages.Compiled:
+    """The program of that name: from the folder of `share_compilations`, else made and left there.
+
+    Where another process is making it just now, it is waited for.
+    """
+    folder: str | None = jax.config.values["jax_compilation_cache_dir"]
+    if folder is None:
+        return make()
+    path = Path(folder) / f"{sha256(name).hexdigest()}.program"
+    with FileLock(f"{path}.lock"):
+        if path.exists():
+            return deserialize_and_load(*pickle.loads(path.read_bytes()))
+        program = make()
+        path.write_bytes(pickle.dumps(serialize(program)))
+    return program
 
 
 def describe() -> dict[str, object]:

@@ -5,6 +5,7 @@ differently in a batch of another size, and so the result of a run depends on it
 not on how many runs, tiles at a time or workers there are.
 """
 
+import pickle
 import time
 from collections.abc import Callable
 from functools import cache, lru_cache
@@ -19,6 +20,7 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Course, Tracking
+from adhesion_jax.runtime import shared_program
 from adhesion_jax.scenarios import SCENARIOS, Options, Record
 
 TILE = 128
@@ -90,22 +92,27 @@ def _compiled(
 ) -> Callable[[Identifier, Record, Key[Array, " runs"]], tuple[Estimate, Tracking]]:
     """The compiled function of all methods of one form, whose numbers are of these kinds.
 
-    The identifier is an argument of it, so variants that differ in numbers alone share it.
+    The identifier is an argument of it, so variants that differ in numbers alone share it. Where
+    compilations are shared, what one process has compiled another takes without tracing it.
     """
-    scenario = SCENARIOS[scenario_name](options)
-    quantities = scenario.quantities()
-    mu_max = quantities.get("mu_max", np.full(len(scenario.rails), np.nan))
-    course = Course.of(scenario.rails, mu_max, scenario.by_sample)
-
-    def tile(
-        method: Identifier, records: Record, keys: Key[Array, " runs"]
-    ) -> tuple[Estimate, Tracking]:
-        in_axes = (None, None, scenario.run_axes, 0, None)
-        return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, course)
-
-    example = jax.tree.unflatten(
-        form, [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
-    )
     config = Config(scenario=scenario_name, options=options)
     keys = solver_keys(config.seed, scenario_name, "", jnp.asarray(tile_runs(0)))
-    return jax.jit(tile).lower(example, draw_tile(config, 0), keys).compile()
+    numbers = [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
+    arguments = (jax.tree.unflatten(form, numbers), draw_tile(config, 0), keys)
+    leaves, structure = jax.tree.flatten(arguments)
+
+    def make() -> jax.stages.Compiled:
+        scenario = SCENARIOS[scenario_name](options)
+        mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
+        course = Course.of(scenario.rails, mu_max, scenario.by_sample)
+        in_axes = (None, None, scenario.run_axes, 0, None)
+
+        def tile(leaves: list[Array]) -> tuple[Estimate, Tracking]:
+            method, records, keys = jax.tree.unflatten(structure, leaves)
+            return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, course)
+
+        # Of the compiler's levels the lowest that does not make the programs slower.
+        return jax.jit(tile).lower(leaves).compile({"xla_backend_optimization_level": 1})
+
+    compiled = shared_program(pickle.dumps((config, form, str(kinds))), make)
+    return lambda *arguments: compiled(jax.tree.leaves(arguments))
