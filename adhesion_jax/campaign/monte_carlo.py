@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
 from adhesion_jax.campaign.rows import (
@@ -239,7 +239,7 @@ def _truth(scenario: Scenario, bound: np.ndarray) -> Truth:
         values=np.stack(list(quantities.values()), axis=-1),
         bound=bound,
         sigma=scenario.sigma,
-        quantile=student_t.ppf(0.975, degrees_of_freedom),
+        quantile=stdtrit(degrees_of_freedom, 0.975),
     )
 
 

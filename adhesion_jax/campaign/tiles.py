@@ -25,6 +25,9 @@ from adhesion_jax.scenarios import SCENARIOS, Options, Record
 
 TILE = 128
 
+#: Of the compiler's levels the lowest that does not make the programs slower.
+_COMPILER: dict[str, str | bool] = {"xla_backend_optimization_level": "1"}
+
 
 class TileResult(NamedTuple):
     """Estimates [runs, blocks] and what was seen on the way, as NumPy arrays; CPU seconds."""
@@ -111,8 +114,7 @@ def _compiled(
             method, records, keys = jax.tree.unflatten(structure, leaves)
             return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, course)
 
-        # Of the compiler's levels the lowest that does not make the programs slower.
-        return jax.jit(tile).lower(leaves).compile({"xla_backend_optimization_level": 1})
+        return jax.jit(tile).lower(leaves).compile(_COMPILER)
 
     compiled = shared_program(pickle.dumps((config, form, str(kinds))), make)
     return lambda *arguments: compiled(jax.tree.leaves(arguments))

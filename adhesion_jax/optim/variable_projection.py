@@ -23,6 +23,12 @@ DEGREE = 40
 _GRID = 64
 _SECANTS = 16
 
+#: Steps of the recurrence in a row: all of them where the series is most of the work (a search
+#: by population), else few, for the compiler takes longer over a long program than it saves.
+_UNROLL = 3
+
+Pair = tuple[Array, Array]
+
 _ANGLES = np.pi * (np.arange(DEGREE) + 0.5) / DEGREE
 _NODES = np.cos(_ANGLES)
 # Values at the Chebyshev nodes to the coefficients of the series.
@@ -90,7 +96,8 @@ def sum_of_squares(
     nu_upper: Float[Array, ""],
 ) -> Float[Array, "*shape"]:
     """Sum (y - a phi(x; nu) - b psi(x))^2 from the sums alone."""
-    return _expand(sums, a, b, *sums_at(sums, nu, nu_lower, nu_upper))
+    x = _chebyshev_variable(nu, nu_lower, nu_upper)
+    return _expand(sums, a, b, *_series((sums.y_phi, sums.phi_phi, sums.phi_psi), x, DEGREE))
 
 
 def sums_at(
@@ -101,7 +108,8 @@ def sums_at(
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"], Float[Array, "*shape"]]:
     """Sum y phi, sum phi^2 and sum phi psi at one nu."""
     x = _chebyshev_variable(nu, nu_lower, nu_upper)
-    return _series(sums.y_phi, x), _series(sums.phi_phi, x), _series(sums.phi_psi, x)
+    y_phi, phi_phi, phi_psi = _series((sums.y_phi, sums.phi_phi, sums.phi_psi), x, _UNROLL)
+    return y_phi, phi_phi, phi_psi
 
 
 @jax.custom_batching.custom_vmap
@@ -157,9 +165,7 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
         rise = slope_high - slope_low
         x = jnp.where(rise > 0, (low * slope_high - high * slope_low) / rise, 0.5 * (low + high))
         x = jnp.clip(x, low, high)
-        values, slopes = jax.jvp(
-            lambda x: tuple(_series(c, x) for c in series), (x,), (jnp.ones_like(x),)
-        )
+        values, slopes = jax.jvp(lambda x: _series(series, x, _UNROLL), (x,), (jnp.ones_like(x),))
         # The barrier keeps the compiler from evaluating the series once for each of its uses.
         x, slope = jax.lax.optimization_barrier((x, slope_of_profile(values, slopes)))
         falling = slope < 0
@@ -182,7 +188,7 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
     # No sign change in the bracket: the optimum is the bound of nu that the profile falls to.
     root = jnp.where(first_slope_high <= 0, first_high, root)
     root = jnp.where(first_slope_low >= 0, first_low, root)
-    values = tuple(_series(c, root) for c in series)
+    values = _series(series, root, _UNROLL)
     a, b = linear_part(values)
     return Solution(a, b, _nu(root, lower[1], upper[1]), _expand(sums, a, b, *values))
 
@@ -197,12 +203,23 @@ def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
     return (2 * jnp.sqrt(nu) - (low + high)) / (high - low)
 
 
-def _series(coefficients: Float[Array, "degree ..."], x: Float[Array, "..."]) -> Array:
-    """Chebyshev series by Clenshaw's recurrence, unrolled so that it stays in registers."""
-    last, before = jnp.zeros_like(x), jnp.zeros_like(x)
-    for k in range(DEGREE - 1, 0, -1):
-        last, before = coefficients[k] + 2 * x * last - before, last
-    return coefficients[0] + x * last - before
+def _series(
+    coefficients: tuple[Float[Array, "degree ..."], ...], x: Float[Array, "..."], unroll: int
+) -> tuple[Array, ...]:
+    """Chebyshev series at x by Clenshaw's recurrence, `unroll` of its steps in a row."""
+
+    def step(
+        carry: tuple[Pair, ...], of_degree: tuple[Array, ...]
+    ) -> tuple[tuple[Pair, ...], None]:
+        pairs = zip(carry, of_degree, strict=True)
+        return tuple((c + 2 * x * last - before, last) for (last, before), c in pairs), None
+
+    shapes = [jnp.broadcast_shapes(c.shape[1:], x.shape) for c in coefficients]
+    start = tuple((jnp.zeros(shape), jnp.zeros(shape)) for shape in shapes)
+    higher = tuple(c[:0:-1] for c in coefficients)
+    sums, _ = jax.lax.scan(step, start, higher, unroll=unroll)
+    pairs = zip(coefficients, sums, strict=True)
+    return tuple(c[0] + x * last - before for c, (last, before) in pairs)
 
 
 def _expand(sums: Sums, a: Array, b: Array, y_phi: Array, phi_phi: Array, phi_psi: Array) -> Array:
