@@ -26,6 +26,7 @@ os.environ["XLA_FLAGS"] = " ".join([_given, *_added]).strip()
 
 import jax  # noqa: E402  (the flags must be set before)
 from filelock import FileLock  # noqa: E402
+from jax.experimental.compilation_cache.compilation_cache import reset_cache  # noqa: E402
 from jax.experimental.serialize_executable import deserialize_and_load, serialize  # noqa: E402
 
 # In single precision a gradient solver claims success with a wrong answer on a third of the
@@ -47,13 +48,18 @@ PACKAGES = (
 
 @contextmanager
 def compilation_folder() -> Iterator[str]:
-    """Where workers leave what they compile: the folder this process shares, or a passing one."""
+    """Where this process and its workers leave what they compile: a passing folder, if none yet."""
     shared: str | None = jax.config.values["jax_compilation_cache_dir"]
     if shared is not None:
         yield shared
         return
     with TemporaryDirectory() as folder:
-        yield folder
+        share_compilations(folder)
+        try:
+            yield folder
+        finally:
+            jax.config.update("jax_compilation_cache_dir", None)
+            reset_cache()
 
 
 def share_compilations(folder: str) -> None:

@@ -24,15 +24,18 @@ def quantities(curve: Curve) -> Float[Array, " values"]:
     return jnp.concatenate([free_values(curve), jnp.stack([peak.adhesion, peak.slip])])
 
 
+_quantities_of_many = jax.jit(jax.vmap(quantities))
+
+
 def true_quantities(curves: Curve) -> Mapping[str, np.ndarray]:
     """`quantities` of stacked curves, by name."""
-    values = np.asarray(jax.vmap(quantities)(curves))
+    values = np.asarray(_quantities_of_many(curves))
     return dict(zip(quantity_names(curves), values.T, strict=True))
 
 
 def stacked(curves: Sequence[C]) -> C:
     """Curves of one kind as one whose parameters have the axis [curves]."""
-    together: C = jax.tree.map(lambda *v: jnp.stack([jnp.asarray(x) for x in v]), *curves)
+    together: C = jax.tree.map(lambda *values: jnp.array(values), *curves)
     return together
 
 

@@ -15,7 +15,6 @@ from adhesion_jax.metrics.information import (
     adhesion_and_information,
     inverse_information,
     quantity_covariance,
-    stacked,
     true_quantities,
 )
 from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
@@ -99,6 +98,12 @@ class Samples(Scenario):
         }
 
 
+def _of_samples(curves: Sequence[Kiencke]) -> Kiencke:
+    """One curve whose parameters have the axis [samples]; in NumPy, for there are many."""
+    a0, p1, p2 = np.array([(curve.a0, curve.p1, curve.p2) for curve in curves], dtype=float).T
+    return Kiencke(a0=jnp.asarray(a0), p1=jnp.asarray(p1), p2=jnp.asarray(p2))
+
+
 def _samples(name: str, options: Options) -> int:
     """How many samples, checked; the blocks and the two halves must come out even."""
     if options.blocks is not None:
@@ -127,7 +132,7 @@ def qian2024_switch(options: Options) -> Samples:
         outliers=options.outliers or 0.0,
         slip_max=options.slip_max or 0.2,
         drifts=False,
-        curves=stacked([KIENCKE_RAILS[rail] for rail in rails]),
+        curves=_of_samples([KIENCKE_RAILS[rail] for rail in rails]),
         known=QIAN2024,
     )
 
@@ -152,7 +157,7 @@ def drift(options: Options) -> Samples:
         outliers=options.outliers or 0.0,
         slip_max=options.slip_max or 0.2,
         drifts=True,
-        curves=stacked(
+        curves=_of_samples(
             [peak_matched(float(peak.slip), share * float(peak.adhesion)) for share in left]
         ),
         known=QIAN2024,
