@@ -12,6 +12,7 @@ from tqdm import tqdm
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
 from adhesion_jax.campaign.store import staged, write_table
+from adhesion_jax.claims.fang2018 import slope_claims, slope_config
 from adhesion_jax.claims.he2018_consistency import (
     consistency_claims,
     consistency_fits,
@@ -29,6 +30,15 @@ from adhesion_jax.claims.he2018_tracking import (
     as_blocks,
     scatter_claims,
     tracking_claims,
+)
+from adhesion_jax.claims.qian2024 import (
+    FACTORS,
+    factorial_claims,
+    factorial_configs,
+    factorial_table,
+    reading_claims,
+    reading_config,
+    variants,
 )
 from adhesion_jax.claims.tiled import tile_count
 from adhesion_jax.identifiers.ml_de import GENERATIONS
@@ -56,8 +66,12 @@ def main(runs: int, seed: int, out: Path) -> None:
     random = np.random.default_rng(seed)
     experiment_1, experiment_2 = configs(runs, seed)
     pairs = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
-    steps = sum(map(progress_steps, (experiment_1, experiment_2))) + 2 * tile_count(runs)
-    own = ("claims.csv", "claims_generations.png", "claims_consistency.png")
+    readings, slope = reading_config(runs, seed), slope_config(runs, seed)
+    steps = sum(map(progress_steps, (experiment_1, experiment_2, readings, slope)))
+    steps += 2 * tile_count(runs)
+    steps += sum(progress_steps(part, variants()) for part in factorial_configs(runs, seed))
+    figures = ("generations", "consistency", "factorial")
+    own = ("claims.csv", *(f"claims_{name}.png" for name in figures))
     with staged(directory, own) as stage:
         with tqdm(total=steps, unit="tile") as bar:
 
@@ -81,6 +95,10 @@ def main(runs: int, seed: int, out: Path) -> None:
             single = build_scenario(Config("single"))
             sized = consistency_table(single, seed, runs, stage_of("consistency"))
             found += consistency_claims(sized)
+            found += reading_claims(readings, stage_of("Qian 2024"))
+            factorial = factorial_table(runs, seed, stage_of("factorial"))
+            found += factorial_claims(factorial)
+            found += slope_claims(slope, stage_of("Fang 2018"))
         table = report.claims_table(found)
         write_table(stage / "claims.csv", table)
         report.generations(
@@ -89,6 +107,7 @@ def main(runs: int, seed: int, out: Path) -> None:
             GENERATIONS,
             f"within {ARRIVED_GAP:g} σ² of the optimum",
         )
+        report.factorial(stage / "claims_factorial.png", factorial, FACTORS)
         report.consistency(stage / "claims_consistency.png", sized, consistency_fits(sized))
     click.echo(report.claims_text(table))
     click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")

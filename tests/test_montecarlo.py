@@ -41,7 +41,7 @@ def test_a_small_job_writes_its_files_and_leaves_others_alone(tmp_path):
     assert "ml-de" in done.stdout
     names = {path.name for path in tmp_path.iterdir()}
     figures = {"histogram_mu_max.png", "tracking.png"}
-    tables = {"summary.csv", "switches.csv", "runs.parquet", "metadata.json"}
+    tables = {"summary.csv", "switches.csv", "tracking.csv", "runs.parquet", "metadata.json"}
     assert names == {"notes.txt"} | figures | tables
     summary = pd.read_csv(tmp_path / "summary.csv")
     assert [name for name in summary if name in COLUMNS] == COLUMNS
@@ -74,14 +74,50 @@ def test_a_growing_sequence_has_its_own_figure_and_what_an_earlier_job_left_is_g
     checkpoints = pd.read_csv(tmp_path / "checkpoints.csv")
     assert checkpoints["k"].unique().tolist() == list(range(5, 101, 5))
     assert imread(tmp_path / "convergence.png").std() > 0.01
-    in_force = json.loads((tmp_path / "metadata.json").read_text())["in_force"]
+    in_force = json.loads((tmp_path / "metadata.json").read_text())["in_force"]["he2018-1"]
     assert in_force["sigma"] == 0.01
     assert in_force["slip_max"] == 0.5
     assert in_force["points"] == 100
 
 
+def test_the_main_job_has_both_scenarios_in_one_table_and_one_set_of_figures(tmp_path):
+    done = command(
+        *("--runs", 6, "--points", 100, "--identifiers", "ml-exact,riv,qp-qian2024-1"),
+        *("--out", tmp_path),
+    )
+    assert done.returncode == 0, done.stderr
+    figures = {"histogram_mu_max.png", "tracking.png", "bands.png"}
+    assert figures < {path.name for path in tmp_path.iterdir()}
+    summary = pd.read_csv(tmp_path / "summary.csv")
+    assert list(dict.fromkeys(summary["scenario"])) == ["he2018-blocks", "qian2024-switch"]
+    by_scenario = summary.groupby("scenario")["identifier"].unique()
+    assert set(by_scenario["he2018-blocks"]) == {"ml-exact"}
+    assert set(by_scenario["qian2024-switch"]) == {"riv", "qp-qian2024-1"}
+    tracking = pd.read_csv(tmp_path / "tracking.csv").set_index(["identifier", "rail"])
+    assert tracking.loc[("riv", "common"), "unit"] == "sample"
+    assert tracking.loc[("ml-exact", "wet"), "unit"] == "block"
+    bands = pd.read_csv(tmp_path / "bands.csv")
+    assert set(bands["quantity"]) == {"p1", "p2", "mu_max", "slip_opt", "forgetting"}
+    assert (bands["p05"] <= bands["p95"]).all()
+    runs = pd.read_parquet(tmp_path / "runs.parquet")
+    of_riv = runs[runs["identifier"] == "riv"]
+    assert of_riv["p1"].notna().all()
+    assert of_riv["c1"].isna().all()
+    assert (runs.loc[runs["identifier"] == "ml-exact", "c1"]).notna().all()
+
+
+def test_an_identifier_that_no_scenario_of_the_main_job_takes_is_refused(tmp_path):
+    done = command("--identifiers", "rls-slope", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "rls-slope" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_speed_is_told_beside_that_of_scipy(tmp_path, monkeypatch):
-    monkeypatch.setattr(speed, "IDENTIFIERS", {"ml-exact": IDENTIFIERS["ml-exact"]})
+    chosen = ("ml-exact", "rls-kiencke")
+    monkeypatch.setattr(speed, "IDENTIFIERS", {name: IDENTIFIERS[name] for name in chosen})
+    monkeypatch.setattr(speed, "RECURSIONS", ("rls-kiencke",))
+    monkeypatch.setattr(speed, "RECURSION_RUNS", 2000)
     done = CliRunner().invoke(speed.main, ["--repeats", "2", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     table = pd.read_csv(tmp_path / "speed.csv").set_index("identifier")
@@ -93,7 +129,13 @@ def test_speed_is_told_beside_that_of_scipy(tmp_path, monkeypatch):
     assert (table["lowest"] <= rate).all()
     assert (rate <= table["highest"]).all()
     assert rate["ml-exact"] > 100 * rate["scipy-de"]
-    assert {path.name for path in tmp_path.iterdir()} == {"speed.csv", "speed.png"}
+    recursions = pd.read_csv(tmp_path / "recursions.csv").set_index("recursion")
+    assert recursions.loc["rls-kiencke", "ratio_to_numpy"] > 1
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "speed.csv",
+        "recursions.csv",
+        "speed.png",
+    }
 
 
 def test_list_names_everything():

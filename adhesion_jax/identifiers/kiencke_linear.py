@@ -6,15 +6,18 @@ mu_max comes out too high by about (sigma/mu_max)^2 of itself.
 Source: Qian et al. 2024, Eq. 3 to 6.
 """
 
+import dataclasses
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.curves import with_free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.curve_fit import Fit, residual
 from adhesion_jax.scenarios import Known, Record, Scenario
+
+#: p1 and p2 of one estimate; not one array, for over a batch of runs each of them is one.
+Pair = tuple[Float[Array, ""], Float[Array, ""]]
 
 
 class Regression(NamedTuple):
@@ -55,7 +58,7 @@ def regression(
     known: Known, slip: Float[Array, "*points"], adhesion: Float[Array, "*points"]
 ) -> Regression:
     a0 = cast(Kiencke, known.curve).a0
-    size, adhesion = jnp.abs(slip), jnp.sign(slip) * adhesion
+    size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
     return Regression(size * adhesion, size**2 * adhesion, a0 * size - adhesion)
 
 
@@ -80,7 +83,7 @@ def forgetting(
     known: Known,
     slip: Float[Array, ""],
     adhesion: Float[Array, ""],
-    parameters: Float[Array, "2"],
+    x: Pair,
     least: Float[Array, ""],
     most: Float[Array, ""],
     gain: Float[Array, ""],
@@ -90,7 +93,7 @@ def forgetting(
     The equation prints the error of the estimate that eta is needed for; it is read as that of
     the estimate before.
     """
-    predicted = with_free_values(known.curve, parameters)(slip, {})
+    predicted = dataclasses.replace(cast(Kiencke, known.curve), p1=x[0], p2=x[1])(slip, {})
     return jnp.maximum(least, most - gain * jnp.abs(adhesion - predicted))
 
 
@@ -115,9 +118,7 @@ def discounted(
     )
 
 
-def with_residual(
-    normal: Normal, sample: Regression, weight: Float[Array, ""], x: Float[Array, "2"]
-) -> Normal:
+def with_residual(normal: Normal, sample: Regression, weight: Float[Array, ""], x: Pair) -> Normal:
     """The residual of the sample just taken up, at the x found with it, put into the sums."""
     u1, u2, z = sample
     squared = (weight * (z - x[0] * u1 - x[1] * u2)) ** 2

@@ -11,6 +11,7 @@ from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
+    Pair,
     Regression,
     covariance,
     discounted,
@@ -51,7 +52,7 @@ class Recursion(NamedTuple):
     normal: Normal
     noise: Noise
     samples: Int[Array, ""]
-    x: Float[Array, "2"]
+    x: Pair
     eta: Float[Array, ""]
 
 
@@ -77,7 +78,7 @@ class BiasCompensatedProgram(Identifier):
         zero = jnp.zeros(())
         normal = Normal(*(zero for _ in Normal._fields))
         noise = Noise(*(zero for _ in Noise._fields))
-        x = batch.fit.parameters
+        x = (batch.fit.parameters[0], batch.fit.parameters[1])
         return OnlineState(batch, Recursion(normal, noise, jnp.int32(0), x, self.eta_most))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
@@ -88,7 +89,7 @@ class BiasCompensatedProgram(Identifier):
             known,
             record,
             state.batch.fit,
-            x,
+            jnp.stack(x),
             covariance(compensated(normal, noise, variance(normal, noise))),
             eta,
             jnp.sum(record.fresh, dtype=jnp.int32),
@@ -124,23 +125,21 @@ class BiasCompensatedProgram(Identifier):
         clear = compensated(normal, noise, s2)
         pull = _RIDGE * (clear.h11 + clear.h22)
         x0 = free_values(known.curve)
-        x = jnp.stack(
-            bounded_pair(
-                clear.f1 + pull * x0[0],
-                clear.f2 + pull * x0[1],
-                clear.h11 + pull,
-                clear.h22 + pull,
-                clear.h12,
-                (known.lower[0], known.upper[0]),
-                (known.lower[1], known.upper[1]),
-            )
+        x = bounded_pair(
+            clear.f1 + pull * x0[0],
+            clear.f2 + pull * x0[1],
+            clear.h11 + pull,
+            clear.h22 + pull,
+            clear.h12,
+            (known.lower[0], known.upper[0]),
+            (known.lower[1], known.upper[1]),
         )
         u1, u2, z = sample
         error, d = z - x[0] * u1 - x[1] * u2, 1 + x[0] * size + x[1] * size**2
         noise = noise._replace(squares=noise.squares + (error / d) ** 2)
         # What the sample adds to the equation: U e + s^2 D [l, l^2] in place of U e alone.
         score = Regression(u1 * error + s2 * d * size, u2 * error + s2 * d * size**2, jnp.ones(()))
-        normal = with_residual(normal, score, jnp.ones(()), jnp.zeros(2))
+        normal = with_residual(normal, score, jnp.ones(()), (jnp.zeros(()), jnp.zeros(())))
         return Recursion(normal, noise, recursion.samples + 1, x, eta)
 
 

@@ -11,6 +11,7 @@ from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
+    Pair,
     Regression,
     covariance,
     discounted,
@@ -36,7 +37,7 @@ class Recursion(NamedTuple):
     normal: Normal
     history: History
     samples: Int[Array, ""]
-    x: Float[Array, "2"]
+    x: Pair
     eta: Float[Array, ""]
 
 
@@ -68,7 +69,7 @@ class QuadraticProgram(Identifier):
         zero = jnp.zeros(())
         normal = Normal(*(zero for _ in Normal._fields))
         history = tuple((zero, zero, zero) for _ in range(5))
-        x = batch.fit.parameters
+        x = (batch.fit.parameters[0], batch.fit.parameters[1])
         return OnlineState(batch, Recursion(normal, history, jnp.int32(0), x, self.eta_most))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
@@ -78,7 +79,7 @@ class QuadraticProgram(Identifier):
             known,
             record,
             fit,
-            recursion.x,
+            jnp.stack(recursion.x),
             covariance(recursion.normal),
             recursion.eta,
             jnp.sum(record.fresh, dtype=jnp.int32),
@@ -106,16 +107,14 @@ class QuadraticProgram(Identifier):
         normal = discounted(recursion.normal, sample, eta, weight)
         pull = _RIDGE * (normal.h11 + normal.h22)
         x0 = free_values(known.curve)
-        x = jnp.stack(
-            bounded_pair(
-                normal.f1 + pull * x0[0],
-                normal.f2 + pull * x0[1],
-                normal.h11 + pull,
-                normal.h22 + pull,
-                normal.h12,
-                (known.lower[0], known.upper[0]),
-                (known.lower[1], known.upper[1]),
-            )
+        x = bounded_pair(
+            normal.f1 + pull * x0[0],
+            normal.f2 + pull * x0[1],
+            normal.h11 + pull,
+            normal.h22 + pull,
+            normal.h12,
+            (known.lower[0], known.upper[0]),
+            (known.lower[1], known.upper[1]),
         )
         latest = (normal.h11, normal.h12, normal.h22)
         history = (latest, *recursion.history[:-1])
@@ -127,14 +126,23 @@ class QuadraticProgram(Identifier):
         u1, u2, _ = sample
         inside = jnp.ones((), dtype=bool)
         for now, *past in zip((u1 * u1, u1 * u2, u2 * u2), *history, strict=True):
-            first, second = jnp.stack([now, *past[:2]]), jnp.stack(past[2:])
-            spread = jnp.std(first) + jnp.std(second)
-            statistic = (jnp.mean(first) - jnp.mean(second)) / jnp.where(spread > 0, spread, 1.0)
+            (first, first_std), (second, second_std) = (
+                _of_three(now, *past[:2]),
+                _of_three(*past[2:]),
+            )
+            spread = first_std + second_std
+            statistic = (first - second) / jnp.where(spread > 0, spread, 1.0)
             inside = inside & (statistic > self.low) & (statistic < self.high)
         return inside
 
 
-def _variant(
+def _of_three(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation; not of an array of three, which would be slow in a batch."""
+    mean = (a + b + c) / 3
+    return mean, jnp.sqrt(((a - mean) ** 2 + (b - mean) ** 2 + (c - mean) ** 2) / 3)
+
+
+def variant(
     weight_falls: bool, eta_least: float, eta_most: float, redistributes: bool
 ) -> QuadraticProgram:
     low, high, gain = -0.8, -0.7, 2.0
@@ -143,5 +151,5 @@ def _variant(
 
 
 #: Algorithms 1 and 2. The gain and the critical interval are not printed.
-qp_qian2024_1 = _variant(True, 0.251, 1.0, True)
-qp_qian2024_2 = _variant(False, 0.971, 1.0, False)
+qp_qian2024_1 = variant(True, 0.251, 1.0, True)
+qp_qian2024_2 = variant(False, 0.971, 1.0, False)

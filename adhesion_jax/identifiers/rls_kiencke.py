@@ -88,19 +88,19 @@ class RecursiveLeastSquares(Identifier):
     ) -> Recursion:
         x1, x2, p11, p12, p22, g11, g12, g22, _ = recursion
         u1, u2, z = regression(known, slip, adhesion)
-        x = jnp.stack([x1, x2])
-        eta = forgetting(known, slip, adhesion, x, self.eta_least, self.eta_most, self.gain)
+        eta = forgetting(known, slip, adhesion, (x1, x2), self.eta_least, self.eta_most, self.gain)
         pu1, pu2 = p11 * u1 + p12 * u2, p12 * u1 + p22 * u2
-        scale = eta + u1 * pu1 + u2 * pu2
         innovation = z - x1 * u1 - x2 * u2
-        # The residual at the new x is the innovation times eta over the same scale.
-        squared = (innovation * eta / scale) ** 2
+        share = 1 / (eta + u1 * pu1 + u2 * pu2)
+        # The residual at the new x is the innovation times eta times the same share.
+        squared = (innovation * eta * share) ** 2
+        gain1, gain2, growth = pu1 * share, pu2 * share, 1 / eta
         return Recursion(
-            x1 + pu1 / scale * innovation,
-            x2 + pu2 / scale * innovation,
-            (p11 - pu1 * pu1 / scale) / eta,
-            (p12 - pu1 * pu2 / scale) / eta,
-            (p22 - pu2 * pu2 / scale) / eta,
+            x1 + gain1 * innovation,
+            x2 + gain2 * innovation,
+            (p11 - pu1 * gain1) * growth,
+            (p12 - pu1 * gain2) * growth,
+            (p22 - pu2 * gain2) * growth,
             eta**2 * g11 + squared * u1 * u1,
             eta**2 * g12 + squared * u1 * u2,
             eta**2 * g22 + squared * u2 * u2,

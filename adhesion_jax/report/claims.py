@@ -113,3 +113,43 @@ def generations(
 
 def _count(x: float) -> str:
     return f"{x:g}" if np.isfinite(x) else "beyond"
+
+
+def factorial(path: Path, table: pd.DataFrame, factors: Mapping[str, tuple[str, str]]) -> None:
+    """RMSE before a switch against the delay after it, a point a variant (Qian et al. 2024).
+
+    A panel without outliers and one with; the settings of each variant stand beside its point.
+    """
+    figure = Figure(figsize=(12, 5.2), layout="constrained")
+    for axis, suffix, title in zip(
+        figure.subplots(1, 2), ("", "_outliers"), ("Gaussian noise", "3 % outliers"), strict=True
+    ):
+        rmse, delay = 100 * table[f"rmse{suffix}"], table[f"delay{suffix}"]
+        for index in range(len(table)):
+            row = table.iloc[index]
+            style = {"marker": "s" if row["weight"] else "o"}
+            style |= {"markerfacecolor": "white" if row["redistribution"] else "black"}
+            words = ", ".join(f"{name} {pair[row[name]]}" for name, pair in factors.items())
+            axis.errorbar(
+                delay[index],
+                rmse[index],
+                100 * row[f"rmse{suffix}_se"],
+                row[f"delay{suffix}_se"],
+                color="black",
+                linestyle="none",
+                **style,
+            )
+            axis.annotate(
+                words,
+                (delay[index], rmse[index]),
+                (6, 3 if row["redistribution"] else -8),
+                textcoords="offset points",
+                fontsize=6,
+            )
+        axis.set(
+            title=title,
+            xlabel="mean delay after the switch (samples)",
+            ylabel=r"RMSE of $\mu_{max}$ before the switch (% of truth)",
+        )
+        axis.margins(x=0.35, y=0.1)
+    figure.savefig(path, dpi=150)
