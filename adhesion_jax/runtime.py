@@ -25,6 +25,7 @@ _added = (f"{name}={value}" for name, value in _FLAGS.items() if name not in _gi
 os.environ["XLA_FLAGS"] = " ".join([_given, *_added]).strip()
 
 import jax  # noqa: E402  (the flags must be set before)
+import jax.numpy as jnp  # noqa: E402
 from filelock import FileLock  # noqa: E402
 from jax.experimental.compilation_cache.compilation_cache import reset_cache  # noqa: E402
 from jax.experimental.serialize_executable import deserialize_and_load, serialize  # noqa: E402
@@ -80,6 +81,9 @@ def shared_program(name: bytes, make: Callable[[], jax.stages.Compiled]) -> jax.
     path = Path(folder) / f"{sha256(name).hexdigest()}.program"
     with FileLock(f"{path}.lock"):
         if path.exists():
+            # A program that is loaded calls LAPACK where it was found when one was traced: without
+            # that it calls address zero.
+            jax.jit(jnp.linalg.cholesky).trace(jnp.eye(2)).lower()
             return deserialize_and_load(*pickle.loads(path.read_bytes()))
         program = make()
         path.write_bytes(pickle.dumps(serialize(program)))
