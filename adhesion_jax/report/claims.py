@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from adhesion_jax.claims.claim import Claim
@@ -118,38 +118,37 @@ def _count(x: float) -> str:
 def factorial(path: Path, table: pd.DataFrame, factors: Mapping[str, tuple[str, str]]) -> None:
     """RMSE before a switch against the delay after it, a point a variant (Qian et al. 2024).
 
-    A panel without outliers and one with; the settings of each variant stand beside its point.
+    A panel without outliers and one with. `factors` has the two settings of each factor.
     """
-    figure = Figure(figsize=(12, 5.2), layout="constrained")
+    figure = Figure(figsize=(11, 5.6), layout="constrained")
+    axes = figure.subplots(1, 2)
     for axis, suffix, title in zip(
-        figure.subplots(1, 2), ("", "_outliers"), ("Gaussian noise", "3 % outliers"), strict=True
+        axes, ("", "_outliers"), ("Gaussian noise", "3 % outliers"), strict=True
     ):
-        rmse, delay = 100 * table[f"rmse{suffix}"], table[f"delay{suffix}"]
-        for index in range(len(table)):
+        for index, marker in zip(range(len(table)), "osD^vP*X", strict=True):
             row = table.iloc[index]
-            style = {"marker": "s" if row["weight"] else "o"}
-            style |= {"markerfacecolor": "white" if row["redistribution"] else "black"}
-            words = ", ".join(f"{name} {pair[row[name]]}" for name, pair in factors.items())
+            settings = [(name, pair[row[name]]) for name, pair in factors.items()]
             axis.errorbar(
-                delay[index],
-                rmse[index],
+                row[f"delay{suffix}"],
+                100 * row[f"rmse{suffix}"],
                 100 * row[f"rmse{suffix}_se"],
                 row[f"delay{suffix}_se"],
+                label=", ".join(f"{name} {setting}" for name, setting in settings),
                 color="black",
                 linestyle="none",
-                **style,
+                elinewidth=0.7,
+                marker=marker,
+                markersize=8,
+                markerfacecolor="white" if index % 2 else "0.6",
             )
-            axis.annotate(
-                words,
-                (delay[index], rmse[index]),
-                (6, 3 if row["redistribution"] else -8),
-                textcoords="offset points",
-                fontsize=6,
-            )
+        axis.set_xscale("log")
+        axis.set_xticks([20, 50, 100, 200, 500], labels=["20", "50", "100", "200", "500"])
+        axis.xaxis.set_minor_formatter(NullFormatter())
         axis.set(
             title=title,
-            xlabel="mean delay after the switch (samples)",
+            xlabel="mean delay after the switch (samples; 500: never tracked)",
             ylabel=r"RMSE of $\mu_{max}$ before the switch (% of truth)",
         )
-        axis.margins(x=0.35, y=0.1)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
     figure.savefig(path, dpi=150)
