@@ -12,9 +12,15 @@ from typing import NamedTuple, cast
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from adhesion_jax.curves import free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.curve_fit import Fit, residual
+from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.scenarios import Known, Record, Scenario
+
+#: The program in the box is pulled to the start by this share of the information: enough to
+#: settle it while one sample alone is known, too little to be seen afterwards.
+_RIDGE = 1e-10
 
 #: p1 and p2 of one estimate; not one array, for over a batch of runs each of them is one.
 Pair = tuple[Float[Array, ""], Float[Array, ""]]
@@ -68,6 +74,21 @@ def solve(normal: Normal) -> Float[Array, "2"]:
     x1 = normal.h22 * normal.f1 - normal.h12 * normal.f2
     x2 = normal.h11 * normal.f2 - normal.h12 * normal.f1
     return jnp.stack([x1, x2]) / jnp.where(determinant > 0, determinant, jnp.nan)
+
+
+def solve_in_box(known: Known, normal: Normal) -> Pair:
+    """The best x in the box, pulled a little to the start of the scenario."""
+    pull = _RIDGE * (normal.h11 + normal.h22)
+    x1, x2 = free_values(known.curve)
+    return bounded_pair(
+        normal.f1 + pull * x1,
+        normal.f2 + pull * x2,
+        normal.h11 + pull,
+        normal.h22 + pull,
+        normal.h12,
+        (known.lower[0], known.upper[0]),
+        (known.lower[1], known.upper[1]),
+    )
 
 
 def covariance(normal: Normal) -> Float[Array, "2 2"]:

@@ -6,7 +6,6 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
@@ -19,15 +18,11 @@ from adhesion_jax.identifiers.kiencke_linear import (
     forgetting,
     needs_kiencke,
     regression,
+    solve_in_box,
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
-from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.scenarios import Known, Record, Scenario
-
-#: The program is pulled to the start by this share of the information: enough to settle it while
-#: one sample alone is known, too little to be seen afterwards.
-_RIDGE = 1e-10
 
 #: Of the noise that would leave H without curvature, at most this share is believed: after a
 #: switch the residuals are not noise, and the program must stay convex.
@@ -123,17 +118,7 @@ class BiasCompensatedProgram(Identifier):
         )
         s2 = variance(normal, noise)
         clear = compensated(normal, noise, s2)
-        pull = _RIDGE * (clear.h11 + clear.h22)
-        x0 = free_values(known.curve)
-        x = bounded_pair(
-            clear.f1 + pull * x0[0],
-            clear.f2 + pull * x0[1],
-            clear.h11 + pull,
-            clear.h22 + pull,
-            clear.h12,
-            (known.lower[0], known.upper[0]),
-            (known.lower[1], known.upper[1]),
-        )
+        x = solve_in_box(known, clear)
         u1, u2, z = sample
         error, d = z - x[0] * u1 - x[1] * u2, 1 + x[0] * size + x[1] * size**2
         noise = noise._replace(squares=noise.squares + (error / d) ** 2)

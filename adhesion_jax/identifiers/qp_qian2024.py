@@ -6,7 +6,6 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
@@ -19,15 +18,11 @@ from adhesion_jax.identifiers.kiencke_linear import (
     forgetting,
     needs_kiencke,
     regression,
+    solve_in_box,
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
-from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.scenarios import Known, Record, Scenario
-
-#: The program is pulled to the start by this share of the information: enough to settle it while
-#: one sample alone is known, too little to be seen afterwards.
-_RIDGE = 1e-10
 
 #: Information matrices (h11, h12, h22) of the last five samples, the latest first.
 History = tuple[tuple[Array, Array, Array], ...]
@@ -105,17 +100,7 @@ class QuadraticProgram(Identifier):
         eta = jnp.where(self.redistributes & calm, self.eta_most, eta)
         weight = jnp.where(self.weight_falls, (2 - eta) / 2, 1.0)
         normal = discounted(recursion.normal, sample, eta, weight)
-        pull = _RIDGE * (normal.h11 + normal.h22)
-        x0 = free_values(known.curve)
-        x = bounded_pair(
-            normal.f1 + pull * x0[0],
-            normal.f2 + pull * x0[1],
-            normal.h11 + pull,
-            normal.h22 + pull,
-            normal.h12,
-            (known.lower[0], known.upper[0]),
-            (known.lower[1], known.upper[1]),
-        )
+        x = solve_in_box(known, normal)
         latest = (normal.h11, normal.h12, normal.h22)
         history = (latest, *recursion.history[:-1])
         normal = with_residual(normal, sample, weight, x)
