@@ -100,8 +100,11 @@ class Samples(Scenario):
 
 def _of_samples(curves: Sequence[Kiencke]) -> Kiencke:
     """One curve whose parameters have the axis [samples]; in NumPy, for there are many."""
-    a0, p1, p2 = np.array([(curve.a0, curve.p1, curve.p2) for curve in curves], dtype=float).T
-    return Kiencke(a0=jnp.asarray(a0), p1=jnp.asarray(p1), p2=jnp.asarray(p2))
+    parameters = np.array([jax.tree.leaves(curve) for curve in curves], dtype=float).T
+    together: Kiencke = jax.tree.unflatten(
+        jax.tree.structure(curves[0]), [jnp.asarray(values) for values in parameters]
+    )
+    return together
 
 
 def _samples(name: str, options: Options) -> int:
