@@ -99,6 +99,8 @@ def test_the_main_job_has_both_scenarios_in_one_table_and_one_set_of_figures(tmp
     bands = pd.read_csv(tmp_path / "bands.csv")
     assert set(bands["quantity"]) == {"p1", "p2", "mu_max", "slip_opt", "forgetting"}
     assert (bands["p05"] <= bands["p95"]).all()
+    of_riv = bands[(bands["identifier"] == "riv") & (bands["quantity"] == "forgetting")]
+    assert of_riv.set_index("block")["median"][5] == 0  # the block of the switch, at 50 of 100
     runs = pd.read_parquet(tmp_path / "runs.parquet")
     of_riv = runs[runs["identifier"] == "riv"]
     assert of_riv["p1"].notna().all()

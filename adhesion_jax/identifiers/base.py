@@ -122,7 +122,9 @@ def follow(
         steps = record.mask.shape[-1] if course.by_sample else 1
         parts = jax.tree.map(lambda x: x.reshape(steps, -1), record)
         carry, estimates = jax.lax.scan(one_step, carry, (jnp.full(steps, block), parts))
-        return carry, jax.tree.map(lambda x: x[-1], estimates)
+        last: Estimate = jax.tree.map(lambda x: x[-1], estimates)
+        # The least of the factors, so that a reset between two reports is seen.
+        return carry, last._replace(forgetting=jnp.min(estimates.forgetting))
 
     start = (identifier.init(known, key), start_tracking(course))
     count = blocks.mask.shape[-2]

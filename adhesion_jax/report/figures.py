@@ -27,6 +27,9 @@ LABELS = {
 
 _SHORT = {"mu_max": r"$\mu_{max}$ (1)", "forgetting": "forgetting\nfactor (1)"}
 
+#: Dots an inch of a figure of many panels: it is large, and takes long to write.
+_MANY_PANELS = 110
+
 #: The histogram reaches this many bounds to either side of the truth.
 _WIDTHS, _BINS = 6, 60
 
@@ -64,7 +67,7 @@ def histogram(
             density = np.histogram(values, edges)[0] / (len(values) * np.diff(edges))
             outside = np.mean((values < edges[0]) | (values > edges[-1]))
             if outside > 0:
-                beyond[panel].append(f"{name}: {100 * outside:.2g} %")
+                beyond[panel].append(f"{name}: {100 * outside:.3g} %")
             style = {key: styles[name][key] for key in ("color", "linestyle")}
             axis.stairs(density, edges, label=name, linewidth=1.3, **style)
     for panel, axis in zip(panels, axes, strict=False):
@@ -125,7 +128,7 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
     for label, axis in zip(labels, axes[:, 0], strict=True):
         axis.set_ylabel(label)
     axes[0, 0].legend(fontsize=7, loc="upper right")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=_MANY_PANELS)
 
 
 def _shown(truth: pd.DataFrame) -> list[str]:
@@ -169,7 +172,7 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
     for quantity, axis in zip(rows, axes[:, 0], strict=True):
         axis.set_ylabel(_SHORT.get(quantity, LABELS.get(quantity, quantity)))
     axes[0, 0].legend(fontsize=7, loc="upper right")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=_MANY_PANELS)
 
 
 def _margins(width: float, height: float) -> dict[str, float]:
