@@ -16,7 +16,6 @@ from scipy.special import stdtrit
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
 from adhesion_jax.campaign.rows import (
     bands_table,
-    course_rows,
     estimate_rows,
     standard_errors,
     tracking_table,
@@ -132,7 +131,7 @@ def _gathered(
     ]
     tally: dict[int, Moments] = {}
     seen: dict[str, list[Tracking]] = {name: [] for name in names}
-    courses: list[pd.DataFrame] = []
+    first_tiles: list[dict[str, Estimate]] = []
     seconds: dict[str, list[float]] = {name: [] for name in methods}
     compile_seconds = dict.fromkeys(methods, 0.0)
     for tile in range(_tiles(config)):
@@ -161,7 +160,7 @@ def _gathered(
         for name in names:
             seen[name].append(tracking[name])
         if scenario.by_sample and tile < _BAND_TILES:
-            courses.append(course_rows(scenario, names, estimates))
+            first_tiles.append({name: estimates[name] for name in names})
 
     tables = {
         table: pd.concat(
@@ -176,8 +175,8 @@ def _gathered(
     }
     if any(a != b for a, b in pairwise(scenario.rails)):
         tables["tracking"] = tracking_table(config, scenario, seen)
-    if courses:
-        tables["bands"] = bands_table(config, pd.concat(courses, ignore_index=True))
+    if first_tiles:
+        tables["bands"] = bands_table(config, scenario, first_tiles)
     return Campaign(tables, {name: compile_seconds[name] for name in names})
 
 

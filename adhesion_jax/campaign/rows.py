@@ -84,32 +84,25 @@ def tracking_table(
     return pd.DataFrame(rows)
 
 
-def course_rows(
-    scenario: Scenario, names: tuple[str, ...], estimates: Mapping[str, Estimate]
+def bands_table(
+    config: Config, scenario: Scenario, tiles: Sequence[Mapping[str, Estimate]]
 ) -> pd.DataFrame:
-    """Every tracked quantity after every block of a tile of runs, in long form."""
+    """The median and the band from 5 to 95 % of each quantity after each block, over the runs."""
     frames = []
-    for name in names:
-        shown = {q: estimates[name].values[q] for q in scenario.quantities()}
-        for quantity, values in (*shown.items(), ("forgetting", estimates[name].forgetting)):
-            runs, blocks = values.shape
-            frames.append(
-                pd.DataFrame(
-                    {
-                        "identifier": name,
-                        "quantity": quantity,
-                        "block": np.tile(np.arange(blocks), runs),
-                        "value": np.ravel(values),
-                    }
-                )
-            )
+    for name in tiles[0]:
+        found = [tile[name] for tile in tiles]
+        tracked = {q: [estimate.values[q] for estimate in found] for q in scenario.quantities()}
+        tracked["forgetting"] = [estimate.forgetting for estimate in found]
+        for quantity, parts in tracked.items():
+            low, middle, high = np.quantile(np.concatenate(parts), [0.05, 0.5, 0.95], axis=0)
+            columns = {
+                "scenario": config.scenario,
+                "identifier": name,
+                "quantity": quantity,
+                "block": np.arange(len(middle)),
+                "p05": low,
+                "median": middle,
+                "p95": high,
+            }
+            frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
-
-
-def bands_table(config: Config, rows: pd.DataFrame) -> pd.DataFrame:
-    """The median and the band from 5 to 95 % of each quantity after each block."""
-    grouped = rows.groupby(["identifier", "quantity", "block"], sort=False)["value"]
-    levels = {"p05": 0.05, "median": 0.5, "p95": 0.95}
-    bands = pd.DataFrame({name: grouped.quantile(q) for name, q in levels.items()}).reset_index()
-    bands.insert(0, "scenario", config.scenario)
-    return bands
