@@ -42,11 +42,8 @@ def choose_identifiers(
             for name, identifier in identifiers.items()
             if name not in ABLATIONS and identifier.accepts(scenario) is None
         )
+    _refuse_unknown(config, identifiers)
     for name in config.identifiers:
-        if name not in identifiers:
-            raise InputError(
-                f"--identifiers {name} is unknown; the identifiers are {', '.join(identifiers)}."
-            )
         reason = identifiers[name].accepts(scenario)
         if reason is not None:
             raise InputError(
@@ -61,13 +58,14 @@ def main_job(config: Config) -> list[Config]:
     A scenario whom an option does not suit is left out, and an identifier where it is not
     accepted; InputError where nothing is left of them.
     """
+    _refuse_unknown(config, IDENTIFIERS)
     parts, refusals = [], []
     for scenario in MAIN_JOB:
         part = dataclasses.replace(config, scenario=scenario)
         try:
             built = build_scenario(part)
             if config.identifiers:
-                suited = [name for name in config.identifiers if _suits(name, built)]
+                suited = [n for n in config.identifiers if IDENTIFIERS[n].accepts(built) is None]
                 part = dataclasses.replace(part, identifiers=tuple(suited) or config.identifiers)
             choose_identifiers(part, built)
         except InputError as refusal:
@@ -75,17 +73,20 @@ def main_job(config: Config) -> list[Config]:
         else:
             parts.append(part)
     chosen = {name for part in parts for name in part.identifiers}
-    if not parts or not set(config.identifiers) <= chosen:
-        raise (
-            refusals[0]
-            if refusals
-            else InputError(
-                f"--identifiers {', '.join(sorted(set(config.identifiers) - chosen))} "
-                f"does not go with the main job; name a --scenario."
-            )
+    left = [name for name in config.identifiers if name not in chosen]
+    if not parts:
+        raise refusals[0]
+    if left:
+        raise InputError(
+            f"--identifiers {', '.join(left)} does not go with what is left of the main job "
+            f"({' and '.join(part.scenario for part in parts)}); name a --scenario."
         )
     return parts
 
 
-def _suits(name: str, scenario: Scenario) -> bool:
-    return name in IDENTIFIERS and IDENTIFIERS[name].accepts(scenario) is None
+def _refuse_unknown(config: Config, identifiers: Mapping[str, Identifier]) -> None:
+    for name in config.identifiers:
+        if name not in identifiers:
+            raise InputError(
+                f"--identifiers {name} is unknown; the identifiers are {', '.join(identifiers)}."
+            )

@@ -1,6 +1,7 @@
 """What an adhesion law is: adhesion from slip, and where its peak lies."""
 
 import dataclasses
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import NamedTuple, TypeVar
 
@@ -40,6 +41,7 @@ class Peak(NamedTuple):
 class Law(eqx.Module):
     """Adhesion as a function of slip and of the conditions it is taken under."""
 
+    @abstractmethod
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
@@ -48,11 +50,10 @@ class Law(eqx.Module):
         `conditions` holds columns by name (vehicle_speed_mps, normal_load_N ...), each a scalar
         or of the shape of `slip`; a law takes what it needs and ignores the rest.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         """The largest adhesion for 0 <= slip <= slip_limit, under scalar `conditions`."""
-        raise NotImplementedError
 
 
 class Curve(Law):

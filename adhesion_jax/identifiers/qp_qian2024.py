@@ -111,10 +111,8 @@ class QuadraticProgram(Identifier):
         u1, u2, _ = sample
         inside = jnp.ones((), dtype=bool)
         for now, *past in zip((u1 * u1, u1 * u2, u2 * u2), *history, strict=True):
-            (first, first_std), (second, second_std) = (
-                _of_three(now, *past[:2]),
-                _of_three(*past[2:]),
-            )
+            first, first_std = _of_three(now, *past[:2])
+            second, second_std = _of_three(*past[2:])
             spread = first_std + second_std
             statistic = (first - second) / jnp.where(spread > 0, spread, 1.0)
             inside = inside & (statistic > self.low) & (statistic < self.high)

@@ -58,7 +58,7 @@ class Tracking(NamedTuple):
     delay: Int[Array, " stretches"]
     settled: Int[Array, " stretches"]  # 1 where the delay is final
     length: Int[Array, " stretches"]  # steps gone by
-    resets: Float[Array, " stretches"]  # in answer to a switch; NaN: the method has no memory
+    resets: Float[Array, " stretches"]  # in answer to a switch; NaN: not a method that resets
     false_resets: Float[Array, " stretches"]
     overshoot: Float[Array, " stretches"]
 
@@ -76,7 +76,10 @@ def track(
     mu_max: Float[Array, ""],
     forgetting: Float[Array, ""],
 ) -> Tracking:
-    """One step on; `forgetting` is what the method kept of its past, 0 at a reset."""
+    """One step on; `forgetting` is what the method kept of its past, 0 at a reset.
+
+    A method without a past (NaN), or one that discounts it (between 0 and 1), has no resets.
+    """
     s, truth = course.stretch[block], course.truth[block]
     since = seen.length[s]
     close = jnp.abs(mu_max - truth) < TRACKED * truth
@@ -85,7 +88,8 @@ def track(
     # Until it is settled the delay is that of a row which begins now, or has begun.
     delay = jnp.where(seen.settled[s] == 1, seen.delay[s], since + 1 - streak)
 
-    reset = jnp.where(jnp.isnan(forgetting), jnp.nan, forgetting == 0)
+    keeps_or_resets = (forgetting == 0) | (forgetting == 1)
+    reset = jnp.where(keeps_or_resets, forgetting == 0, jnp.nan)
     answer = (since < _GRACE[course.by_sample]) & ~jnp.isnan(course.before[block])
     first = (since == 0) & jnp.isnan(course.before[block])  # the start of a run is no reset
     answering = jnp.where(answer, reset, 0 * reset)
@@ -134,16 +138,12 @@ def tracking_row(seen: Tracking, stretch: int, by_sample: bool) -> Mapping[str, 
         "delay_mean": _mean(delay),
         "never_tracked_share": _mean(1 - at["settled"]),
         "overshoot": _mean(at["overshoot"]),
-        "missed_share": _mean((at["resets"] == 0).astype(float)),
+        "missed_share": _mean(np.where(np.isnan(at["resets"]), np.nan, at["resets"] == 0)),
         "false_resets_per_1000": _mean(1000 * at["false_resets"] / length),
     }
     for name, (value, error) in figures.items():
         rows |= {name: value, f"{name}_se": error}
-    # Whoever never resets has missed nothing and has no reset that is false.
-    if not np.any(np.nan_to_num(np.asarray(seen.resets) + np.asarray(seen.false_resets))):
-        for name in ("missed_share", "false_resets_per_1000"):
-            rows |= {name: np.nan, f"{name}_se": np.nan}
-    if stretch == 0:
+    if stretch == 0:  # it did not begin with a switch
         for name in ("missed_share", "overshoot"):
             rows |= {name: np.nan, f"{name}_se": np.nan}
     return rows

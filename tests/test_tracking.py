@@ -1,0 +1,120 @@
+"""Delay, overshoot and resets of sequences made by hand, against plain counting."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from adhesion_jax.campaign.config import Config, main_job
+from adhesion_jax.errors import InputError
+from adhesion_jax.metrics.tracking import Course, start_tracking, track, tracking_row
+
+DRY, COMMON = 0.8, 0.3
+
+
+def followed(course, values, factors):
+    """What is seen of one run: mu_max and forgetting factor of each step, [blocks, steps]."""
+
+    def step(seen, now):
+        return track(course, seen, *now), None
+
+    blocks = jnp.repeat(jnp.arange(len(values)), values.shape[1])
+    steps = (blocks, jnp.asarray(values.ravel()), jnp.asarray(factors.ravel()))
+    return jax.jit(lambda: jax.lax.scan(step, start_tracking(course), steps)[0])()
+
+
+def stream(after, factors_after=None):
+    """A stream of 100 samples on dry rail, tracked from the first, then these on common rail."""
+    course = Course.of(["dry"] * 10 + ["common"] * 10, np.repeat([DRY, COMMON], 10), True)
+    values = np.concatenate([np.full(100, DRY), after]).reshape(20, 10)
+    factors = np.ones((20, 10))
+    if factors_after is not None:
+        factors[10:] = np.reshape(factors_after, (10, 10))
+    return followed(course, values, factors)
+
+
+def rows_of(seen, stretch, by_sample=True):
+    runs = jax.tree.map(lambda x: np.stack([x, x]), seen)
+    return tracking_row(runs, stretch, by_sample)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 7, 37, 90])
+def test_the_delay_is_the_first_of_ten_samples_in_a_row_within_three_per_cent(delay):
+    after = np.full(100, DRY)
+    after[delay:] = COMMON * 1.029
+    row = rows_of(stream(after), 1)
+    assert row["delay_median"] == row["delay_mean"] == delay
+    assert row["never_tracked_share"] == 0
+    assert row["unit"] == "sample"
+
+
+def test_nine_in_a_row_are_not_enough_and_three_per_cent_is_the_limit():
+    after = np.full(100, COMMON * 1.031)
+    after[20:29] = COMMON
+    row = rows_of(stream(after), 1)
+    assert row["never_tracked_share"] == 1
+    assert row["delay_mean"] == 100  # all the samples there were
+    after[40:50] = COMMON
+    assert rows_of(stream(after), 1)["delay_mean"] == 40
+    # Samples within the limit of the rail before do not count for the one after.
+    late = np.full(100, DRY)
+    late[91:] = COMMON
+    assert rows_of(stream(late), 1)["never_tracked_share"] == 1
+
+
+def test_overshoot_is_the_furthest_beyond_the_truth_seen_from_the_rail_before():
+    after = np.full(100, COMMON)
+    after[:5] = DRY  # on the way is not beyond
+    after[10], after[12] = 0.9 * COMMON, 0.8 * COMMON
+    seen = stream(after)
+    assert rows_of(seen, 1)["overshoot"] == pytest.approx(0.2)
+    assert np.isnan(rows_of(seen, 0)["overshoot"])
+
+
+def test_a_reset_within_twenty_samples_answers_a_switch_and_a_later_one_is_false():
+    factors = np.ones(100)
+    factors[[19, 20, 60]] = 0
+    row = rows_of(stream(np.full(100, COMMON), factors), 1)
+    assert row["missed_share"] == 0
+    assert row["false_resets_per_1000"] == pytest.approx(1000 * 2 / 100)
+    factors[19] = 1
+    assert rows_of(stream(np.full(100, COMMON), factors), 1)["missed_share"] == 1
+
+
+def test_a_method_that_never_answers_has_missed_the_switch():
+    row = rows_of(stream(np.full(100, DRY)), 1)
+    assert row["missed_share"] == 1
+    assert row["false_resets_per_1000"] == 0
+
+
+@pytest.mark.parametrize("factor", [0.99, np.nan])
+def test_resets_are_not_asked_of_a_method_that_discounts_or_has_no_past(factor):
+    row = rows_of(stream(np.full(100, COMMON), np.full(100, factor)), 1)
+    assert np.isnan(row["missed_share"])
+    assert np.isnan(row["false_resets_per_1000"])
+
+
+def test_blocks_are_counted_one_by_one():
+    rails = ["dry"] * 3 + ["common"] * 4
+    course = Course.of(rails, np.repeat([DRY, COMMON], [3, 4]), False)
+    values = np.array([DRY, DRY, DRY, DRY, DRY, COMMON, COMMON])[:, None]
+    factors = np.array([0.0, 1, 1, 0, 0, 1, 1])[:, None]
+    seen = followed(course, values, factors)
+    row = rows_of(seen, 1, by_sample=False)
+    assert row["delay_mean"] == 2
+    assert row["missed_share"] == 0
+    assert row["false_resets_per_1000"] == pytest.approx(1000 / 4)
+    # The first block of a run is not a reset.
+    assert rows_of(seen, 0, by_sample=False)["false_resets_per_1000"] == 0
+
+
+def test_identifiers_that_nothing_in_the_main_job_takes_are_named():
+    with pytest.raises(InputError, match=r"--identifiers rls-slope does not go"):
+        main_job(Config(identifiers=("ml-exact", "rls-slope")))
+    with pytest.raises(InputError, match=r"--identifiers magic is unknown"):
+        main_job(Config(identifiers=("ml-exact", "magic")))
+    parts = main_job(Config(identifiers=("riv", "ml-exact")))
+    assert [(part.scenario, part.identifiers) for part in parts] == [
+        ("he2018-blocks", ("ml-exact",)),
+        ("qian2024-switch", ("riv",)),
+    ]
