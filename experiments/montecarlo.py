@@ -55,7 +55,7 @@ def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 OWN_FILES = (
     *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", "metadata.json"),
-    *("tracking.csv", "bands.csv"),
+    *("steady.csv", "tracking.csv", "bands.csv"),
     *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png"),
 )
 

@@ -186,6 +186,13 @@ def test_a_switch_is_answered_within_eight_samples_and_outliers_are_not(outliers
     for rail, ratio in (("dry", dry), ("common", common)):
         row = summary.loc[rail, "mu_max"]
         assert row["rmse_over_crlb"] < ratio + 4 * row["rmse_over_crlb_se"]
+    # Steady running: where noise is Gaussian, at the bound of the data since the switch.
+    steady = tables["steady"].set_index(["rail", "quantity"])
+    for rail in ("dry", "common"):
+        row = steady.loc[rail, "mu_max"]
+        assert row["crlb"] > summary.loc[(rail, "mu_max"), "crlb"]  # from less data
+        if outliers is None:
+            assert abs(row["rmse_over_crlb"] - 1) < 0.03 + 4 * row["rmse_over_crlb_se"]
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.1])

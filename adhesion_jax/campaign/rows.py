@@ -11,6 +11,9 @@ from adhesion_jax.identifiers import Estimate, Status
 from adhesion_jax.metrics.tracking import Tracking, tracking_row
 from adhesion_jax.scenarios import Scenario
 
+#: Tables whose blocks are kept run by run; the others pool too many.
+_STORED = ("summary", "switches", "checkpoints")
+
 _ROW_KEYS = ("scenario", "run", "identifier", "block", "rail")
 
 
@@ -44,8 +47,9 @@ def estimate_rows(
     estimates: Mapping[str, Estimate],
     runs: np.ndarray,
 ) -> pd.DataFrame:
-    """One row a run, identifier and block that stands in a table."""
-    groups = [group for table in scenario.tables().values() for group in table]
+    """One row a run, identifier and block of the tables that are `_STORED`."""
+    tables = scenario.tables()
+    groups = [group for name in _STORED if name in tables for group in tables[name]]
     blocks = np.array(sorted({block for group in groups for block in group.blocks}))
     frames = []
     for name in names:

@@ -82,14 +82,23 @@ class Samples(Scenario):
         return np.array(counts)
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
-        """The end of each stretch in the summary; k is the sample, counted from 0."""
+        """The end of each stretch in the summary; k is the sample, counted from 0.
+
+        Steady running is the second half of a stretch, against the bound of the data since its
+        start.
+        """
         blocks = len(self.rails)
         switches = [b for b in range(1, blocks) if self.rails[b] != self.rails[b - 1]]
         ends = {b - 1 for b in switches} | {blocks - 1}
         after = {b + j for b in switches for j in range(_SPACING)}
         spaced = set(range(_SPACING - 1, blocks, _SPACING))
+        halves = [
+            tuple(range(end + 1 - self.support()[end] // _BLOCK // 2, end + 1))
+            for end in sorted(ends)
+        ]
         return {
             "summary": [Group(self.rails[b], (b,)) for b in sorted(ends)],
+            "steady": [Group(self.rails[half[0]], half) for half in halves],
             "checkpoints": [
                 Group(self.rails[b], (b,), k=_BLOCK * (b + 1) - 1)
                 for b in sorted(ends | after | spaced)
