@@ -1,0 +1,54 @@
+"""Slipping wheels clean the rail: adhesion recovers with the work done in the contact."""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions, Parameter, Scalar
+from adhesion_jax.discovery.effects.base import Columns, Effect
+from adhesion_jax.discovery.effects.history import has_history, steps
+
+_SOURCE = "Voltr and Lata 2015, Veh. Syst. Dyn. 53:605-618"
+
+
+class Cleaning(Effect):
+    """mu (1 + k (1 - exp(-W/W0))), W = integral of |mu| |l| V dt since the start of the run, in m.
+
+    W is the slip energy over the normal load. Source: Voltr and Lata 2015, VSD 53, 605-618 (there
+    a dirty and a recovered curve are mixed by the same weight).
+    """
+
+    k: Scalar
+    work: Scalar
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "k": Parameter("1", -0.9, 5.0, "relative gain once clean", _SOURCE),
+        "work": Parameter("m", 0.001, 1000.0, "slip work that cleans to 63 %", _SOURCE),
+    }
+    STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
+    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "time_s")
+    ORDER: ClassVar[int] = 1
+
+    def before(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return slip
+
+    def after(
+        self,
+        adhesion: Float[Array, "*shape"],
+        slip: Float[Array, "*shape"],
+        conditions: Conditions,
+    ) -> Float[Array, "*shape"]:
+        if not has_history(conditions):
+            return adhesion
+        slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
+        work = jnp.cumsum(jnp.abs(adhesion) * slip_velocity * steps(conditions))
+        return adhesion * (1 - self.k * jnp.expm1(-work / self.work))
+
+    @classmethod
+    def starts(cls, columns: Columns) -> Sequence[Self]:
+        return [cls(k=0.05, work=work) for work in (0.1, 0.3, 1.0, 3.0, 10.0)]

@@ -1,0 +1,91 @@
+"""What effects that act in time are made of: first-order filters, shifts and sums along a run."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions, Scalar
+
+
+def has_history(conditions: Conditions) -> bool:
+    """Whether the conditions are a run in time, rather than one steady state."""
+    return "time_s" in conditions and jnp.ndim(conditions["time_s"]) == 1
+
+
+def steps(conditions: Conditions) -> Float[Array, " points"]:
+    """Seconds from the point before, zero at the first."""
+    time = jnp.asarray(conditions["time_s"])
+    return jnp.diff(time, prepend=time[:1])
+
+
+def rate(signal: Float[Array, " points"], conditions: Conditions) -> Float[Array, " points"]:
+    """Central difference in time, per second; zero where time stands still."""
+    time = jnp.asarray(conditions["time_s"])
+    before = jnp.concatenate([signal[:1], signal[:-1]])
+    behind = jnp.concatenate([signal[1:], signal[-1:]])
+    span = jnp.concatenate([time[1:], time[-1:]]) - jnp.concatenate([time[:1], time[:-1]])
+    return jnp.where(span > 0, (behind - before) / jnp.where(span > 0, span, 1.0), 0.0)
+
+
+def recurrence(
+    kept: Float[Array, " points"], drive: Float[Array, " points"]
+) -> Float[Array, " points"]:
+    """y(k) = kept(k) y(k-1) + drive(k), y(-1) = 0."""
+
+    def step(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        state = now[0] * state + now[1]
+        return state, state
+
+    return jax.lax.scan(step, jnp.zeros(()), (kept, drive))[1]
+
+
+def lagged(
+    signal: Float[Array, " points"],
+    time_constant: Float[Array, "*points"],
+    conditions: Conditions,
+) -> Float[Array, " points"]:
+    """First-order lag T y' + y = signal, the signal a straight line between points.
+
+    The exact response to a ramp: y(k) = a y(k-1) + (g - a) s(k-1) + (1 - g) s(k), with
+    a = exp(-dt/T), g = (1 - a) T/dt. It starts settled.
+    """
+    ratio = steps(conditions) / jnp.maximum(time_constant, 1e-6)
+    kept = jnp.exp(-ratio)
+    small = ratio < 1e-4
+    gain = jnp.where(small, 1 - ratio / 2, -jnp.expm1(-ratio) / jnp.where(small, 1.0, ratio))
+    before = jnp.concatenate([signal[:1], signal[:-1]])
+    drive = (gain - kept) * before + (1 - gain) * signal
+
+    return recurrence(kept.at[0].set(0.0), drive.at[0].set(signal[0]))
+
+
+def shifted(
+    signal: Float[Array, " points"], delay: Float[Array, ""], conditions: Conditions
+) -> Float[Array, " points"]:
+    """signal(t - delay), a straight line between points, held at the ends of the run."""
+    time = jnp.asarray(conditions["time_s"])
+    return jnp.interp(time - delay, time, signal)
+
+
+#: Neighbours on either side that a local line is laid through.
+_REACH = 12
+
+
+def smoothed(
+    signal: Float[Array, " points"], time: Float[Array, " points"], width: Scalar
+) -> Float[Array, " points"]:
+    """A local straight line through the neighbours, weighted by exp(-(dt/width)^2/2).
+
+    At most twelve neighbours on either side take part; beyond the ends of the run there are none.
+    """
+    places = jnp.arange(signal.size)[:, None] + jnp.arange(-_REACH, _REACH + 1)
+    inside = (places >= 0) & (places < signal.size)
+    places = jnp.clip(places, 0, signal.size - 1)
+    lead = time[places] - time[:, None]
+    weight = jnp.where(inside, jnp.exp(-0.5 * (lead / width) ** 2), 0.0)
+    total, first, second = (jnp.sum(weight * lead**power, axis=1) for power in (0, 1, 2))
+    level, slope = (jnp.sum(weight * lead**power * signal[places], axis=1) for power in (0, 1))
+    spread = total * second - first**2
+    flat = spread <= 1e-12 * total * second
+    line = (second * level - first * slope) / jnp.where(flat, 1.0, spread)
+    return jnp.where(flat, level / total, line)

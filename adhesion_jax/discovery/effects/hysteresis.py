@@ -1,0 +1,51 @@
+"""Adhesion is not the same for rising and for falling slip."""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions, Parameter, Scalar
+from adhesion_jax.discovery.effects.base import Columns, Effect
+from adhesion_jax.discovery.effects.history import has_history, rate
+
+_SOURCE = "Trummer et al. 2017, Wear 378:1-9"
+
+
+class Hysteresis(Effect):
+    """mu (1 + k tanh((d|l|/dt)/s)), s in 1/s.
+
+    Source: Zhang et al. 2002; Trummer et al. 2017, Wear 378, 1-9.
+    """
+
+    k: Scalar
+    rate: Scalar
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "k": Parameter("1", -0.9, 0.9, "relative difference, rising less steady", _SOURCE),
+        "rate": Parameter("1/s", 1e-05, 10.0, "slip rate of full effect", _SOURCE),
+    }
+    STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
+    NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
+    ORDER: ClassVar[int] = 1
+
+    def before(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return slip
+
+    def after(
+        self,
+        adhesion: Float[Array, "*shape"],
+        slip: Float[Array, "*shape"],
+        conditions: Conditions,
+    ) -> Float[Array, "*shape"]:
+        if not has_history(conditions):
+            return adhesion
+        return adhesion * (1 + self.k * jnp.tanh(rate(jnp.abs(slip), conditions) / self.rate))
+
+    @classmethod
+    def starts(cls, columns: Columns) -> Sequence[Self]:
+        return [cls(k=0.03, rate=rate) for rate in (0.001, 0.005, 0.02, 0.1)]

@@ -1,0 +1,66 @@
+"""Two columns that act together and not alone."""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import ClassVar, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions, Parameter, Scalar
+from adhesion_jax.discovery.effects.base import Columns, Effect
+
+_SOURCE = "first mixed term of any smooth dependence"
+
+
+class Product(Effect):
+    """mu (1 + k (y - y0) (z - z0)/(s_y s_z)), y and z two columns, s their spreads.
+
+    y0 and z0 are found with k, so that the term of one column alone is in it.
+    """
+
+    k: Scalar
+    first_centre: Scalar
+    second_centre: Scalar
+    first_scale: Scalar
+    second_scale: Scalar
+    first: str = eqx.field(static=True)
+    second: str = eqx.field(static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "k": Parameter("1", -0.9, 0.9, "relative change a spread of both", _SOURCE),
+        "first_centre": Parameter("1", -1e12, 1e12, "centre of the first, in spreads", _SOURCE),
+        "second_centre": Parameter("1", -1e12, 1e12, "centre of the second, in spreads", _SOURCE),
+        "first_scale": Parameter("column", 1e-12, 1e12, "spread of the first", _SOURCE),
+        "second_scale": Parameter("column", 1e-12, 1e12, "spread of the second", _SOURCE),
+    }
+    STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {"first_scale": "first", "second_scale": "second"}
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+    ORDER: ClassVar[int] = 1
+
+    def before(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return slip
+
+    def after(
+        self,
+        adhesion: Float[Array, "*shape"],
+        slip: Float[Array, "*shape"],
+        conditions: Conditions,
+    ) -> Float[Array, "*shape"]:
+        first = conditions[self.first] / self.first_scale - self.first_centre
+        second = conditions[self.second] / self.second_scale - self.second_centre
+        return adhesion * jnp.maximum(1 + self.k * first * second, 0.0)
+
+    @classmethod
+    def starts(cls, columns: Columns) -> Sequence[Self]:
+        scales = {name: float(np.std(z)) for name, z in columns.items()}
+        centres = {name: float(np.mean(z)) / scales[name] for name, z in columns.items()}
+        return [
+            cls(0.02, centres[one], centres[other], scales[one], scales[other], one, other)
+            for one, other in combinations(columns, 2)
+        ]

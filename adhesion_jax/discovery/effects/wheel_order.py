@@ -1,0 +1,52 @@
+"""A wheel out of round modulates the adhesion with its angle."""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions, Parameter, Scalar
+from adhesion_jax.discovery.effects.base import Columns, Effect
+
+_SOURCE = "Iwnicki 2006, Handbook of Railway Vehicle Dynamics"
+
+
+class WheelOrder(Effect):
+    """mu (1 + a sin(n theta) + b cos(n theta)), theta the angle of the wheel in rad.
+
+    Without an angle, the rolled distance over a nominal radius of .46 m; n is then no whole number.
+    Source: Iwnicki 2006, chapter 4.
+    """
+
+    sine: Scalar
+    cosine: Scalar
+    order: Scalar
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "sine": Parameter("1", -0.9, 0.9, "amplitude of the sine", _SOURCE),
+        "cosine": Parameter("1", -0.9, 0.9, "amplitude of the cosine", _SOURCE),
+        "order": Parameter("1", 0.2, 40.0, "waves a turn", _SOURCE),
+    }
+    STRENGTHS: ClassVar[tuple[str, ...]] = ("sine", "cosine")
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
+    NEEDS: ClassVar[tuple[str, ...]] = ("wheel_angle_rad",)
+    ORDER: ClassVar[int] = 1
+
+    def before(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return slip
+
+    def after(
+        self,
+        adhesion: Float[Array, "*shape"],
+        slip: Float[Array, "*shape"],
+        conditions: Conditions,
+    ) -> Float[Array, "*shape"]:
+        phase = self.order * conditions["wheel_angle_rad"]
+        return adhesion * (1 + self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase))
+
+    @classmethod
+    def starts(cls, columns: Columns) -> Sequence[Self]:
+        return [cls(sine=0.03, cosine=0.03, order=float(n)) for n in (1, 2, 3, 4, 5, 6)]

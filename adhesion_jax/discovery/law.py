@@ -1,0 +1,124 @@
+"""A curve with the effects that were found: an ordinary law, to be saved, loaded and used."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import CURVES, SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
+from adhesion_jax.curves.peak import find_peak
+from adhesion_jax.discovery.conditions import Calendar, completed
+from adhesion_jax.discovery.effects import EFFECTS, Covariate, Effect, Periodic, Product, Spline
+from adhesion_jax.errors import InputError
+
+#: Every kind of effect by the name it is saved under.
+KINDS: Mapping[str, type[Effect]] = {
+    **EFFECTS,
+    "covariate": Covariate,
+    "spline": Spline,
+    "product": Product,
+    "periodic": Periodic,
+}
+
+
+class CorrectedLaw(Law):
+    """A curve and the effects on top of it, in the order of their ORDER.
+
+    `ranges` holds, by column, the smallest and the largest value of the data it was found in:
+    effects see no value outside them. Conditions are the measured columns, scalars for a steady
+    state or arrays [points] of one whole run in the order of time.
+    """
+
+    curve: Law
+    effects: tuple[Effect, ...]
+    ranges: Mapping[str, tuple[float, float]] = eqx.field(static=True)
+    calendar: Calendar = eqx.field(static=True)
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        whole = completed(slip, conditions, self.calendar)
+        held = {
+            name: jnp.clip(values, *self.ranges[name]) if name in self.ranges else values
+            for name, values in whole.items()
+        }
+        return with_effects(self.curve, self.effects, slip, held)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        return find_peak(lambda slip: self(slip, conditions), slip_limit)
+
+
+def with_effects(
+    curve: Law,
+    effects: tuple[Effect, ...],
+    slip: Float[Array, "*shape"],
+    conditions: Conditions,
+) -> Float[Array, "*shape"]:
+    """Adhesion of the curve under the effects, applied from the contact outwards."""
+    inner_first = sorted(effects, key=lambda effect: effect.ORDER)
+    bent = slip
+    for effect in reversed(inner_first):
+        bent = effect.before(bent, conditions)
+    adhesion = curve(bent, conditions)
+    for effect in inner_first:
+        adhesion = effect.after(adhesion, slip, conditions)
+    return adhesion
+
+
+def save_law(path: Path, law: CorrectedLaw) -> None:
+    """As JSON: names and numbers."""
+    curve = law.curve
+    assert isinstance(curve, Curve)
+    name = next(name for name, known in CURVES.items() if type(known) is type(curve))
+    path.write_text(
+        json.dumps(
+            {
+                "curve": {"name": name, **_fields(curve)},
+                "effects": [{"name": _kind(effect), **_fields(effect)} for effect in law.effects],
+                "ranges": dict(law.ranges),
+                "calendar": law.calendar._asdict(),
+            },
+            indent=2,
+        )
+        + "\n"
+    )
+
+
+def load_law(path: Path) -> CorrectedLaw:
+    """A law that was saved; InputError where the file is none."""
+    try:
+        saved = json.loads(path.read_text())
+        curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
+        known = type(CURVES[curve.pop("name")])
+        return CorrectedLaw(
+            known(**{**curve, "free": tuple(curve["free"])}),
+            tuple(KINDS[effect.pop("name")](**effect) for effect in effects),
+            {name: (low, high) for name, (low, high) in saved["ranges"].items()},
+            Calendar(**saved["calendar"]),
+        )
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); name a law.json.") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(
+            f"{path} is not a law saved by experiments.discover; name its law.json."
+        ) from None
+
+
+def _kind(effect: Effect) -> str:
+    return next(name for name, kind in KINDS.items() if kind is type(effect))
+
+
+def _fields(module: eqx.Module) -> dict[str, object]:
+    values = {field.name: getattr(module, field.name) for field in dataclasses.fields(module)}
+    return {
+        name: list(value)
+        if isinstance(value, tuple)
+        else value
+        if isinstance(value, str)
+        else float(value)
+        for name, value in values.items()
+    }
