@@ -1,0 +1,31 @@
+"""Adhesion at one slip: a level, without a curve."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+
+
+class Level(Curve):
+    """mu(l) = m sign(l): what is left of a curve where all data are at one size of slip."""
+
+    level: Scalar
+    free: tuple[str, ...] = eqx.field(default=("level",), static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "level": Parameter("1", 0.0, 3.0, "adhesion at that slip", "mean of the data"),
+    }
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return self.level * jnp.where(slip < 0, -1.0, 1.0)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        slip = jnp.asarray(slip_limit, dtype=float)
+        return Peak(slip, self(slip, conditions), jnp.zeros((), dtype=bool))

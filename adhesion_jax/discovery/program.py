@@ -1,0 +1,329 @@
+"""One compiled program for every model: a curve and some slots, each of which any effect may fill.
+
+Which curve and which effects are numbers to the program, so that hundreds of candidate models are
+fitted without compiling one of them anew. Models are padded to a number of slots, their free
+parameters to a number of columns of the Jacobian; what is padded is held.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from adhesion_jax.curves import CURVES, Conditions, Curve, physical_box, with_free_values
+from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.law import KINDS
+from adhesion_jax.discovery.level import Level
+
+#: The curves of the program; the last is for data at one slip.
+BASES: Mapping[str, Curve] = {**CURVES, "level": Level(level=0.3)}
+
+_BASE_SIZE = max(len(curve.free) for curve in BASES.values())
+_EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())
+_NAMES = tuple(KINDS)
+
+#: Levenberg-Marquardt: largest number of steps, and the relative gain below which it has arrived.
+_STEPS, _ARRIVED, _STUCK = 40, 1e-8, 1e6
+
+# Compiling takes longer than running; by the older emitters it takes two thirds as long, and the
+# program runs as fast.
+_QUICKLY = {"xla_cpu_use_fusion_emitters": False}
+
+
+class Data(NamedTuple):
+    """The runs of a campaign, padded; conditions hold every column that any effect needs."""
+
+    slip: Float[Array, "runs points"]
+    adhesion: Float[Array, "runs points"]
+    conditions: Mapping[str, Float[Array, "runs points"]]
+    columns: Float[Array, "columns runs points"]  # what a column of its own may act through
+
+
+class Noise(NamedTuple):
+    """Noise of standard deviation `sigma`, AR(1) within a run, and a random level of each run.
+
+    The level of a run is a factor on adhesion of standard deviation `run_scatter`. `weight` is
+    the relative precision of each point, 0 where there is none.
+    """
+
+    weight: Float[Array, "runs points"]
+    sigma: Float[Array, ""]
+    autocorrelation: Float[Array, ""]
+    run_scatter: Float[Array, ""]
+
+
+class Model(NamedTuple):
+    """A curve and its effects as numbers, in the order in which effects are applied."""
+
+    base: Int[Array, ""]
+    values: Float[Array, " flat"]  # curve, then slots, then one that nothing reads
+    kind: Int[Array, " slots"]  # 0: empty, else 1 + place in KINDS
+    column: Int[Array, "slots two"]  # places in Data.columns
+    free: Int[Array, " free"]  # places in `values`; padded with the last
+    lower: Float[Array, " free"]
+    upper: Float[Array, " free"]
+
+
+class Fit(NamedTuple):
+    """A model at its least squares, and what each run says of its neighbourhood.
+
+    In units of the noise; hessian and gradient are those of half the sum of squares.
+    """
+
+    values: Float[Array, " flat"]
+    loss: Float[Array, " runs"]  # half the sum of squares of each run
+    gradient: Float[Array, "runs free"]
+    hessian: Float[Array, "runs free free"]
+    adhesion: Float[Array, "runs points"]  # as predicted
+    residual: Float[Array, "runs points"]  # prediction less data, whitened
+    jacobian: Float[Array, "free runs points"]  # of the prediction, whitened
+    steps: Int[Array, ""]
+
+
+def base_places(base: str) -> range:
+    """Where the parameters of a curve stand in `Model.values`."""
+    return range(len(BASES[base].free))
+
+
+def effect_places(slot: int, effect: Effect) -> Mapping[str, int]:
+    """Where the parameters of an effect stand that are found rather than given."""
+    start = _BASE_SIZE + slot * _EFFECT_SIZE
+    return {
+        name: start + place
+        for place, name in enumerate(effect.PARAMETERS)
+        if name not in effect.REFERENCES
+    }
+
+
+def pack(
+    base: str,
+    base_values: Sequence[float],
+    effects: Sequence[Effect],
+    columns: Sequence[str],
+    slots: int,
+    free: int,
+) -> Model:
+    """The model as numbers; effects must come in the order of their ORDER."""
+    values = np.zeros(_BASE_SIZE + slots * _EFFECT_SIZE + 1)
+    values[: len(base_values)] = base_values
+    kind, column = np.zeros(slots, int), np.zeros((slots, 2), int)
+    places = list(base_places(base))
+    lower, upper = (list(np.asarray(bound)) for bound in physical_box(BASES[base]))
+    for slot, effect in enumerate(effects):
+        kind[slot] = 1 + list(KINDS.values()).index(type(effect))
+        named = [
+            getattr(effect, field.name)
+            for field in dataclasses.fields(effect)
+            if field.name not in effect.PARAMETERS
+        ]
+        column[slot, : len(named)] = [columns.index(name) for name in named]
+        start = _BASE_SIZE + slot * _EFFECT_SIZE
+        numbers = [float(getattr(effect, name)) for name in effect.PARAMETERS]
+        values[start : start + len(numbers)] = numbers
+        for name, place in effect_places(slot, effect).items():
+            places.append(place)
+            lower.append(effect.PARAMETERS[name].lower)
+            upper.append(effect.PARAMETERS[name].upper)
+    padding = free - len(places)
+    return Model(
+        np.asarray(list(BASES).index(base)),
+        values,
+        kind,
+        column,
+        np.array([*places, *[values.size - 1] * padding]),
+        np.array([*lower, *[0.0] * padding]),
+        np.array([*upper, *[0.0] * padding]),
+    )
+
+
+def unpack(values: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects with the parameters of a fit."""
+    found = []
+    for slot, effect in enumerate(effects):
+        start = _BASE_SIZE + slot * _EFFECT_SIZE
+        numbers = dict(zip(effect.PARAMETERS, values[start:].tolist(), strict=False))
+        found.append(dataclasses.replace(effect, **numbers))
+    return tuple(found)
+
+
+def base_curve(base: str, values: np.ndarray) -> Curve:
+    """The curve with the parameters of a fit."""
+    curve = BASES[base]
+    return dataclasses.replace(curve, **dict(zip(curve.free, values.tolist(), strict=False)))
+
+
+def _adhesion(
+    base: Array,
+    values: Array,
+    kind: Array,
+    column: Array,
+    slip: Array,
+    conditions: Conditions,
+    columns: Array,
+) -> Float[Array, " points"]:
+    """Of one run."""
+    slots = values[_BASE_SIZE:-1].reshape(kind.size, _EFFECT_SIZE)
+
+    def effect(name: str, parameters: Array) -> Effect:
+        named = KINDS[name]
+        places = [f.name for f in dataclasses.fields(named) if f.name not in named.PARAMETERS]
+        numbers = {key: parameters[place] for place, key in enumerate(named.PARAMETERS)}
+        return named(**numbers, **dict(zip(places, ("first", "second"), strict=False)))
+
+    def seen(places: Array) -> Conditions:
+        return {**conditions, "first": columns[places[0]], "second": columns[places[1]]}
+
+    def before(bent: Array, slot: tuple[Array, Array, Array]) -> tuple[Array, None]:
+        kind, places, parameters = slot
+        branches = [lambda bent: bent] + [
+            partial(lambda bent, name: effect(name, parameters).before(bent, seen(places)), name=n)
+            for n in _NAMES
+        ]
+        return jax.lax.switch(kind, branches, bent), None
+
+    def after(adhesion: Array, slot: tuple[Array, Array, Array]) -> tuple[Array, None]:
+        kind, places, parameters = slot
+        branches = [lambda adhesion: adhesion] + [
+            partial(
+                lambda adhesion, name: effect(name, parameters).after(adhesion, slip, seen(places)),
+                name=n,
+            )
+            for n in _NAMES
+        ]
+        return jax.lax.switch(kind, branches, adhesion), None
+
+    bent, _ = jax.lax.scan(before, slip, (kind, column, slots), reverse=True)
+    curves = [
+        partial(
+            lambda bent, curve: with_free_values(curve, values[: len(curve.free)])(
+                bent, conditions
+            ),
+            curve=curve,
+        )
+        for curve in BASES.values()
+    ]
+    adhesion = jax.lax.switch(base, curves, bent)
+    return jax.lax.scan(after, adhesion, (kind, column, slots))[0]
+
+
+def _predict(model: Model, data: Data, values: Array) -> Float[Array, "runs points"]:
+    def run(slip: Array, conditions: Conditions, columns: Array) -> Array:
+        return _adhesion(model.base, values, model.kind, model.column, slip, conditions, columns)
+
+    return jax.vmap(run, in_axes=(0, 0, 1))(data.slip, data.conditions, data.columns)
+
+
+def _whitened(noise: Noise, level: Array, signal: Array) -> Float[Array, "runs points"]:
+    """Signal in units of the noise, uncorrelated: sigma, AR(1), then the level of each run."""
+
+    def prewhitened(signal: Array) -> Array:
+        scaled = signal * noise.weight / noise.sigma
+        r = noise.autocorrelation
+        fresh = (scaled[:, 1:] - r * scaled[:, :-1]) / jnp.sqrt(1 - r**2)
+        fresh = jnp.where(noise.weight[:, 1:] > 0, fresh, 0.0)
+        return jnp.concatenate([scaled[:, :1], fresh], axis=1)
+
+    # The covariance I + s^2 u u' has the inverse root I - (1 - 1/sqrt(1 + s^2 |u|^2)) e e'.
+    direction = prewhitened(level)
+    size = jnp.sum(direction**2, axis=1, keepdims=True)
+    shrink = 1 - 1 / jnp.sqrt(1 + noise.run_scatter**2 * size)
+    white = prewhitened(signal)
+    along = jnp.sum(white * direction, axis=1, keepdims=True)
+    return white - shrink * along * direction / jnp.maximum(size, 1e-300)
+
+
+def _with_jacobian(
+    model: Model, data: Data, noise: Noise, values: Array, level: Array
+) -> tuple[Array, Array, Array]:
+    """Prediction, residual, and Jacobian [free, runs, points], the last two in noise units."""
+    tangents = jax.nn.one_hot(model.free, values.size)
+
+    def push(tangent: Array) -> tuple[Array, Array]:
+        return jax.jvp(lambda v: _predict(model, data, v), (values,), (tangent,))
+
+    adhesion, change = jax.vmap(push, out_axes=(None, 0))(tangents)
+    residual = _whitened(noise, level, adhesion - data.adhesion)
+    return adhesion, residual, jax.vmap(lambda column: _whitened(noise, level, column))(change)
+
+
+@partial(jax.jit, compiler_options=_QUICKLY)
+def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points"]) -> Fit:
+    """Least squares by Levenberg-Marquardt inside the bounds.
+
+    `level` is the adhesion that a random level of a run multiplies.
+    """
+    runs, points = data.slip.shape
+
+    def next_trial(best: Fit, damping: Array) -> Array:
+        at, hessian, gradient = best.values[model.free], best.hessian.sum(0), best.gradient.sum(0)
+        held = ((at <= model.lower) & (gradient > 0)) | ((at >= model.upper) & (gradient < 0))
+        loose = ~held & (jnp.diag(hessian) > 0)
+        scale = jnp.where(loose, jnp.diag(hessian), 1.0)
+        matrix = jnp.where(loose[:, None] & loose[None, :], hessian, 0.0)
+        matrix = matrix + jnp.diag(jnp.where(loose, damping * scale, 1.0))
+        step = -jnp.linalg.solve(matrix, jnp.where(loose, gradient, 0.0))
+        moved = jnp.clip(at + step, model.lower, model.upper)
+        return best.values.at[model.free].set(moved).at[-1].set(0.0)
+
+    # The model is written out once, here: compiling it is what takes time.
+    def body(state: tuple) -> tuple:
+        best, trial, damping, _ = state
+        adhesion, residual, jacobian = _with_jacobian(model, data, noise, trial, level)
+        new = Fit(
+            trial,
+            0.5 * jnp.sum(residual**2, axis=1),
+            jnp.einsum("krt,rt->rk", jacobian, residual),
+            jnp.einsum("krt,lrt->rkl", jacobian, jacobian),
+            adhesion,
+            residual,
+            jacobian,
+            best.steps,
+        )
+        old_loss, new_loss = jnp.sum(best.loss), jnp.sum(new.loss)
+        better = new_loss < old_loss
+        gain = (old_loss - new_loss) / jnp.maximum(jnp.abs(new_loss), 1e-300)
+        arrived = jnp.where(better, gain < _ARRIVED, damping > _STUCK)
+        best = jax.tree.map(lambda n, o: jnp.where(better, n, o), new, best)
+        best = best._replace(steps=best.steps + 1)
+        damping = jnp.clip(jnp.where(better, damping * 0.2, damping * 8.0), 1e-9, 1e9)
+        return best, next_trial(best, damping), damping, arrived
+
+    def unfinished(state: tuple) -> Bool[Array, ""]:
+        return ~state[-1] & (state[0].steps < _STEPS)
+
+    free = model.free.size
+    nothing = Fit(
+        model.values,
+        jnp.full(runs, jnp.inf),
+        jnp.zeros((runs, free)),
+        jnp.zeros((runs, free, free)),
+        jnp.zeros((runs, points)),
+        jnp.zeros((runs, points)),
+        jnp.zeros((free, runs, points)),
+        jnp.asarray(0),
+    )
+    start = (nothing, model.values, jnp.asarray(1e-2), jnp.asarray(False))
+    return jax.lax.while_loop(unfinished, body, start)[0]
+
+
+@partial(jax.jit, compiler_options=_QUICKLY)
+def changes(
+    models: Model, data: Data, noise: Noise, level: Float[Array, "runs points"], now: Array
+) -> Float[Array, "models runs points"]:
+    """What each of the models adds to the prediction `now`, in units of the noise."""
+    return jax.lax.map(
+        lambda model: _whitened(noise, level, _predict(model, data, model.values) - now), models
+    )
+
+
+@partial(jax.jit, compiler_options=_QUICKLY)
+def whitened(
+    noise: Noise, level: Float[Array, "runs points"], signals: Float[Array, "signals runs points"]
+) -> Float[Array, "signals runs points"]:
+    """Signals in units of the noise, uncorrelated."""
+    return jax.vmap(lambda signal: _whitened(noise, level, signal))(signals)
