@@ -1,0 +1,64 @@
+"""The curve below the effects: which family, and where its fit starts."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+
+from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model
+from adhesion_jax.discovery.program import BASES
+
+#: The families that the automatic choice is between; the magic formula absorbs real effects.
+FAMILIES = ("burckhardt", "kiencke", "polach-falling", "exponential")
+
+
+def _starts(base: str, top: float) -> Sequence[Sequence[float]]:
+    """Steep, middle and flat curves of about the largest adhesion of the data."""
+    match base:
+        case "burckhardt":
+            return [(1.1 * top, steep, top) for steep in (25.0, 70.0, 250.0)]
+        case "kiencke":
+            # Peak at slip l: p2 = 1/l^2, p1 = 1/l, a0 = top (p1 + 2/l).
+            return [(3 * top / at, 1 / at, at**-2) for at in (0.015, 0.05, 0.15)]
+        case "polach-falling":
+            inner = product((0.3, 1.5), (40.0, 150.0), (0.3, 0.9))
+            return [(1.4 * top, 0.5, b, stiff, k_s) for b, stiff, k_s in inner]
+        case "exponential":
+            return [(2.0, steep, 1.2 * top) for steep in (25.0, 70.0, 250.0)]
+        case "polach":
+            return [(1.1 * top, stiff) for stiff in (30.0, 100.0, 400.0)]
+        case "magic-formula":
+            return [(steep, 1.5, top, 0.0) for steep in (10.0, 40.0, 150.0)]
+        case _:
+            return [(top,)]
+
+
+def first_fits(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
+    """Each curve alone, the best of its starts."""
+    inside = setting.problem.points > 0
+    top = float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
+    return {
+        base: min(
+            (fit_model(setting, base, start, ()) for start in _starts(base, top)),
+            key=lambda fitted: fitted.total,
+        )
+        for base in bases
+    }
+
+
+def refits(
+    setting: Setting, fits: Mapping[str, Fitted], effects: Sequence[Effect]
+) -> dict[str, Fitted]:
+    """Each curve with the same effects, from where it was."""
+    return {
+        base: fit_model(setting, base, fitted.base_values.tolist(), effects)
+        for base, fitted in fits.items()
+    }
+
+
+def bic(fitted: Fitted) -> float:
+    """n ln(SSE/n) + p ln n, n the points and p the parameters of the curve. Schwarz 1978."""
+    points = int((fitted.residual != 0).sum())
+    size = len(BASES[fitted.base].free)
+    return points * float(np.log(max(fitted.total, 1e-300) / points)) + size * np.log(points)

@@ -1,0 +1,144 @@
+"""Fitting a curve with effects to a campaign, and what its runs say of models not fitted."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.problem import Problem
+from adhesion_jax.discovery.program import (
+    BASES,
+    Model,
+    Noise,
+    base_places,
+    effect_places,
+    fit,
+    pack,
+    unpack,
+)
+
+#: Sizes of the program: (slots, free parameters). The larger is compiled when it is needed.
+_SIZES = ((4, 18), (10, 48))
+
+#: Folds of cross-validation: each run its own, up to this many.
+_FOLDS = 40
+
+
+class Setting(NamedTuple):
+    """What is the same for all the models that are compared."""
+
+    problem: Problem
+    noise: Noise
+    level: np.ndarray  # [runs, points]: the adhesion that the level of a run multiplies
+
+
+class Fitted(NamedTuple):
+    """A model at its least squares; sums of squares are in units of the noise of its setting."""
+
+    base: str
+    effects: tuple[Effect, ...]  # in the order in which they are applied
+    values: np.ndarray
+    places: tuple[int, ...]  # of the free parameters in `values`
+    loss: np.ndarray  # [runs]: half the sum of squares
+    gradient: np.ndarray  # [runs, free]
+    hessian: np.ndarray  # [runs, free, free]
+    adhesion: np.ndarray  # [runs, points]
+    residual: np.ndarray  # [runs, points], whitened, prediction less data
+    jacobian: np.ndarray  # [free, runs, points], whitened
+
+    @property
+    def base_values(self) -> np.ndarray:
+        return self.values[list(base_places(self.base))]
+
+    @property
+    def total(self) -> float:
+        return float(self.loss.sum())
+
+
+def fit_model(
+    setting: Setting, base: str, base_values: Sequence[float], effects: Sequence[Effect]
+) -> Fitted:
+    """The least squares of a curve with effects, from where its parameters are."""
+    effects = in_order(effects)
+    model = _packed(setting.problem, base, base_values, effects)
+    found = fit(model, setting.problem.data, setting.noise, setting.level)
+    free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
+    values = np.asarray(found.values)
+    return Fitted(
+        base,
+        unpack(values, effects),
+        values,
+        tuple(np.asarray(model.free)[:free].tolist()),
+        np.asarray(found.loss),
+        np.asarray(found.gradient)[:, :free],
+        np.asarray(found.hessian)[:, :free, :free],
+        np.asarray(found.adhesion),
+        np.asarray(found.residual),
+        np.asarray(found.jacobian)[:free],
+    )
+
+
+def packed(setting: Setting, fitted: Fitted, effects: Sequence[Effect]) -> Model:
+    """The model of a fit with other effects, as numbers."""
+    return _packed(setting.problem, fitted.base, fitted.base_values.tolist(), in_order(effects))
+
+
+def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """From the contact outwards."""
+    return tuple(sorted(effects, key=lambda effect: effect.ORDER))
+
+
+def _packed(
+    problem: Problem, base: str, base_values: Sequence[float], effects: Sequence[Effect]
+) -> Model:
+    parameters = len(BASES[base].free) + sum(
+        len(effect_places(0, effect)) for effect in effects
+    )
+    slots, free = next(
+        (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1]), _SIZES[-1]
+    )
+    return pack(base, base_values, effects, problem.columns, slots, free)
+
+
+def held_out_loss(fitted: Fitted) -> np.ndarray:
+    """Half the sum of squares of each run, predicted without that run, [runs].
+
+    The parameters without a fold are one Gauss-Newton step from those of all:
+    theta - (H - H_f)^-1 (g - g_f), and the loss of a run is quadratic there.
+    """
+    runs = np.flatnonzero(np.abs(fitted.hessian).sum((1, 2)) > 0)
+    loss = fitted.loss.copy()
+    for fold in np.array_split(runs, min(_FOLDS, runs.size)):
+        shift = step_without(fitted, fold)
+        loss[fold] += fitted.gradient[fold] @ shift
+        loss[fold] += 0.5 * np.einsum("rkl,k,l->r", fitted.hessian[fold], shift, shift)
+    return loss
+
+
+def step_without(fitted: Fitted, fold: np.ndarray) -> np.ndarray:
+    """How far the parameters move when the runs of a fold are left out, [free]."""
+    hessian = fitted.hessian.sum(0) - fitted.hessian[fold].sum(0)
+    gradient = fitted.gradient.sum(0) - fitted.gradient[fold].sum(0)
+    return -solve(hessian, gradient)
+
+
+def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """H^-1 g, directions that the data do not determine left out."""
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    values, vectors = np.linalg.eigh(hessian / np.outer(scale, scale))
+    kept = values > 1e-7
+    along = vectors[:, kept].T @ (gradient / scale)
+    return (vectors[:, kept] @ (along / values[kept])) / scale
+
+
+def covariance(fitted: Fitted) -> np.ndarray:
+    """Of the free parameters, robust to what differs from run to run, [free, free].
+
+    The sandwich H^-1 (sum of g_i g_i') H^-1 over runs, times R/(R - 1). White 1982.
+    """
+    runs = np.abs(fitted.hessian).sum((1, 2)) > 0
+    count = max(int(runs.sum()), 2)
+    hessian = fitted.hessian.sum(0)
+    steps = np.stack([solve(hessian, gradient) for gradient in fitted.gradient[runs]])
+    return steps.T @ steps * count / (count - 1)

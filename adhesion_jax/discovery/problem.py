@@ -1,0 +1,118 @@
+"""From runs to what the compiled program takes: padded arrays, and which columns can say anything."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from adhesion_jax.discovery.conditions import Calendar, completed
+from adhesion_jax.discovery.effects import EFFECTS
+from adhesion_jax.discovery.program import Data
+from adhesion_jax.scenarios import Record
+
+#: Conditions that effects know by name; where a campaign lacks one, one stands for it.
+_KNOWN = tuple(sorted({name for effect in EFFECTS.values() for name in effect.NEEDS} | {"time_s"}))
+
+#: Columns are padded to a multiple of this, so that campaigns share a program.
+_COLUMNS = 24
+
+#: A column is taken for constant where its spread is below this share of its size.
+_CONSTANT = 1e-9
+
+#: A label of its own for a column that follows from measured ones.
+_MEASURED_AS = {
+    "campaign_time": "time_s",
+    "acceleration_mps2": "vehicle_speed_mps",
+    "wheel_angle_rad": "position_m",
+    "lateral_measure": "curvature_per_m",
+}
+
+
+class Problem(NamedTuple):
+    """A campaign, ready to be explained."""
+
+    data: Data
+    points: np.ndarray  # [runs, points]: 1 where there is a point, else 0
+    calendar: Calendar
+    columns: tuple[str, ...]  # of Data.columns
+    flat: Mapping[str, np.ndarray]  # every condition that varies, of the points there are
+    varying: frozenset[str]
+    constant: frozenset[str]
+    in_time: bool  # whether the order of the points of a run is that of time
+    measured: frozenset[str]  # columns as given
+
+
+def label_of(column: str, measured: frozenset[str]) -> str:
+    """The measured column that a condition stands for."""
+    return column if column in measured else _MEASURED_AS.get(column, column)
+
+
+def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
+    """The problem of a campaign, arrays [runs, points]."""
+    points = np.asarray(record.mask, float)
+    slip, adhesion = np.asarray(record.slip), np.asarray(record.adhesion)
+    whole = conditions_of(record, calendar)
+    inside = points > 0
+    flat, constant = {}, set()
+    for name, values in {**whole, "slip_ratio": np.abs(slip)}.items():
+        cells = values[inside]
+        if np.ptp(cells) > _CONSTANT * max(float(np.abs(cells).max()), 1e-300):
+            flat[name] = cells
+        else:
+            constant.add(name)
+    columns = tuple(
+        name for name in flat if name not in ("time_s", "wheel_angle_rad", "slip_ratio", "mode")
+    )
+    data = _data(slip, adhesion, whole, columns)
+    in_time = not blocks and "time_s" in whole and inside.sum(1).max() > 2
+    measured = frozenset(record.conditions)
+    return Problem(
+        data, points, calendar, columns, flat, frozenset(flat), frozenset(constant), in_time,
+        measured,
+    )
+
+
+def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray]:
+    """Every condition of every run, [runs, points], measured or following from what is."""
+    measured = {name: np.asarray(values, float) for name, values in record.conditions.items()}
+    if "time_s" in measured:
+        step = np.diff(measured["time_s"], axis=1)
+        # Rates need time to be that of the run; the calendar needs the whole.
+        assert (step >= 0).all()
+    whole = jax.vmap(lambda slip, conditions: completed(slip, conditions, calendar))(
+        np.asarray(record.slip), measured
+    )
+    return {name: np.asarray(values) for name, values in whole.items()}
+
+
+def test_data(record: Record, problem: Problem) -> Data:
+    """Another record in the columns of a problem, effects held at the edges of its data."""
+    whole = dict(conditions_of(record, problem.calendar))
+    for name in problem.varying - {"slip_ratio", "time_s", "mode"}:
+        low, high = problem.flat[name].min(), problem.flat[name].max()
+        whole[name] = np.clip(whole[name], low, high)
+    return _data(
+        np.asarray(record.slip), np.asarray(record.adhesion), whole, problem.columns
+    )
+
+
+def _data(
+    slip: np.ndarray,
+    adhesion: np.ndarray,
+    whole: Mapping[str, np.ndarray],
+    columns: Sequence[str],
+) -> Data:
+    one = np.ones_like(slip)
+    known = {name: whole.get(name, one) for name in _KNOWN}
+    # Rates and windows are of the run: small numbers lose no digits.
+    known["time_s"] = known["time_s"] - known["time_s"][:, :1]
+    padding = -len(columns) % _COLUMNS
+    stacked = np.stack([*(whole[name] for name in columns), *[one] * padding])
+    return Data(slip, adhesion, known, stacked)
+
+
+def spread(values: Float[Array, " points"] | np.ndarray) -> float:
+    """Standard deviation of a column."""
+    return float(np.std(np.asarray(values)))
