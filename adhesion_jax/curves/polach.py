@@ -95,3 +95,34 @@ class PolachFalling(Curve):
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         return find_peak(lambda slip: self(slip, conditions), slip_limit)
+
+
+class PolachScaled(Curve):
+    """Polach's law with Coulomb friction, the whole of it falling with the slip velocity w = |l| V.
+
+    mu = ((1 - a) exp(-b w) + a) Polach(l): unlike in PolachFalling the stress gradient is that of
+    the friction at rest, so that the rise keeps its steepness where friction has fallen. Which of
+    the two a measurement follows cannot be known beforehand. After Polach 2005.
+    """
+
+    mu0: Scalar
+    a: Scalar
+    b: Scalar
+    stiffness: Scalar
+    k_s: Scalar
+    free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        name: PolachFalling.PARAMETERS[name] for name in ("mu0", "a", "b", "stiffness", "k_s")
+    }
+    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
+        level = (1 - self.a) * jnp.exp(-self.b * slip_velocity) + self.a
+        return level * saturation(slip, self.mu0, self.stiffness, 1.0, self.k_s)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        return find_peak(lambda slip: self(slip, conditions), slip_limit)

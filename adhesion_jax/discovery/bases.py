@@ -10,7 +10,7 @@ from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model
 from adhesion_jax.discovery.program import BASES
 
 #: The families that the automatic choice is between; the magic formula absorbs real effects.
-FAMILIES = ("burckhardt", "kiencke", "polach-falling", "exponential")
+FAMILIES = ("burckhardt", "kiencke", "polach-falling", "polach-scaled", "exponential")
 
 
 def _starts(base: str, top: float) -> Sequence[Sequence[float]]:
@@ -21,8 +21,8 @@ def _starts(base: str, top: float) -> Sequence[Sequence[float]]:
         case "kiencke":
             # Peak at slip l: p2 = 1/l^2, p1 = 1/l, a0 = top (p1 + 2/l).
             return [(3 * top / at, 1 / at, at**-2) for at in (0.015, 0.05, 0.15)]
-        case "polach-falling":
-            inner = product((0.3, 1.5), (40.0, 150.0), (0.3, 0.9))
+        case "polach-falling" | "polach-scaled":
+            inner = product((0.5,), (40.0, 150.0), (0.3, 0.9))
             return [(1.4 * top, 0.5, b, stiff, k_s) for b, stiff, k_s in inner]
         case "exponential":
             return [(2.0, steep, 1.2 * top) for steep in (25.0, 70.0, 250.0)]

@@ -18,6 +18,9 @@ _KNOWN = tuple(sorted({name for effect in EFFECTS.values() for name in effect.NE
 #: Columns are padded to a multiple of this, so that campaigns share a program.
 _COLUMNS = 24
 
+#: Conditions that stand in for others: time and order for the calendar, angle for position.
+_NO_COLUMN = ("time_s", "run_order", "wheel_angle_rad", "slip_ratio", "mode")
+
 #: A column is taken for constant where its spread is below this share of its size.
 _CONSTANT = 1e-9
 
@@ -63,7 +66,7 @@ def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
         else:
             constant.add(name)
     columns = tuple(
-        name for name in flat if name not in ("time_s", "wheel_angle_rad", "slip_ratio", "mode")
+        name for name in flat if name not in _NO_COLUMN
     )
     data = _data(slip, adhesion, whole, columns)
     in_time = not blocks and "time_s" in whole and inside.sum(1).max() > 2

@@ -16,12 +16,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.curves import CURVES, Conditions, Curve, physical_box, with_free_values
+from adhesion_jax.curves.polach import PolachScaled
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.law import KINDS
 from adhesion_jax.discovery.level import Level
 
 #: The curves of the program; the last is for data at one slip.
-BASES: Mapping[str, Curve] = {**CURVES, "level": Level(level=0.3)}
+BASES: Mapping[str, Curve] = {
+    **CURVES,
+    "polach-scaled": PolachScaled(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
+    "level": Level(level=0.3),
+}
 
 _BASE_SIZE = max(len(curve.free) for curve in BASES.values())
 _EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())

@@ -1,0 +1,333 @@
+"""Which effects a law lacks: one is accepted at a time, refitted jointly with all the others."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adhesion_jax.discovery.bases import bic, refits
+from adhesion_jax.discovery.effects import Covariate, Effect, Spline
+from adhesion_jax.discovery.findings import Candidate
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss
+from adhesion_jax.discovery.library import Entry
+from adhesion_jax.discovery.noise import estimate_noise
+from adhesion_jax.discovery.screening import Score, screen
+
+#: An effect is accepted at this adjusted p and this share of the loss, one standard error over it.
+SIGNIFICANT = 0.01
+_LEAST_GAIN = 0.003
+
+#: How many causes and how many plain columns are refitted in each round.
+_CAUSES, _COLUMNS = 6, 3
+
+_ROUNDS = 6
+
+#: A plain column is preferred to a cause only by so many standard errors, this share of the loss
+#: and this share of the gain.
+_COLUMN_ERRORS, _COLUMN_LOSS, _COLUMN_GAIN = 2.0, 0.01, 0.15
+
+#: A cause that explains this share of what a plain column on it does, has the wrong form only.
+_SAME_CAUSE = 0.5
+
+#: Causes within so many standard errors and this share of the gain are one class.
+_CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
+
+#: A second effect of a family that gains less than this share of the first refines its form.
+_MATTER_OF_FORM = 0.25
+
+
+class Accepted(NamedTuple):
+    """An effect of the model: what it is called, and what it consists of."""
+
+    name: str
+    members: tuple[str, ...]  # of its class, itself first
+    family: str
+    generic: bool
+    covariates: tuple[str, ...]
+    parts: tuple[Effect, ...]  # the effect, then what refines its form
+    p: float
+    gain: float  # of the cross-validated log likelihood, over all runs
+    losses: np.ndarray  # held-out loss of each run with it and those before it
+
+
+class Selection(NamedTuple):
+    """Where the search has come to."""
+
+    setting: Setting
+    fits: Mapping[str, Fitted]  # every base curve with the effects accepted
+    base: str
+    accepted: tuple[Accepted, ...]
+    ranking: tuple[Candidate, ...]
+
+    @property
+    def fitted(self) -> Fitted:
+        return self.fits[self.base]
+
+
+class _Trial(NamedTuple):
+    score: Score
+    fitted: Fitted
+    losses: np.ndarray  # [runs], held out
+
+
+def parts_of(accepted: Sequence[Accepted]) -> tuple[Effect, ...]:
+    """All effects of a model."""
+    return tuple(part for effect in accepted for part in effect.parts)
+
+
+def search(
+    setting: Setting,
+    fits: Mapping[str, Fitted],
+    entries: Sequence[Entry],
+    seed: int,
+    progress: Callable[[str], None],
+) -> Selection:
+    """Accepts effects until none is left that is significant and lowers the held-out loss."""
+    state = settled(setting, fits, (), ())
+    for number in range(_ROUNDS):
+        progress(f"looking for effect {number + 1}")
+        found = _next(state, entries, number, seed)
+        if found is None:
+            break
+        state = _pruned(found)
+        if len(state.accepted) < len(found.accepted):
+            break
+    return state
+
+
+def settled(
+    setting: Setting,
+    fits: Mapping[str, Fitted],
+    accepted: Sequence[Accepted],
+    ranking: Sequence[Candidate],
+) -> Selection:
+    """Base curve and noise chosen anew for the effects there are."""
+    effects = parts_of(accepted)
+    fits = refits(setting, fits, effects)
+    base = min(fits, key=lambda name: bic(fits[name]))
+    fitted = fits[base]
+    setting = _with_noise(setting, fitted)
+    fits = refits(setting, fits, fitted.effects)
+    base = min(fits, key=lambda name: bic(fits[name]))
+    parts = _refreshed(accepted, fits[base].effects)
+    return Selection(setting, fits, base, parts, tuple(ranking))
+
+
+def _with_noise(setting: Setting, fitted: Fitted) -> Setting:
+    residual = np.asarray(setting.problem.data.adhesion) - fitted.adhesion
+    weight = np.asarray(setting.noise.weight)
+    noise = estimate_noise(weight, residual, fitted.adhesion)
+    return Setting(setting.problem, noise, fitted.adhesion)
+
+
+def _refreshed(
+    accepted: Sequence[Accepted], effects: Sequence[Effect]
+) -> tuple[Accepted, ...]:
+    """The parts with the parameters of a fit, whose effects are in another order."""
+    old = parts_of(accepted)
+    order = sorted(range(len(old)), key=lambda place: old[place].ORDER)
+    new = dict(zip(order, effects, strict=True))
+    found, place = [], 0
+    for effect in accepted:
+        count = len(effect.parts)
+        found.append(
+            effect._replace(parts=tuple(new[at] for at in range(place, place + count)))
+        )
+        place += count
+    return tuple(found)
+
+
+def _next(
+    state: Selection, entries: Sequence[Entry], number: int, seed: int
+) -> Selection | None:
+    """The state with one more effect; with its ranking only, where none is accepted: None."""
+    taken = {member for effect in state.accepted for member in (effect.name, *effect.members)}
+    open_entries = [entry for entry in entries if entry.name not in taken]
+    scores = screen(state.setting, state.fitted, open_entries, seed + number)
+    shortlist = _shortlist(scores)
+    if not shortlist:
+        return None
+    setting, now, trials = _trials(state, shortlist)
+    chosen = _choose(trials, now)
+    gains = now.losses - chosen.losses
+    total, error = float(gains.sum()), _standard_error(gains)
+    accepted = (
+        chosen.score.p <= SIGNIFICANT
+        and total > error
+        and total > _LEAST_GAIN * float(now.losses.sum())
+    )
+    members = _class(trials, chosen, total)
+    ranking = (*state.ranking, *_ranked(number, scores, trials, now, chosen, members, accepted))
+    if not accepted:
+        return None
+    entry = chosen.score.entry
+    new = Accepted(
+        entry.name, members, entry.family, entry.generic, entry.covariates,
+        (chosen.score.start,), chosen.score.p, total, chosen.losses,
+    )
+    return _joined(state, setting, chosen, new, ranking)
+
+
+def _joined(
+    state: Selection, setting: Setting, chosen: _Trial, new: Accepted,
+    ranking: Sequence[Candidate],
+) -> Selection:
+    """The chosen effect as one of its own, or as a refinement of one of its family."""
+    kin = [effect for effect in state.accepted if effect.family == new.family]
+    if kin and new.gain < _MATTER_OF_FORM * kin[0].gain:
+        whole = kin[0]._replace(parts=(*kin[0].parts, *new.parts))
+        accepted = tuple(whole if effect is kin[0] else effect for effect in state.accepted)
+    else:
+        accepted = (*state.accepted, new)
+    fits = {**state.fits, state.base: chosen.fitted}
+    start = _started(accepted, chosen)
+    return settled(setting, fits, start, ranking)
+
+
+def _started(accepted: Sequence[Accepted], chosen: _Trial) -> tuple[Accepted, ...]:
+    """The new part where the trial left it."""
+    fitted = next(
+        effect for effect in chosen.fitted.effects
+        if type(effect) is type(chosen.score.start) and _names(effect) == _names(chosen.score.start)
+    )
+    return tuple(
+        effect._replace(
+            parts=tuple(fitted if part is chosen.score.start else part for part in effect.parts)
+        )
+        for effect in accepted
+    )
+
+
+def _names(effect: Effect) -> tuple[str, ...]:
+    return tuple(
+        value for value in (getattr(effect, "column", ""), getattr(effect, "first", ""),
+                            getattr(effect, "second", "")) if value
+    )
+
+
+def _shortlist(scores: Sequence[Score]) -> Sequence[Score]:
+    """The most telling causes and columns, where the best of all is significant."""
+    if not scores or scores[0].p > SIGNIFICANT:
+        return []
+    causes = [score for score in scores if not score.entry.generic][:_CAUSES]
+    columns = [score for score in scores if score.entry.generic][:_COLUMNS]
+    return [score for score in (*causes, *columns) if score.p <= 10 * SIGNIFICANT]
+
+
+def _trials(
+    state: Selection, shortlist: Sequence[Score]
+) -> tuple[Setting, _Trial, Sequence[_Trial]]:
+    """Joint refits under the noise that the best of them leaves, and the model as it is."""
+    base, values = state.base, state.fitted.base_values.tolist()
+    effects = state.fitted.effects
+
+    def refit(setting: Setting, start: Fitted | None, score: Score) -> Fitted:
+        if start is None:
+            return fit_model(setting, base, values, (*effects, score.start))
+        return fit_model(setting, base, start.base_values.tolist(), start.effects)
+
+    first = [refit(state.setting, None, score) for score in shortlist]
+    best = min(first, key=lambda fitted: fitted.total)
+    setting = _with_noise(state.setting, best)
+    trials = []
+    for score, start in zip(shortlist, first, strict=True):
+        fitted = refit(setting, start, score)
+        trials.append(_Trial(score, fitted, held_out_loss(fitted)))
+    now = fit_model(setting, base, values, effects)
+    return setting, _Trial(shortlist[0], now, held_out_loss(now)), trials
+
+
+def _choose(trials: Sequence[_Trial], now: _Trial) -> _Trial:
+    """The best cause, unless a plain column explains clearly more that is no matter of form."""
+    causes = [trial for trial in trials if not trial.score.entry.generic]
+    columns = [trial for trial in trials if trial.score.entry.generic]
+    best = min(trials, key=lambda trial: trial.losses.sum())
+    if not causes or not columns:
+        return best
+    cause = min(causes, key=lambda trial: trial.losses.sum())
+    column = min(columns, key=lambda trial: trial.losses.sum())
+    ahead = cause.losses - column.losses
+    gain = float((now.losses - column.losses).sum())
+    clearly = (
+        ahead.sum() > _COLUMN_ERRORS * _standard_error(ahead)
+        and ahead.sum() > _COLUMN_LOSS * cause.losses.sum()
+        and ahead.sum() > _COLUMN_GAIN * gain
+    )
+    if not clearly:
+        return cause
+    kin = [trial for trial in causes if trial.score.entry.family == column.score.entry.family]
+    for trial in sorted(kin, key=lambda trial: trial.losses.sum()):
+        if (now.losses - trial.losses).sum() > _SAME_CAUSE * gain:
+            return trial
+    return column
+
+
+def _class(trials: Sequence[_Trial], chosen: _Trial, gain: float) -> tuple[str, ...]:
+    """The names that cannot be told from the chosen one, most likely first."""
+    members = {}
+    for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
+        behind = trial.losses - chosen.losses
+        close = behind.sum() <= _CLASS_ERRORS * _standard_error(behind) + 1e-9
+        if trial.score.entry.generic != chosen.score.entry.generic:
+            continue
+        if trial is chosen or (close and behind.sum() <= _CLASS_GAIN * gain):
+            members[trial.score.entry.name] = None
+    name = chosen.score.entry.name
+    return (name, *(member for member in members if member != name))
+
+
+def _standard_error(gains: np.ndarray) -> float:
+    """Of a sum over runs that differ."""
+    used = gains[gains != 0]
+    return float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
+
+
+def _ranked(
+    number: int, scores: Sequence[Score], trials: Sequence[_Trial], now: _Trial, chosen: _Trial,
+    members: Sequence[str], accepted: bool,
+) -> list[Candidate]:
+    tried = {id(trial.score): trial for trial in trials}
+    rows = []
+    for score in scores:
+        trial = tried.get(id(score))
+        gain = error = np.nan
+        if trial is not None:
+            gains = now.losses - trial.losses
+            gain, error = float(gains.sum()), _standard_error(gains)
+        name = score.entry.name
+        if trial is chosen:
+            decision = "accepted" if accepted else "does not lower the held-out error"
+        elif trial is not None and name in members:
+            decision = f"in the class of {members[0]}"
+        elif trial is not None:
+            decision = "explains less"
+        else:
+            decision = "not significant" if score.p > SIGNIFICANT else "less telling"
+        rows.append(Candidate(number, _label(score), score.z, score.p, gain, error, decision))
+    return rows
+
+
+def _label(score: Score) -> str:
+    kinds = {Covariate: " (linear)", Spline: " (spline)"}
+    return score.entry.name + kinds.get(type(score.start), "")
+
+
+def _pruned(state: Selection) -> Selection:
+    """Backward elimination: an effect that the later ones have made needless goes."""
+    while len(state.accepted) > 1:
+        whole = held_out_loss(state.fitted)
+        for effect in state.accepted[:-1]:
+            rest = tuple(other for other in state.accepted if other is not effect)
+            values = state.fitted.base_values.tolist()
+            less = fit_model(state.setting, state.base, values, parts_of(rest))
+            gains = held_out_loss(less) - whole
+            needed = (
+                gains.sum() > _standard_error(gains)
+                and gains.sum() > _LEAST_GAIN * whole.sum()
+            )
+            if not needed:
+                state = settled(state.setting, state.fits, rest, state.ranking)
+                break
+        else:
+            return state
+    return state
