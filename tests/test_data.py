@@ -262,6 +262,7 @@ def test_the_known_columns_are_those_promised():
     promised = (
         "time_s run vehicle_speed_mps slip_ratio slip_velocity_mps adhesion tangential_force_N "
         "normal_load_N temperature_C relative_humidity_pct position_m curvature_per_m "
-        "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad"
+        "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad "
+        "slip_angle_deg lateral_creepage"
     )
     assert {*COLUMNS, *LABELS} == {*promised.split()}

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from adhesion_jax.data.reading import Measured as Measured
+from adhesion_jax.data.reading import check_curve as check_curve
 from adhesion_jax.data.reading import read_measured as read_measured
 from adhesion_jax.data.reading import to_record as to_record
 
