@@ -7,7 +7,7 @@ import pandas as pd
 
 from adhesion_jax.campaign.store import staged, write_table
 from adhesion_jax.curves import CURVES
-from adhesion_jax.data import SHIPPED, read_measured, to_record
+from adhesion_jax.data import SHIPPED, check_curve, read_measured, to_record
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers.measured import fit_all, missing_columns
 from adhesion_jax.identifiers.residual import residual_structure
@@ -36,7 +36,8 @@ def main(file: str, curve: str, out: Path) -> None:
     if curve != "all" and curve not in CURVES:
         raise InputError(f"--curve {curve} is not known; name one of {', '.join(CURVES)}, or all.")
     shipped = SHIPPED.get(file)
-    measured = read_measured(shipped.path if shipped else Path(file))
+    measured = read_measured(shipped.path if shipped else Path(file))._replace(name=file)
+    check_curve(measured)
     record = to_record(measured)
     chosen = CURVES if curve == "all" else {curve: CURVES[curve]}
     not_fitted = {
@@ -56,7 +57,7 @@ def main(file: str, curve: str, out: Path) -> None:
         name: residual_structure(fit, record, pd.factorize(runs)[0]) for name, fit in fits.items()
     }
     citation = shipped.citation if shipped else ""
-    words = verdict(measured._replace(name=file), citation, fits, not_fitted, residuals[best])
+    words = verdict(measured, citation, fits, not_fitted, residuals[best])
     with staged(out, ("curves.csv", "verdict.txt", "curves.png")) as stage:
         write_table(stage / "curves.csv", curve_rows(fits, not_fitted))
         (stage / "verdict.txt").write_text(words + "\n")

@@ -258,10 +258,17 @@ def test_rows_of_a_parquet_file_are_counted_from_one(tmp_path):
         read_measured(tmp_path / "b.parquet")
 
 
+def test_identify_refuses_the_roller_rig_by_its_name(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    said = refusal("roller-rig", capsys, monkeypatch)
+    assert said.startswith("error: roller-rig cannot be used: column slip_ratio has only 1 ")
+
+
 def test_the_known_columns_are_those_promised():
     promised = (
         "time_s run vehicle_speed_mps slip_ratio slip_velocity_mps adhesion tangential_force_N "
         "normal_load_N temperature_C relative_humidity_pct position_m curvature_per_m "
-        "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad"
+        "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad "
+        "slip_angle_deg lateral_creepage"
     )
     assert {*COLUMNS, *LABELS} == {*promised.split()}

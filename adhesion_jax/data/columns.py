@@ -47,14 +47,27 @@ COLUMNS: Mapping[str, Column] = {
     "position_m": Column("m", -_ANY, _ANY, "position along the track"),
     "curvature_per_m": Column("1/m", -0.1, 0.1, "curvature of the track", "give it as 1/radius"),
     "angle_of_attack_deg": Column("degree", -45.0, 45.0, "yaw of the wheel to the rail"),
+    "slip_angle_deg": Column(
+        "degree", -45.0, 45.0, "yaw of the wheel to its path, the angle of attack of a tyre"
+    ),
+    "lateral_creepage": Column(
+        "1",
+        -0.5,
+        0.5,
+        "lateral slip velocity / vehicle speed",
+        "give the creepage as a ratio, not in per cent",
+    ),
     "sanding": Column("1", 0.0, 1.0, "sand on the rail: 0 none, 1 full"),
     "acceleration_mps2": Column("m/s^2", -50.0, 50.0, "acceleration of the vehicle"),
     "wheel_angle_rad": Column("rad", -_ANY, _ANY, "angle the wheel has turned through"),
 }
 
-#: Known columns whose entries are labels: any text or number will do.
+#: Label of `mode`, in any case of its letters, to the sign of the driving torque.
+MODES: Mapping[str, float] = {"traction": 1.0, "braking": -1.0, "coasting": 0.0}
+
+#: Known columns whose entries are labels: any text or number will do but for `mode`.
 LABELS: Mapping[str, str] = {
     "run": "number or name of the run",
     "axle": "number or name of the axle",
-    "mode": "traction, braking or coasting",
+    "mode": ", ".join(MODES),
 }

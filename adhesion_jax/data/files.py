@@ -3,7 +3,9 @@
 import csv
 import gzip
 import io
+import re
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -13,6 +15,47 @@ import pyarrow.parquet
 from adhesion_jax.errors import InputError
 
 _KINDS = "a .csv, .csv.gz or .parquet file"
+
+#: What pandas calls an index that was saved among the columns.
+_SAVED_INDEX = re.compile(r"|Unnamed: \d+|__index_level_\d+__")
+
+#: Bytes read at a time where rows are counted.
+_CHUNK = 1 << 22
+
+
+def refuse_many_rows(paths: Sequence[Path], limit: int) -> None:
+    """InputError where the files hold more than `limit` rows of data together.
+
+    The rows are counted before anything is read into memory, and no further than the limit. What
+    is not a file, or not a whole one, is left for `read_table` to name.
+    """
+    total = 0
+    for path in paths:
+        try:
+            total += _rows(path, limit - total)
+        except (OSError, EOFError, zlib.error, pyarrow.ArrowException):
+            continue
+        if total > limit:
+            names = ", ".join(map(str, paths))
+            raise InputError(
+                f"{names} cannot be used: there are more than {limit:,} rows of data (thin them: "
+                "keep some of the runs whole, or every k-th row of each run)."
+            )
+
+
+def _rows(path: Path, enough: int) -> int:
+    """The rows of data of a file, counted until there are more than enough."""
+    name = path.name.lower()
+    if name.endswith(".parquet"):
+        rows: int = pyarrow.parquet.read_metadata(path).num_rows
+        return rows
+    ends, last = 0, b"\n"
+    with gzip.open(path) if name.endswith(".gz") else path.open("rb") as stream:
+        while ends <= enough + 1 and (chunk := stream.read(_CHUNK)):
+            ends += chunk.count(b"\n")
+            last = chunk[-1:]
+    # The header is no row; the last line of a file may lack its end.
+    return max(ends - 1 + (last != b"\n"), 0)
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -44,7 +87,8 @@ def _parquet(path: Path, content: bytes) -> pd.DataFrame:
     except (pyarrow.ArrowException, OSError):
         raise InputError(f"{path} is not a whole parquet file; write it anew.") from None
     _refuse_duplicates(path, table.column_names)
-    return cells.set_axis(range(1, len(cells) + 1))
+    named = [name for name in cells.columns if not _SAVED_INDEX.fullmatch(str(name))]
+    return cells[named].set_axis(range(1, len(cells) + 1))
 
 
 def _text(path: Path, content: bytes) -> pd.DataFrame:
@@ -77,7 +121,7 @@ def _text(path: Path, content: bytes) -> pd.DataFrame:
         skip_blank_lines=False,
     )
     cells.index = pd.RangeIndex(2, len(cells) + 2)
-    named = [place for place, name in enumerate(header) if name]
+    named = [place for place, name in enumerate(header) if not _SAVED_INDEX.fullmatch(name)]
     return cells[named].set_axis([header[place] for place in named], axis=1)
 
 
@@ -89,7 +133,7 @@ def _header(path: Path, text: str) -> list[str]:
     try:
         for number, row in enumerate(rows, start=1):
             if number == 1:
-                header = [name.strip() for name in row]
+                header = [" ".join(name.split()) for name in row]
                 if len(header) == 1 and any(mark in text for mark in ";\t"):
                     raise InputError(f"{path} is not separated by commas; separate its cells so.")
                 _refuse_duplicates(path, header)

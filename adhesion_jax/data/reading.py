@@ -5,17 +5,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS
 from adhesion_jax.data.files import read_table
-from adhesion_jax.data.schema import cell_faults, numbers, time_faults
+from adhesion_jax.data.schema import cell_faults, label_faults, numbers, time_faults
 from adhesion_jax.errors import InputError
 from adhesion_jax.scenarios import Record
 
 #: A curve has up to five parameters; with fewer points its errors could not be estimated.
-_POINTS = 10
+POINTS = 10
 
 
 class Measured(NamedTuple):
@@ -33,14 +32,16 @@ def read_measured(path: Path) -> Measured:
 
     Needed are slip_ratio, or slip_velocity_mps (divided by vehicle_speed_mps where there is one),
     and adhesion, or tangential_force_N with normal_load_N. The other columns of COLUMNS and
-    LABELS are checked where they are there; further numeric ones are kept as covariates.
+    LABELS are checked where they are there; further numeric ones are kept as covariates. Whether
+    the points are of use is for `check_curve` and `adhesion_faults` to say.
     """
     cells = read_table(path)
     table, left_out = numbers(cells)
     faults: Sequence[str] = [
         *_missing_columns(table),
-        *_too_few(table),
+        *([] if len(table) else [too_few(0)]),
         *cell_faults(table, cells),
+        *label_faults(table),
         *time_faults(table),
     ]
     if not faults:
@@ -51,6 +52,43 @@ def read_measured(path: Path) -> Measured:
     known = {*COLUMNS, *LABELS}
     covariates = tuple(name for name in table.columns.astype(str) if name not in known)
     return Measured(str(path), table, slip, covariates, left_out)
+
+
+def check_curve(measured: Measured) -> None:
+    """InputError where no curve can be identified though every cell is sane."""
+    slip = measured.table[measured.slip]
+    different = slip.abs().nunique()
+    if len(slip) < POINTS:
+        faults: Sequence[str] = [too_few(len(slip))]
+    elif different < POINTS // 2:
+        faults = [
+            f"column {slip.name} has only {different} different sizes of slip "
+            f"(a curve needs at least {POINTS // 2})"
+        ]
+    else:
+        faults = adhesion_faults(slip, measured.table["adhesion"])
+    if faults:
+        raise InputError(f"{measured.name} cannot be used: {'; '.join(faults)}.")
+
+
+def adhesion_faults(slip: pd.Series, adhesion: pd.Series) -> Sequence[str]:
+    """Whether the adhesion of all points cannot be that of their slip, [points] each."""
+    if (adhesion == 0).all():
+        return ["column adhesion is 0 in every row (there is no curve in that)"]
+    if slip.min() < slip.max() and (slip * adhesion).sum() <= 0:
+        return [
+            f"column adhesion is mostly of the other sign than {slip.name} "
+            "(both are positive in traction and negative in braking)"
+        ]
+    return []
+
+
+def too_few(points: int) -> str:
+    """What is wrong with a table of fewer than POINTS points."""
+    held = {0: "there is a header but no point", 1: "there is one point"}.get(
+        points, f"there are {points} points"
+    )
+    return f"{held} (at least {POINTS} rows of data are needed)"
 
 
 def to_record(measured: Measured) -> Record:
@@ -86,16 +124,6 @@ def _missing_columns(table: pd.DataFrame) -> Sequence[str]:
     return faults
 
 
-def _too_few(table: pd.DataFrame) -> Sequence[str]:
-    points = len(table)
-    if points >= _POINTS:
-        return []
-    held = {0: "it has a header but no point", 1: "it has one point"}.get(
-        points, f"it has {points} points"
-    )
-    return [f"{held} (a curve needs at least {_POINTS} rows of data)"]
-
-
 def _derive(table: pd.DataFrame) -> tuple[pd.DataFrame, Sequence[str]]:
     """Adhesion from force and load, slip ratio and vehicle speed from each other; faults."""
     table = table.copy()
@@ -119,23 +147,4 @@ def _derive(table: pd.DataFrame) -> tuple[pd.DataFrame, Sequence[str]]:
         table["vehicle_speed_mps"] = speed.fillna(speed.median() if slips.any() else 0.0)
     # The derived columns must be as sane as those that are given.
     faults += cell_faults(table, table) if not faults else []
-    return table, faults or _useless(table)
-
-
-def _useless(table: pd.DataFrame) -> Sequence[str]:
-    """Why no curve can be identified though every cell is sane."""
-    slip = table["slip_ratio"] if "slip_ratio" in table else table["slip_velocity_mps"]
-    different = np.unique(slip.abs()).size
-    if different < _POINTS // 2:
-        return [
-            f"column {slip.name} has only {different} different sizes of slip "
-            f"(a curve needs at least {_POINTS // 2})"
-        ]
-    if (table["adhesion"] == 0).all():
-        return ["column adhesion is 0 in every row (there is no curve in that)"]
-    if (slip * table["adhesion"]).sum() <= 0:
-        return [
-            f"column adhesion is mostly of the other sign than {slip.name} "
-            "(both are positive in traction and negative in braking)"
-        ]
-    return []
+    return table, faults

@@ -1,13 +1,14 @@
 """Which tables are sane: every cell a finite number inside its column's range, time in order."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 import pandera.pandas as pandera
+import pyarrow
 from pandera.errors import SchemaErrors
 
-from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 
 #: How a missing number is written; anything else that is no number is text.
 _MISSING = ("", "-", "na", "n/a", "nan", "nat", "none", "null", "<na>")
@@ -17,13 +18,13 @@ def numbers(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """The columns as numbers, NaN where a cell is none, and the names of those left out.
 
     A column the project does not know is kept where every cell is a finite number. Labels become
-    text.
+    text, empty where there is none.
     """
     kept: dict[str, pd.Series] = {}
     left_out: list[str] = []
     for name in cells.columns.astype(str):
         if name in LABELS:
-            kept[name] = cells[name].astype(str)
+            kept[name] = _as_labels(cells[name])
             continue
         number = _as_numbers(cells[name])
         if name in COLUMNS or np.isfinite(number).all():
@@ -41,14 +42,35 @@ def cell_faults(table: pd.DataFrame, cells: pd.DataFrame) -> Sequence[str]:
     try:
         _SCHEMA.validate(table, lazy=True)
     except SchemaErrors as error:
-        found: dict[tuple[str, str], str] = {}
-        for case in error.failure_cases.sort_values("index", kind="stable").to_dict("records"):
-            name, row = str(case["column"]), int(case["index"])
-            kind = _kind(case, cells.loc[row, name])
-            if (name, kind) not in found:
-                found[name, kind] = _sentence(name, row, kind, cells.loc[row, name])
-        return list(found.values())
+        cases = error.failure_cases.sort_values("index", kind="stable", ignore_index=True)
+        cases["kind"] = _kinds(cases, cells)
+        first = cases.drop_duplicates(["column", "kind"])
+        return [
+            _sentence(name, int(row), kind, cells[name].loc[row])
+            for name, row, kind in zip(first["column"], first["index"], first["kind"], strict=True)
+        ]
     return []
+
+
+def label_faults(table: pd.DataFrame) -> Sequence[str]:
+    """The first row of each column of labels that has none, or a mode that is not one."""
+    faults = []
+    for name in LABELS:
+        if name not in table:
+            continue
+        empty = table[name] == ""
+        if empty.any():
+            faults.append(
+                f"column {name} has in row {empty.idxmax()} no value (name it in each row)"
+            )
+    if "mode" in table:
+        strange = table["mode"][~table["mode"].str.lower().isin(["", *MODES])]
+        if len(strange):
+            faults.append(
+                f"column mode has in row {strange.index[0]} the label '{_shown(strange.iloc[0])}' "
+                f"(write {', '.join([*MODES][:-1])} or {[*MODES][-1]})"
+            )
+    return faults
 
 
 def time_faults(table: pd.DataFrame) -> Sequence[str]:
@@ -69,22 +91,44 @@ def _as_numbers(cells: pd.Series) -> pd.Series:
     if pd.api.types.is_bool_dtype(cells) or pd.api.types.is_numeric_dtype(cells):
         return cells.astype(float)
     # As text, for pandas would take a date for its nanoseconds.
-    return pd.to_numeric(cells.astype(str).str.strip(), errors="coerce").astype(float)
+    text = cells.astype(str).str.strip()
+    try:
+        # Takes a tenth of the time, but only where every cell is a number.
+        number = pyarrow.array(text).cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
+        return pd.Series(number, index=cells.index)
+    except pyarrow.ArrowInvalid:
+        return pd.to_numeric(text, errors="coerce").astype(float)
 
 
-def _kind(case: Mapping[str, object], written: object) -> str:
-    if case["check"] == "inside":
-        return "outside"
-    if not pd.isna(case["failure_case"]):  # type: ignore[call-overload]
-        return "infinite"
-    return "missing" if str(written).strip().lower() in _MISSING else "text"
+def _as_labels(cells: pd.Series) -> pd.Series:
+    if pd.api.types.is_float_dtype(cells) and (cells.dropna() % 1 == 0).all():
+        # A file may hold whole numbers as 1.0 where another one has 1.
+        cells = cells.astype("Int64")
+    return cells.astype(object).where(cells.notna(), "").astype(str).str.strip()
+
+
+def _kinds(cases: pd.DataFrame, cells: pd.DataFrame) -> pd.Series:
+    """What is wrong in each case: outside, infinite, missing or text."""
+    kinds = pd.Series("infinite", index=cases.index, dtype=object)
+    kinds[cases["check"] == "inside"] = "outside"
+    no_number = (cases["check"] != "inside") & cases["failure_case"].isna()
+    for name, failed in cases[no_number].groupby("column"):
+        written = cells[name].loc[failed["index"].astype(int)].astype(object)
+        blank = [str(cell).strip().lower() in _MISSING for cell in written]
+        kinds[failed.index] = np.where(blank, "missing", "text")
+    return kinds
+
+
+def _shown(written: object) -> str:
+    """A cell on one line, cut where it is long."""
+    return f"{' '.join(str(written).split()):.30}"
 
 
 def _sentence(name: str, row: int, kind: str, written: object) -> str:
     column = COLUMNS[name]
     match kind:
         case "text":
-            fault = f"the text '{written!s:.30}' (write a number, with a decimal point, no unit)"
+            fault = f"the text '{_shown(written)}' (write a number, with a decimal point, no unit)"
         case "missing":
             fault = "no value (an empty cell or NaN: fill it in or leave out the row)"
         case "infinite":

@@ -1,0 +1,294 @@
+"""From measured files to a campaign: its runs side by side, with every covariate they have."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
+from adhesion_jax.data.files import refuse_many_rows
+from adhesion_jax.data.grouping import Grouping, group, in_blocks, places
+from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_measured, too_few
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios import Record
+
+#: Rows of data that a campaign may have.
+MOST_ROWS = 1_000_000
+
+#: Cells of one padded column, at most: one very long run among many short ones would fill memory.
+_MOST_CELLS = 10_000_000
+
+#: What is to be explained is no condition: slip and adhesion, and the force is adhesion times load.
+_EXPLAINED = ("slip_ratio", "adhesion", "tangential_force_N")
+
+#: Conditions that a curve or an effect in time may need, kept whatever else they are equal to.
+_ALWAYS = ("time_s", "vehicle_speed_mps", "slip_velocity_mps", "normal_load_N")
+
+
+class RunSet(NamedTuple):
+    """The runs of a campaign, side by side.
+
+    `record` is [runs, points]; a run is padded at its end with its last row, masked. Its conditions
+    are the numeric columns without slip ratio, adhesion and force, the `axle` as codes, and the
+    `mode` as +1 traction, -1 braking, 0 coasting.
+    """
+
+    record: Record
+    rows: np.ndarray  # [runs, points], from 0 over all files one after the other; -1: padded
+    names: tuple[str, ...]  # of the runs
+    blocks: bool  # contiguous blocks of one run take the place of runs
+    covariates: tuple[str, ...]  # the conditions that the project does not know
+    axles: tuple[str, ...]  # labels in the order of their codes, () without such a column
+    left_out: tuple[str, ...]  # columns that are not numbers throughout
+    warnings: tuple[str, ...]  # whole sentences
+    slip: str  # the column that is the slip: slip_ratio, or slip_velocity_mps without a speed
+    same: Mapping[str, str]  # column left out of the conditions -> the column that it repeats
+
+
+def read_runs(paths: Sequence[Path]) -> RunSet:
+    """The runs of all files, or InputError naming all that is wrong with them.
+
+    Runs are told apart by the column `run`, without one by gaps in time_s; no run reaches over two
+    files. A single run is cut into contiguous blocks. Needed are the columns that `read_measured`
+    needs and 10 rows in all, at one slip or many.
+    """
+    refuse_many_rows(paths, MOST_ROWS)
+    files = _read(paths)
+    slip = files[0].slip
+    table, incomplete = _joined(files)
+    whole = group(files)
+    grouping = in_blocks(whole)
+    _refuse_useless(paths, table, slip, grouping)
+    held, rows = places(grouping.run)
+
+    columns, axles = _conditions(table, slip)
+    same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})
+    conditions = {
+        name: jnp.asarray(values.to_numpy(float)[held])
+        for name, values in columns.items()
+        if name not in same
+    }
+    mask = jnp.asarray(rows >= 0)
+    record = Record(
+        jnp.asarray(table[slip].to_numpy(float)[held]),
+        jnp.asarray(table["adhesion"].to_numpy(float)[held]),
+        mask,
+        mask,
+        conditions,
+    )
+    left_out = tuple(dict.fromkeys(name for file in files for name in file.left_out))
+    return RunSet(
+        record,
+        rows,
+        grouping.names,
+        grouping.blocks,
+        tuple(name for name in conditions if name not in {*COLUMNS, *LABELS}),
+        axles,
+        left_out,
+        (
+            *_slip_warnings(slip),
+            *_time_warnings(table, whole),
+            *_run_warnings(grouping),
+            *(
+                f"The column {name} is left out: it is not a number in every row."
+                for name in left_out
+            ),
+            *(
+                f"The column {name} is left out: not every file has it."
+                for name in incomplete
+                if name not in left_out
+            ),
+            *(
+                f"The column {name} is left out: it is the same as {first}."
+                for name, first in same.items()
+            ),
+        ),
+        slip,
+        same,
+    )
+
+
+def matching(runs: RunSet, test: RunSet) -> RunSet:
+    """The runs of `test` with the conditions of `runs` and no others, the axles by its codes.
+
+    An axle that `runs` lacks has the code -1. InputError where a condition is missing.
+    """
+    record = test.record
+    there = {**record.conditions, test.slip: record.slip, "adhesion": record.adhesion}
+    # Two columns may differ in the one set and be the same in the other.
+    there |= {name: there[first] for name, first in test.same.items()}
+    needed = [runs.slip, *runs.record.conditions]
+    if runs.slip == "slip_velocity_mps":
+        # Slip is a velocity and the speed is taken as 1, whether the test set has one or not.
+        there["vehicle_speed_mps"] = jnp.ones_like(record.slip)
+    missing = [name for name in needed if name not in there]
+    if missing:
+        raise InputError(
+            f"The test data lack {_listed(missing)}, which the training data have; add what is "
+            "missing, or leave it out of the training data too."
+        )
+    conditions = {name: there[name] for name in runs.record.conditions}
+    warnings = test.warnings
+    if "axle" in conditions:
+        codes = [runs.axles.index(axle) if axle in runs.axles else -1 for axle in test.axles]
+        conditions["axle"] = jnp.asarray(codes, dtype=float)[conditions["axle"].astype(int)]
+        strange = [axle for axle in test.axles if axle not in runs.axles]
+        if strange:
+            warnings += (
+                f"The training data have no axle {_listed(strange)}: what is found of the other "
+                "axles is not applied to it.",
+            )
+    return test._replace(
+        record=record._replace(slip=there[runs.slip], conditions=conditions),
+        covariates=runs.covariates,
+        axles=runs.axles,
+        warnings=warnings,
+        slip=runs.slip,
+    )
+
+
+def _read(paths: Sequence[Path]) -> list[Measured]:
+    files: list[Measured] = []
+    faults: list[str] = []
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            faults.append(f"{path} is given twice, name every file once")
+            continue
+        seen.add(path.resolve())
+        try:
+            files.append(read_measured(path))
+        except InputError as error:
+            faults.append(str(error).removesuffix("."))
+    other = next((file for file in files if file.slip != files[0].slip), None)
+    if other is not None:
+        ratio, velocity = (files[0], other) if files[0].slip == "slip_ratio" else (other, files[0])
+        faults.append(
+            f"{velocity.name} has slip_velocity_mps without vehicle_speed_mps where {ratio.name} "
+            "has a slip ratio, give every file the same slip"
+        )
+    if faults:
+        raise InputError(f"{'; '.join(faults)}.")
+    return files
+
+
+def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
+    """All rows with the columns that every file has, and the names of those that some lack."""
+    tables = []
+    for file in files:
+        table = file.table
+        if "slip_velocity_mps" not in table and "vehicle_speed_mps" in table:
+            velocity = table["slip_ratio"] * table["vehicle_speed_mps"]
+            table = table.assign(slip_velocity_mps=velocity)
+        tables.append(table)
+    names = dict.fromkeys(str(name) for table in tables for name in table)
+    shared = [name for name in names if all(name in table for table in tables)]
+    joined = pd.concat([table[shared] for table in tables], ignore_index=True)
+    return joined, [name for name in names if name not in {*shared, "run"}]
+
+
+def _refuse_useless(
+    paths: Sequence[Path], table: pd.DataFrame, slip: str, grouping: Grouping
+) -> None:
+    """InputError where the files together are of no use though every cell is sane."""
+    length = np.bincount(grouping.run)
+    if len(table) < POINTS:
+        faults: Sequence[str] = [too_few(len(table))]
+    elif length.size * length.max() > _MOST_CELLS:
+        faults = [
+            f"the {length.size} runs differ too much in length, the longest "
+            f"({grouping.names[length.argmax()]}) has {length.max()} rows (cut that run into "
+            "several in the column run)"
+        ]
+    else:
+        faults = adhesion_faults(table[slip], table["adhesion"])
+    if faults:
+        raise InputError(f"{', '.join(map(str, paths))} cannot be used: {'; '.join(faults)}.")
+
+
+def _conditions(table: pd.DataFrame, slip: str) -> tuple[dict[str, pd.Series], tuple[str, ...]]:
+    """Every condition by its name, [rows], and the labels of the axles."""
+    columns = {str(name): table[name] for name in table if name not in {*_EXPLAINED, *LABELS}}
+    if slip == "slip_velocity_mps":
+        # As in `to_record`: a curve multiplies slip by this speed to have the slip velocity.
+        columns["vehicle_speed_mps"] = pd.Series(1.0, index=table.index)
+    if "mode" in table:
+        columns["mode"] = table["mode"].str.lower().map(MODES)
+    axles: tuple[str, ...] = ()
+    if "axle" in table:
+        axles = tuple(sorted(table["axle"].unique(), key=_by_number))
+        columns["axle"] = table["axle"].map({axle: code for code, axle in enumerate(axles)})
+    return columns, axles
+
+
+def _by_number(label: str) -> tuple[float, str]:
+    """Axle 10 comes after axle 9, and names after numbers."""
+    return (float(label) if label.isdecimal() else np.inf, label)
+
+
+def _repeated(columns: Mapping[str, pd.Series]) -> dict[str, str]:
+    """Each column that is exactly another one, and which: a known column goes before others.
+
+    Columns that never change are not compared, for none of them explains anything.
+    """
+    first: dict[bytes, str] = {}
+    same: dict[str, str] = {}
+    for name in sorted(columns, key=lambda name: name not in {*COLUMNS, *LABELS}):
+        values = columns[name].to_numpy(float)
+        if (values == values[0]).all():
+            continue
+        # Adding zero makes -0 the same as 0.
+        content = (values + 0.0).tobytes()
+        if content in first and name not in _ALWAYS:
+            same[name] = first[content]
+        else:
+            first.setdefault(content, name)
+    return same
+
+
+def _slip_warnings(slip: str) -> Iterable[str]:
+    if slip == "slip_velocity_mps":
+        yield (
+            "There is no vehicle_speed_mps: slip is the slip velocity in m/s, the speed is taken "
+            "as 1, and no effect of the speed can be tested."
+        )
+
+
+def _time_warnings(table: pd.DataFrame, grouping: Grouping) -> Iterable[str]:
+    if "time_s" not in table:
+        return
+    equal = int((table["time_s"].groupby(grouping.run).diff() == 0).sum())
+    if equal:
+        yield (
+            f"In time_s {equal} {'row has' if equal == 1 else 'rows have'} the time of the row "
+            "before in the same run: for effects that act in time nothing passes there."
+        )
+
+
+def _run_warnings(grouping: Grouping) -> Iterable[str]:
+    length = np.bincount(grouping.run)
+    if grouping.blocks:
+        points = (
+            f"{length.min()}"
+            if length.min() == length.max()
+            else (f"{length.min()} to {length.max()}")
+        )
+        yield (
+            f"There is one run only: {length.size} contiguous blocks of {points} points take the "
+            "place of runs. Intervals and p-values then rest on neighbouring points being nearly "
+            "independent between blocks, and effects that act in time within a run can hardly be "
+            "tested."
+        )
+    single = int((length == 1).sum())
+    if single:
+        yield (
+            f"{single} of {length.size} runs {'has' if single == 1 else 'have'} one point only, "
+            "which says nothing of the noise within a run or of effects that act in time."
+        )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
