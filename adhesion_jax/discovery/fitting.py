@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.problem import Problem
 from adhesion_jax.discovery.program import (
-    BASES,
     Model,
     Noise,
     base_places,
@@ -92,9 +92,7 @@ def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 def _packed(
     problem: Problem, base: str, base_values: Sequence[float], effects: Sequence[Effect]
 ) -> Model:
-    parameters = len(BASES[base].free) + sum(
-        len(effect_places(0, effect)) for effect in effects
-    )
+    parameters = len(BASES[base].free) + sum(len(effect_places(0, effect)) for effect in effects)
     slots, free = next(
         (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1]), _SIZES[-1]
     )

@@ -10,10 +10,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import CURVES, SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
+from adhesion_jax.curves.level import Level
 from adhesion_jax.curves.peak import find_peak
+from adhesion_jax.curves.polach import PolachScaled
 from adhesion_jax.discovery.conditions import Calendar, completed
 from adhesion_jax.discovery.effects import EFFECTS, Covariate, Effect, Periodic, Product, Spline
 from adhesion_jax.errors import InputError
+
+#: The curves that a law may rest on; the last is for data at one slip.
+BASES: Mapping[str, Curve] = {
+    **CURVES,
+    "polach-scaled": PolachScaled(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
+    "level": Level(level=0.3),
+}
 
 #: Every kind of effect by the name it is saved under.
 KINDS: Mapping[str, type[Effect]] = {
@@ -73,7 +82,7 @@ def save_law(path: Path, law: CorrectedLaw) -> None:
     """As JSON: names and numbers."""
     curve = law.curve
     assert isinstance(curve, Curve)
-    name = next(name for name, known in CURVES.items() if type(known) is type(curve))
+    name = next(name for name, known in BASES.items() if type(known) is type(curve))
     path.write_text(
         json.dumps(
             {
@@ -93,7 +102,7 @@ def load_law(path: Path) -> CorrectedLaw:
     try:
         saved = json.loads(path.read_text())
         curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
-        known = type(CURVES[curve.pop("name")])
+        known = type(BASES[curve.pop("name")])
         return CorrectedLaw(
             known(**{**curve, "free": tuple(curve["free"])}),
             tuple(KINDS[effect.pop("name")](**effect) for effect in effects),

@@ -1,11 +1,10 @@
-"""From runs to what the compiled program takes: padded arrays, and which columns can say anything."""
+"""From runs to what the compiled program takes, and which columns can say anything."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
 
 from adhesion_jax.discovery.conditions import Calendar, completed
 from adhesion_jax.discovery.effects import EFFECTS
@@ -14,6 +13,9 @@ from adhesion_jax.scenarios import Record
 
 #: Conditions that effects know by name; where a campaign lacks one, one stands for it.
 _KNOWN = tuple(sorted({name for effect in EFFECTS.values() for name in effect.NEEDS} | {"time_s"}))
+
+#: What an effect takes for a column that is absent and that it can do without, if not one.
+_ABSENT = {"normal_load_N": 1e5}
 
 #: Columns are padded to a multiple of this, so that campaigns share a program.
 _COLUMNS = 24
@@ -65,14 +67,19 @@ def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
             flat[name] = cells
         else:
             constant.add(name)
-    columns = tuple(
-        name for name in flat if name not in _NO_COLUMN
-    )
+    columns = tuple(name for name in flat if name not in _NO_COLUMN)
     data = _data(slip, adhesion, whole, columns)
     in_time = not blocks and "time_s" in whole and inside.sum(1).max() > 2
     measured = frozenset(record.conditions)
     return Problem(
-        data, points, calendar, columns, flat, frozenset(flat), frozenset(constant), in_time,
+        data,
+        points,
+        calendar,
+        columns,
+        flat,
+        frozenset(flat),
+        frozenset(constant),
+        in_time,
         measured,
     )
 
@@ -90,17 +97,6 @@ def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray
     return {name: np.asarray(values) for name, values in whole.items()}
 
 
-def test_data(record: Record, problem: Problem) -> Data:
-    """Another record in the columns of a problem, effects held at the edges of its data."""
-    whole = dict(conditions_of(record, problem.calendar))
-    for name in problem.varying - {"slip_ratio", "time_s", "mode"}:
-        low, high = problem.flat[name].min(), problem.flat[name].max()
-        whole[name] = np.clip(whole[name], low, high)
-    return _data(
-        np.asarray(record.slip), np.asarray(record.adhesion), whole, problem.columns
-    )
-
-
 def _data(
     slip: np.ndarray,
     adhesion: np.ndarray,
@@ -108,14 +104,9 @@ def _data(
     columns: Sequence[str],
 ) -> Data:
     one = np.ones_like(slip)
-    known = {name: whole.get(name, one) for name in _KNOWN}
+    known = {name: whole.get(name, _ABSENT.get(name, 1.0) * one) for name in _KNOWN}
     # Rates and windows are of the run: small numbers lose no digits.
     known["time_s"] = known["time_s"] - known["time_s"][:, :1]
     padding = -len(columns) % _COLUMNS
     stacked = np.stack([*(whole[name] for name in columns), *[one] * padding])
     return Data(slip, adhesion, known, stacked)
-
-
-def spread(values: Float[Array, " points"] | np.ndarray) -> float:
-    """Standard deviation of a column."""
-    return float(np.std(np.asarray(values)))

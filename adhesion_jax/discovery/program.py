@@ -15,18 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.curves import CURVES, Conditions, Curve, physical_box, with_free_values
-from adhesion_jax.curves.polach import PolachScaled
+from adhesion_jax.curves import Conditions, Curve, with_free_values
 from adhesion_jax.discovery.effects import Effect
-from adhesion_jax.discovery.law import KINDS
-from adhesion_jax.discovery.level import Level
+from adhesion_jax.discovery.law import BASES, KINDS
 
-#: The curves of the program; the last is for data at one slip.
-BASES: Mapping[str, Curve] = {
-    **CURVES,
-    "polach-scaled": PolachScaled(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
-    "level": Level(level=0.3),
-}
+#: `changes` takes this many models at a time, so that every campaign uses the same program.
+PROBES = 64
 
 _BASE_SIZE = max(len(curve.free) for curve in BASES.values())
 _EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())
@@ -118,7 +112,8 @@ def pack(
     values[: len(base_values)] = base_values
     kind, column = np.zeros(slots, int), np.zeros((slots, 2), int)
     places = list(base_places(base))
-    lower, upper = (list(np.asarray(bound)) for bound in physical_box(BASES[base]))
+    described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
+    lower, upper = [one.lower for one in described], [one.upper for one in described]
     for slot, effect in enumerate(effects):
         kind[slot] = 1 + list(KINDS.values()).index(type(effect))
         named = [

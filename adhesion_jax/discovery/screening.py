@@ -11,10 +11,7 @@ from scipy.special import gammaln
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.fitting import Fitted, Setting, packed
 from adhesion_jax.discovery.library import Entry
-from adhesion_jax.discovery.program import changes
-
-#: Probes are evaluated this many at a time, so that every campaign uses the same program.
-_PROBES = 64
+from adhesion_jax.discovery.program import PROBES, changes
 
 #: A probe that keeps less than this share of itself beside the model cannot be told from it.
 _SHARE_LEFT = 0.03
@@ -48,19 +45,7 @@ def screen(
             others = {name: 0.0 for name in start.STRENGTHS if name != strength}
             probes.append(dataclasses.replace(start, **others))
             owner.append(place)
-    change = _changes(setting, fitted, probes)
-    used = np.asarray(setting.noise.weight).ravel() > 0
-    flat = change.reshape(len(probes), -1)[:, used].T  # [points, probes]
-    jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)[:, used].T
-    basis, upper = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
-    basis = basis[:, np.abs(np.diag(upper)) > 1e-9]
-    before = np.linalg.norm(flat, axis=0)
-    flat = flat - basis @ (basis.T @ flat)
-    left = np.linalg.norm(flat, axis=0)
-    heard = (left > _SHARE_LEFT * before) & (before > 0) & np.isfinite(left)
-    flat = np.where(heard, flat / np.where(heard, left, 1.0), 0.0)
-    residual = -fitted.residual.ravel()[used]
-    residual = residual - basis @ (basis.T @ residual)
+    heard, flat, residual = telling(setting, fitted, probes)
 
     owners = np.array(owner)
     blocks = [np.flatnonzero((owners == place) & heard) for place in range(len(starts))]
@@ -97,13 +82,36 @@ def screen(
     return tuple(sorted(scores.values(), key=lambda score: -score.z))
 
 
+def telling(
+    setting: Setting, fitted: Fitted, probes: Sequence[Effect]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What each probe adds that the parameters of the model cannot, and the residual beside it.
+
+    Which probes are heard at all [probes]; their directions [points, probes], each of length one,
+    zero where not heard; the residual, data less prediction [points]. Points are those with weight,
+    signals in units of the noise.
+    """
+    used = np.asarray(setting.noise.weight).ravel() > 0
+    flat = _changes(setting, fitted, probes).reshape(len(probes), -1)[:, used].T
+    jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)[:, used].T
+    basis, upper = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
+    basis = basis[:, np.abs(np.diag(upper)) > 1e-9]
+    before = np.linalg.norm(flat, axis=0)
+    flat = flat - basis @ (basis.T @ flat)
+    left = np.linalg.norm(flat, axis=0)
+    heard = (left > _SHARE_LEFT * before) & (before > 0) & np.isfinite(left)
+    flat = np.where(heard, flat / np.where(heard, left, 1.0), 0.0)
+    residual = -fitted.residual.ravel()[used]
+    return heard, flat, residual - basis @ (basis.T @ residual)
+
+
 def _changes(setting: Setting, fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
     """What each probe adds to the prediction, in units of the noise, [probes, runs, points]."""
     models = [packed(setting, fitted, (*fitted.effects, probe)) for probe in probes]
     found = []
-    for first in range(0, len(models), _PROBES):
-        some = models[first : first + _PROBES]
-        padded = some + [some[0]] * (_PROBES - len(some))
+    for first in range(0, len(models), PROBES):
+        some = models[first : first + PROBES]
+        padded = some + [some[0]] * (PROBES - len(some))
         stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
         change = changes(
             stacked, setting.problem.data, setting.noise, setting.level, fitted.adhesion

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from adhesion_jax.discovery.bases import bic, refits
 from adhesion_jax.discovery.effects import Covariate, Effect, Spline
@@ -11,6 +12,7 @@ from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.noise import estimate_noise
+from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
 from adhesion_jax.discovery.screening import Score, screen
 
 #: An effect is accepted at this adjusted p and this share of the loss, one standard error over it.
@@ -34,6 +36,10 @@ _CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
 
 #: A second effect of a family that gains less than this share of the first refines its form.
 _MATTER_OF_FORM = 0.25
+
+
+#: Families whose effects noise in the slip looks like.
+_FEIGNED = ("in time", "offset")
 
 
 class Accepted(NamedTuple):
@@ -80,19 +86,49 @@ def search(
     fits: Mapping[str, Fitted],
     entries: Sequence[Entry],
     seed: int,
-    progress: Callable[[str], None],
+    progress: Callable[[str, float], None],
 ) -> Selection:
     """Accepts effects until none is left that is significant and lowers the held-out loss."""
     state = settled(setting, fits, (), ())
+    pairs = products(setting.problem)
     for number in range(_ROUNDS):
-        progress(f"looking for effect {number + 1}")
-        found = _next(state, entries, number, seed)
-        if found is None:
-            break
+        progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
+        open_entries = _open(entries, state)
+        scores = screen(state.setting, state.fitted, open_entries, seed + number)
+        found = _next(state, scores, SIGNIFICANT, number)
+        if len(parts_of(found.accepted)) == len(parts_of(state.accepted)):
+            progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
+            scanned = _scanned(found, pairs, seed + number)
+            found = _next(found, scanned, SCAN_SIGNIFICANT, number)
+        if len(parts_of(found.accepted)) == len(parts_of(state.accepted)):
+            return found
         state = _pruned(found)
         if len(state.accepted) < len(found.accepted):
             break
     return state
+
+
+def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
+    """What may still be accepted: no member of a class twice, nothing that slip noise feigns."""
+    taken = {member for effect in state.accepted for member in (effect.name, *effect.members)}
+    noisy = "slip_noise" in taken
+    return [
+        entry
+        for entry in entries
+        if entry.name not in taken and not (noisy and entry.family in _FEIGNED)
+    ]
+
+
+def _scanned(state: Selection, pairs: Sequence[Entry], seed: int) -> Sequence[Score]:
+    """Pairs of columns by score tests, waves by their coherence over runs."""
+    open_pairs = _open(pairs, state)
+    scores = list(screen(state.setting, state.fitted, open_pairs, seed)) if open_pairs else []
+    taken = [effect.name for effect in state.accepted]
+    scores += [
+        Score(entry, entry.starts[0], float(stats.norm.isf(p)), p)
+        for entry, p in waves(state.setting, state.fitted, taken, seed)
+    ]
+    return sorted(scores, key=lambda score: (score.p, -score.z))
 
 
 def settled(
@@ -120,9 +156,7 @@ def _with_noise(setting: Setting, fitted: Fitted) -> Setting:
     return Setting(setting.problem, noise, fitted.adhesion)
 
 
-def _refreshed(
-    accepted: Sequence[Accepted], effects: Sequence[Effect]
-) -> tuple[Accepted, ...]:
+def _refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:
     """The parts with the parameters of a fit, whose effects are in another order."""
     old = parts_of(accepted)
     order = sorted(range(len(old)), key=lambda place: old[place].ORDER)
@@ -130,51 +164,56 @@ def _refreshed(
     found, place = [], 0
     for effect in accepted:
         count = len(effect.parts)
-        found.append(
-            effect._replace(parts=tuple(new[at] for at in range(place, place + count)))
-        )
+        found.append(effect._replace(parts=tuple(new[at] for at in range(place, place + count))))
         place += count
     return tuple(found)
 
 
-def _next(
-    state: Selection, entries: Sequence[Entry], number: int, seed: int
-) -> Selection | None:
-    """The state with one more effect; with its ranking only, where none is accepted: None."""
-    taken = {member for effect in state.accepted for member in (effect.name, *effect.members)}
-    open_entries = [entry for entry in entries if entry.name not in taken]
-    scores = screen(state.setting, state.fitted, open_entries, seed + number)
-    shortlist = _shortlist(scores)
+def _next(state: Selection, scores: Sequence[Score], significant: float, number: int) -> Selection:
+    """The state with its ranking, and with one more effect where one is accepted."""
+    shortlist = _shortlist(scores, significant)
     if not shortlist:
-        return None
+        rows = _ranked(number, scores, (), None, None, (), False)
+        return state._replace(ranking=(*state.ranking, *rows))
     setting, now, trials = _trials(state, shortlist)
     chosen = _choose(trials, now)
     gains = now.losses - chosen.losses
     total, error = float(gains.sum()), _standard_error(gains)
     accepted = (
-        chosen.score.p <= SIGNIFICANT
+        chosen.score.p <= significant
         and total > error
         and total > _LEAST_GAIN * float(now.losses.sum())
     )
     members = _class(trials, chosen, total)
     ranking = (*state.ranking, *_ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:
-        return None
+        return state._replace(ranking=ranking)
     entry = chosen.score.entry
     new = Accepted(
-        entry.name, members, entry.family, entry.generic, entry.covariates,
-        (chosen.score.start,), chosen.score.p, total, chosen.losses,
+        entry.name,
+        members,
+        entry.family,
+        entry.generic,
+        entry.covariates,
+        (chosen.score.start,),
+        chosen.score.p,
+        total,
+        chosen.losses,
     )
     return _joined(state, setting, chosen, new, ranking)
 
 
 def _joined(
-    state: Selection, setting: Setting, chosen: _Trial, new: Accepted,
+    state: Selection,
+    setting: Setting,
+    chosen: _Trial,
+    new: Accepted,
     ranking: Sequence[Candidate],
 ) -> Selection:
     """The chosen effect as one of its own, or as a refinement of one of its family."""
     kin = [effect for effect in state.accepted if effect.family == new.family]
-    if kin and new.gain < _MATTER_OF_FORM * kin[0].gain:
+    same_columns = new.generic and kin and {*new.covariates} <= {*kin[0].covariates}
+    if kin and (same_columns or new.gain < _MATTER_OF_FORM * kin[0].gain):
         whole = kin[0]._replace(parts=(*kin[0].parts, *new.parts))
         accepted = tuple(whole if effect is kin[0] else effect for effect in state.accepted)
     else:
@@ -187,7 +226,8 @@ def _joined(
 def _started(accepted: Sequence[Accepted], chosen: _Trial) -> tuple[Accepted, ...]:
     """The new part where the trial left it."""
     fitted = next(
-        effect for effect in chosen.fitted.effects
+        effect
+        for effect in chosen.fitted.effects
         if type(effect) is type(chosen.score.start) and _names(effect) == _names(chosen.score.start)
     )
     return tuple(
@@ -200,18 +240,23 @@ def _started(accepted: Sequence[Accepted], chosen: _Trial) -> tuple[Accepted, ..
 
 def _names(effect: Effect) -> tuple[str, ...]:
     return tuple(
-        value for value in (getattr(effect, "column", ""), getattr(effect, "first", ""),
-                            getattr(effect, "second", "")) if value
+        value
+        for value in (
+            getattr(effect, "column", ""),
+            getattr(effect, "first", ""),
+            getattr(effect, "second", ""),
+        )
+        if value
     )
 
 
-def _shortlist(scores: Sequence[Score]) -> Sequence[Score]:
+def _shortlist(scores: Sequence[Score], significant: float) -> Sequence[Score]:
     """The most telling causes and columns, where the best of all is significant."""
-    if not scores or scores[0].p > SIGNIFICANT:
+    if not scores or scores[0].p > significant:
         return []
     causes = [score for score in scores if not score.entry.generic][:_CAUSES]
     columns = [score for score in scores if score.entry.generic][:_COLUMNS]
-    return [score for score in (*causes, *columns) if score.p <= 10 * SIGNIFICANT]
+    return [score for score in (*causes, *columns) if score.p <= 10 * significant]
 
 
 def _trials(
@@ -283,19 +328,24 @@ def _standard_error(gains: np.ndarray) -> float:
 
 
 def _ranked(
-    number: int, scores: Sequence[Score], trials: Sequence[_Trial], now: _Trial, chosen: _Trial,
-    members: Sequence[str], accepted: bool,
+    number: int,
+    scores: Sequence[Score],
+    trials: Sequence[_Trial],
+    now: _Trial | None,
+    chosen: _Trial | None,
+    members: Sequence[str],
+    accepted: bool,
 ) -> list[Candidate]:
     tried = {id(trial.score): trial for trial in trials}
     rows = []
     for score in scores:
         trial = tried.get(id(score))
         gain = error = np.nan
-        if trial is not None:
+        if trial is not None and now is not None:
             gains = now.losses - trial.losses
             gain, error = float(gains.sum()), _standard_error(gains)
         name = score.entry.name
-        if trial is chosen:
+        if trial is not None and trial is chosen:
             decision = "accepted" if accepted else "does not lower the held-out error"
         elif trial is not None and name in members:
             decision = f"in the class of {members[0]}"
@@ -322,8 +372,7 @@ def _pruned(state: Selection) -> Selection:
             less = fit_model(state.setting, state.base, values, parts_of(rest))
             gains = held_out_loss(less) - whole
             needed = (
-                gains.sum() > _standard_error(gains)
-                and gains.sum() > _LEAST_GAIN * whole.sum()
+                gains.sum() > _standard_error(gains) and gains.sum() > _LEAST_GAIN * whole.sum()
             )
             if not needed:
                 state = settled(state.setting, state.fits, rest, state.ranking)

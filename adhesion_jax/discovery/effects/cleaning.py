@@ -10,22 +10,28 @@ from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.discovery.effects.base import Columns, Effect
 from adhesion_jax.discovery.effects.history import has_history, steps
 
+#: N.
+_LOAD = 1e5
+
 _SOURCE = "Voltr and Lata 2015, Veh. Syst. Dyn. 53:605-618"
 
 
 class Cleaning(Effect):
-    """mu (1 + k (1 - exp(-W/W0))), W = integral of |mu| |l| V dt since the start of the run, in m.
+    """mu (1 + k (1 - exp(-W/W0))), W the integral of |mu| |l| V (F/F0)^q dt since the run began.
 
-    W is the slip energy over the normal load. Source: Voltr and Lata 2015, VSD 53, 605-618 (there
-    a dirty and a recovered curve are mixed by the same weight).
+    W is in m; with q = 1 it is the slip energy over F0 = 100 kN, with q = 0 that over the load.
+    Source: Voltr and Lata 2015, Veh. Syst. Dyn. 53:605-618 (there a dirty and a recovered curve
+    are mixed by the same weight).
     """
 
     k: Scalar
     work: Scalar
+    load_power: Scalar
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "k": Parameter("1", -0.9, 5.0, "relative gain once clean", _SOURCE),
         "work": Parameter("m", 0.001, 1000.0, "slip work that cleans to 63 %", _SOURCE),
+        "load_power": Parameter("1", 0.0, 1.0, "power of the load in the work", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {}
@@ -46,9 +52,11 @@ class Cleaning(Effect):
         if not has_history(conditions):
             return adhesion
         slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
-        work = jnp.cumsum(jnp.abs(adhesion) * slip_velocity * steps(conditions))
+        load = jnp.asarray(conditions.get("normal_load_N", _LOAD)) / _LOAD
+        power = jnp.abs(adhesion) * slip_velocity * load**self.load_power
+        work = jnp.cumsum(power * steps(conditions))
         return adhesion * (1 - self.k * jnp.expm1(-work / self.work))
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence[Self]:
-        return [cls(k=0.05, work=work) for work in (0.1, 0.3, 1.0, 3.0, 10.0)]
+        return [cls(k=0.05, work=work, load_power=0.5) for work in (0.1, 0.3, 1.0, 3.0, 10.0)]

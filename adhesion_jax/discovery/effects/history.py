@@ -31,12 +31,13 @@ def recurrence(
     kept: Float[Array, " points"], drive: Float[Array, " points"]
 ) -> Float[Array, " points"]:
     """y(k) = kept(k) y(k-1) + drive(k), y(-1) = 0."""
+    return jax.lax.scan(_step, jnp.zeros(()), (kept, drive))[1]
 
-    def step(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
-        state = now[0] * state + now[1]
-        return state, state
 
-    return jax.lax.scan(step, jnp.zeros(()), (kept, drive))[1]
+# Of the module, so that it is compiled once.
+def _step(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+    state = now[0] * state + now[1]
+    return state, state
 
 
 def lagged(

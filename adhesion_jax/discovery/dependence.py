@@ -1,0 +1,128 @@
+"""How adhesion depends on one column through the effects that were found, with a band."""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import numpy as np
+
+from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.discovery.findings import Dependence
+from adhesion_jax.discovery.fitting import covariance, packed
+from adhesion_jax.discovery.noise import white_noise
+from adhesion_jax.discovery.program import PROBES, Data, Model, changes
+from adhesion_jax.discovery.selection import Selection
+
+#: Values of a column, and seconds after a step, that are shown.
+_GRID, _SECONDS = 80, 10.0
+
+
+def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
+    """Of each effect on each column that varies; effects in time over the time since a step."""
+    if not state.accepted:
+        return ()
+    draws = _draws(state, seed)
+    flat = state.setting.problem.flat
+    found = []
+    for effect in state.accepted:
+        parts = [place for place, part in enumerate(state.fitted.effects) if part in effect.parts]
+        if any("time_s" in part.NEEDS for part in effect.parts):
+            if state.setting.problem.points.shape[1] >= _GRID // 4 and effect.parts:
+                found.append(_after_step(state, effect.name, parts, draws))
+            continue
+        columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
+        for column in columns or ["slip_ratio"]:
+            if effect.parts and column in flat:
+                found.append(_over(state, effect.name, column, parts, draws))
+    return tuple(found)
+
+
+def _draws(state: Selection, seed: int) -> np.ndarray:
+    """Parameters of the whole model, the fitted ones first, then drawn from their uncertainty."""
+    fitted = state.fitted
+    matrix = covariance(fitted)
+    values, vectors = np.linalg.eigh(matrix)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    noise = np.random.default_rng([seed, 23]).standard_normal((PROBES - 1, matrix.shape[0]))
+    drawn = np.tile(fitted.values, (PROBES, 1))
+    drawn[1:, list(fitted.places)] += noise @ root.T
+    return drawn
+
+
+def _over(
+    state: Selection, name: str, column: str, parts: Sequence[int], draws: np.ndarray
+) -> Dependence:
+    """Every other column at its median."""
+    shape = state.setting.problem.points.shape
+    size = min(_GRID, shape[0] * shape[1])
+    values = state.setting.problem.flat[column]
+    grid = np.linspace(values.min(), values.max(), size)
+    factors = _factors(state, parts, draws, {column: np.resize(grid, shape)})
+    factors = factors.reshape(PROBES, -1)[:, :size]
+    unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
+    return _banded(name, column, unit, grid, factors)
+
+
+def _after_step(state: Selection, name: str, parts: Sequence[int], draws: np.ndarray) -> Dependence:
+    """The slip steps from a fifth of its median to its median, the sand flag is set throughout."""
+    shape = state.setting.problem.points.shape
+    grid = np.linspace(0.0, _SECONDS, shape[1])
+    slip = float(np.median(state.setting.problem.flat["slip_ratio"]))
+    columns = {
+        "time_s": np.tile(grid, (shape[0], 1)),
+        "slip_ratio": np.tile(np.where(grid > 0, slip, 0.2 * slip), (shape[0], 1)),
+        "sanding": np.ones(shape),
+    }
+    factors = _factors(state, parts, draws, columns)[:, 0]
+    return _banded(name, "time since a step of the slip", "s", grid, factors)
+
+
+def _factors(
+    state: Selection,
+    parts: Sequence[int],
+    draws: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+) -> np.ndarray:
+    """Adhesion with the parts over adhesion without any effect, [draws, runs, points]."""
+    data = _at(state, columns)
+    model = packed(state.setting, state.fitted, state.fitted.effects)
+    kind = np.zeros_like(model.kind)
+    kind[list(parts)] = model.kind[list(parts)]
+
+    def adhesion(kind: np.ndarray) -> np.ndarray:
+        models = [Model(*model)._replace(values=values, kind=kind) for values in draws]
+        stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *models)
+        one, nothing = np.ones(data.slip.shape), np.zeros(data.slip.shape)
+        return np.asarray(changes(stacked, data, white_noise(one, 1.0), one, nothing))
+
+    plain = adhesion(np.zeros_like(kind))
+    return adhesion(kind) / np.where(plain == 0, 1.0, plain)
+
+
+def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
+    """Conditions at their medians but for some columns, in the shape of the campaign."""
+    problem = state.setting.problem
+    inside = problem.points > 0
+
+    def constant(values: np.ndarray) -> np.ndarray:
+        return np.full(problem.points.shape, float(np.median(np.asarray(values)[inside])))
+
+    slip = columns.get("slip_ratio", constant(np.abs(problem.data.slip)))
+    conditions = {
+        name: columns.get(name, constant(values))
+        for name, values in problem.data.conditions.items()
+    }
+    speed = conditions["vehicle_speed_mps"]
+    if "slip_velocity_mps" in columns:
+        slip = columns["slip_velocity_mps"] / np.maximum(speed, 1e-9)
+    follows = {**columns, "slip_velocity_mps": slip * speed}
+    stacked = [
+        follows[name] if name in follows else constant(problem.data.columns[place])
+        for place, name in enumerate(problem.columns)
+    ]
+    stacked += [np.ones(problem.points.shape)] * (len(problem.data.columns) - len(stacked))
+    return Data(slip, problem.data.adhesion, conditions, np.stack(stacked))
+
+
+def _banded(name: str, column: str, unit: str, grid: np.ndarray, factors: np.ndarray) -> Dependence:
+    low, high = np.nanquantile(factors[1:], [0.025, 0.975], axis=0)
+    return Dependence(name, column, unit, grid, factors[0], low, high)

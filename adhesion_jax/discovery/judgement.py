@@ -1,0 +1,86 @@
+"""What was found is doubted twice: by every other base curve, and by runs it was not found on."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from adhesion_jax.discovery.fitting import Setting, fit_model
+from adhesion_jax.discovery.program import whitened
+from adhesion_jax.discovery.selection import Accepted, Selection, parts_of, settled
+
+#: Effects of the slip alone: what the wrong base curve leaves looks like one of them.
+_OF_SHAPE = ("slip_bias", "torque_offset")
+
+#: Half a chi-square that an effect of the slip alone must reach on every base curve: p = 6e-5.
+_SURE = 8.0
+
+
+def doubtful(state: Selection) -> tuple[Selection, Sequence[str]]:
+    """Without the effects of slip alone that another base curve makes needless, and sentences."""
+    words = []
+    for effect in state.accepted:
+        if not _of_slip_alone(state, effect):
+            continue
+        rest = tuple(other for other in state.accepted if other.name != effect.name)
+        for base, fitted in state.fits.items():
+            less = fit_model(state.setting, base, fitted.base_values.tolist(), parts_of(rest))
+            if less.total - fitted.total < _SURE:
+                words.append(
+                    f"The shape of the base curve is in doubt: {effect.name} would improve the fit "
+                    f"of {state.base}, but not that of {base}; it is not counted as an effect."
+                )
+                state = settled(state.setting, state.fits, rest, state.ranking)
+                break
+    return state, words
+
+
+def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
+    if effect.name in _OF_SHAPE:
+        return True
+    varying = state.setting.problem.varying
+    return (
+        not effect.generic
+        and all(
+            name in ("slip_ratio", "time_s") or name not in varying for name in effect.covariates
+        )
+        and effect.family == "slip velocity"
+    )
+
+
+def vetoed(state: Selection, held_out: np.ndarray, seed: int) -> tuple[Selection, Sequence[str]]:
+    """Without the effects that do not raise the likelihood of the runs held out, and sentences."""
+    words: list[str] = []
+    if not held_out.any():
+        return state, words
+    weight = np.where(held_out[:, None], state.setting.problem.points, 0.0)
+    place = 0
+    while place < len(state.accepted):
+        effect = state.accepted[place]
+        rest = tuple(other for other in state.accepted if other is not effect)
+        less = fit_model(
+            state.setting, state.base, state.fitted.base_values.tolist(), parts_of(rest)
+        )
+        noise = state.setting.noise._replace(weight=weight)
+        setting = Setting(state.setting.problem, noise, state.fitted.adhesion)
+        gains = (_losses(setting, less.adhesion) - _losses(setting, state.fitted.adhesion))[
+            held_out
+        ]
+        draws = np.random.default_rng([seed, 17]).integers(gains.size, size=(999, gains.size))
+        raised = float(np.mean(gains[draws].sum(axis=1) > 0))
+        if raised >= 0.5:
+            place += 1
+            continue
+        words.append(
+            f"{effect.name} was found on three quarters of the runs, but does not improve the "
+            f"prediction of the others (it does in {100 * raised:.0f} % of bootstrap samples of "
+            "them); it is not counted as an effect."
+        )
+        state = settled(state.setting, state.fits, rest, state.ranking)
+    return state, words
+
+
+def _losses(setting: Setting, adhesion: np.ndarray) -> np.ndarray:
+    """Half the sum of squares of each run in units of the noise, [runs]."""
+    residual = adhesion - np.asarray(setting.problem.data.adhesion)
+    white = np.asarray(whitened(setting.noise, setting.level, residual[None]))[0]
+    return 0.5 * (white**2).sum(axis=1)
