@@ -96,7 +96,7 @@ def test_json_is_plain_and_keeps_its_contract(written, name):
     report = report_json(findings)
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert json.loads((written[name] / "report.json").read_text()) == report
-    assert list(report) == "base noise_floor rmse effects unexplained warnings".split()
+    assert list(report) == ["base", "noise_floor", "rmse", "effects", "unexplained", "warnings"]
     assert list(report["rmse"]) == ["train", "test"] if findings.test else ["train"]
     assert all(list(pair) == ["before", "after"] for pair in report["rmse"].values())
     for effect in report["effects"]:
