@@ -97,3 +97,8 @@ class Findings(NamedTuple):
     #: With a test set, one row a row of it: row, base, corrected.
     predictions: pd.DataFrame | None
     seconds: float
+    #: By round, the z of the score test whose adjusted p is just that of acceptance; NaN or left
+    #: out where it is not known.
+    thresholds: tuple[float, ...] = ()
+    #: What the slip of the points is: slip_ratio or slip_velocity_mps.
+    slip: str = "slip_ratio"

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator
 
 from adhesion_jax.identifiers.measured import MeasuredFit, confidence_band
 from adhesion_jax.identifiers.residual import Residual, running_mean
+from adhesion_jax.report.style import root_axis
 
 #: Colour, line and peak marker by rank: each alone tells the curves apart, in grey as well.
 _STYLES = (
@@ -50,9 +50,7 @@ def draw_measured(
         xlim=(0.0, end),
         ylim=(min(0.0, 1.1 * left.adhesion.min()), 1.1 * left.adhesion.max()),
     )
-    # Equal steps of the root of slip: the rise is as wide as the fall. The panels share it.
-    above.set_xscale("function", functions=(_signed_root, _signed_square))
-    above.xaxis.set_major_locator(FixedLocator(_ticks(end)))
+    root_axis(above, 0.0, end)  # the panels share it
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
 
     below.axhspan(-left.scatter, left.scatter, color="0.9", zorder=0)
@@ -146,18 +144,3 @@ def _curve(
         markersize=8,
         label=label,
     )
-
-
-def _signed_root(slip: np.ndarray) -> np.ndarray:
-    return np.sign(slip) * np.sqrt(np.abs(slip))
-
-
-def _signed_square(root: np.ndarray) -> np.ndarray:
-    return np.sign(root) * np.square(root)
-
-
-def _ticks(end: float) -> list[float]:
-    """0 and 1, 2, 5 times powers of ten, closer than a linear axis near zero."""
-    decade = 10.0 ** np.floor(np.log10(end))
-    steps = decade * np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
-    return [0.0, *steps[(steps <= end) & (steps >= end / 60)]]

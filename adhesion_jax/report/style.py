@@ -1,4 +1,10 @@
-"""How lines are told apart, in colour and in grey."""
+"""How lines are told apart, in colour and in grey, and the axis of slip."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator
 
 #: Okabe and Ito's colours, which the colour-blind can tell apart, in an order of falling darkness.
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F")
@@ -20,3 +26,91 @@ def line_styles(names: list[str]) -> dict[str, dict[str, object]]:
         }
         for i, name in enumerate(names)
     }
+
+
+def root_axis(axis: Axes, low: float, high: float, gap: float = 0.045) -> None:
+    """Equal steps of the root of slip from `low` to `high`: the rise is as wide as the fall.
+
+    Ticks keep `gap` of the length of the longer side from each other.
+    """
+    axis.set_xscale("function", functions=(_signed_root, _signed_square))
+    ticks = _ticks(max(high, -low), gap)
+    both = [-tick for tick in reversed(ticks) if 0 < tick <= -low] + [t for t in ticks if t <= high]
+    axis.xaxis.set_major_locator(FixedLocator(both))
+    axis.xaxis.set_major_formatter(lambda slip, _: f"{slip:g}")
+
+
+def _signed_root(slip: np.ndarray) -> np.ndarray:
+    return np.sign(slip) * np.sqrt(np.abs(slip))
+
+
+def _signed_square(root: np.ndarray) -> np.ndarray:
+    return np.sign(root) * np.square(root)
+
+
+def _ticks(end: float, gap: float) -> list[float]:
+    """0 and 1, 2, 5 times powers of ten, closer than a linear axis near zero."""
+    decade = 10.0 ** np.floor(np.log10(end))
+    steps = decade * np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
+    kept = [0.0]
+    # From the end inwards, where the round numbers are that a reader looks for.
+    last = np.inf
+    for tick in reversed(steps[(steps <= end) & (steps >= end / 60)]):
+        if min(np.sqrt(last) - np.sqrt(tick), np.sqrt(tick)) >= gap * np.sqrt(end):
+            kept.append(float(tick))
+            last = tick
+    return sorted(kept)
+
+
+#: A law before and after something was added to it: open and dashed, filled and solid.
+BEFORE, AFTER, POINT = "#D55E00", "#08306B", "#6B6B6B"
+
+#: More points than this make a figure slow and a grey field.
+_MOST_POINTS = 4000
+
+
+def thinned(points: pd.DataFrame) -> pd.DataFrame:
+    """Every n-th point, so that no more than can be told apart are drawn."""
+    return points.iloc[:: -(-len(points) // _MOST_POINTS) or 1]
+
+
+def panels(count: int, height: float, columns: int = 3) -> tuple[Figure, list[Axes]]:
+    """Small multiples of one height, so many in a row, with room below for a legend of a line.
+
+    Their places are set in inches: a layout engine takes longer than to draw them.
+    """
+    columns = min(count, columns)
+    lines = -(-count // columns)
+    wide, gap, below = 3.0 if columns > 1 else 5.0, 0.75, 0.95
+    size = (0.9 + columns * (wide + 0.3), lines * (height + gap) - gap + below + 0.35)
+    figure = Figure(figsize=size)
+    axes = list(figure.subplots(lines, columns, sharey=True, squeeze=False).ravel())
+    figure.subplots_adjust(
+        left=0.8 / size[0],
+        right=1 - 0.2 / size[0],
+        bottom=below / size[1],
+        top=1 - 0.35 / size[1],
+        wspace=0.3 / wide,
+        hspace=gap / height,
+    )
+    for axis in axes[count:]:
+        axis.set_axis_off()
+    return figure, axes[:count]
+
+
+def legend_below(figure: Figure, axis: Axes) -> None:
+    """The legend of one panel, for all, at the foot of a figure of `panels`."""
+    handles, labels = axis.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=9)
+
+
+def light_frame(axis: Axes) -> None:
+    axis.grid(color="0.92", linewidth=0.6)
+    axis.set_axisbelow(True)
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+def label_text(text: str, longest: int = 46) -> str:
+    """Text from a user's file as a label: cut where it is long, dollars no mathematics."""
+    cut = text if len(text) <= longest else text[: longest - 1] + "…"
+    return cut.replace("$", r"\$")

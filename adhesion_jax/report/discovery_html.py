@@ -1,0 +1,25 @@
+"""A discovery as one page that needs nothing beside it."""
+
+import base64
+from collections.abc import Mapping
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from adhesion_jax.discovery.findings import Findings
+from adhesion_jax.report.discovery_content import page
+
+#: Everything is escaped: names of columns come from the users' files.
+_TEMPLATES = Environment(
+    loader=PackageLoader("adhesion_jax.report"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def discovery_html(findings: Findings, pictures: Mapping[str, bytes]) -> str:
+    """The whole report; `pictures` holds the PNG of each figure by the name of its file."""
+    inline = {name: base64.b64encode(drawn).decode() for name, drawn in pictures.items()}
+    template = _TEMPLATES.get_template("discovery.html")
+    return template.render(page=page(findings), pictures=inline)

@@ -1,0 +1,61 @@
+"""What a page of a report is made of, whatever it is rendered as."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    kind: ClassVar[str] = "paragraph"
+    text: str
+
+
+@dataclass(frozen=True)
+class Formula:
+    kind: ClassVar[str] = "formula"
+    text: str
+
+
+@dataclass(frozen=True)
+class Items:
+    kind: ClassVar[str] = "items"
+    texts: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells are written as they stand; columns whose heading is in `right` are set flush right.
+
+    A folded table is long: it can be opened where the rendering can fold.
+    """
+
+    kind: ClassVar[str] = "table"
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    right: Sequence[str] = ()
+    folded: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    kind: ClassVar[str] = "picture"
+    file: str
+    caption: str
+
+
+Block = Paragraph | Formula | Items | Table | Picture
+
+
+@dataclass(frozen=True)
+class Section:
+    title: str
+    blocks: Sequence[Block]
+    boxed: bool = False
+
+
+@dataclass(frozen=True)
+class Page:
+    title: str
+    verdict: str
+    sections: Sequence[Section]
