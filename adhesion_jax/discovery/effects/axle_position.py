@@ -1,7 +1,7 @@
 """Leading axles run on a dirtier rail than those behind."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -52,5 +52,5 @@ class AxlePosition(Effect):
         return adhesion * (1 + strengths[axle])
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k1=0.03, k2=0.03, k3=0.03, k4=0.03, k5=0.03)]

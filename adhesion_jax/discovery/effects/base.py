@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Self
 
 import equinox as eqx
 import numpy as np
@@ -50,5 +49,5 @@ class Effect(eqx.Module):
 
     @classmethod
     @abstractmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence["Effect"]:
         """Effects to try first: of small strength, over a grid of the other parameters."""

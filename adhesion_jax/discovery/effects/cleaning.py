@@ -1,7 +1,7 @@
 """Slipping wheels clean the rail: adhesion recovers with the work done in the contact."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -50,5 +50,5 @@ class Cleaning(Effect):
         return adhesion * (1 - self.k * jnp.expm1(-work / self.work))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=0.05, work=work) for work in (0.1, 0.3, 1.0, 3.0, 10.0)]

@@ -1,7 +1,7 @@
 """The contact heats and softens: adhesion falls with friction power."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -45,5 +45,5 @@ class ContactHeating(Effect):
         return adhesion * jnp.maximum(1 - self.k * heating, 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=0.1)]

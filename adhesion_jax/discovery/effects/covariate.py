@@ -1,7 +1,7 @@
 """A column that no effect of the catalogue knows, taken as linear."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -47,7 +47,7 @@ class Covariate(Effect):
         return adhesion * jnp.maximum(1 + change, 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [
             cls(k=0.02, reference=float(np.median(z)), scale=float(np.std(z)), column=name)
             for name, z in columns.items()

@@ -1,7 +1,7 @@
 """Curves cost adhesion."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -42,5 +42,5 @@ class CurveOfTrack(Effect):
         return adhesion * jnp.maximum(1 - self.k * jnp.abs(conditions["curvature_per_m"]), 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=5.0)]

@@ -1,7 +1,7 @@
 """The adhesion signal comes later than the slip signal."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -45,5 +45,5 @@ class Delay(Effect):
         return shifted(adhesion, jnp.asarray(self.delay), conditions)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(delay=delay) for delay in (0.05, 0.15, 0.4, 1.0)]

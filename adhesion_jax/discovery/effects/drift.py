@@ -1,7 +1,7 @@
 """Something changes over the campaign: slowly, in a step, or dying away."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -54,6 +54,6 @@ class Drift(Effect):
         return adhesion * jnp.maximum(1 + self.k * change, 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         grid = [(0.5, 3.0), (0.0, 0.3), *((float(c), 0.03) for c in np.linspace(0.15, 0.85, 8))]
         return [cls(k=0.03, centre=c, width=w, reference=0.5) for c, w in grid]

@@ -1,7 +1,7 @@
 """Friction falls with slip velocity: Polach's law on any curve."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -45,5 +45,5 @@ class FallingFriction(Effect):
         return adhesion * (1 + self.drop * jnp.expm1(-self.b * slip_velocity))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(drop=0.05, b=b) for b in (0.1, 0.3, 0.8, 2.0, 6.0)]

@@ -1,7 +1,7 @@
 """The moisture of the air takes adhesion: linearly, saturating, or from a threshold on."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -54,7 +54,7 @@ class Humidity(Effect):
         return adhesion * jnp.maximum(1 + self.k * change, 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         reference = float(np.median(columns["relative_humidity_pct"]))
         low, high = np.quantile(columns["relative_humidity_pct"], [0.05, 0.95])
         grid = [(reference, 150.0), *((c, 15.0) for c in np.linspace(low, high, 5))]

@@ -1,7 +1,7 @@
 """Adhesion is not the same for rising and for falling slip."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -47,5 +47,5 @@ class Hysteresis(Effect):
         return adhesion * (1 + self.k * jnp.tanh(rate(jnp.abs(slip), conditions) / self.rate))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=0.03, rate=rate) for rate in (0.001, 0.005, 0.02, 0.1)]

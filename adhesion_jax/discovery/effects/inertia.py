@@ -1,7 +1,7 @@
 """The torque that accelerates the wheel was taken for adhesion."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from jaxtyping import Array, Float
 
@@ -44,5 +44,5 @@ class Inertia(Effect):
         return adhesion + self.k * rate(conditions["vehicle_speed_mps"] * (1 + slip), conditions)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=0.003)]

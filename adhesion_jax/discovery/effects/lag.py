@@ -1,7 +1,7 @@
 """The adhesion signal passes a first-order filter."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -45,5 +45,5 @@ class Lag(Effect):
         return lagged(adhesion, jnp.asarray(self.time_constant), conditions)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(time_constant=time) for time in (0.05, 0.2, 0.6, 1.5)]

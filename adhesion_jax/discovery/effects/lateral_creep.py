@@ -1,7 +1,7 @@
 """Lateral creep takes its share of the friction."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -55,7 +55,7 @@ class LateralCreep(Effect):
         return adhesion * jnp.abs(slip) / total
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         spread = float(np.std(columns["lateral_measure"]))
         return [
             cls(gain=min(gain, 50.0), offset=0.0) for gain in (0.3, 1.0, 0.005 / max(spread, 1e-6))

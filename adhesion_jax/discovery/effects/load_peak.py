@@ -1,7 +1,7 @@
 """The level of adhesion depends on the normal load."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -45,5 +45,5 @@ class LoadPeak(Effect):
         return adhesion * (conditions["normal_load_N"] / self.reference) ** (-self.p)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(p=0.05, reference=float(np.median(columns["normal_load_N"])))]

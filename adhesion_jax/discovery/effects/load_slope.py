@@ -1,7 +1,7 @@
 """The steepness of the rise depends on the normal load."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -44,5 +44,5 @@ class LoadSlope(Effect):
         return adhesion
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(p=0.05, reference=float(np.median(columns["normal_load_N"])))]

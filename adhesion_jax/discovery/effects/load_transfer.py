@@ -1,7 +1,7 @@
 """Acceleration shifts load between axles."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -42,5 +42,5 @@ class LoadTransfer(Effect):
         return adhesion * jnp.maximum(1 + self.k * conditions["acceleration_mps2"], 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=0.02)]

@@ -1,7 +1,7 @@
 """Traction and braking do not have the same adhesion."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from jaxtyping import Array, Float
 
@@ -41,5 +41,5 @@ class ModeAsymmetry(Effect):
         return adhesion * (1 + self.k * conditions["mode"])
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=0.03)]

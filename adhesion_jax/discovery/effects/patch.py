@@ -1,7 +1,7 @@
 """A place on the track where adhesion is low on every pass."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -51,7 +51,7 @@ class Patch(Effect):
         return adhesion * (1 - self.depth * bump)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         low, high = (float(end) for end in np.quantile(columns["position_m"], [0.0, 1.0]))
         if high <= low:
             return []

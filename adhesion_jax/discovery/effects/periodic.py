@@ -1,7 +1,7 @@
 """A wave along a column."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -47,7 +47,7 @@ class Periodic(Effect):
         return adhesion * (1 + self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         """One wave over the range; a spectrum of the residual gives better ones."""
         return [
             cls(sine=0.03, cosine=0.03, frequency=1 / float(np.ptp(z)), column=name)

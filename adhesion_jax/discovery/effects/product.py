@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -57,7 +57,7 @@ class Product(Effect):
         return adhesion * jnp.maximum(1 + self.k * first * second, 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         scales = {name: float(np.std(z)) for name, z in columns.items()}
         centres = {name: float(np.mean(z)) / scales[name] for name, z in columns.items()}
         return [

@@ -1,7 +1,7 @@
 """Joints and corrugation modulate the adhesion along the track."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -47,7 +47,7 @@ class RailJoint(Effect):
         return adhesion * (1 + self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [
             cls(sine=0.03, cosine=0.03, length=length)
             for length in (10.0, 12.5, 15.0, 18.0, 20.0, 25.0, 30.0, 36.0)

@@ -1,7 +1,7 @@
 """The contact takes a distance, not a time, to build up force."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -46,5 +46,5 @@ class Relaxation(Effect):
         return lagged(adhesion, self.length / speed, conditions)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(length=length) for length in (0.3, 1.0, 3.0, 10.0)]

@@ -1,7 +1,7 @@
 """Sand raises adhesion; it takes time to arrive and stays for a while."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -54,7 +54,7 @@ class Sanding(Effect):
         return adhesion * (1 + self.k * sand)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [
             cls(k=0.05, build_up=up, decay=down) for up in (0.3, 1.0) for down in (0.3, 3.0, 8.0)
         ]

@@ -1,7 +1,7 @@
 """The wheel radius is not what the slip was calculated with."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -42,5 +42,5 @@ class SlipBias(Effect):
         return adhesion
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(bias=5e-4)]

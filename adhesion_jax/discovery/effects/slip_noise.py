@@ -1,7 +1,7 @@
 """The slip signal is noisy: its neighbours in time know the slip better than it does itself."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,6 +49,6 @@ class SlipNoise(Effect):
         return adhesion
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         step = float(np.median(np.diff(columns["time_s"])))
         return [cls(k=0.5, width=max(step, 0.01) * width) for width in (1.0, 2.0, 4.0, 8.0)]

@@ -1,7 +1,7 @@
 """Adhesion falls with slip velocity: Burckhardt's c4."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -42,5 +42,5 @@ class SlipSpeed(Effect):
         return adhesion * jnp.exp(-self.c4 * jnp.abs(slip) * conditions["vehicle_speed_mps"])
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(c4=0.01)]

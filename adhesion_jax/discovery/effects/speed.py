@@ -1,7 +1,7 @@
 """Adhesion falls with the speed of travel."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -52,5 +52,5 @@ class Speed(Effect):
         return adhesion * (1 + self.k * (relative - 1))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=0.1, reference=float(np.median(columns["vehicle_speed_mps"])))]

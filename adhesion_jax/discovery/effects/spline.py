@@ -1,7 +1,7 @@
 """A column whose influence has no formula: a smooth curve through the data."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -60,7 +60,7 @@ class Spline(Effect):
         return adhesion * jnp.maximum(1 + change, 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
         return [
             cls(*[0.02] * 5, low=low, high=high, column=name)

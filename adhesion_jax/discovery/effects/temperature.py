@@ -1,7 +1,7 @@
 """Adhesion changes with the temperature."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,5 +49,5 @@ class Temperature(Effect):
         )
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(k=1e-3, reference=float(np.median(columns["temperature_C"])))]

@@ -1,7 +1,7 @@
 """The force signal has an offset, such as the torque of losses."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -42,5 +42,5 @@ class TorqueOffset(Effect):
         return adhesion + self.offset * jnp.sign(slip)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(offset=0.002)]

@@ -1,7 +1,7 @@
 """A wheel out of round modulates the adhesion with its angle."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -48,5 +48,5 @@ class WheelOrder(Effect):
         return adhesion * (1 + self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Self]:
+    def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(sine=0.03, cosine=0.03, order=float(n)) for n in (1, 2, 3, 4, 5, 6)]
