@@ -69,7 +69,7 @@ def study(null: int, powers: int, seed: int, out: Path, discover: Discover) -> p
         if powers:
             counts = confusion(sets)
             counts.to_csv(stage / "confusion.csv")
-            draw_confusion(stage / "confusion.png", counts)
+            draw_confusion(stage / "confusion.png", counts, shares)
             draw_detection(stage / "detection.png", shares)
         metadata = {
             "config": {"null": null, "powers": powers, "seed": seed},

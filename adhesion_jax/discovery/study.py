@@ -136,7 +136,7 @@ def is_right(effect: str, name: str) -> bool:
 
 
 def rates(sets: pd.DataFrame) -> pd.DataFrame:
-    """Shares with their intervals: part, group, quantity, count, hits, rate, low, high."""
+    """Shares with their intervals: part, group, visible, quantity, count, hits, rate, low, high."""
     rows: list[dict[str, object]] = []
 
     def add(part: str, group: str, wanted: float, quantity: str, hits: pd.Series) -> None:
@@ -163,7 +163,9 @@ def rates(sets: pd.DataFrame) -> pd.DataFrame:
             for value in sorted(set(nulls[by])):
                 add("null", f"{by} {value}", np.nan, "claimed", claimed[nulls[by] == value])
     for part in ("power", "confusion"):
-        chosen = sets[sets["part"] == part]
+        # An effect that cannot become as visible as was wanted says nothing of that strength.
+        reached = ~(sets["visible"] < 0.8 * sets["wanted"])
+        chosen = sets[(sets["part"] == part) & reached]
         keys = chosen["wanted"].fillna(-1.0)
         for name in dict.fromkeys(chosen["planted"]):
             for level in sorted(set(keys[chosen["planted"] == name])):

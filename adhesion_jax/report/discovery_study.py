@@ -4,8 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from adhesion_jax.report.style import line_styles
 
@@ -14,57 +16,72 @@ def draw_detection(path: Path, rates: pd.DataFrame) -> None:
     """Share of sets with a claim, and with the right one, against the visible misfit."""
     power = rates[rates["part"] == "power"]
     names = list(dict.fromkeys(power["group"]))
-    styles = line_styles(names)
-    figure = Figure(figsize=(11, 5.5), layout="constrained")
+    lines = {"detected": "an effect is claimed", "in_class": "the planted one is in a class"}
+    styles = line_styles(list(lines))
+    rows = -(-len(names) // 3)
+    figure = Figure(figsize=(11, 1.2 + 2.6 * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    titles = {"detected": "an effect is claimed", "in_class": "the right one is in a class"}
-    for axes, (quantity, title) in zip(panels, titles.items(), strict=True):
-        shown = power[power["quantity"] == quantity]
-        for place, name in enumerate(names):
-            line = shown[shown["group"] == name].sort_values("visible")
-            # Side by side, so that the bars of the intervals do not cover each other.
-            shift = 1.03 ** (place - len(names) / 2)
-            below = line["rate"] - line["low"]
-            above = line["high"] - line["rate"]
+    panels = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
+    for axes in panels.flat[len(names) :]:
+        axes.set_axis_off()
+    for axes, name in zip(panels.flat, names, strict=False):
+        for place, (quantity, label) in enumerate(lines.items()):
+            line = power[(power["group"] == name) & (power["quantity"] == quantity)]
+            line = line.sort_values("visible")
+            spread = [line["rate"] - line["low"], line["high"] - line["rate"]]
             axes.errorbar(
-                line["visible"] * shift,
+                # Side by side, so that the bars of the intervals do not cover each other.
+                line["visible"] * (0.97, 1.03)[place],
                 line["rate"],
-                np.maximum(np.stack([below, above]), 0.0),
-                label=name,
-                capsize=2,
-                elinewidth=0.6,
-                **styles[name],
+                np.maximum(np.stack(spread), 0.0),
+                label=label,
+                capsize=3,
+                **styles[quantity],
             )
-        axes.set(xscale="log", ylim=(-0.03, 1.03), title=title)
-        axes.set_xlabel("misfit left by the refitted base curve, rms (sigma of the noise)")
+        axes.set(xscale="log", ylim=(-0.05, 1.05), title=name)
         axes.grid(color="0.9")
     ticks = sorted(set(power["visible"]))
-    panels[0].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    panels[0].minorticks_off()
-    panels[0].set_ylabel("share of sets, with 95 % intervals (1)")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    panels[0, 0].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    panels[0, 0].minorticks_off()
+    figure.supxlabel("misfit left by the refitted base curve, rms (sigma of the noise)")
+    figure.supylabel("share of sets, with 95 % intervals (1)")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2)
     figure.savefig(path, dpi=150)
 
 
-def draw_confusion(path: Path, counts: pd.DataFrame) -> None:
-    """Share of the sets of each planted effect, in grey; the number of sets is written in."""
-    size = (4 + 0.32 * counts.shape[1], 2.5 + 0.3 * len(counts))
-    figure = Figure(figsize=size, layout="constrained")
+def draw_confusion(path: Path, counts: pd.DataFrame, rates: pd.DataFrame) -> None:
+    """Share of the sets of each planted effect, in grey; the number of sets is written in.
+
+    On the right, of the same sets, those with the planted effect in a class that was reported.
+    """
+    figure = Figure(
+        figsize=(4.5 + 0.26 * counts.shape[1], 2.5 + 0.24 * len(counts)), layout="constrained"
+    )
     FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    totals = counts.sum(axis=1).to_numpy()
-    shares = counts.to_numpy() / np.maximum(totals, 1)[:, None]
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(counts.shape[1], 1))
+    totals = np.maximum(counts.sum(axis=1).to_numpy(), 1)[:, None]
+    chosen = rates[(rates["part"] == "confusion") & (rates["quantity"] == "in_class")]
+    hits = chosen.set_index("group")["hits"].reindex(counts.index).to_numpy()[:, None]
+    image = _grey(left, counts.to_numpy(), totals)
+    _grey(right, hits, totals)
+    left.set_xticks(range(counts.shape[1]), counts.columns.astype(str), rotation=90)
+    left.set_yticks(range(len(counts)), counts.index.astype(str))
+    left.set(xlabel="first name reported", ylabel="planted effect")
+    right.set_xticks([0], ["in a class"], rotation=90)
+    label = "share of the sets with that effect (1); numbers: sets"
+    figure.colorbar(image, ax=right, label=label, fraction=0.8, aspect=35)
+    figure.savefig(path, dpi=150)
+
+
+def _grey(axes: Axes, counts: np.ndarray, totals: np.ndarray) -> AxesImage:
+    shares = counts / totals
     image = axes.imshow(shares, cmap="Greys", vmin=0.0, vmax=1.0, aspect="auto")
-    for (row, column), count in np.ndenumerate(counts.to_numpy()):
+    for (row, column), count in np.ndenumerate(counts):
         if count:
             colour = "white" if shares[row, column] > 0.5 else "black"
-            axes.text(column, row, f"{count}", ha="center", va="center", color=colour, fontsize=7)
-    axes.set_xticks(range(counts.shape[1]), counts.columns.astype(str), rotation=90, fontsize=8)
-    axes.set_yticks(range(len(counts)), counts.index.astype(str), fontsize=8)
-    axes.set(xlabel="first name reported", ylabel="planted effect")
-    figure.colorbar(image, ax=axes, label="share of the sets with that effect (1)", shrink=0.6)
-    figure.savefig(path, dpi=150)
+            axes.text(column, row, f"{count:.0f}", ha="center", va="center", color=colour)
+    return image
 
 
 def study_text(rates: pd.DataFrame, sets: pd.DataFrame) -> str:
