@@ -42,27 +42,36 @@ def misfit(
 ) -> float:
     """Rms of what the base law leaves of the clean adhesion of some runs, refitted by them."""
     needed = {name: jnp.asarray(conditions[name])[rows] for name in law.NEEDS}
-    seen, wanted = jnp.asarray(slip[rows]), jnp.asarray(clean[rows])
+    return refitted(law, slip[rows], clean[rows], needed)[1]
+
+
+def refitted(
+    law: Curve, slip: np.ndarray, adhesion: np.ndarray, conditions: Conditions
+) -> tuple[Curve, float]:
+    """The law with its free parameters by bounded least squares from where they are; the rms left.
+
+    Arrays of one shape; `conditions` holds what the law needs.
+    """
     start = np.asarray(free_values(law))
     lower, upper = (np.asarray(bound) for bound in physical_box(law))
-    arrays = jax.tree.map(jnp.asarray, law)
+    known = jax.tree.map(jnp.asarray, law), jnp.asarray(slip), jnp.asarray(adhesion)
     fitted = least_squares(
-        lambda values: np.asarray(_residual(arrays, jnp.asarray(values), seen, wanted, needed)),
+        lambda values: np.asarray(_residual(jnp.asarray(values), *known, conditions)),
         start,
-        jac=lambda values: np.asarray(_jacobian(arrays, jnp.asarray(values), seen, wanted, needed)),
+        jac=lambda values: np.asarray(_jacobian(jnp.asarray(values), *known, conditions)),
         bounds=(lower, upper),
         x_scale=np.abs(start),
         max_nfev=60,
     )
-    return rms(fitted.fun)
+    return with_free_values(law, jnp.asarray(fitted.x)), rms(fitted.fun)
 
 
 @eqx.filter_jit
 def _residual(
-    law: Curve,
     values: Float[Array, " free"],
-    slip: Float[Array, "runs points"],
-    adhesion: Float[Array, "runs points"],
+    law: Curve,
+    slip: Float[Array, "*shape"],
+    adhesion: Float[Array, "*shape"],
     conditions: Conditions,
 ) -> Float[Array, " rows"]:
     return jnp.ravel(with_free_values(law, values)(slip, conditions) - adhesion)
@@ -70,13 +79,13 @@ def _residual(
 
 @eqx.filter_jit
 def _jacobian(
-    law: Curve,
     values: Float[Array, " free"],
-    slip: Float[Array, "runs points"],
-    adhesion: Float[Array, "runs points"],
+    law: Curve,
+    slip: Float[Array, "*shape"],
+    adhesion: Float[Array, "*shape"],
     conditions: Conditions,
 ) -> Float[Array, "rows free"]:
-    return jax.jacfwd(lambda at: _residual(law, at, slip, adhesion, conditions))(values)
+    return jax.jacfwd(lambda at: _residual(at, law, slip, adhesion, conditions))(values)
 
 
 def rms(values: np.ndarray) -> float:

@@ -70,7 +70,7 @@ def draw_confusion(path: Path, counts: pd.DataFrame, rates: pd.DataFrame) -> Non
     left.set(xlabel="first name reported", ylabel="planted effect")
     right.set_xticks([0], ["in a class"], rotation=90)
     label = "share of the sets with that effect (1); numbers: sets"
-    figure.colorbar(image, ax=right, label=label, fraction=0.8, aspect=35)
+    figure.colorbar(image, ax=[left, right], label=label, fraction=0.03, pad=0.02, aspect=35)
     figure.savefig(path, dpi=150)
 
 
