@@ -1,0 +1,102 @@
+"""The discovery beside general methods: a table over all sets, and a figure."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from adhesion_jax.report.style import line_styles
+
+
+def summarised(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row a method: shares removed, names right and false, harm done, seconds a set."""
+    table = []
+    for method in dict.fromkeys(rows["method"]):
+        own = rows[rows["method"] == method]
+        null = own["planted"] == "nothing"
+        real = own[~null]
+        removed = real["removed"].dropna()
+        table.append(
+            {
+                "method": method,
+                "sets": len(real),
+                "removed_median": removed.median(),
+                "removed_lower_quartile": removed.quantile(0.25),
+                "removed_90": int((removed >= 0.9).sum()),
+                "removed_of": len(removed),
+                "sets_with_right_name": int((real["right_names"] > 0).sum()),
+                "sets_with_false_name": int((real["false_names"] > 0).sum()),
+                "nulls": int(null.sum()),
+                "nulls_with_name": int((own[null]["false_names"] > 0).sum()),
+                "worse": int(real["worse"].sum()),
+                "nulls_worse": int(own[null]["worse"].sum()),
+                "seconds_median": own["seconds"].median(),
+            }
+        )
+    return pd.DataFrame(table)
+
+
+def peers_text(summary: pd.DataFrame) -> str:
+    """The table as a person reads it."""
+    shown = pd.DataFrame(
+        {
+            "method": summary["method"],
+            "removed, median / lower quartile": [
+                f"{median:.3f} / {quartile:.3f}"
+                for median, quartile in zip(
+                    summary["removed_median"], summary["removed_lower_quartile"], strict=True
+                )
+            ],
+            "removed >= .9": _of(summary["removed_90"], summary["removed_of"]),
+            "right name": _of(summary["sets_with_right_name"], summary["sets"]),
+            "false name": _of(summary["sets_with_false_name"], summary["sets"]),
+            "null with a name": _of(summary["nulls_with_name"], summary["nulls"]),
+            "worse": _of(summary["worse"], summary["sets"]),
+            "null worse": _of(summary["nulls_worse"], summary["nulls"]),
+            "s a set": summary["seconds_median"].map("{:.2f}".format),
+        }
+    )
+    return "On held-out runs; of the sets with hidden effects unless null\n" + shown.to_string(
+        index=False
+    )
+
+
+def draw_peers(path: Path, rows: pd.DataFrame) -> None:
+    """Share of the removable error that each method removes, sets in the order of the first."""
+    real = rows[rows["planted"] != "nothing"].dropna(subset=["removed"])
+    methods = list(dict.fromkeys(rows["method"]))
+    styles = line_styles(methods)
+    first = real[real["method"] == methods[0]].sort_values("removed")
+    order = list(first["set"])
+    figure = Figure(figsize=(10, 2.5 + 0.28 * max(len(order), 4)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for place, method in enumerate(methods):
+        own = real[real["method"] == method].set_index("set").reindex(order)
+        shift = 0.12 * (place - (len(methods) - 1) / 2)
+        style = {**styles[method], "linestyle": "none"}
+        axes.plot(
+            np.clip(own["removed"].to_numpy(float), -0.3, None),
+            np.arange(len(order)) + shift,
+            label=method,
+            **style,
+        )
+    planted = first.set_index("set")["planted"]
+    axes.set_yticks(range(len(order)), [f"{name}: {planted[name]}" for name in order])
+    axes.axvline(0.0, color="0.3", linewidth=0.8)
+    axes.axvline(1.0, color="0.3", linewidth=0.8, linestyle="--")
+    axes.grid(axis="y", color="0.9")
+    axes.set(
+        xlim=(-0.33, 1.08),
+        xlabel="share of the removable squared error removed on held-out runs (1); "
+        "left edge: -.3 or less",
+        ylabel="set: planted effects",
+    )
+    figure.legend(loc="outside upper center", ncols=len(methods))
+    figure.savefig(path, dpi=150)
+
+
+def _of(count: pd.Series, total: pd.Series) -> list[str]:
+    return [f"{part} of {whole}" for part, whole in zip(count, total, strict=True)]
