@@ -41,6 +41,7 @@ def discover(
     seed: int = 0,
     progress: Callable[[str, float], None] = _silent,
     source: str = "",
+    citation: str = "",
 ) -> Findings:
     """What effects the runs show that an adhesion curve alone does not.
 
@@ -81,6 +82,7 @@ def discover(
         warnings=warnings,
         seed=seed,
         source=source,
+        citation=citation,
         began=began,
     )
 
@@ -151,4 +153,5 @@ def _on_all_runs(problem: Problem, state: Selection) -> Selection:
     """The same effects, fitted to all runs."""
     noise = state.setting.noise._replace(weight=problem.points)
     setting = Setting(problem, noise, state.fitted.adhesion)
-    return settled(setting, state.fits, state.accepted, state.ranking)
+    final = settled(setting, state.fits, state.accepted, state.ranking)
+    return final._replace(thresholds=state.thresholds)

@@ -102,3 +102,4 @@ class Findings(NamedTuple):
     thresholds: tuple[float, ...] = ()
     #: What the slip of the points is: slip_ratio or slip_velocity_mps.
     slip: str = "slip_ratio"
+    citation: str = ""  # whose data they are

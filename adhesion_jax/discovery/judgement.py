@@ -6,7 +6,7 @@ import numpy as np
 
 from adhesion_jax.discovery.fitting import Setting, fit_model
 from adhesion_jax.discovery.program import whitened
-from adhesion_jax.discovery.selection import Accepted, Selection, parts_of, settled
+from adhesion_jax.discovery.selection import Accepted, Selection, parts_of, without
 
 #: Effects of the slip alone: what the wrong base curve leaves looks like one of them.
 _OF_SHAPE = ("slip_bias", "torque_offset")
@@ -29,7 +29,7 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[str]]:
                     f"The shape of the base curve is in doubt: {effect.name} would improve the fit "
                     f"of {state.base}, but not that of {base}; it is not counted as an effect."
                 )
-                state = settled(state.setting, state.fits, rest, state.ranking)
+                state = without(state, rest)
                 break
     return state, words
 
@@ -75,7 +75,7 @@ def vetoed(state: Selection, held_out: np.ndarray, seed: int) -> tuple[Selection
             f"prediction of the others (it does in {100 * raised:.0f} % of bootstrap samples of "
             "them); it is not counted as an effect."
         )
-        state = settled(state.setting, state.fits, rest, state.ranking)
+        state = without(state, rest)
     return state, words
 
 

@@ -18,6 +18,9 @@ _SHARE_LEFT = 0.03
 
 _FLIPS = 1999
 
+#: An effect is accepted at this p, adjusted for the whole library.
+SIGNIFICANT = 0.01
+
 
 class Score(NamedTuple):
     """What a start of an entry would explain, before any refit."""
@@ -26,6 +29,7 @@ class Score(NamedTuple):
     start: Effect
     z: float  # of its chi-square, as a standard normal deviate
     p: float  # adjusted for the whole library by sign flips of runs
+    needed: float  # the z whose adjusted p is that of acceptance
 
 
 def screen(
@@ -72,10 +76,11 @@ def screen(
     )
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(runs, _FLIPS))
     largest = z_of(by_run @ signs).max(axis=0)
-    scores = {}
+    needed = float(np.quantile(largest, 1 - SIGNIFICANT))
+    scores: dict[tuple[str, type], Score] = {}
     for (entry, start), z in zip(starts, observed, strict=True):
         p = (1 + np.sum(largest >= z)) / (1 + _FLIPS)
-        score = Score(entry, start, float(z), float(p))
+        score = Score(entry, start, float(z), float(p), needed)
         key = (entry.name, type(start))
         if key not in scores or scores[key].z < z:
             scores[key] = score

@@ -13,10 +13,9 @@ from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.noise import estimate_noise
 from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
-from adhesion_jax.discovery.screening import Score, screen
+from adhesion_jax.discovery.screening import SIGNIFICANT, Score, screen
 
-#: An effect is accepted at this adjusted p and this share of the loss, one standard error over it.
-SIGNIFICANT = 0.01
+#: An effect is accepted at this share of the loss, one standard error over it.
 _LEAST_GAIN = 0.003
 
 #: How many causes and how many plain columns are refitted in each round.
@@ -64,6 +63,7 @@ class Selection(NamedTuple):
     base: str
     accepted: tuple[Accepted, ...]
     ranking: tuple[Candidate, ...]
+    thresholds: tuple[float, ...] = ()  # by round, the z needed for acceptance
 
     @property
     def fitted(self) -> Fitted:
@@ -95,6 +95,8 @@ def search(
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
         open_entries = _open(entries, state)
         scores = screen(state.setting, state.fitted, open_entries, seed + number)
+        needed = scores[0].needed if scores else np.nan
+        state = state._replace(thresholds=(*state.thresholds, needed))
         found = _next(state, scores, SIGNIFICANT, number)
         if len(parts_of(found.accepted)) == len(parts_of(state.accepted)):
             progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
@@ -125,7 +127,7 @@ def _scanned(state: Selection, pairs: Sequence[Entry], seed: int) -> Sequence[Sc
     scores = list(screen(state.setting, state.fitted, open_pairs, seed)) if open_pairs else []
     taken = [effect.name for effect in state.accepted]
     scores += [
-        Score(entry, entry.starts[0], float(stats.norm.isf(p)), p)
+        Score(entry, entry.starts[0], float(stats.norm.isf(p)), p, np.nan)
         for entry, p in waves(state.setting, state.fitted, taken, seed)
     ]
     return sorted(scores, key=lambda score: (score.p, -score.z))
@@ -147,6 +149,12 @@ def settled(
     base = min(fits, key=lambda name: bic(fits[name]))
     parts = _refreshed(accepted, fits[base].effects)
     return Selection(setting, fits, base, parts, tuple(ranking))
+
+
+def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
+    """The state with only some of its effects."""
+    less = settled(state.setting, state.fits, rest, state.ranking)
+    return less._replace(thresholds=state.thresholds)
 
 
 def _with_noise(setting: Setting, fitted: Fitted) -> Setting:
@@ -220,7 +228,7 @@ def _joined(
         accepted = (*state.accepted, new)
     fits = {**state.fits, state.base: chosen.fitted}
     start = _started(accepted, chosen)
-    return settled(setting, fits, start, ranking)
+    return settled(setting, fits, start, ranking)._replace(thresholds=state.thresholds)
 
 
 def _started(accepted: Sequence[Accepted], chosen: _Trial) -> tuple[Accepted, ...]:
@@ -375,7 +383,7 @@ def _pruned(state: Selection) -> Selection:
                 gains.sum() > _standard_error(gains) and gains.sum() > _LEAST_GAIN * whole.sum()
             )
             if not needed:
-                state = settled(state.setting, state.fits, rest, state.ranking)
+                state = without(state, rest)
                 break
         else:
             return state

@@ -40,6 +40,7 @@ def summarise(
     warnings: Sequence[str],
     seed: int,
     source: str,
+    citation: str,
     began: float,
 ) -> Findings:
     """The findings; `plain` has no effects, `final` those that were found, both on all runs."""
@@ -88,6 +89,9 @@ def summarise(
         _points(runs, record, before, after),
         predictions,
         time.perf_counter() - began,
+        final.thresholds,
+        runs.slip,
+        citation,
     )
 
 

@@ -13,7 +13,7 @@ from adhesion_jax.report.discovery_figures import FIGURES, draw_discovery
 from adhesion_jax.report.discovery_html import discovery_html
 from adhesion_jax.report.discovery_markdown import aligned, discovery_markdown
 from adhesion_jax.report.discovery_tables import effects_table, errors_table, ranking
-from adhesion_jax.report.discovery_words import axis, candidates
+from adhesion_jax.report.discovery_words import candidates
 from adhesion_jax.report.discovery_words import verdict as verdict
 from adhesion_jax.report.page import Table
 
@@ -56,7 +56,7 @@ def report_json(findings: Findings) -> dict[str, object]:
         "effects": [_effect(effect) for effect in findings.effects],
         "unexplained": [
             {
-                "axis": axis(effect),
+                "axis": effect.name,
                 "p_adjusted": _plain(effect.p_adjusted),
                 "rmse_after": _plain(effect.rmse_after),
             }

@@ -32,7 +32,7 @@ def page(findings: Findings) -> Page:
         verdict(findings),
         [
             _errors(findings),
-            _data(),
+            _data(findings),
             *_effects(findings),
             *_dependence(findings),
             *_residual(findings),
@@ -72,7 +72,7 @@ def _errors(findings: Findings) -> Section:
     )
 
 
-def _data() -> Section:
+def _data(findings: Findings) -> Section:
     return Section(
         "Data and law",
         [
@@ -81,7 +81,8 @@ def _data() -> Section:
                 "The measured points under all their conditions, and the law before and after "
                 "at the median of every column. What of the scatter comes from other "
                 "conditions is not in these lines.",
-            )
+            ),
+            *([Paragraph(one_line(findings.citation))] if findings.citation else []),
         ],
     )
 
