@@ -66,7 +66,8 @@ def discover(
         state, doubts = doubtful(state)
     state, vetoes = vetoed(state, held_out, seed)
     warnings += [*doubts, *vetoes]
-    line = torsion(state.setting, state.fitted)
+    noisy = any(effect.name == "slip_noise" for effect in state.accepted)
+    line = None if noisy else torsion(state.setting, state.fitted)
     progress("fitting all runs", 0.85)
     final = _on_all_runs(problem, state)
     plain = settled(Setting(problem, final.setting.noise, final.setting.level), fits, (), ())

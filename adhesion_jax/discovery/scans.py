@@ -23,6 +23,9 @@ _FEW_BINS = 1024
 #: Axes along which waves are looked for: the condition, and the effect that explains one.
 _AXES = {"position_m": "rail_joint", "wheel_angle_rad": "wheel_order"}
 
+#: A line in time must go through so many waves in a run: slower ones are the excitation's.
+_WAVES = 6
+
 #: Neighbouring frequencies whose median is the level that a line must stand out from.
 _NEIGHBOURS = 12
 
@@ -175,7 +178,7 @@ def torsion(setting: Setting, fitted: Fitted) -> Torsion | None:
     if whole.sum() < 4 or step.size == 0 or np.ptp(step) > 0.01 * np.median(step):
         return None
     points = weight.shape[1]
-    power = (np.abs(np.fft.rfft(fitted.residual[whole], axis=1)) ** 2).sum(0)[2:-1]
+    power = (np.abs(np.fft.rfft(fitted.residual[whole], axis=1)) ** 2).sum(0)[_WAVES:-1]
     level = np.array(
         [
             np.median(
@@ -191,9 +194,9 @@ def torsion(setting: Setting, fitted: Fitted) -> Torsion | None:
     p = float(power.size * stats.gamma.sf(ratio[best] * (runs - 1 / 3), runs))
     if p > SCAN_SIGNIFICANT:
         return None
-    frequency = (best + 2) / points / float(np.median(step))
+    frequency = (best + _WAVES) / points / float(np.median(step))
     r = float(setting.noise.autocorrelation)
-    gain = abs(1 - r * np.exp(-2j * np.pi * (best + 2) / points)) / np.sqrt(1 - r**2)
+    gain = abs(1 - r * np.exp(-2j * np.pi * (best + _WAVES) / points)) / np.sqrt(1 - r**2)
     excess = max(power[best] - level[best], 0.0) / runs
     amplitude = 2 * np.sqrt(excess) / points * float(setting.noise.sigma) / gain
     return Torsion(frequency, float(amplitude), min(p, 1.0))

@@ -11,7 +11,7 @@ from scipy.special import gammaln
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.fitting import Fitted, Setting, packed
 from adhesion_jax.discovery.library import Entry
-from adhesion_jax.discovery.program import PROBES, changes
+from adhesion_jax.discovery.program import PROBES, changes, whitened
 
 #: A probe that keeps less than this share of itself beside the model cannot be told from it.
 _SHARE_LEFT = 0.03
@@ -53,29 +53,15 @@ def screen(
 
     owners = np.array(owner)
     blocks = [np.flatnonzero((owners == place) & heard) for place in range(len(starts))]
-    whiteners = [_root(flat[:, block]) for block in blocks]
-    run = np.nonzero(np.asarray(setting.noise.weight) > 0)[0]
-    runs = int(run.max()) + 1
-
-    def z_of(sums: np.ndarray) -> np.ndarray:
-        """[starts, flips] from sums over points [probes, flips]."""
-        return np.stack(
-            [
-                _as_normal(np.sum((root @ sums[block]) ** 2, axis=0), root.shape[0])
-                for block, root in zip(blocks, whiteners, strict=True)
-            ]
-        )
-
-    observed = z_of((flat.T @ residual)[:, None])[:, 0]
-    best = int(np.argmax(observed))
-    block = flat[:, blocks[best]]
-    if blocks[best].size:
+    along = _levels(setting)
+    test = _Test(flat, blocks, along)
+    observed = test.deviates(test.sums(residual, along), np.ones((along.run.max() + 1, 1)))[:, 0]
+    block = flat[:, blocks[int(np.argmax(observed))]]
+    if block.size:
         residual = residual - block @ np.linalg.lstsq(block, residual, rcond=None)[0]
-    by_run = np.stack(
-        [np.bincount(run, weights=column * residual, minlength=runs) for column in flat.T]
-    )
+    runs = along.run.max() + 1
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(runs, _FLIPS))
-    largest = z_of(by_run @ signs).max(axis=0)
+    largest = test.deviates(test.sums(residual, along), signs).max(axis=0)
     needed = float(np.quantile(largest, 1 - SIGNIFICANT))
     scores: dict[tuple[str, type], Score] = {}
     for (entry, start), z in zip(starts, observed, strict=True):
@@ -85,6 +71,80 @@ def screen(
         if key not in scores or scores[key].z < z:
             scores[key] = score
     return tuple(sorted(scores.values(), key=lambda score: -score.z))
+
+
+class _Levels(NamedTuple):
+    """The direction in which the level of each run acts, of length one in each run."""
+
+    run: np.ndarray  # [points]
+    direction: np.ndarray  # [points]
+
+
+def _levels(setting: Setting) -> _Levels:
+    weight = np.asarray(setting.noise.weight)
+    flat_noise = setting.noise._replace(run_scatter=np.array(0.0))
+    direction = np.asarray(whitened(flat_noise, setting.level, setting.level[None]))[0]
+    size = np.sqrt((direction**2).sum(axis=1, keepdims=True))
+    return _Levels(np.nonzero(weight > 0)[0], (direction / np.maximum(size, 1e-300))[weight > 0])
+
+
+class _Sums(NamedTuple):
+    """Scores of each run, [probes, runs]: of its level, and of what changes within it."""
+
+    level: np.ndarray
+    within: np.ndarray
+    levels: np.ndarray  # [runs]: the level of each run in the residual
+
+
+class _Test:
+    """Likelihood ratios of blocks of probes, the variance of the levels of runs unknown.
+
+    The residual is split into the level c of each run and the rest e. For a block of k probes with
+    the least squares b its statistic is m ln(c'c/(c - A b)'(c - A b)) + e'e - (e - E b)'(e - E b),
+    m = R - 1 - (k + 1)/2 after Bartlett 1937. Without the logarithm a cause that acts from run to
+    run could explain no more than the number of runs, for the variance of the levels is estimated
+    from the same residual.
+    """
+
+    def __init__(self, flat: np.ndarray, blocks: Sequence[np.ndarray], along: _Levels) -> None:
+        self._flat = flat
+        self._level_of_probe = np.stack(
+            [np.bincount(along.run, weights=column * along.direction) for column in flat.T]
+        )
+        self._blocks = []
+        for block in blocks:
+            level = self._level_of_probe[block]
+            outer = level @ level.T
+            inner = flat[:, block].T @ flat[:, block] - outer
+            self._blocks.append((block, _root(flat[:, block]), outer, inner))
+
+    def sums(self, residual: np.ndarray, along: _Levels) -> _Sums:
+        levels = np.bincount(along.run, weights=residual * along.direction)
+        level = self._level_of_probe * levels
+        whole = np.stack(
+            [np.bincount(along.run, weights=column * residual) for column in self._flat.T]
+        )
+        return _Sums(level, whole - level, levels)
+
+    def deviates(self, sums: _Sums, signs: np.ndarray) -> np.ndarray:
+        """Normal deviates of every block under every choice of the signs of the runs."""
+        level, within = sums.level @ signs, sums.within @ signs
+        energy = float((sums.levels**2).sum())
+        runs = int((np.abs(sums.levels) > 0).sum())
+        found = []
+        for block, root, outer, inner in self._blocks:
+            freedom = root.shape[0]
+            if freedom == 0:
+                found.append(np.full(signs.shape[1], -np.inf))
+                continue
+            b = root.T @ (root @ (level[block] + within[block]))
+            explained = 2 * (b * level[block]).sum(0) - (b * (outer @ b)).sum(0)
+            left = np.clip(1 - explained / max(energy, 1e-300), 1e-12, None)
+            rest = 2 * (b * within[block]).sum(0) - (b * (inner @ b)).sum(0)
+            factor = max(runs - 1 - (freedom + 1) / 2, 1.0)
+            statistic = rest - factor * np.log(left)
+            found.append(_as_normal(np.maximum(statistic, 0.0), freedom))
+        return np.stack(found)
 
 
 def telling(
