@@ -8,11 +8,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.discovery.effects.history import has_history, rate
+from adhesion_jax.discovery.effects.history import has_history, smoothed
 from adhesion_jax.scenarios import Record
 
 #: Radius in m that turns a rolled distance into an angle where no angle was measured.
 _NOMINAL_RADIUS = 0.46
+
+#: Seconds over which a speed is smoothed before its slope is taken for the acceleration.
+_ACCELERATION_WIDTH = 0.5
 
 #: Columns that stand in for one another, the first there is counts.
 _TEMPERATURES = ("temperature_C", "rail_temperature_C", "tread_temperature_C")
@@ -51,7 +54,8 @@ def completed(
         speed = conditions["vehicle_speed_mps"]
         conditions["slip_velocity_mps"] = jnp.abs(slip) * speed
         if has_history(measured):
-            conditions.setdefault("acceleration_mps2", rate(speed, measured))
+            smooth = smoothed(jnp.asarray(speed), conditions["time_s"], _ACCELERATION_WIDTH)
+            conditions.setdefault("acceleration_mps2", smooth[1])
             step = jnp.diff(conditions["time_s"], prepend=conditions["time_s"][:1])
             rolled = jnp.cumsum(speed * (1 + slip) * step)
             conditions.setdefault("wheel_angle_rad", rolled / _NOMINAL_RADIUS)

@@ -4,8 +4,9 @@ import numpy as np
 
 from adhesion_jax.discovery.program import Noise
 
-#: An autocorrelation beyond this is structure, not noise; whitening by more would erase it.
-_MOST = 0.97
+#: An autocorrelation beyond this is mostly what the law still lacks: whitening by more would leave
+#: only the fastest changes to judge by, and a curve that fits them alone.
+_MOST = 0.7
 
 
 def white_noise(points: np.ndarray, sigma: float) -> Noise:

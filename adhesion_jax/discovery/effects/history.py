@@ -74,8 +74,8 @@ _REACH = 12
 
 def smoothed(
     signal: Float[Array, " points"], time: Float[Array, " points"], width: Scalar
-) -> Float[Array, " points"]:
-    """A local straight line through the neighbours, weighted by exp(-(dt/width)^2/2).
+) -> tuple[Float[Array, " points"], Float[Array, " points"]]:
+    """Level and slope of a local straight line, neighbours weighted by exp(-(dt/width)^2/2).
 
     At most twelve neighbours on either side take part; beyond the ends of the run there are none.
     """
@@ -85,8 +85,9 @@ def smoothed(
     lead = time[places] - time[:, None]
     weight = jnp.where(inside, jnp.exp(-0.5 * (lead / width) ** 2), 0.0)
     total, first, second = (jnp.sum(weight * lead**power, axis=1) for power in (0, 1, 2))
-    level, slope = (jnp.sum(weight * lead**power * signal[places], axis=1) for power in (0, 1))
+    level, tilt = (jnp.sum(weight * lead**power * signal[places], axis=1) for power in (0, 1))
     spread = total * second - first**2
     flat = spread <= 1e-12 * total * second
-    line = (second * level - first * slope) / jnp.where(flat, 1.0, spread)
-    return jnp.where(flat, level / total, line)
+    safe = jnp.where(flat, 1.0, spread)
+    line = jnp.where(flat, level / total, (second * level - first * tilt) / safe)
+    return line, jnp.where(flat, 0.0, (total * tilt - first * level) / safe)

@@ -38,7 +38,7 @@ class SlipNoise(Effect):
         if not has_history(conditions):
             return slip
         time = jnp.asarray(conditions["time_s"])
-        return slip + self.k * (smoothed(slip, time, self.width) - slip)
+        return slip + self.k * (smoothed(slip, time, self.width)[0] - slip)
 
     def after(
         self,
