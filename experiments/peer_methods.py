@@ -114,6 +114,14 @@ PEERS: Mapping[str, Callable[[pd.DataFrame, pd.DataFrame, Base], Prediction]] = 
 }
 
 
+def predicted(method: str, train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
+    """By a method of PEERS on one thread: more threads than free cores slow it down tenfold."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        return PEERS[method](train, test, base)
+
+
 def _trees(problem: Problem, test: pd.DataFrame, base: Base) -> Prediction:
     from sklearn.ensemble import HistGradientBoostingRegressor
 
