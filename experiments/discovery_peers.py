@@ -20,7 +20,7 @@ from adhesion_jax.report.discovery_peers import draw_peers, peers_text, summaris
 from experiments.command import output_directory, run
 from experiments.discovery_tables import discover_tables
 from experiments.peer_features import fit_base
-from experiments.peer_methods import PEERS
+from experiments.peer_methods import PEERS, predicted
 from experiments.peer_sets import PeerSet, is_right_column, simulated_sets, stored_sets
 
 OWN_FILES = ("peer_sets.csv", "peers.csv", "peers.png", "metadata.json")
@@ -96,7 +96,7 @@ def compared(part: PeerSet, methods: Sequence[str], discover: Discover, seed: in
             seconds = time.perf_counter() - began
             judge = partial(_names_effect, part.effects)
         else:
-            answer = PEERS[method](part.train, part.test, base)
+            answer = predicted(method, part.train, part.test, base)
             seconds = time.perf_counter() - began + base_seconds
             before, after = rms(measured - base.test), rms(measured - answer.adhesion)
             names = answer.named

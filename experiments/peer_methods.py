@@ -27,7 +27,7 @@ class Prediction(NamedTuple):
 
 
 def sparse_regression(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
-    """STLSQ on all terms up to the second degree; its threshold cross-validated by run."""
+    """STLSQ on all terms up to the second degree; threshold and ridge cross-validated by run."""
     from pysindy import STLSQ
 
     problem = make_problem(train, test, base, dynamic=False)
@@ -42,21 +42,28 @@ def sparse_regression(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Pr
     library, test_library = library / spread, test_library / spread
     scale = rms(problem.residual)
 
-    def fit(threshold: float, rows: np.ndarray) -> np.ndarray:
+    def fit(setting: tuple[float, float], rows: np.ndarray) -> np.ndarray:
+        threshold, ridge = setting
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that a threshold has left no term is an answer
-            solver = STLSQ(threshold=threshold, alpha=1e-3, max_iter=10)
+            solver = STLSQ(threshold=threshold, alpha=ridge * rows.size, max_iter=10)
             solver.fit(library[rows], problem.residual[rows, None] / scale)
         return np.asarray(solver.coef_).ravel() * scale
 
-    def fitted_with(threshold: float, rows: np.ndarray) -> np.ndarray:
-        return library @ fit(threshold, rows)
+    def fitted_with(setting: tuple[float, float], rows: np.ndarray) -> np.ndarray:
+        return library @ fit(setting, rows)
 
+    # There are more terms than runs: without a ridge, columns constant in a run run wild.
+    settings = [
+        (threshold, ridge)
+        for threshold in (0.04, 0.08, 0.12, 0.2, 0.4, 1e3)
+        for ridge in (1e-6, 0.01, 0.1)
+    ]
     errors = {
-        threshold: _cross_validated(problem, partial(fitted_with, threshold))
-        for threshold in (0.03, 0.06, 0.12, 0.25, 0.5, 1e3)
+        setting: float(_cross_validated(problem, partial(fitted_with, setting)).mean())
+        for setting in settings
     }
-    weights = fit(_simplest(errors), np.arange(len(library)))
+    weights = fit(min(errors, key=lambda setting: errors[setting]), np.arange(len(library)))
     chosen = {problem.columns[j] for term, w in zip(terms, weights, strict=True) if w for j in term}
     return Prediction(
         _unfolded(test_library @ weights, test, base),
@@ -114,6 +121,14 @@ PEERS: Mapping[str, Callable[[pd.DataFrame, pd.DataFrame, Base], Prediction]] = 
 }
 
 
+def predicted(method: str, train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
+    """By a method of PEERS on one thread: more threads than free cores slow it down tenfold."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        return PEERS[method](train, test, base)
+
+
 def _trees(problem: Problem, test: pd.DataFrame, base: Base) -> Prediction:
     from sklearn.ensemble import HistGradientBoostingRegressor
 
@@ -144,17 +159,6 @@ def _cross_validated(problem: Problem, predict: Callable[[np.ndarray], np.ndarra
         kept = np.setdiff1d(np.arange(len(problem.residual)), fold)
         squared[fold] = (problem.residual[fold] - predict(kept)[fold]) ** 2
     return np.array([squared[problem.runs == run].mean() for run in np.unique(problem.runs)])
-
-
-def _simplest(errors: Mapping[float, np.ndarray]) -> float:
-    """The largest threshold within one standard error of the best, over runs."""
-    best = min(errors, key=lambda threshold: float(errors[threshold].mean()))
-    close = []
-    for threshold, error in errors.items():
-        worse = error - errors[best]
-        if worse.mean() <= worse.std(ddof=1) / np.sqrt(worse.size):
-            close.append(threshold)
-    return max(close)
 
 
 def _important(

@@ -7,6 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from adhesion_jax.curves import free_values, physical_box, with_free_values
+from adhesion_jax.discovery.effects import EFFECTS
+from adhesion_jax.discovery.law import with_effects
 from adhesion_jax.discovery.planted import EXTRA_COLUMNS, PLANTABLE
 from adhesion_jax.discovery.simulated_runs import FAMILIES
 from adhesion_jax.discovery.simulator import (
@@ -127,6 +129,15 @@ def test_the_stated_errors_of_the_test_set_are_recomputed(effects):
     # The base at the measured speed, where the truth has the true one, and only this base has any.
     effect = rms(campaign.clean - base_adhesion(campaign.curve, table))
     assert campaign.test_rms_effect == pytest.approx(effect, rel=1e-3)
+
+
+def test_exact_effects_are_those_that_a_corrected_law_wears():
+    campaign = simulate(["load_slope", "humidity"], seed=10, base="kiencke", noise=QUIET)
+    effects = tuple(EFFECTS[name](**campaign.parameters[name]) for name in campaign.truth)
+    table = campaign.test
+    columns = {name: jnp.asarray(table[name].to_numpy(float)) for name in COLUMNS}
+    law = with_effects(campaign.curve, effects, columns["slip_ratio"], columns)
+    np.testing.assert_allclose(law, campaign.clean, atol=1e-12)
 
 
 def test_slip_noise_is_white_on_the_slip_signal_and_of_the_stated_size():

@@ -1,6 +1,7 @@
 """The discovery beside general methods: a table over all sets, and a figure."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -76,7 +77,7 @@ def draw_peers(path: Path, rows: pd.DataFrame) -> None:
     for place, method in enumerate(methods):
         own = real[real["method"] == method].set_index("set").reindex(order)
         shift = 0.12 * (place - (len(methods) - 1) / 2)
-        style = {**styles[method], "linestyle": "none"}
+        style: dict[str, Any] = {**styles[method], "linestyle": "none"}
         axes.plot(
             np.clip(own["removed"].to_numpy(float), -0.3, None),
             np.arange(len(order)) + shift,
