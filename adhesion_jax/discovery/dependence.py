@@ -7,7 +7,7 @@ import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.findings import Dependence
-from adhesion_jax.discovery.fitting import covariance, packed
+from adhesion_jax.discovery.fitting import covariance, packed, size_of
 from adhesion_jax.discovery.noise import white_noise
 from adhesion_jax.discovery.program import PROBES, Data, Model, changes
 from adhesion_jax.discovery.selection import Selection
@@ -84,7 +84,7 @@ def _factors(
 ) -> np.ndarray:
     """Adhesion with the parts over adhesion without any effect, [draws, runs, points]."""
     data = _at(state, columns)
-    model = packed(state.setting, state.fitted, state.fitted.effects)
+    model = packed(state.setting, state.fitted, state.fitted.effects, _size(state))
     kind = np.zeros_like(model.kind)
     kind[list(parts)] = model.kind[list(parts)]
 
@@ -121,6 +121,10 @@ def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
     ]
     stacked += [np.ones(problem.points.shape)] * (len(problem.data.columns) - len(stacked))
     return Data(slip, problem.data.adhesion, conditions, np.stack(stacked))
+
+
+def _size(state: Selection) -> tuple[int, int]:
+    return size_of(state.base, state.fitted.effects)
 
 
 def _banded(name: str, column: str, unit: str, grid: np.ndarray, factors: np.ndarray) -> Dependence:

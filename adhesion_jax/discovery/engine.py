@@ -26,6 +26,9 @@ from adhesion_jax.scenarios import Record
 #: Share of the runs that no effect is selected on: it must raise their likelihood too.
 _HELD_OUT = 0.25
 
+#: Effects whose imperfect form leaves lines in the spectrum of time.
+_LIKE_TORSION = ("slip_noise", "rail_joint", "wheel_order")
+
 #: A campaign of more points is thinned: they would say no more of effects, only take longer.
 _POINTS = 40_000
 
@@ -66,7 +69,7 @@ def discover(
         state, doubts = doubtful(state)
     state, vetoes = vetoed(state, held_out, seed)
     warnings += [*doubts, *vetoes]
-    noisy = any(effect.name == "slip_noise" for effect in state.accepted)
+    noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
     line = None if noisy else torsion(state.setting, state.fitted)
     progress("fitting all runs", 0.85)
     final = _on_all_runs(problem, state)

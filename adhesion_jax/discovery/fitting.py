@@ -19,7 +19,7 @@ from adhesion_jax.discovery.program import (
 )
 
 #: Sizes of the program: (slots, free parameters). The larger is compiled when it is needed.
-_SIZES = ((4, 18), (10, 48))
+_SIZES = ((6, 24), (12, 60))
 
 #: Folds of cross-validation: each run its own, up to this many.
 _FOLDS = 40
@@ -61,7 +61,8 @@ def fit_model(
 ) -> Fitted:
     """The least squares of a curve with effects, from where its parameters are."""
     effects = in_order(effects)
-    model = _packed(setting.problem, base, base_values, effects)
+    size = size_of(base, effects)
+    model = pack(base, base_values, effects, setting.problem.columns, *size)
     found = fit(model, setting.problem.data, setting.noise, setting.level)
     free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
     values = np.asarray(found.values)
@@ -79,24 +80,24 @@ def fit_model(
     )
 
 
-def packed(setting: Setting, fitted: Fitted, effects: Sequence[Effect]) -> Model:
-    """The model of a fit with other effects, as numbers."""
-    return _packed(setting.problem, fitted.base, fitted.base_values.tolist(), in_order(effects))
+def packed(
+    setting: Setting, fitted: Fitted, effects: Sequence[Effect], size: tuple[int, int]
+) -> Model:
+    """The model of a fit with other effects, as numbers, for a program of that size."""
+    values = fitted.base_values.tolist()
+    return pack(fitted.base, values, in_order(effects), setting.problem.columns, *size)
+
+
+def size_of(base: str, effects: Sequence[Effect]) -> tuple[int, int]:
+    """The smallest program that such a model fits into."""
+    parameters = len(BASES[base].free) + sum(len(effect_places(0, effect)) for effect in effects)
+    fitting = (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1])
+    return next(fitting, _SIZES[-1])
 
 
 def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """From the contact outwards."""
     return tuple(sorted(effects, key=lambda effect: effect.ORDER))
-
-
-def _packed(
-    problem: Problem, base: str, base_values: Sequence[float], effects: Sequence[Effect]
-) -> Model:
-    parameters = len(BASES[base].free) + sum(len(effect_places(0, effect)) for effect in effects)
-    slots, free = next(
-        (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1]), _SIZES[-1]
-    )
-    return pack(base, base_values, effects, problem.columns, slots, free)
 
 
 def held_out_loss(fitted: Fitted) -> np.ndarray:

@@ -15,6 +15,7 @@ FAMILIES: Mapping[str, str] = {
     **dict.fromkeys(
         ("speed", "slip_speed", "falling_friction", "contact_heating"), "slip velocity"
     ),
+    "covariate:acceleration_mps2": "load_transfer",
     "covariate:slip_velocity_mps": "slip velocity",
     "covariate:vehicle_speed_mps": "slip velocity",
     **dict.fromkeys(("load_peak", "load_slope", "covariate:normal_load_N"), "load"),

@@ -162,7 +162,7 @@ def _builder(name: str, columns: Columns, generator: np.random.Generator) -> Bui
             centre = float(np.quantile(columns["position_m"], draw(0.3, 0.7)))
             return _strength("depth", build(centre=centre, width=draw(50.0, 110.0), flatness=2.0))
         case "cleaning":
-            return _strength("k", build(work=draw(0.3, 1.0)))
+            return _strength("k", build(work=draw(0.3, 1.0), load_power=1.0))
         case "sanding":
             return _strength("k", build(build_up=1.0, decay=draw(3.0, 10.0)))
         case "axle_position":
@@ -176,7 +176,7 @@ def _builder(name: str, columns: Columns, generator: np.random.Generator) -> Bui
         case "lag":
             return _strength("time_constant", build())
         case "hysteresis":
-            return _strength("k", build(rate=draw(0.01, 0.04)))
+            return _strength("k", build(rate=draw(0.01, 0.04), memory=0.0))
         case "lateral_creep":
             return _strength("gain", build(offset=0.0))
         case "slip_bias":
@@ -185,9 +185,9 @@ def _builder(name: str, columns: Columns, generator: np.random.Generator) -> Bui
             return _strength("offset", build())
         case "wheel_order" | "rail_joint":
             wave = (
-                build(order=float(generator.integers(1, 4)))
+                build(sine2=0.0, cosine2=0.0, order=float(generator.integers(1, 4)))
                 if name == "wheel_order"
-                else build(length=draw(9.0, 33.0))
+                else build(sine2=0.0, cosine2=0.0, length=draw(9.0, 33.0))
             )
             return lambda amount: wave(sine=amount * sine, cosine=amount * cosine)
         case "drift":

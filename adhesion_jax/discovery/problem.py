@@ -29,7 +29,6 @@ _CONSTANT = 1e-9
 #: A label of its own for a column that follows from measured ones.
 _MEASURED_AS = {
     "campaign_time": "time_s",
-    "acceleration_mps2": "vehicle_speed_mps",
     "wheel_angle_rad": "position_m",
     "lateral_measure": "curvature_per_m",
 }

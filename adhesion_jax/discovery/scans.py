@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from adhesion_jax.discovery.effects import EFFECTS, Periodic, Product
+from adhesion_jax.discovery.effects import Effect, Periodic, Product
+from adhesion_jax.discovery.effects.rail_joint import RailJoint
+from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 from adhesion_jax.discovery.fitting import Fitted, Setting
 from adhesion_jax.discovery.library import FAMILIES, Entry
 from adhesion_jax.discovery.problem import Problem, label_of
@@ -91,12 +93,12 @@ def waves(setting: Setting, fitted: Fitted, taken: Sequence[str], seed: int) -> 
     return found
 
 
-def _start(axis: str, effect: str, frequency: float):  # type: ignore[no-untyped-def]
+def _start(axis: str, effect: str, frequency: float) -> Effect:
     if effect == "rail_joint":
-        return EFFECTS[effect](sine=0.01, cosine=0.01, length=1 / frequency)
+        return RailJoint(0.01, 0.01, 0.0, 0.0, length=1 / frequency)
     if effect == "wheel_order":
-        return EFFECTS[effect](sine=0.01, cosine=0.01, order=2 * np.pi * frequency)
-    return Periodic(sine=0.01, cosine=0.01, frequency=frequency, column=axis)
+        return WheelOrder(0.01, 0.01, 0.0, 0.0, order=2 * np.pi * frequency)
+    return Periodic(0.01, 0.01, frequency, column=axis)
 
 
 def _many_values(values: np.ndarray) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from adhesion_jax.discovery.effects import Effect
-from adhesion_jax.discovery.fitting import Fitted, Setting, packed
+from adhesion_jax.discovery.fitting import Fitted, Setting, packed, size_of
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.program import PROBES, changes, whitened
 
@@ -17,6 +17,9 @@ from adhesion_jax.discovery.program import PROBES, changes, whitened
 _SHARE_LEFT = 0.03
 
 _FLIPS = 1999
+
+#: So many entries are taken for real when the null distribution is drawn.
+_PROJECTED = 5
 
 #: An effect is accepted at this p, adjusted for the whole library.
 SIGNIFICANT = 0.01
@@ -39,8 +42,9 @@ def screen(
 
     Each start is switched on a little, strength by strength; what that changes, with the model's
     own Jacobian projected out, is held against the residual. Significance is by flipping the signs
-    of whole runs, after the most telling start has been projected out of the residual, and the
-    largest z over the library is compared: p is adjusted for everything that was looked at.
+    of whole runs, after the most telling entries have been projected out of the residual (what is
+    really there would else be taken for noise), and the largest z over the library is compared: p
+    is adjusted for everything that was looked at.
     """
     starts = [(entry, start) for entry in entries for start in entry.starts]
     probes, owner = [], []
@@ -53,15 +57,16 @@ def screen(
 
     owners = np.array(owner)
     blocks = [np.flatnonzero((owners == place) & heard) for place in range(len(starts))]
-    along = _levels(setting)
-    test = _Test(flat, blocks, along)
-    observed = test.deviates(test.sums(residual, along), np.ones((along.run.max() + 1, 1)))[:, 0]
-    block = flat[:, blocks[int(np.argmax(observed))]]
+    parts = _parts(flat, residual, setting)
+    first = _deviates(blocks, parts, np.ones((parts.levels.size, 1)), None)[:, 0]
+    block = flat[:, np.concatenate([blocks[place] for place in _most_telling(starts, first)])]
+    left = residual
     if block.size:
-        residual = residual - block @ np.linalg.lstsq(block, residual, rcond=None)[0]
-    runs = along.run.max() + 1
-    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(runs, _FLIPS))
-    largest = test.deviates(test.sums(residual, along), signs).max(axis=0)
+        left = residual - block @ np.linalg.lstsq(block, residual, rcond=1e-3)[0]
+    noise = _parts(flat, left, setting)
+    observed = _deviates(blocks, parts, np.ones((parts.levels.size, 1)), noise)[:, 0]
+    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(noise.levels.size, _FLIPS))
+    largest = _deviates(blocks, noise, signs, noise).max(axis=0)
     needed = float(np.quantile(largest, 1 - SIGNIFICANT))
     scores: dict[tuple[str, type], Score] = {}
     for (entry, start), z in zip(starts, observed, strict=True):
@@ -73,78 +78,82 @@ def screen(
     return tuple(sorted(scores.values(), key=lambda score: -score.z))
 
 
-class _Levels(NamedTuple):
-    """The direction in which the level of each run acts, of length one in each run."""
-
-    run: np.ndarray  # [points]
-    direction: np.ndarray  # [points]
-
-
-def _levels(setting: Setting) -> _Levels:
-    weight = np.asarray(setting.noise.weight)
-    flat_noise = setting.noise._replace(run_scatter=np.array(0.0))
-    direction = np.asarray(whitened(flat_noise, setting.level, setting.level[None]))[0]
-    size = np.sqrt((direction**2).sum(axis=1, keepdims=True))
-    return _Levels(np.nonzero(weight > 0)[0], (direction / np.maximum(size, 1e-300))[weight > 0])
+def _most_telling(starts: Sequence[tuple[Entry, Effect]], observed: np.ndarray) -> Sequence[int]:
+    """The places of the best starts of the best entries."""
+    chosen: dict[str, int] = {}
+    for place in np.argsort(-observed, kind="stable"):
+        chosen.setdefault(starts[place][0].name, int(place))
+        if len(chosen) == _PROJECTED:
+            break
+    return list(chosen.values())
 
 
-class _Sums(NamedTuple):
-    """Scores of each run, [probes, runs]: of its level, and of what changes within it."""
+class _Parts(NamedTuple):
+    """Scores of each run, split into those of its level and those of what changes within it."""
 
-    level: np.ndarray
-    within: np.ndarray
+    level: np.ndarray  # [probes, runs]
+    within: np.ndarray  # [probes, runs]
     levels: np.ndarray  # [runs]: the level of each run in the residual
+    outer: np.ndarray  # [probes, probes]: products of the probes' levels, summed over runs
+    inner: np.ndarray  # [probes, probes]: products of what they change within runs
 
 
-class _Test:
-    """Likelihood ratios of blocks of probes, the variance of the levels of runs unknown.
+def _parts(flat: np.ndarray, residual: np.ndarray, setting: Setting) -> _Parts:
+    weight = np.asarray(setting.noise.weight)
+    unlevelled = setting.noise._replace(run_scatter=np.array(0.0))
+    level = np.asarray(whitened(unlevelled, setting.level, setting.level[None]))[0]
+    size = np.sqrt((level**2).sum(axis=1, keepdims=True))
+    direction = (level / np.maximum(size, 1e-300))[weight > 0]
+    run = np.nonzero(weight > 0)[0]
 
-    The residual is split into the level c of each run and the rest e. For a block of k probes with
-    the least squares b its statistic is m ln(c'c/(c - A b)'(c - A b)) + e'e - (e - E b)'(e - E b),
-    m = R - 1 - (k + 1)/2 after Bartlett 1937. Without the logarithm a cause that acts from run to
-    run could explain no more than the number of runs, for the variance of the levels is estimated
-    from the same residual.
+    def by_run(columns: np.ndarray) -> np.ndarray:
+        ends = np.flatnonzero(np.diff(run, prepend=-1))
+        return np.add.reduceat(columns, ends, axis=0).T
+
+    probe_levels = by_run(flat * direction[:, None])
+    levels = by_run(residual[:, None] * direction[:, None])[0]
+    level_scores = probe_levels * levels
+    scores = by_run(flat * residual[:, None])
+    outer = probe_levels @ probe_levels.T
+    return _Parts(level_scores, scores - level_scores, levels, outer, flat.T @ flat - outer)
+
+
+def _deviates(
+    blocks: Sequence[np.ndarray], parts: _Parts, signs: np.ndarray, noise: _Parts | None
+) -> np.ndarray:
+    """Likelihood ratios of blocks of probes as normal deviates, [blocks, choices of signs].
+
+    With the level c of each run, what changes within runs e, and the least squares b of a block
+    of k probes, the statistic is m ln(c'c/(c - A b)'(c - A b)) + (e'e - (e - E b)'(e - E b))/v.
+    The variance of the levels is unknown: m = R - 1 - (k + 1)/2 after Bartlett 1937. (Against a
+    fixed variance, estimated from the same residual, a cause that acts from run to run could
+    explain no more than the number of runs.) v is how much more the scores of the runs in `noise`
+    scatter than independent points would, for the correlation within runs is known only about.
     """
-
-    def __init__(self, flat: np.ndarray, blocks: Sequence[np.ndarray], along: _Levels) -> None:
-        self._flat = flat
-        self._level_of_probe = np.stack(
-            [np.bincount(along.run, weights=column * along.direction) for column in flat.T]
-        )
-        self._blocks = []
-        for block in blocks:
-            level = self._level_of_probe[block]
-            outer = level @ level.T
-            inner = flat[:, block].T @ flat[:, block] - outer
-            self._blocks.append((block, _root(flat[:, block]), outer, inner))
-
-    def sums(self, residual: np.ndarray, along: _Levels) -> _Sums:
-        levels = np.bincount(along.run, weights=residual * along.direction)
-        level = self._level_of_probe * levels
-        whole = np.stack(
-            [np.bincount(along.run, weights=column * residual) for column in self._flat.T]
-        )
-        return _Sums(level, whole - level, levels)
-
-    def deviates(self, sums: _Sums, signs: np.ndarray) -> np.ndarray:
-        """Normal deviates of every block under every choice of the signs of the runs."""
-        level, within = sums.level @ signs, sums.within @ signs
-        energy = float((sums.levels**2).sum())
-        runs = int((np.abs(sums.levels) > 0).sum())
-        found = []
-        for block, root, outer, inner in self._blocks:
-            freedom = root.shape[0]
-            if freedom == 0:
-                found.append(np.full(signs.shape[1], -np.inf))
-                continue
-            b = root.T @ (root @ (level[block] + within[block]))
-            explained = 2 * (b * level[block]).sum(0) - (b * (outer @ b)).sum(0)
-            left = np.clip(1 - explained / max(energy, 1e-300), 1e-12, None)
-            rest = 2 * (b * within[block]).sum(0) - (b * (inner @ b)).sum(0)
-            factor = max(runs - 1 - (freedom + 1) / 2, 1.0)
-            statistic = rest - factor * np.log(left)
-            found.append(_as_normal(np.maximum(statistic, 0.0), freedom))
-        return np.stack(found)
+    level, within = parts.level @ signs, parts.within @ signs
+    energy = max(float((parts.levels**2).sum()), 1e-300)
+    found = []
+    for block in blocks:
+        outer, inner = parts.outer[np.ix_(block, block)], parts.inner[np.ix_(block, block)]
+        if noise is not None and block.size:
+            scatter = noise.within[block] @ noise.within[block].T
+            excess = np.trace(np.linalg.pinv(inner, rcond=1e-3, hermitian=True) @ scatter)
+            excess = max(float(excess) / block.size, 1.0)
+        else:
+            excess = 1.0
+        root = _root(outer + inner / excess)
+        freedom = root.shape[0]
+        if freedom == 0:
+            found.append(np.full(signs.shape[1], -np.inf))
+            continue
+        b = root.T @ (root @ (level[block] + within[block] / excess))
+        explained = 2 * (b * level[block]).sum(0) - (b * (outer @ b)).sum(0)
+        rest = 2 * (b * within[block]).sum(0) - (b * (inner @ b)).sum(0)
+        factor = max(parts.levels.size - 1 - (freedom + 1) / 2, 1.0)
+        kept = np.clip(1 - explained / energy, 1e-12, None)
+        statistic = rest / excess - factor * np.log(kept)
+        found.append(_as_normal(np.maximum(statistic, 0.0), freedom))
+    return np.stack(found)
 
 
 def telling(
@@ -172,7 +181,8 @@ def telling(
 
 def _changes(setting: Setting, fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
     """What each probe adds to the prediction, in units of the noise, [probes, runs, points]."""
-    models = [packed(setting, fitted, (*fitted.effects, probe)) for probe in probes]
+    size = max(size_of(fitted.base, (*fitted.effects, probe)) for probe in probes)
+    models = [packed(setting, fitted, (*fitted.effects, probe), size) for probe in probes]
     found = []
     for first in range(0, len(models), PROBES):
         some = models[first : first + PROBES]
@@ -185,11 +195,11 @@ def _changes(setting: Setting, fitted: Fitted, probes: Sequence[Effect]) -> np.n
     return np.concatenate(found)
 
 
-def _root(block: np.ndarray) -> np.ndarray:
-    """W with W'W the inverse of block' block, its near-singular directions left out."""
-    if block.shape[1] == 0:
+def _root(gram: np.ndarray) -> np.ndarray:
+    """W with W'W the inverse of a Gram matrix, its near-singular directions left out."""
+    if gram.shape[1] == 0:
         return np.zeros((0, 0))
-    values, vectors = np.linalg.eigh(block.T @ block)
+    values, vectors = np.linalg.eigh(gram)
     kept = values > 1e-3 * values.max()
     return (vectors[:, kept] / np.sqrt(values[kept])).T
 

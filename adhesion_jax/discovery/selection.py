@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from adhesion_jax.discovery.bases import bic, refits
+from adhesion_jax.discovery.bases import bic, first_fits, refits
 from adhesion_jax.discovery.effects import Covariate, Effect, Spline
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss
@@ -30,11 +30,21 @@ _COLUMN_ERRORS, _COLUMN_LOSS, _COLUMN_GAIN = 2.0, 0.01, 0.15
 #: A cause that explains this share of what a plain column on it does, has the wrong form only.
 _SAME_CAUSE = 0.5
 
+#: By so many standard deviations the best cause must stand out more when noise is taken for white.
+_CLEARER = 2.0
+
 #: Causes within so many standard errors and this share of the gain are one class.
 _CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
 
+#: A likelihood ratio below exp(2) decides nothing, however small the gain.
+_CLASS_LEAST = 2.0
+
 #: A second effect of a family that gains less than this share of the first refines its form.
 _MATTER_OF_FORM = 0.25
+
+#: So does one of any family below this share, if it rests on no column of its own.
+_SMALL_MATTER = 0.05
+_ALWAYS_THERE = ("slip_ratio", "slip_velocity_mps", "vehicle_speed_mps", "time_s")
 
 
 #: Families whose effects noise in the slip looks like.
@@ -97,17 +107,45 @@ def search(
         scores = screen(state.setting, state.fitted, open_entries, seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
-        found = _next(state, scores, SIGNIFICANT, number)
-        if len(parts_of(found.accepted)) == len(parts_of(state.accepted)):
+        chosen, significant = state, SIGNIFICANT
+        if number == 0:
+            # Two looks at the same data: each must be twice as sure.
+            significant = SIGNIFICANT / 2
+            white, others = _uncoloured(state, open_entries, seed)
+            if others and others[0].z > scores[0].z + _CLEARER:
+                chosen, scores = white, others
+        found = _next(chosen, scores, significant, number)
+        if not _grown(found, state):
+            state = state._replace(ranking=found.ranking)
             progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
-            scanned = _scanned(found, pairs, seed + number)
-            found = _next(found, scanned, SCAN_SIGNIFICANT, number)
-        if len(parts_of(found.accepted)) == len(parts_of(state.accepted)):
+            scanned = _scanned(state, pairs, seed + number)
+            found = _next(state, scanned, SCAN_SIGNIFICANT, number)
+        if not _grown(found, state):
             return found
         state = _pruned(found)
         if len(state.accepted) < len(found.accepted):
             break
     return state
+
+
+def _grown(state: Selection, before: Selection) -> bool:
+    return len(parts_of(state.accepted)) > len(parts_of(before.accepted))
+
+
+def _uncoloured(
+    state: Selection, entries: Sequence[Entry], seed: int
+) -> tuple[Selection, Sequence[Score]]:
+    """The state and its scores as if the noise of neighbours were independent.
+
+    What is missing may itself be what correlates them. A curve fitted to fast changes alone then
+    hides the cause: one that follows the slip late fits a curve without a rise.
+    """
+    noise = state.setting.noise._replace(autocorrelation=np.array(0.0))
+    setting = Setting(state.setting.problem, noise, state.setting.level)
+    fits = first_fits(setting, tuple(state.fits))
+    base = min(fits, key=lambda name: bic(fits[name]))
+    white = state._replace(setting=setting, fits=fits, base=base)
+    return white, screen(setting, white.fitted, entries, seed)
 
 
 def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
@@ -219,16 +257,30 @@ def _joined(
     ranking: Sequence[Candidate],
 ) -> Selection:
     """The chosen effect as one of its own, or as a refinement of one of its family."""
-    kin = [effect for effect in state.accepted if effect.family == new.family]
-    same_columns = new.generic and kin and {*new.covariates} <= {*kin[0].covariates}
-    if kin and (same_columns or new.gain < _MATTER_OF_FORM * kin[0].gain):
-        whole = kin[0]._replace(parts=(*kin[0].parts, *new.parts))
-        accepted = tuple(whole if effect is kin[0] else effect for effect in state.accepted)
+    kin = next((effect for effect in state.accepted if _matter_of_form(new, effect)), None)
+    if kin is not None:
+        whole = kin._replace(parts=(*kin.parts, *new.parts))
+        accepted = tuple(whole if effect is kin else effect for effect in state.accepted)
     else:
         accepted = (*state.accepted, new)
     fits = {**state.fits, state.base: chosen.fitted}
     start = _started(accepted, chosen)
     return settled(setting, fits, start, ranking)._replace(thresholds=state.thresholds)
+
+
+def _matter_of_form(new: Accepted, old: Accepted) -> bool:
+    """Whether what is new only mends the formula of what was accepted before.
+
+    A plain column of the same effect does, one of its family that gains much less does, and so does
+    a small gain by anything that rests on nothing but its columns, slip, speed and time: that is
+    what a formula leaves that is a little wrong.
+    """
+    own = {*new.covariates}
+    if new.generic and own <= {*old.covariates}:
+        return True
+    if new.family == old.family:
+        return new.gain < _MATTER_OF_FORM * old.gain
+    return own <= {*old.covariates, *_ALWAYS_THERE} and new.gain < _SMALL_MATTER * old.gain
 
 
 def _started(accepted: Sequence[Accepted], chosen: _Trial) -> tuple[Accepted, ...]:
@@ -321,9 +373,10 @@ def _class(trials: Sequence[_Trial], chosen: _Trial, gain: float) -> tuple[str, 
     for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
         behind = trial.losses - chosen.losses
         close = behind.sum() <= _CLASS_ERRORS * _standard_error(behind) + 1e-9
+        allowed = max(_CLASS_GAIN * gain, _CLASS_LEAST)
         if trial.score.entry.generic != chosen.score.entry.generic:
             continue
-        if trial is chosen or (close and behind.sum() <= _CLASS_GAIN * gain):
+        if trial is chosen or (close and behind.sum() <= allowed):
             members[trial.score.entry.name] = None
     name = chosen.score.entry.name
     return (name, *(member for member in members if member != name))

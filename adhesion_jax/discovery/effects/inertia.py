@@ -25,7 +25,7 @@ class Inertia(Effect):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {}
-    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "time_s")
+    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "acceleration_mps2", "time_s")
     ORDER: ClassVar[int] = 2
 
     def before(
@@ -41,7 +41,10 @@ class Inertia(Effect):
     ) -> Float[Array, "*shape"]:
         if not has_history(conditions):
             return adhesion
-        return adhesion + self.k * rate(conditions["vehicle_speed_mps"] * (1 + slip), conditions)
+        # The speed is noisy, the slip is not: their rates are taken over different times.
+        slipping = conditions["vehicle_speed_mps"] * rate(slip, conditions)
+        rolling = conditions["acceleration_mps2"] * (1 + slip)
+        return adhesion + self.k * (slipping + rolling)
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence[Effect]:

@@ -13,18 +13,22 @@ _SOURCE = "Grassie 2009, Proc. IMechE F 223:581-596"
 
 
 class RailJoint(Effect):
-    """mu (1 + a sin(2 pi x/L) + b cos(2 pi x/L)), x the position in m, L the length of a rail.
+    """mu (1 + wave(2 pi x/L)), a wave and its second harmonic, x in m, L the length of a rail.
 
     Source: Grassie 2009, Proc. IMechE F 223:581-596.
     """
 
     sine: Scalar
     cosine: Scalar
+    sine2: Scalar
+    cosine2: Scalar
     length: Scalar
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "sine": Parameter("1", -0.9, 0.9, "amplitude of the sine", _SOURCE),
         "cosine": Parameter("1", -0.9, 0.9, "amplitude of the cosine", _SOURCE),
+        "sine2": Parameter("1", -0.9, 0.9, "amplitude of the second sine", _SOURCE),
+        "cosine2": Parameter("1", -0.9, 0.9, "amplitude of the second cosine", _SOURCE),
         "length": Parameter("m", 0.5, 200.0, "distance from joint to joint", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sine", "cosine")
@@ -44,11 +48,13 @@ class RailJoint(Effect):
         conditions: Conditions,
     ) -> Float[Array, "*shape"]:
         phase = 2 * jnp.pi * conditions["position_m"] / self.length
-        return adhesion * (1 + self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase))
+        first = self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase)
+        second = self.sine2 * jnp.sin(2 * phase) + self.cosine2 * jnp.cos(2 * phase)
+        return adhesion * (1 + first + second)
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [
-            cls(sine=0.03, cosine=0.03, length=length)
+            cls(sine=0.03, cosine=0.03, sine2=0.0, cosine2=0.0, length=length)
             for length in (10.0, 12.5, 15.0, 18.0, 20.0, 25.0, 30.0, 36.0)
         ]

@@ -13,7 +13,7 @@ _SOURCE = "Iwnicki 2006, Handbook of Railway Vehicle Dynamics"
 
 
 class WheelOrder(Effect):
-    """mu (1 + a sin(n theta) + b cos(n theta)), theta the angle of the wheel in rad.
+    """mu (1 + wave(n theta)), a wave and its second harmonic, theta the wheel's angle in rad.
 
     Without an angle, the rolled distance over a nominal radius of .46 m; n is then no whole number.
     Source: Iwnicki 2006, chapter 4.
@@ -21,11 +21,15 @@ class WheelOrder(Effect):
 
     sine: Scalar
     cosine: Scalar
+    sine2: Scalar
+    cosine2: Scalar
     order: Scalar
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "sine": Parameter("1", -0.9, 0.9, "amplitude of the sine", _SOURCE),
         "cosine": Parameter("1", -0.9, 0.9, "amplitude of the cosine", _SOURCE),
+        "sine2": Parameter("1", -0.9, 0.9, "amplitude of the second sine", _SOURCE),
+        "cosine2": Parameter("1", -0.9, 0.9, "amplitude of the second cosine", _SOURCE),
         "order": Parameter("1", 0.2, 40.0, "waves a turn", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sine", "cosine")
@@ -45,8 +49,10 @@ class WheelOrder(Effect):
         conditions: Conditions,
     ) -> Float[Array, "*shape"]:
         phase = self.order * conditions["wheel_angle_rad"]
-        return adhesion * (1 + self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase))
+        first = self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase)
+        second = self.sine2 * jnp.sin(2 * phase) + self.cosine2 * jnp.cos(2 * phase)
+        return adhesion * (1 + first + second)
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence[Effect]:
-        return [cls(sine=0.03, cosine=0.03, order=float(n)) for n in (1, 2, 3, 4, 5, 6)]
+        return [cls(0.03, 0.03, 0.0, 0.0, order=float(n)) for n in (1, 2, 3, 4, 5, 6)]
