@@ -10,6 +10,7 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.law import CorrectedLaw
 from adhesion_jax.discovery.library import why_untested
+from adhesion_jax.discovery.noise import neighbours
 from adhesion_jax.discovery.problem import Problem, conditions_of
 from adhesion_jax.discovery.selection import Selection
 from adhesion_jax.scenarios import Record
@@ -105,10 +106,12 @@ def noise_words(state: Selection) -> tuple[str, ...]:
     weight = np.asarray(noise.weight) > 0
     runs = int(weight.any(1).sum())
     sentences = []
-    if float(noise.autocorrelation) > 0.05:
+    adhesion = np.asarray(state.setting.problem.data.adhesion)
+    correlation = neighbours(np.asarray(noise.weight), adhesion - fitted.adhesion, fitted.adhesion)
+    if correlation > 0.05:
         sentences.append(
-            f"Noise: neighbouring points of a run are correlated by "
-            f"{float(noise.autocorrelation):.2f}; intervals and p-values take that into account."
+            f"Noise: neighbouring points of a run are correlated by {correlation:.2f}; intervals "
+            "and p-values take that into account."
         )
     if float(noise.run_scatter) > 0.002 and runs > 2:
         sentences.append(
@@ -140,9 +143,8 @@ def noise_words(state: Selection) -> tuple[str, ...]:
                 "given are averages over all points."
             )
             break
-    adhesion = np.asarray(state.setting.problem.data.adhesion)[weight]
-    levels = np.unique(adhesion)
-    if levels.size > 2 and levels.size < 0.5 * adhesion.size:
+    levels = np.unique(adhesion[weight])
+    if levels.size > 2 and levels.size < 0.5 * white.size:
         step = float(np.median(np.diff(levels)))
         if step > 0.3 * float(noise.sigma):
             sentences.append(f"Noise: adhesion is given in steps of about {step:.2g}.")

@@ -26,11 +26,14 @@ from adhesion_jax.scenarios import Record
 #: Share of the runs that no effect is selected on: it must raise their likelihood too.
 _HELD_OUT = 0.25
 
+#: How often is searched anew without what the held-out runs reject.
+_SEARCHES = 3
+
 #: Effects whose imperfect form leaves lines in the spectrum of time.
 _LIKE_TORSION = ("slip_noise", "rail_joint", "wheel_order")
 
 #: A campaign of more points is thinned: they would say no more of effects, only take longer.
-_POINTS = 40_000
+_POINTS = 8_000
 
 
 def _silent(_words: str, _share: float) -> None:
@@ -62,13 +65,19 @@ def discover(
     progress("fitting the base curves", 0.05)
     selected_on = np.where(held_out[:, None], 0.0, problem.points)
     setting, fits = _started(problem, selected_on, bases)
-    state = search(setting, fits, library_of(problem), seed, progress)
-    progress("judging what was found", 0.75)
-    doubts: Sequence[str] = ()
-    if base == "auto" and bases != ("level",):
-        state, doubts = doubtful(state)
-    state, vetoes = vetoed(state, held_out, seed)
-    warnings += [*doubts, *vetoes]
+    entries = library_of(problem)
+    for _ in range(_SEARCHES):
+        state = search(setting, fits, entries, seed, progress)
+        progress("judging what was found", 0.75)
+        doubts: Sequence[str] = ()
+        if base == "auto" and bases != ("level",):
+            state, doubts = doubtful(state)
+        state, rejected = vetoed(state, held_out, seed)
+        warnings += [word for word in (*doubts, *rejected.values()) if word not in warnings]
+        if not rejected:
+            break
+        # What was rejected may have stood in the way of its like.
+        entries = tuple(entry for entry in entries if entry.name not in rejected)
     noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
     line = None if noisy else torsion(state.setting, state.fitted)
     progress("fitting all runs", 0.85)

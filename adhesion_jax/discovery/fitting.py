@@ -108,6 +108,9 @@ def held_out_loss(fitted: Fitted) -> np.ndarray:
     """
     runs = np.flatnonzero(np.abs(fitted.hessian).sum((1, 2)) > 0)
     loss = fitted.loss.copy()
+    if not runs.size:
+        # Not one point of the model was finite.
+        return np.full(loss.shape, np.inf)
     for fold in np.array_split(runs, min(_FOLDS, runs.size)):
         shift = step_without(fitted, fold)
         loss[fold] += fitted.gradient[fold] @ shift

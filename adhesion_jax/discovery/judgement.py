@@ -1,6 +1,6 @@
 """What was found is doubted twice: by every other base curve, and by runs it was not found on."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -47,9 +47,11 @@ def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
     )
 
 
-def vetoed(state: Selection, held_out: np.ndarray, seed: int) -> tuple[Selection, Sequence[str]]:
-    """Without the effects that do not raise the likelihood of the runs held out, and sentences."""
-    words: list[str] = []
+def vetoed(
+    state: Selection, held_out: np.ndarray, seed: int
+) -> tuple[Selection, Mapping[str, str]]:
+    """Without the effects that do not raise the likelihood of the runs held out; why, by name."""
+    words: dict[str, str] = {}
     if not held_out.any():
         return state, words
     weight = np.where(held_out[:, None], state.setting.problem.points, 0.0)
@@ -70,7 +72,7 @@ def vetoed(state: Selection, held_out: np.ndarray, seed: int) -> tuple[Selection
         if raised >= 0.5:
             place += 1
             continue
-        words.append(
+        words[effect.name] = (
             f"{effect.name} was found on three quarters of the runs, but does not improve the "
             f"prediction of the others (it does in {100 * raised:.0f} % of bootstrap samples of "
             "them); it is not counted as an effect."

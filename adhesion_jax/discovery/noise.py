@@ -4,9 +4,13 @@ import numpy as np
 
 from adhesion_jax.discovery.program import Noise
 
-#: An autocorrelation beyond this is mostly what the law still lacks: whitening by more would leave
-#: only the fastest changes to judge by, and a curve that fits them alone.
-_MOST = 0.7
+#: Beyond this autocorrelation neighbours are correlated by what the law lacks more than by noise.
+#: Whitening would leave only the fastest changes to judge by; points are then taken as they are,
+#: and what is claimed rests on the differences between runs, which is valid for any correlation.
+MOST = 0.7
+
+#: Points of a run below which its own level leaves no correlation to be seen.
+_SHORT = 5
 
 
 def white_noise(points: np.ndarray, sigma: float) -> Noise:
@@ -21,27 +25,45 @@ def estimate_noise(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) 
     of what is left, and the variance of the factors beyond what sigma explains is that of the
     runs. `weight` is the relative precision of each point, 0 where there is none.
     """
-    inside = weight > 0
-    scaled, direction = residual * weight, level * weight
-    size = np.maximum((direction**2).sum(1), 1e-300)
-    used = inside.any(1)
-    factor = np.where(used, (scaled * direction).sum(1) / size, 0.0)
-    left = np.where(inside, scaled - factor[:, None] * direction, 0.0)
-    freedom = max(inside.sum() - used.sum(), 1)
-    variance = float((left**2).sum() / freedom)
-    both = inside[:, 1:] & inside[:, :-1]
-    product = float((left[:, 1:] * left[:, :-1]).sum() / max(both.sum(), 1))
-    # What the level of each run takes out biases the correlation down by about (1 + 3r)/n.
-    length = max(inside.sum() / max(used.sum(), 1), 4.0)
-    raw = product / max(variance, 1e-300)
-    correlation = float(np.clip((raw + 1 / length) / (1 - 3 / length), 0.0, _MOST))
-    known = variance * (1 + correlation) / (1 - correlation) / size[used]
+    factor, size, left = _levels(weight, residual, level)
+    used = (weight > 0).any(1)
+    variance = float((left**2).sum() / max((weight > 0).sum() - used.sum(), 1))
+    raw = _correlation(weight, left)
+    known = variance * (1 + raw) / (1 - raw) / size[used]
     scatter = float(np.sum(factor[used] ** 2) / max(used.sum() - 1, 1) - known.mean())
-    if length < 5:
-        correlation = 0.0
     return Noise(
         weight,
         np.array(np.sqrt(max(variance, 1e-300))),
-        np.array(correlation),
+        np.array(raw if raw <= MOST else 0.0),
         np.array(np.sqrt(max(scatter, 0.0))),
     )
+
+
+def neighbours(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> float:
+    """The lag-one correlation of the residual within runs, whatever its size."""
+    return _correlation(weight, _levels(weight, residual, level)[2])
+
+
+def _levels(
+    weight: np.ndarray, residual: np.ndarray, level: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each run's own factor, its precision, both [runs], and the weighted residual without it."""
+    inside = weight > 0
+    scaled, direction = residual * weight, level * weight
+    size = np.maximum((direction**2).sum(1), 1e-300)
+    factor = np.where(inside.any(1), (scaled * direction).sum(1) / size, 0.0)
+    return factor, size, np.where(inside, scaled - factor[:, None] * direction, 0.0)
+
+
+def _correlation(weight: np.ndarray, left: np.ndarray) -> float:
+    inside = weight > 0
+    used = inside.any(1)
+    length = inside.sum() / max(used.sum(), 1)
+    if length < _SHORT:
+        return 0.0
+    both = inside[:, 1:] & inside[:, :-1]
+    variance = float((left**2).sum() / max(inside.sum() - used.sum(), 1))
+    product = float((left[:, 1:] * left[:, :-1]).sum() / max(both.sum(), 1))
+    # What the level of each run takes out biases the correlation down by about (1 + 3r)/n.
+    raw = (product / max(variance, 1e-300) + 1 / length) / (1 - 3 / length)
+    return float(np.clip(raw, 0.0, 0.995))

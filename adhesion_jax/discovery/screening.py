@@ -69,7 +69,9 @@ def screen(
     largest = _deviates(blocks, noise, signs, noise).max(axis=0)
     needed = float(np.quantile(largest, 1 - SIGNIFICANT))
     scores: dict[tuple[str, type], Score] = {}
-    for (entry, start), z in zip(starts, observed, strict=True):
+    for (entry, start), z, block in zip(starts, observed, blocks, strict=True):
+        if not block.size:
+            continue
         p = (1 + np.sum(largest >= z)) / (1 + _FLIPS)
         score = Score(entry, start, float(z), float(p), needed)
         key = (entry.name, type(start))
@@ -144,7 +146,7 @@ def _deviates(
         root = _root(outer + inner / excess)
         freedom = root.shape[0]
         if freedom == 0:
-            found.append(np.full(signs.shape[1], -np.inf))
+            found.append(np.zeros(signs.shape[1]))
             continue
         b = root.T @ (root @ (level[block] + within[block] / excess))
         explained = 2 * (b * level[block]).sum(0) - (b * (outer @ b)).sum(0)

@@ -222,6 +222,9 @@ def _next(state: Selection, scores: Sequence[Score], significant: float, number:
         rows = _ranked(number, scores, (), None, None, (), False)
         return state._replace(ranking=(*state.ranking, *rows))
     setting, now, trials = _trials(state, shortlist)
+    if not trials:
+        rows = _ranked(number, scores, (), None, None, (), False)
+        return state._replace(ranking=(*state.ranking, *rows))
     chosen = _choose(trials, now)
     gains = now.losses - chosen.losses
     total, error = float(gains.sum()), _standard_error(gains)
@@ -331,15 +334,24 @@ def _trials(
             return fit_model(setting, base, values, (*effects, score.start))
         return fit_model(setting, base, start.base_values.tolist(), start.effects)
 
-    first = [refit(state.setting, None, score) for score in shortlist]
-    best = min(first, key=lambda fitted: fitted.total)
+    tried = [(refit(state.setting, None, score), score) for score in shortlist]
+    first = [(fitted, score) for fitted, score in tried if np.isfinite(fitted.total)]
+    best = min((fitted for fitted, _ in first), key=lambda fitted: fitted.total)
     setting = _with_noise(state.setting, best)
     trials = []
-    for score, start in zip(shortlist, first, strict=True):
+    for start, score in first:
         fitted = refit(setting, start, score)
         trials.append(_Trial(score, fitted, held_out_loss(fitted)))
     now = fit_model(setting, base, values, effects)
-    return setting, _Trial(shortlist[0], now, held_out_loss(now)), trials
+    # Whitening may prefer what follows the fastest changes and misses all the others.
+    sane = [trial for trial in trials if _squares(setting, trial.fitted) < _squares(setting, now)]
+    return setting, _Trial(shortlist[0], now, held_out_loss(now)), sane
+
+
+def _squares(setting: Setting, fitted: Fitted) -> float:
+    """Weighted sum of squared errors of adhesion."""
+    error = (fitted.adhesion - np.asarray(setting.problem.data.adhesion)) * setting.noise.weight
+    return float((np.asarray(error) ** 2).sum())
 
 
 def _choose(trials: Sequence[_Trial], now: _Trial) -> _Trial:
