@@ -18,8 +18,8 @@ _NOMINAL_RADIUS = 0.46
 _ACCELERATION_WIDTH = 0.5
 
 #: Columns that stand in for one another, the first there is counts.
-_TEMPERATURES = ("temperature_C", "rail_temperature_C", "tread_temperature_C")
-_ANGLES = ("angle_of_attack_deg", "slip_angle_deg")
+TEMPERATURES = ("temperature_C", "rail_temperature_C", "tread_temperature_C")
+ANGLES = ("angle_of_attack_deg", "slip_angle_deg")
 
 
 class Calendar(NamedTuple):
@@ -47,7 +47,7 @@ def completed(
 ) -> Mapping[str, Float[Array, "..."]]:
     """The conditions of one run, or one steady state, with those that follow from them."""
     conditions = {name: jnp.asarray(values) for name, values in measured.items()}
-    for name in _TEMPERATURES:
+    for name in TEMPERATURES:
         if name in conditions:
             conditions.setdefault("temperature_C", conditions[name])
     if "vehicle_speed_mps" in conditions:
@@ -63,7 +63,7 @@ def completed(
         span = calendar.end - calendar.start
         conditions["campaign_time"] = (conditions[calendar.column] - calendar.start) / span
     conditions.setdefault("mode", jnp.sign(slip))
-    lateral = [jnp.tan(jnp.deg2rad(conditions[name])) for name in _ANGLES if name in conditions]
+    lateral = [jnp.tan(jnp.deg2rad(conditions[name])) for name in ANGLES if name in conditions]
     if "lateral_creepage" in conditions:
         conditions["lateral_measure"] = conditions["lateral_creepage"]
     elif lateral:

@@ -158,7 +158,7 @@ def _started(
     white = Setting(problem, white_noise(weight, max(sigma, 1e-12)), adhesion)
     fits = first_fits(white, bases)
     best = min(fits.values(), key=bic)
-    noise = estimate_noise(weight, adhesion - best.adhesion, best.adhesion)
+    noise = estimate_noise(weight, adhesion - best.adhesion, best.adhesion, problem.blocks)
     return Setting(problem, noise, best.adhesion), fits
 
 

@@ -18,13 +18,21 @@ def white_noise(points: np.ndarray, sigma: float) -> Noise:
     return Noise(points, np.array(sigma), np.array(0.0), np.array(0.0))
 
 
-def estimate_noise(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> Noise:
+def estimate_noise(
+    weight: np.ndarray, residual: np.ndarray, level: np.ndarray, blocks: bool
+) -> Noise:
     """From the residual and the adhesion predicted, both [runs, points], by moments.
 
     Each run's own factor on adhesion is taken out first; sigma and the lag-one correlation are
     of what is left, and the variance of the factors beyond what sigma explains is that of the
-    runs. `weight` is the relative precision of each point, 0 where there is none.
+    runs. `weight` is the relative precision of each point, 0 where there is none. Where the runs
+    are blocks of one there are no such factors.
     """
+    if blocks:
+        inside = weight > 0
+        left = np.where(inside, residual * weight, 0.0)
+        sigma = float(np.sqrt((left**2).sum() / max(inside.sum(), 1)))
+        return white_noise(weight, max(sigma, 1e-150))
     factor, size, left = _levels(weight, residual, level)
     used = (weight > 0).any(1)
     variance = float((left**2).sum() / max((weight > 0).sum() - used.sum(), 1))

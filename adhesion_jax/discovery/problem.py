@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from adhesion_jax.discovery.conditions import Calendar, completed
+from adhesion_jax.discovery.conditions import ANGLES, TEMPERATURES, Calendar, completed
 from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.program import Data
 from adhesion_jax.scenarios import Record
@@ -21,17 +21,10 @@ _ABSENT = {"normal_load_N": 1e5}
 _COLUMNS = 24
 
 #: Conditions that stand in for others: time and order for the calendar, angle for position.
-_NO_COLUMN = ("time_s", "run_order", "wheel_angle_rad", "slip_ratio", "mode")
+_NO_COLUMN = ("time_s", "run_order", "wheel_angle_rad", "slip_ratio", "mode", "lateral_measure")
 
 #: A column is taken for constant where its spread is below this share of its size.
 _CONSTANT = 1e-9
-
-#: A label of its own for a column that follows from measured ones.
-_MEASURED_AS = {
-    "campaign_time": "time_s",
-    "wheel_angle_rad": "position_m",
-    "lateral_measure": "curvature_per_m",
-}
 
 
 class Problem(NamedTuple):
@@ -44,20 +37,32 @@ class Problem(NamedTuple):
     flat: Mapping[str, np.ndarray]  # every condition that varies, of the points there are
     varying: frozenset[str]
     constant: frozenset[str]
+    blocks: bool  # contiguous blocks of one run, which have no level of their own
     in_time: bool  # whether the order of the points of a run is that of time
     measured: frozenset[str]  # columns as given
 
 
 def label_of(column: str, measured: frozenset[str]) -> str:
     """The measured column that a condition stands for."""
-    return column if column in measured else _MEASURED_AS.get(column, column)
+    if column in measured:
+        return column
+    named = {
+        "campaign_time": ("time_s", "run"),
+        "temperature_C": TEMPERATURES,
+        "lateral_measure": ("lateral_creepage", *ANGLES, "curvature_per_m"),
+        "wheel_angle_rad": ("position_m",),
+    }.get(column, ())
+    return next((name for name in named if name in {*measured, "run"}), column)
 
 
 def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
     """The problem of a campaign, arrays [runs, points]."""
     points = np.asarray(record.mask, float)
     slip, adhesion = np.asarray(record.slip), np.asarray(record.adhesion)
-    whole = conditions_of(record, calendar)
+    whole = dict(conditions_of(record, calendar))
+    if blocks and "time_s" not in record.conditions:
+        # Blocks of one run without a time have no calendar: their order may be that of the slip.
+        whole.pop("campaign_time")
     inside = points > 0
     flat, constant = {}, set()
     for name, values in {**whole, "slip_ratio": np.abs(slip)}.items():
@@ -66,10 +71,13 @@ def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
             flat[name] = cells
         else:
             constant.add(name)
-    columns = tuple(name for name in flat if name not in _NO_COLUMN)
+    measured = frozenset(record.conditions)
+    # A column that another stands in for is looked at under the other's name. An acceleration that
+    # was not measured is the slope of the speed, which adhesion itself brings about.
+    aliases = {*_NO_COLUMN, *({TEMPERATURES[0], "acceleration_mps2"} - measured)}
+    columns = tuple(name for name in flat if name not in aliases)
     data = _data(slip, adhesion, whole, columns)
     in_time = not blocks and "time_s" in whole and inside.sum(1).max() > 2
-    measured = frozenset(record.conditions)
     return Problem(
         data,
         points,
@@ -78,6 +86,7 @@ def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
         flat,
         frozenset(flat),
         frozenset(constant),
+        blocks,
         in_time,
         measured,
     )

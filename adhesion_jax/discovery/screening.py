@@ -104,6 +104,8 @@ def _parts(flat: np.ndarray, residual: np.ndarray, setting: Setting) -> _Parts:
     weight = np.asarray(setting.noise.weight)
     unlevelled = setting.noise._replace(run_scatter=np.array(0.0))
     level = np.asarray(whitened(unlevelled, setting.level, setting.level[None]))[0]
+    if setting.problem.blocks:
+        level = np.zeros_like(level)  # blocks of one run have no level of their own
     size = np.sqrt((level**2).sum(axis=1, keepdims=True))
     direction = (level / np.maximum(size, 1e-300))[weight > 0]
     run = np.nonzero(weight > 0)[0]

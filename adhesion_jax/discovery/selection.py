@@ -36,6 +36,9 @@ _CLEARER = 2.0
 #: Causes within so many standard errors and this share of the gain are one class.
 _CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
 
+#: Formulas of one family differ by more than this share of the gain, or are one class.
+_KIN_GAIN = 0.25
+
 #: A likelihood ratio below exp(2) decides nothing, however small the gain.
 _CLASS_LEAST = 2.0
 
@@ -142,9 +145,8 @@ def _uncoloured(
     """
     noise = state.setting.noise._replace(autocorrelation=np.array(0.0))
     setting = Setting(state.setting.problem, noise, state.setting.level)
-    fits = first_fits(setting, tuple(state.fits))
-    base = min(fits, key=lambda name: bic(fits[name]))
-    white = state._replace(setting=setting, fits=fits, base=base)
+    fits = {**state.fits, **first_fits(setting, [state.base])}
+    white = state._replace(setting=setting, fits=fits)
     return white, screen(setting, white.fitted, entries, seed)
 
 
@@ -198,7 +200,7 @@ def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
 def _with_noise(setting: Setting, fitted: Fitted) -> Setting:
     residual = np.asarray(setting.problem.data.adhesion) - fitted.adhesion
     weight = np.asarray(setting.noise.weight)
-    noise = estimate_noise(weight, residual, fitted.adhesion)
+    noise = estimate_noise(weight, residual, fitted.adhesion, setting.problem.blocks)
     return Setting(setting.problem, noise, fitted.adhesion)
 
 
@@ -260,7 +262,9 @@ def _joined(
     ranking: Sequence[Candidate],
 ) -> Selection:
     """The chosen effect as one of its own, or as a refinement of one of its family."""
-    kin = next((effect for effect in state.accepted if _matter_of_form(new, effect)), None)
+    varying = state.setting.problem.varying
+    old = (effect for effect in state.accepted if _matter_of_form(new, effect, varying))
+    kin = next(old, None)
     if kin is not None:
         whole = kin._replace(parts=(*kin.parts, *new.parts))
         accepted = tuple(whole if effect is kin else effect for effect in state.accepted)
@@ -271,7 +275,7 @@ def _joined(
     return settled(setting, fits, start, ranking)._replace(thresholds=state.thresholds)
 
 
-def _matter_of_form(new: Accepted, old: Accepted) -> bool:
+def _matter_of_form(new: Accepted, old: Accepted, varying: frozenset[str]) -> bool:
     """Whether what is new only mends the formula of what was accepted before.
 
     A plain column of the same effect does, one of its family that gains much less does, and so does
@@ -279,6 +283,9 @@ def _matter_of_form(new: Accepted, old: Accepted) -> bool:
     what a formula leaves that is a little wrong.
     """
     own = {*new.covariates}
+    if not ((own | {*old.covariates}) & varying) - {"slip_ratio", "slip_velocity_mps"}:
+        # Both are functions of the slip alone: together they are one.
+        return True
     if new.generic and own <= {*old.covariates}:
         return True
     if new.family == old.family:
@@ -385,7 +392,8 @@ def _class(trials: Sequence[_Trial], chosen: _Trial, gain: float) -> tuple[str, 
     for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
         behind = trial.losses - chosen.losses
         close = behind.sum() <= _CLASS_ERRORS * _standard_error(behind) + 1e-9
-        allowed = max(_CLASS_GAIN * gain, _CLASS_LEAST)
+        kin = trial.score.entry.family == chosen.score.entry.family
+        allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * gain, _CLASS_LEAST)
         if trial.score.entry.generic != chosen.score.entry.generic:
             continue
         if trial is chosen or (close and behind.sum() <= allowed):
