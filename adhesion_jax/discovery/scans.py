@@ -44,6 +44,8 @@ def products(problem: Problem) -> tuple[Entry, ...]:
     chosen: dict[str, np.ndarray] = {}
     for name in problem.columns:
         values = problem.flat[name]
+        if name == "slip_velocity_mps":
+            continue  # itself a product, of slip and speed
         if all(abs(np.corrcoef(values, other)[0, 1]) < 0.98 for other in chosen.values()):
             chosen[name] = values
     return tuple(

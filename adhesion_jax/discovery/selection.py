@@ -36,6 +36,9 @@ _CLEARER = 2.0
 #: Causes within so many standard errors and this share of the gain are one class.
 _CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
 
+#: For Burckhardt's curve no data separate these two, for the others hardly any.
+_THE_SAME = ("slip_bias", "torque_offset")
+
 #: Formulas of one family differ by more than this share of the gain, or are one class.
 _KIN_GAIN = 0.25
 
@@ -118,6 +121,8 @@ def search(
             if others and others[0].z > scores[0].z + _CLEARER:
                 chosen, scores = white, others
         found = _next(chosen, scores, significant, number)
+        if _grown(found, state) and found.base != chosen.base:
+            found = _on_new_base(found, state, open_entries, number, seed)
         if not _grown(found, state):
             state = state._replace(ranking=found.ranking)
             progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
@@ -133,6 +138,23 @@ def search(
 
 def _grown(state: Selection, before: Selection) -> bool:
     return len(parts_of(state.accepted)) > len(parts_of(before.accepted))
+
+
+def _on_new_base(
+    found: Selection, before: Selection, entries: Sequence[Entry], number: int, seed: int
+) -> Selection:
+    """The last effect chosen anew, if that is better, on the base that it has led to.
+
+    A flexible base may have absorbed the cause and left another to make up for it.
+    """
+    fits = refits(found.setting, before.fits, parts_of(before.accepted))
+    start = before._replace(
+        setting=found.setting, fits=fits, base=found.base, ranking=found.ranking
+    )
+    scores = screen(start.setting, start.fitted, entries, seed + number)
+    again = _next(start, scores, SIGNIFICANT, number)
+    better = _squares(again.setting, again.fitted) < _squares(found.setting, found.fitted)
+    return again._replace(thresholds=found.thresholds) if better else found
 
 
 def _uncoloured(
@@ -399,6 +421,8 @@ def _class(trials: Sequence[_Trial], chosen: _Trial, gain: float) -> tuple[str, 
         if trial is chosen or (close and behind.sum() <= allowed):
             members[trial.score.entry.name] = None
     name = chosen.score.entry.name
+    if name in _THE_SAME:
+        members.update(dict.fromkeys(_THE_SAME))
     return (name, *(member for member in members if member != name))
 
 
