@@ -105,7 +105,7 @@ def search(
     progress: Callable[[str, float], None],
 ) -> Selection:
     """Accepts effects until none is left that is significant and lowers the held-out loss."""
-    state = settled(setting, fits, (), ())
+    first = state = settled(setting, fits, (), ())
     pairs = products(setting.problem)
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
@@ -121,40 +121,43 @@ def search(
             if others and others[0].z > scores[0].z + _CLEARER:
                 chosen, scores = white, others
         found = _next(chosen, scores, significant, number)
-        if _grown(found, state) and found.base != chosen.base:
-            found = _on_new_base(found, state, open_entries, number, seed)
         if not _grown(found, state):
             state = state._replace(ranking=found.ranking)
             progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
             scanned = _scanned(state, pairs, seed + number)
             found = _next(state, scanned, SCAN_SIGNIFICANT, number)
         if not _grown(found, state):
-            return found
+            return _reconsidered(found, first, entries, seed)
         state = _pruned(found)
         if len(state.accepted) < len(found.accepted):
             break
-    return state
+    return _reconsidered(state, first, entries, seed)
 
 
 def _grown(state: Selection, before: Selection) -> bool:
     return len(parts_of(state.accepted)) > len(parts_of(before.accepted))
 
 
-def _on_new_base(
-    found: Selection, before: Selection, entries: Sequence[Entry], number: int, seed: int
+def _reconsidered(
+    state: Selection, first: Selection, entries: Sequence[Entry], seed: int
 ) -> Selection:
-    """The last effect chosen anew, if that is better, on the base that it has led to.
+    """Each effect chosen anew on the base that the effects have led to, kept where it is better.
 
-    A flexible base may have absorbed the cause and left another to make up for it.
+    A flexible base may have absorbed a cause and left another effect to make up for it.
     """
-    fits = refits(found.setting, before.fits, parts_of(before.accepted))
-    start = before._replace(
-        setting=found.setting, fits=fits, base=found.base, ranking=found.ranking
-    )
-    scores = screen(start.setting, start.fitted, entries, seed + number)
-    again = _next(start, scores, SIGNIFICANT, number)
-    better = _squares(again.setting, again.fitted) < _squares(found.setting, found.fitted)
-    return again._replace(thresholds=found.thresholds) if better else found
+    if state.base == first.base:
+        return state
+    for effect in state.accepted:
+        rest = tuple(other for other in state.accepted if other.name != effect.name)
+        fits = refits(state.setting, state.fits, parts_of(rest))
+        start = state._replace(fits=fits, accepted=rest)
+        scores = screen(start.setting, start.fitted, _open(entries, start), seed)
+        again = _next(start, scores, SIGNIFICANT, len(state.thresholds))
+        more = _squares(again.setting, again.fitted) / _squares(state.setting, state.fitted)
+        simpler = len(again.fitted.places) < len(state.fitted.places)
+        if len(again.accepted) == len(state.accepted) and more < (1.002 if simpler else 1.0):
+            state = again
+    return state
 
 
 def _uncoloured(
