@@ -9,7 +9,7 @@ from adhesion_jax.discovery.findings import Proposal
 from adhesion_jax.discovery.fitting import fit_model
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.screening import telling
-from adhesion_jax.discovery.selection import Selection, parts_of
+from adhesion_jax.discovery.state import Selection, parts_of
 
 #: From this cosine on two causes are named as alike, and from this on a measurement is proposed.
 _ALIKE, _PROPOSED = 0.9, 0.6

@@ -10,7 +10,7 @@ from adhesion_jax.discovery.findings import Dependence
 from adhesion_jax.discovery.fitting import covariance, packed, size_of
 from adhesion_jax.discovery.noise import white_noise
 from adhesion_jax.discovery.program import PROBES, Data, Model, changes
-from adhesion_jax.discovery.selection import Selection
+from adhesion_jax.discovery.state import Selection
 
 #: Values of a column, and seconds after a step, that are shown.
 _GRID, _SECONDS = 80, 10.0

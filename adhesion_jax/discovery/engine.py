@@ -18,7 +18,8 @@ from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.noise import estimate_noise, white_noise
 from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.discovery.scans import torsion
-from adhesion_jax.discovery.selection import Selection, search, settled
+from adhesion_jax.discovery.selection import search
+from adhesion_jax.discovery.state import Selection, settled
 from adhesion_jax.discovery.summary import summarise
 from adhesion_jax.errors import InputError
 from adhesion_jax.scenarios import Record

@@ -6,7 +6,7 @@ import numpy as np
 
 from adhesion_jax.discovery.fitting import Setting, fit_model
 from adhesion_jax.discovery.program import whitened
-from adhesion_jax.discovery.selection import Accepted, Selection, parts_of, without
+from adhesion_jax.discovery.state import Accepted, Selection, parts_of, without
 
 #: Effects of the slip alone: what the wrong base curve leaves looks like one of them.
 _OF_SHAPE = ("slip_bias", "torque_offset")

@@ -1,49 +1,36 @@
 """Which effects a law lacks: one is accepted at a time, refitted jointly with all the others."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from adhesion_jax.discovery.bases import bic, first_fits, refits
-from adhesion_jax.discovery.effects import Covariate, Effect, Spline
+from adhesion_jax.discovery.bases import first_fits, refits
+from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss
 from adhesion_jax.discovery.library import Entry
-from adhesion_jax.discovery.noise import estimate_noise
 from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score, screen
+from adhesion_jax.discovery.state import Accepted, Selection, parts_of, settled, without
+from adhesion_jax.discovery.trials import (
+    Trial,
+    choose,
+    class_of,
+    ranked,
+    shortlisted,
+    squares,
+    standard_error,
+    tried,
+)
+
+_ROUNDS = 6
 
 #: An effect is accepted at this share of the loss, one standard error over it.
 _LEAST_GAIN = 0.003
 
-#: How many causes and how many plain columns are refitted in each round.
-_CAUSES, _COLUMNS = 6, 3
-
-_ROUNDS = 6
-
-#: A plain column is preferred to a cause only by so many standard errors, this share of the loss
-#: and this share of the gain.
-_COLUMN_ERRORS, _COLUMN_LOSS, _COLUMN_GAIN = 2.0, 0.01, 0.15
-
-#: A cause that explains this share of what a plain column on it does, has the wrong form only.
-_SAME_CAUSE = 0.5
-
 #: By so many standard deviations the best cause must stand out more when noise is taken for white.
 _CLEARER = 2.0
-
-#: Causes within so many standard errors and this share of the gain are one class.
-_CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
-
-#: For Burckhardt's curve no data separate these two, for the others hardly any.
-_THE_SAME = ("slip_bias", "torque_offset")
-
-#: Formulas of one family differ by more than this share of the gain, or are one class.
-_KIN_GAIN = 0.25
-
-#: A likelihood ratio below exp(2) decides nothing, however small the gain.
-_CLASS_LEAST = 2.0
 
 #: A second effect of a family that gains less than this share of the first refines its form.
 _MATTER_OF_FORM = 0.25
@@ -52,49 +39,8 @@ _MATTER_OF_FORM = 0.25
 _SMALL_MATTER = 0.05
 _ALWAYS_THERE = ("slip_ratio", "slip_velocity_mps", "vehicle_speed_mps", "time_s")
 
-
 #: Families whose effects noise in the slip looks like.
 _FEIGNED = ("in time", "offset")
-
-
-class Accepted(NamedTuple):
-    """An effect of the model: what it is called, and what it consists of."""
-
-    name: str
-    members: tuple[str, ...]  # of its class, itself first
-    family: str
-    generic: bool
-    covariates: tuple[str, ...]
-    parts: tuple[Effect, ...]  # the effect, then what refines its form
-    p: float
-    gain: float  # of the cross-validated log likelihood, over all runs
-    losses: np.ndarray  # held-out loss of each run with it and those before it
-
-
-class Selection(NamedTuple):
-    """Where the search has come to."""
-
-    setting: Setting
-    fits: Mapping[str, Fitted]  # every base curve with the effects accepted
-    base: str
-    accepted: tuple[Accepted, ...]
-    ranking: tuple[Candidate, ...]
-    thresholds: tuple[float, ...] = ()  # by round, the z needed for acceptance
-
-    @property
-    def fitted(self) -> Fitted:
-        return self.fits[self.base]
-
-
-class _Trial(NamedTuple):
-    score: Score
-    fitted: Fitted
-    losses: np.ndarray  # [runs], held out
-
-
-def parts_of(accepted: Sequence[Accepted]) -> tuple[Effect, ...]:
-    """All effects of a model."""
-    return tuple(part for effect in accepted for part in effect.parts)
 
 
 def search(
@@ -153,7 +99,7 @@ def _reconsidered(
         start = state._replace(fits=fits, accepted=rest)
         scores = screen(start.setting, start.fitted, _open(entries, start), seed)
         again = _next(start, scores, SIGNIFICANT, len(state.thresholds))
-        more = _squares(again.setting, again.fitted) / _squares(state.setting, state.fitted)
+        more = squares(again.setting, again.fitted) / squares(state.setting, state.fitted)
         simpler = len(again.fitted.places) < len(state.fitted.places)
         if len(again.accepted) == len(state.accepted) and more < (1.002 if simpler else 1.0):
             state = again
@@ -198,70 +144,26 @@ def _scanned(state: Selection, pairs: Sequence[Entry], seed: int) -> Sequence[Sc
     return sorted(scores, key=lambda score: (score.p, -score.z))
 
 
-def settled(
-    setting: Setting,
-    fits: Mapping[str, Fitted],
-    accepted: Sequence[Accepted],
-    ranking: Sequence[Candidate],
-) -> Selection:
-    """Base curve and noise chosen anew for the effects there are."""
-    effects = parts_of(accepted)
-    fits = refits(setting, fits, effects)
-    base = min(fits, key=lambda name: bic(fits[name]))
-    fitted = fits[base]
-    setting = _with_noise(setting, fitted)
-    fits = refits(setting, fits, fitted.effects)
-    base = min(fits, key=lambda name: bic(fits[name]))
-    parts = _refreshed(accepted, fits[base].effects)
-    return Selection(setting, fits, base, parts, tuple(ranking))
-
-
-def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
-    """The state with only some of its effects."""
-    less = settled(state.setting, state.fits, rest, state.ranking)
-    return less._replace(thresholds=state.thresholds)
-
-
-def _with_noise(setting: Setting, fitted: Fitted) -> Setting:
-    residual = np.asarray(setting.problem.data.adhesion) - fitted.adhesion
-    weight = np.asarray(setting.noise.weight)
-    noise = estimate_noise(weight, residual, fitted.adhesion, setting.problem.blocks)
-    return Setting(setting.problem, noise, fitted.adhesion)
-
-
-def _refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:
-    """The parts with the parameters of a fit, whose effects are in another order."""
-    old = parts_of(accepted)
-    order = sorted(range(len(old)), key=lambda place: old[place].ORDER)
-    new = dict(zip(order, effects, strict=True))
-    found, place = [], 0
-    for effect in accepted:
-        count = len(effect.parts)
-        found.append(effect._replace(parts=tuple(new[at] for at in range(place, place + count))))
-        place += count
-    return tuple(found)
-
-
 def _next(state: Selection, scores: Sequence[Score], significant: float, number: int) -> Selection:
     """The state with its ranking, and with one more effect where one is accepted."""
-    shortlist = _shortlist(scores, significant)
+    shortlist = shortlisted(scores, significant)
     if not shortlist:
-        rows = _ranked(number, scores, (), None, None, (), False)
+        rows = ranked(number, scores, (), None, None, (), False)
         return state._replace(ranking=(*state.ranking, *rows))
-    setting, now, trials = _trials(state, shortlist)
+    setting, now, trials = tried(state, shortlist)
     if not trials:
-        rows = _ranked(number, scores, (), None, None, (), False)
+        rows = ranked(number, scores, (), None, None, (), False)
         return state._replace(ranking=(*state.ranking, *rows))
-    chosen = _choose(trials, now)
+    chosen = choose(trials, now)
     gains = now.losses - chosen.losses
-    total, error = float(gains.sum()), _standard_error(gains)
+    total, error = float(gains.sum()), standard_error(gains)
     accepted = (
         chosen.score.p <= significant
         and total > error
         and total > _LEAST_GAIN * float(now.losses.sum())
     )
-    members = _class(trials, chosen, total)
-    ranking = (*state.ranking, *_ranked(number, scores, trials, now, chosen, members, accepted))
+    members = class_of(trials, chosen, total)
+    ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:
         return state._replace(ranking=ranking)
     entry = chosen.score.entry
@@ -282,7 +184,7 @@ def _next(state: Selection, scores: Sequence[Score], significant: float, number:
 def _joined(
     state: Selection,
     setting: Setting,
-    chosen: _Trial,
+    chosen: Trial,
     new: Accepted,
     ranking: Sequence[Candidate],
 ) -> Selection:
@@ -318,7 +220,7 @@ def _matter_of_form(new: Accepted, old: Accepted, varying: frozenset[str]) -> bo
     return own <= {*old.covariates, *_ALWAYS_THERE} and new.gain < _SMALL_MATTER * old.gain
 
 
-def _started(accepted: Sequence[Accepted], chosen: _Trial) -> tuple[Accepted, ...]:
+def _started(accepted: Sequence[Accepted], chosen: Trial) -> tuple[Accepted, ...]:
     """The new part where the trial left it."""
     fitted = next(
         effect
@@ -345,131 +247,6 @@ def _names(effect: Effect) -> tuple[str, ...]:
     )
 
 
-def _shortlist(scores: Sequence[Score], significant: float) -> Sequence[Score]:
-    """The most telling causes and columns, where the best of all is significant."""
-    if not scores or scores[0].p > significant:
-        return []
-    causes = [score for score in scores if not score.entry.generic][:_CAUSES]
-    columns = [score for score in scores if score.entry.generic][:_COLUMNS]
-    return [score for score in (*causes, *columns) if score.p <= 10 * significant]
-
-
-def _trials(
-    state: Selection, shortlist: Sequence[Score]
-) -> tuple[Setting, _Trial, Sequence[_Trial]]:
-    """Joint refits under the noise that the best of them leaves, and the model as it is."""
-    base, values = state.base, state.fitted.base_values.tolist()
-    effects = state.fitted.effects
-
-    def refit(setting: Setting, start: Fitted | None, score: Score) -> Fitted:
-        if start is None:
-            return fit_model(setting, base, values, (*effects, score.start))
-        return fit_model(setting, base, start.base_values.tolist(), start.effects)
-
-    tried = [(refit(state.setting, None, score), score) for score in shortlist]
-    first = [(fitted, score) for fitted, score in tried if np.isfinite(fitted.total)]
-    best = min((fitted for fitted, _ in first), key=lambda fitted: fitted.total)
-    setting = _with_noise(state.setting, best)
-    trials = []
-    for start, score in first:
-        fitted = refit(setting, start, score)
-        trials.append(_Trial(score, fitted, held_out_loss(fitted)))
-    now = fit_model(setting, base, values, effects)
-    # Whitening may prefer what follows the fastest changes and misses all the others.
-    sane = [trial for trial in trials if _squares(setting, trial.fitted) < _squares(setting, now)]
-    return setting, _Trial(shortlist[0], now, held_out_loss(now)), sane
-
-
-def _squares(setting: Setting, fitted: Fitted) -> float:
-    """Weighted sum of squared errors of adhesion."""
-    error = (fitted.adhesion - np.asarray(setting.problem.data.adhesion)) * setting.noise.weight
-    return float((np.asarray(error) ** 2).sum())
-
-
-def _choose(trials: Sequence[_Trial], now: _Trial) -> _Trial:
-    """The best cause, unless a plain column explains clearly more that is no matter of form."""
-    causes = [trial for trial in trials if not trial.score.entry.generic]
-    columns = [trial for trial in trials if trial.score.entry.generic]
-    best = min(trials, key=lambda trial: trial.losses.sum())
-    if not causes or not columns:
-        return best
-    cause = min(causes, key=lambda trial: trial.losses.sum())
-    column = min(columns, key=lambda trial: trial.losses.sum())
-    ahead = cause.losses - column.losses
-    gain = float((now.losses - column.losses).sum())
-    clearly = (
-        ahead.sum() > _COLUMN_ERRORS * _standard_error(ahead)
-        and ahead.sum() > _COLUMN_LOSS * cause.losses.sum()
-        and ahead.sum() > _COLUMN_GAIN * gain
-    )
-    if not clearly:
-        return cause
-    kin = [trial for trial in causes if trial.score.entry.family == column.score.entry.family]
-    for trial in sorted(kin, key=lambda trial: trial.losses.sum()):
-        if (now.losses - trial.losses).sum() > _SAME_CAUSE * gain:
-            return trial
-    return column
-
-
-def _class(trials: Sequence[_Trial], chosen: _Trial, gain: float) -> tuple[str, ...]:
-    """The names that cannot be told from the chosen one, most likely first."""
-    members = {}
-    for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
-        behind = trial.losses - chosen.losses
-        close = behind.sum() <= _CLASS_ERRORS * _standard_error(behind) + 1e-9
-        kin = trial.score.entry.family == chosen.score.entry.family
-        allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * gain, _CLASS_LEAST)
-        if trial.score.entry.generic != chosen.score.entry.generic:
-            continue
-        if trial is chosen or (close and behind.sum() <= allowed):
-            members[trial.score.entry.name] = None
-    name = chosen.score.entry.name
-    if name in _THE_SAME:
-        members.update(dict.fromkeys(_THE_SAME))
-    return (name, *(member for member in members if member != name))
-
-
-def _standard_error(gains: np.ndarray) -> float:
-    """Of a sum over runs that differ."""
-    used = gains[gains != 0]
-    return float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
-
-
-def _ranked(
-    number: int,
-    scores: Sequence[Score],
-    trials: Sequence[_Trial],
-    now: _Trial | None,
-    chosen: _Trial | None,
-    members: Sequence[str],
-    accepted: bool,
-) -> list[Candidate]:
-    tried = {id(trial.score): trial for trial in trials}
-    rows = []
-    for score in scores:
-        trial = tried.get(id(score))
-        gain = error = np.nan
-        if trial is not None and now is not None:
-            gains = now.losses - trial.losses
-            gain, error = float(gains.sum()), _standard_error(gains)
-        name = score.entry.name
-        if trial is not None and trial is chosen:
-            decision = "accepted" if accepted else "does not lower the held-out error"
-        elif trial is not None and name in members:
-            decision = f"in the class of {members[0]}"
-        elif trial is not None:
-            decision = "explains less"
-        else:
-            decision = "not significant" if score.p > SIGNIFICANT else "less telling"
-        rows.append(Candidate(number, _label(score), score.z, score.p, gain, error, decision))
-    return rows
-
-
-def _label(score: Score) -> str:
-    kinds = {Covariate: " (linear)", Spline: " (spline)"}
-    return score.entry.name + kinds.get(type(score.start), "")
-
-
 def _pruned(state: Selection) -> Selection:
     """Backward elimination: an effect that the later ones have made needless goes."""
     while len(state.accepted) > 1:
@@ -479,9 +256,7 @@ def _pruned(state: Selection) -> Selection:
             values = state.fitted.base_values.tolist()
             less = fit_model(state.setting, state.base, values, parts_of(rest))
             gains = held_out_loss(less) - whole
-            needed = (
-                gains.sum() > _standard_error(gains) and gains.sum() > _LEAST_GAIN * whole.sum()
-            )
+            needed = gains.sum() > standard_error(gains) and gains.sum() > _LEAST_GAIN * whole.sum()
             if not needed:
                 state = without(state, rest)
                 break

@@ -21,7 +21,7 @@ from adhesion_jax.discovery.law import BASES, KINDS, CorrectedLaw
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.scans import Torsion
-from adhesion_jax.discovery.selection import Accepted, Selection, parts_of
+from adhesion_jax.discovery.state import Accepted, Selection, parts_of
 from adhesion_jax.scenarios import Record
 
 #: Conditions that a law may be asked beyond what it was found in.

@@ -1,0 +1,163 @@
+"""What is tried in one round: the most telling causes refitted jointly, and the choice of one."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adhesion_jax.discovery.effects import Covariate, Spline
+from adhesion_jax.discovery.findings import Candidate
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss
+from adhesion_jax.discovery.screening import SIGNIFICANT, Score
+from adhesion_jax.discovery.state import Selection, with_noise
+
+#: How many causes and how many plain columns are refitted in each round.
+_CAUSES, _COLUMNS = 6, 3
+
+#: A plain column is preferred to a cause only by so many standard errors, this share of the loss
+#: and this share of the gain.
+_COLUMN_ERRORS, _COLUMN_LOSS, _COLUMN_GAIN = 2.0, 0.01, 0.15
+
+#: A cause that explains this share of what a plain column on it does, has the wrong form only.
+_SAME_CAUSE = 0.5
+
+#: Causes within so many standard errors and this share of the gain are one class.
+_CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
+
+#: Formulas of one family differ by more than this share of the gain, or are one class.
+_KIN_GAIN = 0.25
+
+#: A likelihood ratio below exp(2) decides nothing, however small the gain.
+_CLASS_LEAST = 2.0
+
+#: For Burckhardt's curve no data separate these two, for the others hardly any.
+_THE_SAME = ("slip_bias", "torque_offset")
+
+
+class Trial(NamedTuple):
+    score: Score
+    fitted: Fitted
+    losses: np.ndarray  # [runs], held out
+
+
+def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
+    """The most telling causes and columns, where the best of all is significant."""
+    if not scores or scores[0].p > significant:
+        return []
+    causes = [score for score in scores if not score.entry.generic][:_CAUSES]
+    columns = [score for score in scores if score.entry.generic][:_COLUMNS]
+    return [score for score in (*causes, *columns) if score.p <= 10 * significant]
+
+
+def tried(state: Selection, shortlist: Sequence[Score]) -> tuple[Setting, Trial, Sequence[Trial]]:
+    """Joint refits under the noise that the best of them leaves, and the model as it is."""
+    base, values = state.base, state.fitted.base_values.tolist()
+    effects = state.fitted.effects
+
+    def refit(setting: Setting, start: Fitted | None, score: Score) -> Fitted:
+        if start is None:
+            return fit_model(setting, base, values, (*effects, score.start))
+        return fit_model(setting, base, start.base_values.tolist(), start.effects)
+
+    started = [(refit(state.setting, None, score), score) for score in shortlist]
+    first = [(fitted, score) for fitted, score in started if np.isfinite(fitted.total)]
+    best = min((fitted for fitted, _ in first), key=lambda fitted: fitted.total)
+    setting = with_noise(state.setting, best)
+    trials = []
+    for start, score in first:
+        fitted = refit(setting, start, score)
+        trials.append(Trial(score, fitted, held_out_loss(fitted)))
+    now = fit_model(setting, base, values, effects)
+    # Whitening may prefer what follows the fastest changes and misses all the others.
+    sane = [trial for trial in trials if squares(setting, trial.fitted) < squares(setting, now)]
+    return setting, Trial(shortlist[0], now, held_out_loss(now)), sane
+
+
+def squares(setting: Setting, fitted: Fitted) -> float:
+    """Weighted sum of squared errors of adhesion."""
+    error = (fitted.adhesion - np.asarray(setting.problem.data.adhesion)) * setting.noise.weight
+    return float((np.asarray(error) ** 2).sum())
+
+
+def choose(trials: Sequence[Trial], now: Trial) -> Trial:
+    """The best cause, unless a plain column explains clearly more that is no matter of form."""
+    causes = [trial for trial in trials if not trial.score.entry.generic]
+    columns = [trial for trial in trials if trial.score.entry.generic]
+    best = min(trials, key=lambda trial: trial.losses.sum())
+    if not causes or not columns:
+        return best
+    cause = min(causes, key=lambda trial: trial.losses.sum())
+    column = min(columns, key=lambda trial: trial.losses.sum())
+    ahead = cause.losses - column.losses
+    gain = float((now.losses - column.losses).sum())
+    clearly = (
+        ahead.sum() > _COLUMN_ERRORS * standard_error(ahead)
+        and ahead.sum() > _COLUMN_LOSS * cause.losses.sum()
+        and ahead.sum() > _COLUMN_GAIN * gain
+    )
+    if not clearly:
+        return cause
+    kin = [trial for trial in causes if trial.score.entry.family == column.score.entry.family]
+    for trial in sorted(kin, key=lambda trial: trial.losses.sum()):
+        if (now.losses - trial.losses).sum() > _SAME_CAUSE * gain:
+            return trial
+    return column
+
+
+def class_of(trials: Sequence[Trial], chosen: Trial, gain: float) -> tuple[str, ...]:
+    """The names that cannot be told from the chosen one, most likely first."""
+    members = {}
+    for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
+        behind = trial.losses - chosen.losses
+        close = behind.sum() <= _CLASS_ERRORS * standard_error(behind) + 1e-9
+        kin = trial.score.entry.family == chosen.score.entry.family
+        allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * gain, _CLASS_LEAST)
+        if trial.score.entry.generic != chosen.score.entry.generic:
+            continue
+        if trial is chosen or (close and behind.sum() <= allowed):
+            members[trial.score.entry.name] = None
+    name = chosen.score.entry.name
+    if name in _THE_SAME:
+        members.update(dict.fromkeys(_THE_SAME))
+    return (name, *(member for member in members if member != name))
+
+
+def standard_error(gains: np.ndarray) -> float:
+    """Of a sum over runs that differ."""
+    used = gains[gains != 0]
+    return float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
+
+
+def ranked(
+    number: int,
+    scores: Sequence[Score],
+    trials: Sequence[Trial],
+    now: Trial | None,
+    chosen: Trial | None,
+    members: Sequence[str],
+    accepted: bool,
+) -> list[Candidate]:
+    by_score = {id(trial.score): trial for trial in trials}
+    rows = []
+    for score in scores:
+        trial = by_score.get(id(score))
+        gain = error = np.nan
+        if trial is not None and now is not None:
+            gains = now.losses - trial.losses
+            gain, error = float(gains.sum()), standard_error(gains)
+        name = score.entry.name
+        if trial is not None and trial is chosen:
+            decision = "accepted" if accepted else "does not lower the held-out error"
+        elif trial is not None and name in members:
+            decision = f"in the class of {members[0]}"
+        elif trial is not None:
+            decision = "explains less"
+        else:
+            decision = "not significant" if score.p > SIGNIFICANT else "less telling"
+        rows.append(Candidate(number, _label(score), score.z, score.p, gain, error, decision))
+    return rows
+
+
+def _label(score: Score) -> str:
+    kinds = {Covariate: " (linear)", Spline: " (spline)"}
+    return score.entry.name + kinds.get(type(score.start), "")
