@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import (
     SLIP_LIMIT,
@@ -39,7 +39,7 @@ _STEP = 0.1
 #: The box goes from a share of a parameter to as many times the parameter.
 _BOX = 5.0
 
-#: Slip and time of a run differ from no other's; all it measures is its own.
+#: The slips are the same in every run; adhesion and conditions are its own.
 _RUN_AXES = Record(None, 0, None, None, 0)  # type: ignore[arg-type]
 
 
@@ -88,7 +88,7 @@ class Corrected(Scenario):
     def conditions(self, key: PRNGKeyArray) -> dict[str, Float[Array, " points"]]:
         """The measured columns of one run."""
         ranges, calendar = self.law.ranges, self.law.calendar
-        start_key, angle_key, *keys = jax.random.split(key, 2 + len(ranges))
+        start_key, place_key, angle_key, *keys = jax.random.split(key, 3 + len(ranges))
         held = {
             name: _drawn(name, key, *ranges[name])
             for name, key in zip(sorted(ranges), keys, strict=True)
@@ -105,8 +105,8 @@ class Corrected(Scenario):
             angle = jax.random.uniform(angle_key, maxval=2 * jnp.pi)
             columns.setdefault("wheel_angle_rad", angle + turned)
             if "position_m" in ranges:
-                low, high = ranges["position_m"]
-                columns["position_m"] = _to_and_fro(held["position_m"] + speed * clock, low, high)
+                place = _to_and_fro(place_key, speed * clock, *ranges["position_m"])
+                columns["position_m"] = place
         return columns
 
     def draw(self, key: PRNGKeyArray) -> Record:
@@ -148,12 +148,18 @@ def _drawn(name: str, key: PRNGKeyArray, low: float, high: float) -> Float[Array
     return jax.random.uniform(key, minval=low, maxval=high)
 
 
-def _to_and_fro(place: Float[Array, " points"], low: float, high: float) -> Float[Array, " points"]:
-    """A way that turns back at either end: uniform over the range if it began so."""
+def _to_and_fro(
+    key: PRNGKeyArray, way: Float[Array, " points"], low: float, high: float
+) -> Float[Array, " points"]:
+    """The places after these ways, turned back at either end.
+
+    The start is uniform over there and back, and so every later place is uniform over the range.
+    """
     span = high - low
     if span == 0.0:
-        return jnp.full_like(place, low)
-    return high - jnp.abs((place - low) % (2 * span) - span)
+        return jnp.full_like(way, low)
+    start = jax.random.uniform(key, maxval=2 * span)
+    return high - jnp.abs((start + way) % (2 * span) - span)
 
 
 def _box(curve: Curve) -> tuple[Float[Array, " free"], Float[Array, " free"]]:
@@ -184,6 +190,11 @@ def _at_reference(curve: Curve, ranges: Mapping[str, tuple[float, float]]) -> Cu
     fields = {field.name: getattr(curve, field.name) for field in dataclasses.fields(curve)}
     at: Curve = kind(**fields, reference_speed=sum(ranges["vehicle_speed_mps"]) / 2)
     return at
+
+
+@jax.jit
+def _has_peak(curve: Curve) -> Bool[Array, ""]:
+    return curve.peak({}).found
 
 
 def corrected(options: Options) -> Corrected:
@@ -217,7 +228,7 @@ def corrected(options: Options) -> Corrected:
             f"the law of --law rests on {missing.args[0]} and has no range of it; add one to its "
             "ranges, the smallest and the largest value."
         ) from None
-    if not bool(curve.peak({}).found):
+    if not bool(_has_peak(curve)):
         raise InputError(
             "the curve of --law has no peak between slip 0 and 1, so that there is no mu_max to "
             "be identified; discover the law with another --base."
