@@ -64,10 +64,11 @@ class ScaledAtReference(PolachScaled):
 class Corrected(Scenario):
     """mu = law(slip, conditions) + e, e ~ N(0, sigma^2), at one operating point a run.
 
-    Every run sweeps the slip from 0 to `slip_max` in traction, at 10 points a second. Each column
-    of the law's ranges is drawn uniformly from its range and held through the run; what follows
-    from time goes on: the position to and fro inside its range at the vehicle speed, the angle
-    of the wheel from a random one on, the time from a random one of the campaign on.
+    Every run sweeps the slip (a ratio; in m/s where the law was found so) from 0 to `slip_max` in
+    traction, at 10 points a second. Each column of the law's ranges is drawn uniformly from its
+    range and held through the run; what follows from time goes on: the position to and fro inside
+    its range at the vehicle speed, the angle of the wheel from a random one on, the time from a
+    random one of the campaign on.
 
     The truth is the curve below the effects: its parameters and its peak, where it needs a speed
     that in the middle of the range. An identifier is told the form of that curve, and where the
