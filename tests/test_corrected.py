@@ -24,6 +24,7 @@ from adhesion_jax.discovery.law import CorrectedLaw, save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.regression.accuracy import homes
+from adhesion_jax.report import figures
 from adhesion_jax.runtime import compilation_folder
 from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
 from experiments import montecarlo
@@ -198,6 +199,12 @@ def test_a_curve_that_falls_with_speed_has_its_peak_at_the_middle_of_the_speeds(
     np.testing.assert_allclose(
         record.adhesion[0], curve(slip, {"vehicle_speed_mps": speed}), atol=1e-12
     )
+    # A figure has a panel for each of its parameters.
+    truth = pd.DataFrame(scenario.quantities()).assign(block=0)
+    figures.tracking(
+        tmp_path / "tracking.png", truth, lambda _, columns: truth[columns], ["lm-optimistix"]
+    )
+    assert (tmp_path / "tracking.png").stat().st_size > 1000
     # What is told is enough to find the run again.
     told = scenario.known.curve(slip, {name: v[0] for name, v in record.conditions.items()})
     np.testing.assert_allclose(told, record.adhesion[0], atol=1e-12)
