@@ -31,7 +31,7 @@ def main(file: str, curve: str, out: Path) -> None:
 
     FILE is a .csv, .csv.gz or .parquet file with the columns slip_ratio (or slip_velocity_mps)
     and adhesion (or tangential_force_N with normal_load_N), or the name of a data set that ships
-    with the package: eurosprinter.
+    with the package: eurosprinter. (roller-rig has one slip and no curve: experiments.discover.)
     """
     if curve != "all" and curve not in CURVES:
         raise InputError(f"--curve {curve} is not known; name one of {', '.join(CURVES)}, or all.")

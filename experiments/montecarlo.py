@@ -1,6 +1,7 @@
 """Identify thousands of noisy adhesion curves and say how well each method knows them."""
 
 import dataclasses
+import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,6 +31,7 @@ from adhesion_jax.campaign.store import (
     write_metadata,
     write_table,
 )
+from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
 from adhesion_jax.report import figures
 from adhesion_jax.report.tables import accuracy_table, tracking_text
@@ -90,6 +92,11 @@ class Job(NamedTuple):
     help="Share of points with ten times the noise (0).",
 )
 @click.option("--blocks", type=click.IntRange(min=1), help="Blocks of a run.")
+@click.option(
+    "--law",
+    type=click.Path(path_type=Path),
+    help="The law.json of experiments.discover that the scenario corrected is about.",
+)
 @click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
 @click.option(
@@ -112,6 +119,7 @@ def main(
     slip_max: float | None,
     outliers: float | None,
     blocks: int | None,
+    law: Path | None,
     runs: int,
     seed: int,
     out: Path,
@@ -119,7 +127,9 @@ def main(
     """Identify thousands of noisy adhesion curves and compare the methods."""
     asked = Config(
         identifiers=tuple(name.strip() for name in identifiers.split(",")) if identifiers else (),
-        options=Options(rail, sigma, points, slip_max, outliers, blocks),
+        options=Options(
+            rail, sigma, points, slip_max, outliers, blocks, None if law is None else _text(law)
+        ),
         runs=runs,
         seed=seed,
     )
@@ -143,10 +153,7 @@ def main(
             write_table(stage / f"{name}.csv", table)
         _draw(stage, jobs, tables)
         metadata = {
-            "config": {
-                **dataclasses.asdict(asked),
-                "scenario": ",".join(part.scenario for part in parts),
-            },
+            "config": _config(asked, parts),
             "in_force": {job.name: _in_force(job.scenario) for job in jobs},
             "identifiers": {job.name: job.identifiers for job in jobs},
             "seed": seed,
@@ -168,6 +175,25 @@ def main(
         click.echo(f"\ntracking: mu_max over {runs} runs of {names}")
         click.echo(tracking_text(tables["tracking"]))
     click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+
+
+def _text(path: Path) -> str:
+    """What stands in the file of --law; InputError where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        reason = error.strerror
+    except UnicodeDecodeError:
+        reason = "it is no text"
+    raise InputError(f"--law {path} cannot be read ({reason}); name a law.json.") from None
+
+
+def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
+    """The command line, a law among the options as what it says."""
+    config = dataclasses.asdict(asked)
+    if asked.options.law is not None:
+        config["options"]["law"] = json.loads(asked.options.law)
+    return {**config, "scenario": ",".join(part.scenario for part in parts)}
 
 
 def _in_force(scenario: Scenario) -> dict[str, object]:

@@ -13,7 +13,7 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
 from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, QIAN2024, RAILS
 from adhesion_jax.scenarios.samples import Samples
 
@@ -30,8 +30,9 @@ SIZES = {
 }
 SLIP_MAX = dict.fromkeys(SIZES, 0.2) | {"he2018-1": 0.5}
 
-#: The slope of fang2018-slope is another kind of question, and so are its tests.
-NAMES = [name for name in SCENARIOS if name != "fang2018-slope"]
+#: The slope of fang2018-slope is another kind of question, and so are its tests; a law of a user's
+#: own has its tests with laws.
+NAMES = [name for name in SCENARIOS if name not in ("fang2018-slope", *NEEDS_LAW)]
 WHITE = [name for name in NAMES if name != "coloured"]
 
 #: Streams, in which every sample has a slip of its own, and those followed at every sample.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Identifier
-from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
+from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options, Scenario
 
 #: What runs when no scenario is named: curves identified block by block, and a stream.
 MAIN_JOB = ("he2018-blocks", "qian2024-switch")
@@ -28,6 +28,10 @@ def build_scenario(config: Config) -> Scenario:
     if config.scenario not in SCENARIOS:
         raise InputError(
             f"--scenario {config.scenario} is unknown; the scenarios are {', '.join(SCENARIOS)}."
+        )
+    if config.options.law is not None and config.scenario not in NEEDS_LAW:
+        raise InputError(
+            f"--law does not go with --scenario {config.scenario}, but with {', '.join(NEEDS_LAW)}."
         )
     return SCENARIOS[config.scenario](config.options)
 

@@ -12,7 +12,7 @@ from adhesion_jax.discovery.effects.history import has_history, smoothed
 from adhesion_jax.scenarios import Record
 
 #: Radius in m that turns a rolled distance into an angle where no angle was measured.
-_NOMINAL_RADIUS = 0.46
+NOMINAL_RADIUS = 0.46
 
 #: Seconds over which a speed is smoothed before its slope is taken for the acceleration.
 _ACCELERATION_WIDTH = 0.5
@@ -58,7 +58,7 @@ def completed(
             conditions.setdefault("acceleration_mps2", smooth[1])
             step = jnp.diff(conditions["time_s"], prepend=conditions["time_s"][:1])
             rolled = jnp.cumsum(speed * (1 + slip) * step)
-            conditions.setdefault("wheel_angle_rad", rolled / _NOMINAL_RADIUS)
+            conditions.setdefault("wheel_angle_rad", rolled / NOMINAL_RADIUS)
     if calendar.column in conditions:
         span = calendar.end - calendar.start
         conditions["campaign_time"] = (conditions[calendar.column] - calendar.start) / span

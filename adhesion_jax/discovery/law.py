@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -100,21 +102,56 @@ def save_law(path: Path, law: CorrectedLaw) -> None:
 def load_law(path: Path) -> CorrectedLaw:
     """A law that was saved; InputError where the file is none."""
     try:
-        saved = json.loads(path.read_text())
-        curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
-        known = type(BASES[curve.pop("name")])
-        return CorrectedLaw(
-            known(**{**curve, "free": tuple(curve["free"])}),
-            tuple(KINDS[effect.pop("name")](**effect) for effect in effects),
-            {name: (low, high) for name, (low, high) in saved["ranges"].items()},
-            Calendar(**saved["calendar"]),
-        )
+        return law_from(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); name a law.json.") from None
+    except UnicodeDecodeError:
+        raise _no_law(str(path)) from None
+
+
+def law_from(text: str, source: str) -> CorrectedLaw:
+    """The law that was saved as this text; InputError, which names the source, where it is none."""
+    try:
+        saved = json.loads(text)
+        curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
+        known, free = type(BASES[curve.pop("name")]), tuple(curve.pop("free"))
+        kinds = [KINDS[effect.pop("name")] for effect in effects]
+        column, start, end = (saved["calendar"][name] for name in Calendar._fields)
+        return CorrectedLaw(
+            known(**_finite(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)),
+            tuple(
+                kind(**_finite(kind.PARAMETERS, effect))
+                for kind, effect in zip(kinds, effects, strict=True)
+            ),
+            {name: _range(*ends) for name, ends in saved["ranges"].items()},
+            Calendar(str(column), *_range(start, end)),
+        )
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(
-            f"{path} is not a law saved by experiments.discover; name its law.json."
-        ) from None
+        raise _no_law(source) from None
+
+
+def _no_law(source: str) -> InputError:
+    return InputError(f"{source} is not a law saved by experiments.discover; name its law.json.")
+
+
+def _finite(parameters: Iterable[str], fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields, of which the parameters are finite numbers: Python's JSON knows NaN."""
+    if not all(math.isfinite(fields[name]) for name in parameters if name in fields):
+        raise ValueError
+    return fields
+
+
+def _some_of(parameters: Iterable[str], names: tuple[str, ...]) -> tuple[str, ...]:
+    if not names or not set(names) <= set(parameters):
+        raise ValueError
+    return names
+
+
+def _range(low: float, high: float) -> tuple[float, float]:
+    """Two finite numbers in order."""
+    if not -math.inf < low <= high < math.inf:
+        raise ValueError
+    return float(low), float(high)
 
 
 def _kind(effect: Effect) -> str:

@@ -11,7 +11,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.regression.table import ACCURACY, KEYS
 from adhesion_jax.runtime import CORES
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
 
 #: Where an identifier is measured: the first of these that it accepts, so that it compiles once;
 #: one that accepts none of them goes to the first of all scenarios that it does accept.
@@ -24,7 +24,7 @@ HOMES = (
 
 def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
     """The home of each identifier; InputError where one accepts no scenario at all."""
-    places = (*HOMES, *(Config(name) for name in SCENARIOS))
+    places = (*HOMES, *(Config(name) for name in SCENARIOS if name not in NEEDS_LAW))
     built = [(place, build_scenario(place)) for place in places]
     found = {}
     for name, identifier in identifiers.items():

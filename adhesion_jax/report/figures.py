@@ -124,11 +124,15 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
         column[0].set_title(name, fontsize=10)
         column[-1].set_xlabel("block (1)")
         column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    labels = [*({**LABELS, **_SHORT}[quantity] for quantity in shown), r"error of $\mu_{max}$ (%)"]
+    labels = [*(_label(quantity) for quantity in shown), r"error of $\mu_{max}$ (%)"]
     for label, axis in zip(labels, axes[:, 0], strict=True):
         axis.set_ylabel(label)
     axes[0, 0].legend(fontsize=7, loc="upper right")
     figure.savefig(path, dpi=_MANY_PANELS)
+
+
+def _label(quantity: str) -> str:
+    return _SHORT.get(quantity, LABELS.get(quantity, quantity))
 
 
 def _shown(truth: pd.DataFrame) -> list[str]:
@@ -170,7 +174,7 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
         column[-1].set_xlabel("samples (1)")
         column[-1].set_ylim(-0.05, 1.05)
     for quantity, axis in zip(rows, axes[:, 0], strict=True):
-        axis.set_ylabel(_SHORT.get(quantity, LABELS.get(quantity, quantity)))
+        axis.set_ylabel(_label(quantity))
     axes[0, 0].legend(fontsize=7, loc="upper right")
     figure.savefig(path, dpi=_MANY_PANELS)
 

@@ -14,6 +14,15 @@ from adhesion_jax.scenarios.samples import drift, qian2024_switch
 from adhesion_jax.scenarios.slope import fang2018_slope
 from adhesion_jax.scenarios.stream import qian2024
 
+
+def corrected(options: Options) -> Scenario:
+    """One block a run under a law with effects (--law), for who knows only the curve below them."""
+    # Not above: the discovery stands on this package, and no other scenario needs it.
+    from adhesion_jax.scenarios.corrected import corrected as build
+
+    return build(options)
+
+
 #: Command-line name to the function that builds the scenario from a user's options.
 SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
     "single": single,
@@ -26,4 +35,8 @@ SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
     "fang2018-slope": fang2018_slope,
     "mismatch": mismatch,
     "mismatch-kiencke": mismatch_kiencke,
+    "corrected": corrected,
 }
+
+#: Scenarios that cannot do without a law, and the only ones that take one.
+NEEDS_LAW = ("corrected",)

@@ -61,6 +61,8 @@ class Options:
     slip_max: float | None = None
     outliers: float | None = None
     blocks: int | None = None
+    #: What a law.json says, not where it lies: it is carried to worker processes and metadata.
+    law: str | None = None
 
 
 class Scenario(eqx.Module):
