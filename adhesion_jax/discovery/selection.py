@@ -104,7 +104,7 @@ def search(
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
         open_entries = _open(entries, state)
-        scores = screen(state.setting, state.fitted, open_entries, seed + number)
+        scores: Sequence[Score] = screen(state.setting, state.fitted, open_entries, seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         chosen, significant = state, SIGNIFICANT
@@ -369,7 +369,7 @@ def _choose(trials: Sequence[_Trial], now: _Trial) -> _Trial:
 
 def _class(trials: Sequence[_Trial], chosen: _Trial, gain: float) -> tuple[str, ...]:
     """The names that cannot be told from the chosen one, most likely first."""
-    members = {}
+    members: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
         behind = trial.losses - chosen.losses
         close = behind.sum() <= _CLASS_ERRORS * _standard_error(behind) + 1e-9
