@@ -1,5 +1,8 @@
 """While tested, the package is checked against the shapes and types it declares."""
 
+import os
+from tempfile import TemporaryDirectory
+
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
@@ -9,3 +12,17 @@ install_import_hook("adhesion_jax", "beartype.beartype")
 # The same examples on every machine, and no deadline: the first example compiles.
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
 settings.load_profile("repeatable")
+
+_FOLDER = "JAX_COMPILATION_CACHE_DIR"
+
+
+def pytest_configure(config):
+    """All processes of a session, those that tests start too, share what they compile."""
+    if _FOLDER in os.environ:
+        return
+    passing = TemporaryDirectory()
+    config.add_cleanup(passing.cleanup)
+    # By the environment, which workers inherit; jax reads it when it is imported, after this.
+    os.environ[_FOLDER] = passing.name
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"

@@ -43,7 +43,7 @@ def calendar_of(record: Record) -> Calendar:
 
 
 def completed(
-    slip: Float[Array, " points"], measured: Conditions, calendar: Calendar
+    slip: Float[Array, "*shape"], measured: Conditions, calendar: Calendar
 ) -> Mapping[str, Float[Array, "..."]]:
     """The conditions of one run, or one steady state, with those that follow from them."""
     conditions = {name: jnp.asarray(values) for name, values in measured.items()}

@@ -83,7 +83,9 @@ def discover(
     line = None if noisy else torsion(state.setting, state.fitted)
     progress("fitting all runs", 0.85)
     final = _on_all_runs(problem, state)
-    plain = settled(Setting(problem, final.setting.noise, final.setting.level), fits, (), ())
+    plain = final
+    if final.accepted:
+        plain = settled(Setting(problem, final.setting.noise, final.setting.level), fits, (), ())
     progress("measuring the errors", 0.92)
     return summarise(
         runs=runs,

@@ -8,7 +8,7 @@ parameters to a number of columns of the Jacobian; what is padded is held.
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,13 +34,16 @@ _STEPS, _ARRIVED, _STUCK = 40, 1e-8, 1e6
 _QUICKLY = {"xla_cpu_use_fusion_emitters": False}
 
 
+# Arrays of NumPy before they go into a program, of jax inside.
+
+
 class Data(NamedTuple):
     """The runs of a campaign, padded; conditions hold every column that any effect needs."""
 
-    slip: Float[Array, "runs points"]
-    adhesion: Float[Array, "runs points"]
-    conditions: Mapping[str, Float[Array, "runs points"]]
-    columns: Float[Array, "columns runs points"]  # what a column of its own may act through
+    slip: Float[Any, "runs points"]
+    adhesion: Float[Any, "runs points"]
+    conditions: Mapping[str, Float[Any, "runs points"]]
+    columns: Float[Any, "columns runs points"]  # what a column of its own may act through
 
 
 class Noise(NamedTuple):
@@ -50,22 +53,22 @@ class Noise(NamedTuple):
     the relative precision of each point, 0 where there is none.
     """
 
-    weight: Float[Array, "runs points"]
-    sigma: Float[Array, ""]
-    autocorrelation: Float[Array, ""]
-    run_scatter: Float[Array, ""]
+    weight: Float[Any, "runs points"]
+    sigma: Float[Any, ""]
+    autocorrelation: Float[Any, ""]
+    run_scatter: Float[Any, ""]
 
 
 class Model(NamedTuple):
     """A curve and its effects as numbers, in the order in which effects are applied."""
 
-    base: Int[Array, ""]
-    values: Float[Array, " flat"]  # curve, then slots, then one that nothing reads
-    kind: Int[Array, " slots"]  # 0: empty, else 1 + place in KINDS
-    column: Int[Array, "slots two"]  # places in Data.columns
-    free: Int[Array, " free"]  # places in `values`; padded with the last
-    lower: Float[Array, " free"]
-    upper: Float[Array, " free"]
+    base: Int[Any, ""]
+    values: Float[Any, " flat"]  # curve, then slots, then one that nothing reads
+    kind: Int[Any, " slots"]  # 0: empty, else 1 + place in KINDS
+    column: Int[Any, "slots two"]  # places in Data.columns
+    free: Int[Any, " free"]  # places in `values`; padded with the last
+    lower: Float[Any, " free"]
+    upper: Float[Any, " free"]
 
 
 class Fit(NamedTuple):

@@ -56,7 +56,7 @@ def search(
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
         open_entries = _open(entries, state)
-        scores = screen(state.setting, state.fitted, open_entries, seed + number)
+        scores: Sequence[Score] = screen(state.setting, state.fitted, open_entries, seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         chosen, significant = state, SIGNIFICANT

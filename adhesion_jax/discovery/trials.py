@@ -106,7 +106,7 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
 
 def class_of(trials: Sequence[Trial], chosen: Trial, gain: float) -> tuple[str, ...]:
     """The names that cannot be told from the chosen one, most likely first."""
-    members = {}
+    members: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
         behind = trial.losses - chosen.losses
         close = behind.sum() <= _CLASS_ERRORS * standard_error(behind) + 1e-9

@@ -50,7 +50,8 @@ def lagged(
     The exact response to a ramp: y(k) = a y(k-1) + (g - a) s(k-1) + (1 - g) s(k), with
     a = exp(-dt/T), g = (1 - a) T/dt. It starts settled.
     """
-    ratio = steps(conditions) / jnp.maximum(time_constant, 1e-6)
+    # Not the larger of both: the derivative at no time is that from above.
+    ratio = steps(conditions) / (time_constant + 1e-12)
     kept = jnp.exp(-ratio)
     small = ratio < 1e-4
     gain = jnp.where(small, 1 - ratio / 2, -jnp.expm1(-ratio) / jnp.where(small, 1.0, ratio))

@@ -57,7 +57,7 @@ class Product(Effect):
         return adhesion * jnp.maximum(1 + self.k * first * second, 0.0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Effect]:
+    def starts(cls, columns: Columns) -> Sequence["Product"]:
         scales = {name: float(np.std(z)) for name, z in columns.items()}
         centres = {name: float(np.mean(z)) / scales[name] for name, z in columns.items()}
         return [

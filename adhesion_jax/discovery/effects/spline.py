@@ -54,7 +54,7 @@ class Spline(Effect):
         slip: Float[Array, "*shape"],
         conditions: Conditions,
     ) -> Float[Array, "*shape"]:
-        basis = _basis((conditions[self.column] - self.low) / (self.high - self.low))
+        basis = _basis(jnp.asarray((conditions[self.column] - self.low) / (self.high - self.low)))
         weights = (self.k1, self.k2, self.k3, self.k4, self.k5)
         change = sum(weight * part for weight, part in zip(weights, basis, strict=True))
         return adhesion * jnp.maximum(1 + change, 0.0)
@@ -63,7 +63,7 @@ class Spline(Effect):
     def starts(cls, columns: Columns) -> Sequence[Effect]:
         ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
         return [
-            cls(*[0.02] * 5, low=low, high=high, column=name)
+            cls(0.02, 0.02, 0.02, 0.02, 0.02, low=low, high=high, column=name)
             for name, (low, high) in ends.items()
             if high > low
         ]

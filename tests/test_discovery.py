@@ -1,0 +1,263 @@
+import jax
+import numpy as np
+import pytest
+from discovery_campaigns import SIZE, problem_of
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+
+from adhesion_jax.curves import with_free_values
+from adhesion_jax.discovery.bases import first_fits
+from adhesion_jax.discovery.effects import EFFECTS
+from adhesion_jax.discovery.fitting import Setting, fit_model, held_out_loss
+from adhesion_jax.discovery.law import BASES, with_effects
+from adhesion_jax.discovery.noise import estimate_noise
+from adhesion_jax.discovery.program import Noise, whitened
+from adhesion_jax.discovery.simulator import simulate
+
+SIGMA, CORRELATION, SCATTER = 0.007, 0.4, 0.005
+
+
+def noise_of(weight, sigma=SIGMA, correlation=CORRELATION, scatter=SCATTER):
+    return Noise(weight, np.array(sigma), np.array(correlation), np.array(scatter))
+
+
+def roots(level, inside, noise):
+    """Cholesky factors of the covariance of each run, stated in full."""
+    found = []
+    for mean, there in zip(level, inside, strict=True):
+        place = np.arange(there.sum())
+        stationary = float(noise.autocorrelation) ** np.abs(place[:, None] - place)
+        both = float(noise.run_scatter) ** 2 * np.outer(mean[there], mean[there])
+        found.append(np.linalg.cholesky(float(noise.sigma) ** 2 * stationary + both))
+    return found
+
+
+def white(signal, inside, factors):
+    """Of each run, its signal by the inverse of its Cholesky factor."""
+    return [
+        solve_triangular(factor, run[there], lower=True)
+        for run, there, factor in zip(signal, inside, factors, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def hot():
+    """A campaign in which temperature and a lag act, some of its runs shorter than others."""
+    table = simulate(["temperature", "lag"], seed=1, base="burckhardt", **SIZE).train
+    place = table.groupby("run").cumcount()
+    lengths = {name: 100 - 7 * (number % 4) for number, name in enumerate(table["run"].unique())}
+    return problem_of(table[place < table["run"].map(lengths)])
+
+
+@pytest.fixture(scope="module")
+def setting(hot):
+    level = 0.3 + 0.0 * hot.points
+    return Setting(hot, noise_of(hot.points), level)
+
+
+@pytest.mark.parametrize("length", [7, 4])
+def test_whitening_is_by_the_inverse_of_the_stated_covariance(length):
+    draw = np.random.default_rng(1)
+    level, signals = draw.normal(0.3, 0.1, (3, 7)), draw.normal(size=(40, 3, 7))
+    inside = np.arange(7) < np.array([7, length, length])[:, None]
+    noise = noise_of(inside.astype(float), 0.02, 0.6, 0.3)
+    found = np.asarray(whitened(noise, level, signals))
+    factors = roots(level, inside, noise)
+    for signal, measured in zip(signals, found, strict=True):
+        expected = [(part**2).sum() for part in white(signal, inside, factors)]
+        np.testing.assert_allclose((measured**2).sum(1), expected, rtol=1e-11)
+    assert (found[:, ~inside] == 0).all()
+
+
+def test_whitened_noise_is_white():
+    # As many runs of noise as the moments need for their errors of 1/sqrt(runs).
+    draw, runs = np.random.default_rng(2), 20_000
+    level = np.broadcast_to([0.1, 0.3, 0.3, 0.2, 0.25], (runs, 5))
+    noise = noise_of(np.ones((runs, 5)), 0.01, 0.5, 0.05)
+    factor = roots(level[:1], np.ones((1, 5), bool), noise)[0]
+    drawn = draw.standard_normal((runs, 5)) @ factor.T
+    found = np.asarray(whitened(noise, level, drawn[None]))[0]
+    np.testing.assert_allclose(found.T @ found / runs, np.eye(5), atol=5 * np.sqrt(2 / runs))
+
+
+def residual_of(setting, base, effects):
+    """The whitened residual of each run and its Jacobian, from the free parameters."""
+    problem, data = setting.problem, setting.problem.data
+    inside = problem.points > 0
+    factors = roots(setting.level, inside, setting.noise)
+    conditions = {**data.conditions, **dict(zip(problem.columns, data.columns, strict=False))}
+    names = [
+        [name for name in effect.PARAMETERS if name not in effect.REFERENCES] for effect in effects
+    ]
+
+    @jax.jit
+    def adhesion(values):
+        curve = with_free_values(BASES[base], values[: len(BASES[base].free)])
+        place, worn = len(BASES[base].free), []
+        for effect, free in zip(effects, names, strict=True):
+            numbers = {**vars(effect), **dict(zip(free, values[place:], strict=False))}
+            worn.append(type(effect)(**numbers))
+            place += len(free)
+        return jax.vmap(lambda slip, given: with_effects(curve, tuple(worn), slip, given))(
+            data.slip, conditions
+        )
+
+    derivative = jax.jit(jax.jacfwd(adhesion))
+
+    def parts(values):
+        return white(np.asarray(adhesion(values)) - data.adhesion, inside, factors)
+
+    def jacobian(values):
+        change = np.moveaxis(np.asarray(derivative(values)), -1, 0)
+        return np.stack([np.concatenate(white(one, inside, factors)) for one in change], axis=1)
+
+    return parts, jacobian
+
+
+def box(base, effects):
+    described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
+    for effect in effects:
+        described += [p for name, p in effect.PARAMETERS.items() if name not in effect.REFERENCES]
+    return np.array([(one.lower, one.upper) for one in described]).T
+
+
+def scipys(setting, base, effects, start):
+    """The loss at scipy's minimum."""
+    parts, jacobian = residual_of(setting, base, effects)
+    found = least_squares(
+        lambda values: np.concatenate(parts(values)),
+        np.clip(start, *(box(base, effects) + np.array([[1e-12], [-1e-12]]))),
+        jac=jacobian,
+        bounds=box(base, effects),
+        x_scale="jac",
+        ftol=1e-12,
+        xtol=1e-12,
+        gtol=1e-12,
+        max_nfev=200,
+    )
+    return found.cost, found.x
+
+
+@pytest.mark.parametrize("base", [name for name in BASES if name != "level"])
+def test_the_fit_of_a_curve_is_the_minimum_that_scipy_finds(base, setting):
+    fitted = first_fits(setting, [base])[base]
+    cost, _ = scipys(setting, base, (), fitted.base_values)
+    assert fitted.total == pytest.approx(cost, rel=1e-6)
+    # And no minimum that is worse than that from typical values, a tenth aside.
+    other, _ = scipys(setting, base, (), 1.1 * np.asarray(fitted.base_values))
+    assert fitted.total <= other * (1 + 1e-6)
+
+
+def warm(setting):
+    reference = float(np.median(setting.problem.flat["temperature_C"]))
+    return EFFECTS["temperature"](k=1e-3, reference=reference)
+
+
+@pytest.fixture(scope="module")
+def fitted(setting):
+    """Burckhardt's curve with two effects, one of which acts in time."""
+    start = (warm(setting), EFFECTS["lag"](time_constant=0.2))
+    return fit_model(setting, "burckhardt", (0.3, 60.0, 0.3), start)
+
+
+def free_of(fitted):
+    return fitted.values[list(fitted.places)]
+
+
+def test_the_fit_with_effects_is_the_minimum_that_scipy_finds(setting, fitted):
+    start = free_of(fitted) * np.array([1.05, 0.9, 1.2, 0.8, 1.3])
+    cost, values = scipys(setting, "burckhardt", fitted.effects, start)
+    assert fitted.total == pytest.approx(cost, rel=1e-6)
+    # To a hundredth of a standard error.
+    error = np.sqrt(np.diag(np.linalg.inv(fitted.hessian.sum(0))))
+    np.testing.assert_allclose((free_of(fitted) - values) / error, 0.0, atol=0.01)
+
+
+def test_loss_gradient_and_hessian_are_those_of_each_run(setting, fitted):
+    parts, _ = residual_of(setting, "burckhardt", fitted.effects)
+    at = free_of(fitted)
+    here = parts(at)
+    expected = [0.5 * (run**2).sum() for run in here]
+    np.testing.assert_allclose(fitted.loss, expected, rtol=1e-9)
+    moves = np.diag(1e-5 * np.maximum(np.abs(at), 1e-4))
+    slopes = [
+        [(up - down) / (2 * move.sum()) for up, down in zip(parts(at + move), parts(at - move),
+                                                            strict=True)]
+        for move in moves
+    ]  # fmt: skip
+    for run, residual in enumerate(here):
+        jacobian = np.stack([slope[run] for slope in slopes], axis=1)
+        size = np.linalg.norm(jacobian, axis=0)
+        np.testing.assert_allclose(
+            fitted.gradient[run] / size, jacobian.T @ residual / size, atol=1e-4
+        )
+        np.testing.assert_allclose(
+            fitted.hessian[run] / np.outer(size, size),
+            jacobian.T @ jacobian / np.outer(size, size),
+            atol=1e-5,
+        )
+
+
+def test_what_is_masked_changes_nothing(hot, setting):
+    outside = hot.points == 0
+    assert outside.any()
+    data = hot.data._replace(
+        adhesion=np.where(outside, 1e3, hot.data.adhesion),
+        slip=np.where(outside, 0.5, hot.data.slip),
+    )
+    level = np.where(outside, 77.0, setting.level)
+    start = (warm(setting),)
+    before = fit_model(setting, "burckhardt", (0.3, 60.0, 0.3), start)
+    changed = Setting(hot._replace(data=data), setting.noise, level)
+    after = fit_model(changed, "burckhardt", (0.3, 60.0, 0.3), start)
+    np.testing.assert_allclose(after.loss, before.loss, rtol=1e-12)
+    np.testing.assert_allclose(free_of(after), free_of(before), rtol=1e-9)
+
+
+def without_run(setting, run):
+    weight = setting.problem.points * (np.arange(len(setting.problem.points)) != run)[:, None]
+    return Setting(setting.problem, setting.noise._replace(weight=weight), setting.level)
+
+
+def test_a_run_without_weight_is_no_run(setting):
+    fitted = fit_model(without_run(setting, 3), "burckhardt", (0.3, 60.0, 0.3), ())
+    assert fitted.loss[3] == 0
+    assert (fitted.hessian[3] == 0).all()
+    assert (held_out_loss(fitted)[3]) == 0
+
+
+def test_the_held_out_loss_is_that_of_refits_without_the_run(setting, fitted):
+    parts, _ = residual_of(setting, "burckhardt", fitted.effects)
+    expected = []
+    for run in range(len(fitted.loss)):
+        values = fitted.base_values.tolist()
+        less = fit_model(without_run(setting, run), "burckhardt", values, fitted.effects)
+        expected.append(0.5 * (parts(free_of(less))[run] ** 2).sum())
+    # What a run loses by being left out is small beside its loss: a twentieth of that is right.
+    lost = np.array(expected) - fitted.loss
+    assert (lost > 0).all()
+    found = held_out_loss(fitted)
+    np.testing.assert_allclose(found - fitted.loss, lost, rtol=0.05, atol=0.02)
+    assert found.sum() == pytest.approx(sum(expected), rel=1e-3)
+
+
+def test_noise_is_recovered_within_its_sampling_error():
+    draw, runs, points = np.random.default_rng(4), 600, 100
+    level = 0.3 + 0.1 * draw.random((runs, points))
+    inside = np.arange(points) < np.where(np.arange(runs) % 3, points, 60)[:, None]
+    noise = noise_of(inside.astype(float), 0.01, 0.5, 0.03)
+    residual = np.zeros((runs, points))
+    for run, factor in enumerate(roots(level, inside, noise)):
+        residual[run, inside[run]] = factor @ draw.standard_normal(inside[run].sum())
+    residual[~inside] = 1e3
+    found = estimate_noise(inside.astype(float), residual, level)
+    # Three standard errors: of a variance sqrt(2/n (1 + r^2)/(1 - r^2)), of r sqrt((1 - r^2)/n),
+    # of the spread of the runs 1/sqrt(2 runs).
+    count = inside.sum()
+    assert float(found.sigma) == pytest.approx(
+        0.01, rel=3 * np.sqrt(1.25 / 0.75 / 2 / count) + 0.01
+    )
+    assert float(found.autocorrelation) == pytest.approx(0.5, abs=3 * np.sqrt(0.75 / count))
+    assert float(found.run_scatter) == pytest.approx(0.03, rel=3 / np.sqrt(2 * runs))
+    still = estimate_noise(inside.astype(float), np.where(inside, 0.0, 1.0), level)
+    assert float(still.run_scatter) == 0
