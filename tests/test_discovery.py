@@ -250,7 +250,7 @@ def test_noise_is_recovered_within_its_sampling_error():
     for run, factor in enumerate(roots(level, inside, noise)):
         residual[run, inside[run]] = factor @ draw.standard_normal(inside[run].sum())
     residual[~inside] = 1e3
-    found = estimate_noise(inside.astype(float), residual, level)
+    found = estimate_noise(inside.astype(float), residual, level, False)
     # Three standard errors: of a variance sqrt(2/n (1 + r^2)/(1 - r^2)), of r sqrt((1 - r^2)/n),
     # of the spread of the runs 1/sqrt(2 runs).
     count = inside.sum()
@@ -259,5 +259,5 @@ def test_noise_is_recovered_within_its_sampling_error():
     )
     assert float(found.autocorrelation) == pytest.approx(0.5, abs=3 * np.sqrt(0.75 / count))
     assert float(found.run_scatter) == pytest.approx(0.03, rel=3 / np.sqrt(2 * runs))
-    still = estimate_noise(inside.astype(float), np.where(inside, 0.0, 1.0), level)
+    still = estimate_noise(inside.astype(float), np.where(inside, 0.0, 1.0), level, False)
     assert float(still.run_scatter) == 0

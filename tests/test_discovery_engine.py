@@ -208,10 +208,6 @@ def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
     assert "contiguous blocks" in found.warnings[0]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="named on the runs of selection, then lost: the blocks held out do not confirm it",
-)
 def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak():
     found = discover(read_runs([SHIPPED["eurosprinter"].path]), base="polach")
     assert found.train.before.value == pytest.approx(0.0333, rel=0.01)

@@ -30,7 +30,7 @@ def started(table):
     adhesion = np.asarray(problem.data.adhesion)
     setting = Setting(problem, white_noise(problem.points, 0.01), adhesion)
     fitted = fit_model(setting, "burckhardt", (0.3, 60.0, 0.3), ())
-    noise = estimate_noise(problem.points, adhesion - fitted.adhesion, fitted.adhesion)
+    noise = estimate_noise(problem.points, adhesion - fitted.adhesion, fitted.adhesion, False)
     setting = Setting(problem, noise, fitted.adhesion)
     return setting, fit_model(setting, "burckhardt", fitted.base_values.tolist(), ())
 
