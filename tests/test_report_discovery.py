@@ -121,7 +121,7 @@ def test_json_of_the_examples():
     held = report["effects"][0]["parameters"]["reference"]
     assert held == {"value": 61.0, "low": None, "high": None, "unit": "%"}
     assert report_json(unexplained())["unexplained"] == [
-        {"axis": "relative_humidity_pct", "p_adjusted": 0.0031, "rmse_after": 0.01044}
+        {"axis": "covariate:relative_humidity_pct", "p_adjusted": 0.0031, "rmse_after": 0.01044}
     ]
     assert report_json(nasty())["effects"][0]["covariates"] == [NASTY]
 

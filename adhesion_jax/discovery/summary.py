@@ -103,6 +103,11 @@ def law_of(state: Selection) -> CorrectedLaw:
         for name, values in problem.flat.items()
         if name not in _UNBOUNDED
     }
+    inside = problem.points > 0
+    needed = {name for effect in state.fitted.effects for name in effect.NEEDS}
+    for name in needed & problem.constant - {*_UNBOUNDED}:
+        value = float(np.asarray(problem.data.conditions[name])[inside][0])
+        ranges[name] = (value, value)
     curve = base_curve(state.base, state.fitted.base_values)
     return CorrectedLaw(curve, state.fitted.effects, ranges, problem.calendar)
 

@@ -223,7 +223,7 @@ def _ranking(findings: Findings) -> Figure | None:
     end = max(_end(row) for rows in rounds for row in rows)
     for axis, rows in zip(axes, rounds, strict=True):
         _round(axis, rows, findings.thresholds)
-        axis.set_xlim(min([0.0, *(row.z for row in rows if row.z < 0)]), end)
+        axis.set_xlim(0.0, end)
     axes[-1].set_xlabel("z of the score test (1)")
     if any(axis.get_legend_handles_labels()[0] for axis in axes):
         axes[0].legend(loc="lower right", fontsize=8, frameon=False)
@@ -239,7 +239,8 @@ def _end(row: Candidate) -> float:
 def _round(axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...]) -> None:
     bars = axis.barh(
         np.arange(len(rows)),
-        np.nan_to_num([row.z for row in rows]),
+        # Less than nothing is nothing: a bar to the left would run into the names.
+        np.maximum(np.nan_to_num([row.z for row in rows]), 0.0),
         color=[_shade(row.decision) for row in rows],
         edgecolor="0.25",
         linewidth=0.6,

@@ -34,7 +34,8 @@ def root_axis(axis: Axes, low: float, high: float, gap: float = 0.045) -> None:
     Ticks keep `gap` of the length of the longer side from each other.
     """
     axis.set_xscale("function", functions=(_signed_root, _signed_square))
-    ticks = _ticks(max(high, -low), gap)
+    # With braking beside traction a side has half of the axis.
+    ticks = _ticks(max(high, -low), gap * (2 if low < 0 < high else 1))
     both = [-tick for tick in reversed(ticks) if 0 < tick <= -low] + [t for t in ticks if t <= high]
     axis.xaxis.set_major_locator(FixedLocator(both))
     axis.xaxis.set_major_formatter(lambda slip, _: f"{slip:g}")
