@@ -214,3 +214,13 @@ def test_starts_lie_inside_the_bounds_and_are_not_nothing(name):
             assert parameter.lower <= float(getattr(effect, key)) <= parameter.upper
         assert any(float(getattr(effect, key)) != 0 for key in effect.STRENGTHS)
     assert len({repr(effect) for effect in starts}) == len(starts)
+
+
+@pytest.mark.parametrize("name", sorted(name for name in KINDS if KINDS[name].ORDER > 0))
+def test_only_effects_of_order_zero_bend_the_slip(name):
+    # The compiled program leaves out what the others do before the curve.
+    slip = jnp.array([-0.1, 0.0, 0.02])
+    kind = KINDS[name]
+    names = [field.name for field in dataclasses.fields(kind) if field.name not in kind.PARAMETERS]
+    effect = kind(**dict.fromkeys(kind.PARAMETERS, 0.5), **dict.fromkeys(names, "none"))
+    assert effect.before(slip, {}) is slip

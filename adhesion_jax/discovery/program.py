@@ -26,6 +26,10 @@ _BASE_SIZE = max(len(curve.free) for curve in BASES.values())
 _EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())
 _NAMES = tuple(KINDS)
 
+# Effects that leave the slip alone share a branch: what is not written out need not be compiled.
+_BENDING = tuple(name for name in _NAMES if KINDS[name].ORDER == 0)
+_BENDS = (0, *(_BENDING.index(name) + 1 if name in _BENDING else 0 for name in _NAMES))
+
 #: Levenberg-Marquardt: largest number of steps, and the relative gain below which it has arrived.
 _STEPS, _ARRIVED, _STUCK = 40, 1e-8, 1e6
 
@@ -185,9 +189,9 @@ def _adhesion(
         kind, places, parameters = slot
         branches = [lambda bent: bent] + [
             partial(lambda bent, name: effect(name, parameters).before(bent, seen(places)), name=n)
-            for n in _NAMES
+            for n in _BENDING
         ]
-        return jax.lax.switch(kind, branches, bent), None
+        return jax.lax.switch(jnp.asarray(_BENDS)[kind], branches, bent), None
 
     def after(adhesion: Array, slot: tuple[Array, Array, Array]) -> tuple[Array, None]:
         kind, places, parameters = slot

@@ -20,7 +20,8 @@ class Effect(eqx.Module):
     STRENGTHS are zero where there is no effect; those of REFERENCES are no parameters to be
     found but the median of a column, so that the law below keeps its meaning.
     NEEDS names the columns without which the effect cannot be evaluated. ORDER sorts the effects
-    of a law: causes at the contact are applied first (0), those of the signals last (2).
+    of a law: those that bend the slip are applied first (0), those of the signals last (2). Only
+    effects of order 0 may bend the slip.
 
     Conditions are those of one run in the order of time, arrays [points]; effects that act in
     time need `time_s`. Where `time_s` is absent or a scalar, they are in their steady state.
