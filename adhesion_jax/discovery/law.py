@@ -89,7 +89,7 @@ def save_law(path: Path, law: CorrectedLaw) -> None:
         json.dumps(
             {
                 "curve": {"name": name, **_fields(curve)},
-                "effects": [{"name": _kind(effect), **_fields(effect)} for effect in law.effects],
+                "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
                 "ranges": dict(law.ranges),
                 "calendar": law.calendar._asdict(),
             },
@@ -154,7 +154,8 @@ def _range(low: float, high: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _kind(effect: Effect) -> str:
+def kind_of(effect: Effect) -> str:
+    """The name of KINDS that an effect is saved under."""
     return next(name for name, kind in KINDS.items() if kind is type(effect))
 
 

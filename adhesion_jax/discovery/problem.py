@@ -95,10 +95,6 @@ def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
 def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray]:
     """Every condition of every run, [runs, points], measured or following from what is."""
     measured = {name: np.asarray(values, float) for name, values in record.conditions.items()}
-    if "time_s" in measured:
-        step = np.diff(measured["time_s"], axis=1)
-        # Rates need time to be that of the run; the calendar needs the whole.
-        assert (step >= 0).all()
     whole = jax.vmap(lambda slip, conditions: completed(slip, conditions, calendar))(
         np.asarray(record.slip), measured
     )

@@ -13,11 +13,10 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.alike import confounded, likenesses, proposals
 from adhesion_jax.discovery.cautions import absent, extrapolated, noise_words, untested
 from adhesion_jax.discovery.dependence import dependences
-from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.errors_by_run import errors
 from adhesion_jax.discovery.findings import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.discovery.fitting import Fitted, covariance, fit_model, held_out_loss
-from adhesion_jax.discovery.law import BASES, KINDS, CorrectedLaw
+from adhesion_jax.discovery.law import BASES, KINDS, CorrectedLaw, kind_of
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.scans import Torsion
@@ -195,7 +194,7 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
         ratio = float(held_out_loss(some).sum()) / max(whole, 1e-300)
         parameters, units = {}, {}
         for number, part in enumerate(effect.parts):
-            prefix = "" if number == 0 else f"{_kind(part)} "
+            prefix = "" if number == 0 else f"{kind_of(part)} "
             for name, described in part.PARAMETERS.items():
                 if name in part.REFERENCES:
                     continue
@@ -221,15 +220,11 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
 
 
 def _sentence(effect: Accepted) -> str:
-    words = " ".join((KINDS[_kind(effect.parts[0])].__doc__ or "").split())
+    words = " ".join((KINDS[kind_of(effect.parts[0])].__doc__ or "").split())
     if effect.generic:
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
     refined = ", its form refined by a smooth curve" if len(effect.parts) > 1 else ""
     return f"Acts as {words.split('. ')[0].rstrip('.')}{refined}."
-
-
-def _kind(effect: Effect) -> str:
-    return next(name for name, kind in KINDS.items() if kind is type(effect))
 
 
 def _intervals(state: Selection) -> Mapping[int, Mapping[str, Interval]]:
