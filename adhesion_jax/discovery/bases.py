@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from adhesion_jax.discovery.effects import Effect
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_models
 from adhesion_jax.discovery.law import BASES
 
 #: The families that the automatic choice is between; the magic formula absorbs real effects.
@@ -38,23 +38,20 @@ def first_fits(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
     """Each curve alone, the best of its starts."""
     inside = setting.problem.points > 0
     top = float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
-    return {
-        base: min(
-            (fit_model(setting, base, start, ()) for start in _starts(base, top)),
-            key=lambda fitted: fitted.total,
-        )
-        for base in bases
-    }
+    tried = [(base, start, ()) for base in bases for start in _starts(base, top)]
+    best: dict[str, Fitted] = {}
+    for fitted in fit_models(setting, tried):
+        if fitted.base not in best or fitted.total < best[fitted.base].total:
+            best[fitted.base] = fitted
+    return best
 
 
 def refits(
     setting: Setting, fits: Mapping[str, Fitted], effects: Sequence[Effect]
 ) -> dict[str, Fitted]:
     """Each curve with the same effects, from where it was."""
-    return {
-        base: fit_model(setting, base, fitted.base_values.tolist(), effects)
-        for base, fitted in fits.items()
-    }
+    models = [(base, fitted.base_values.tolist(), effects) for base, fitted in fits.items()]
+    return dict(zip(fits, fit_models(setting, models), strict=True))
 
 
 def bic(fitted: Fitted) -> float:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.noise import estimate_noise, white_noise
 from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.discovery.scans import torsion
+from adhesion_jax.discovery.screening import compile_changes
 from adhesion_jax.discovery.selection import search
 from adhesion_jax.discovery.state import Selection, settled
 from adhesion_jax.discovery.summary import summarise
@@ -159,7 +161,11 @@ def _started(
     inside = weight > 0
     sigma = 0.1 * float(np.sqrt(np.mean(adhesion[inside] ** 2)))
     white = Setting(problem, white_noise(weight, max(sigma, 1e-12)), adhesion)
-    fits = first_fits(white, bases)
+    with ThreadPoolExecutor(1) as pool:
+        # Compiling the two programs is most of a first search: let them be compiled side by side.
+        compiled = pool.submit(compile_changes, white, bases[0])
+        fits = first_fits(white, bases)
+        compiled.result()
     best = min(fits.values(), key=bic)
     noise = estimate_noise(weight, adhesion - best.adhesion, best.adhesion, problem.blocks)
     return Setting(problem, noise, best.adhesion), fits

@@ -1,6 +1,8 @@
 """Fitting a curve with effects to a campaign, and what its runs say of models not fitted."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +80,17 @@ def fit_model(
         np.asarray(found.residual),
         np.asarray(found.jacobian)[:free],
     )
+
+
+def fit_models(
+    setting: Setting, models: Sequence[tuple[str, Sequence[float], Sequence[Effect]]]
+) -> list[Fitted]:
+    """Each of several models, as many at a time as there are cores."""
+    # By itself, for the program may have to be compiled, and once is enough.
+    found = [fit_model(setting, *model) for model in models[:1]]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found += pool.map(lambda model: fit_model(setting, *model), models[1:])
+    return found
 
 
 def packed(

@@ -33,6 +33,9 @@ _BENDS = (0, *(_BENDING.index(name) + 1 if name in _BENDING else 0 for name in _
 #: Levenberg-Marquardt: largest number of steps, and the relative gain below which it has arrived.
 _STEPS, _ARRIVED, _STUCK = 40, 1e-8, 1e6
 
+# Parameters whose derivatives are taken together: these share the transcendental functions.
+_TOGETHER = 8
+
 # Compiling takes longer than running; by the older emitters it takes two thirds as long, and the
 # program runs as fast.
 _QUICKLY = {"xla_cpu_use_fusion_emitters": False}
@@ -185,26 +188,33 @@ def _adhesion(
     def seen(places: Array) -> Conditions:
         return {**conditions, "first": columns[places[0]], "second": columns[places[1]]}
 
-    def before(bent: Array, slot: tuple[Array, Array, Array]) -> tuple[Array, None]:
-        kind, places, parameters = slot
-        branches = [lambda bent: bent] + [
-            partial(lambda bent, name: effect(name, parameters).before(bent, seen(places)), name=n)
-            for n in _BENDING
-        ]
-        return jax.lax.switch(jnp.asarray(_BENDS)[kind], branches, bent), None
+    # As many turns as there are effects: empty slots at the end take no time.
+    used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
 
-    def after(adhesion: Array, slot: tuple[Array, Array, Array]) -> tuple[Array, None]:
-        kind, places, parameters = slot
+    def before(turn: Array, bent: Array) -> Array:
+        slot = used - 1 - turn
+        branches = [lambda bent: bent] + [
+            partial(
+                lambda bent, name: effect(name, slots[slot]).before(bent, seen(column[slot])),
+                name=name,
+            )
+            for name in _BENDING
+        ]
+        return jax.lax.switch(jnp.asarray(_BENDS)[kind[slot]], branches, bent)
+
+    def after(slot: Array, adhesion: Array) -> Array:
         branches = [lambda adhesion: adhesion] + [
             partial(
-                lambda adhesion, name: effect(name, parameters).after(adhesion, slip, seen(places)),
-                name=n,
+                lambda adhesion, name: effect(name, slots[slot]).after(
+                    adhesion, slip, seen(column[slot])
+                ),
+                name=name,
             )
-            for n in _NAMES
+            for name in _NAMES
         ]
-        return jax.lax.switch(kind, branches, adhesion), None
+        return jax.lax.switch(kind[slot], branches, adhesion)
 
-    bent, _ = jax.lax.scan(before, slip, (kind, column, slots), reverse=True)
+    bent = jax.lax.fori_loop(0, used, before, slip)
     curves = [
         partial(
             lambda bent, curve: with_free_values(curve, values[: len(curve.free)])(
@@ -215,7 +225,7 @@ def _adhesion(
         for curve in BASES.values()
     ]
     adhesion = jax.lax.switch(base, curves, bent)
-    return jax.lax.scan(after, adhesion, (kind, column, slots))[0]
+    return jax.lax.fori_loop(0, used, after, adhesion)
 
 
 def _predict(model: Model, data: Data, values: Array) -> Float[Array, "runs points"]:
@@ -248,14 +258,23 @@ def _with_jacobian(
     model: Model, data: Data, noise: Noise, values: Array, level: Array
 ) -> tuple[Array, Array, Array]:
     """Prediction, residual, and Jacobian [free, runs, points], the last two in noise units."""
-    tangents = jax.nn.one_hot(model.free, values.size)
 
     def push(tangent: Array) -> tuple[Array, Array]:
-        return jax.jvp(lambda v: _predict(model, data, v), (values,), (tangent,))
+        adhesion, change = jax.jvp(lambda v: _predict(model, data, v), (values,), (tangent,))
+        return adhesion, _whitened(noise, level, change)
 
-    adhesion, change = jax.vmap(push, out_axes=(None, 0))(tangents)
-    residual = _whitened(noise, level, adhesion - data.adhesion)
-    return adhesion, residual, jax.vmap(lambda column: _whitened(noise, level, column))(change)
+    def some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        first = turn * _TOGETHER
+        places = jax.lax.dynamic_slice_in_dim(model.free, first, _TOGETHER)
+        tangents = jax.nn.one_hot(places, values.size)
+        adhesion, changes = jax.vmap(push, out_axes=(None, 0))(tangents)
+        return adhesion, jax.lax.dynamic_update_slice_in_dim(found[1], changes, first, 0)
+
+    # Some parameters at a time, and no more than there are: what is at work stays in the cache.
+    free = jnp.sum(model.free != values.size - 1)
+    nothing = jnp.zeros_like(data.slip), jnp.zeros((model.free.size, *data.slip.shape))
+    adhesion, jacobian = jax.lax.fori_loop(0, -(-free // _TOGETHER), some, nothing)
+    return adhesion, _whitened(noise, level, adhesion - data.adhesion), jacobian
 
 
 @partial(jax.jit, compiler_options=_QUICKLY)

@@ -10,8 +10,9 @@ from scipy.special import gammaln
 
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.fitting import Fitted, Setting, packed, size_of
+from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import Entry
-from adhesion_jax.discovery.program import PROBES, changes, whitened
+from adhesion_jax.discovery.program import PROBES, changes, pack, whitened
 
 #: A probe that keeps less than this share of itself beside the model cannot be told from it.
 _SHARE_LEFT = 0.03
@@ -181,6 +182,16 @@ def telling(
     flat = np.where(heard, flat / np.where(heard, left, 1.0), 0.0)
     residual = -fitted.residual.ravel()[used]
     return heard, flat, residual - basis @ (basis.T @ residual)
+
+
+def compile_changes(setting: Setting, base: str) -> None:
+    """Compiles what `screen` needs, for data of this shape."""
+    adhesion = np.asarray(setting.problem.data.adhesion)
+    model = pack(base, [1.0] * len(BASES[base].free), (), (), *size_of(base, ()))
+    models = jax.tree.map(lambda leaf: np.stack([leaf] * PROBES), model)
+    jax.block_until_ready(
+        changes(models, setting.problem.data, setting.noise, setting.level, adhesion)
+    )
 
 
 def _changes(setting: Setting, fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 
 from adhesion_jax.discovery.effects import Covariate, Spline
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_models, held_out_loss
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score
 from adhesion_jax.discovery.state import Selection, with_noise
 
@@ -54,20 +54,20 @@ def tried(state: Selection, shortlist: Sequence[Score]) -> tuple[Setting, Trial,
     base, values = state.base, state.fitted.base_values.tolist()
     effects = state.fitted.effects
 
-    def refit(setting: Setting, start: Fitted | None, score: Score) -> Fitted:
-        if start is None:
-            return fit_model(setting, base, values, (*effects, score.start))
-        return fit_model(setting, base, start.base_values.tolist(), start.effects)
-
-    started = [(refit(state.setting, None, score), score) for score in shortlist]
-    first = [(fitted, score) for fitted, score in started if np.isfinite(fitted.total)]
-    best = min((fitted for fitted, _ in first), key=lambda fitted: fitted.total)
+    starts = fit_models(state.setting, [(base, values, (*effects, one.start)) for one in shortlist])
+    first = [
+        (start, score)
+        for start, score in zip(starts, shortlist, strict=True)
+        if np.isfinite(start.total)
+    ]
+    best = min((start for start, _ in first), key=lambda fitted: fitted.total)
     setting = with_noise(state.setting, best)
-    trials = []
-    for start, score in first:
-        fitted = refit(setting, start, score)
-        trials.append(Trial(score, fitted, held_out_loss(fitted)))
-    now = fit_model(setting, base, values, effects)
+    again = [(base, start.base_values.tolist(), start.effects) for start, _ in first]
+    now, *refitted = fit_models(setting, [(base, values, effects), *again])
+    trials = [
+        Trial(score, fitted, held_out_loss(fitted))
+        for fitted, (_, score) in zip(refitted, first, strict=True)
+    ]
     # Whitening may prefer what follows the fastest changes and misses all the others.
     sane = [trial for trial in trials if squares(setting, trial.fitted) < squares(setting, now)]
     return setting, Trial(shortlist[0], now, held_out_loss(now)), sane
