@@ -10,9 +10,8 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.law import CorrectedLaw
 from adhesion_jax.discovery.library import why_untested
-from adhesion_jax.discovery.noise import neighbours
 from adhesion_jax.discovery.problem import Problem, conditions_of
-from adhesion_jax.discovery.state import Selection
+from adhesion_jax.discovery.state import Selection, residual_moments
 from adhesion_jax.scenarios import Record
 
 #: Columns that an engineer can be expected to have measured, by what stands in for each.
@@ -102,21 +101,21 @@ def extrapolated(state: Selection, law: CorrectedLaw, test: Record | None) -> tu
 
 def noise_words(state: Selection) -> tuple[str, ...]:
     """Sentences on the structure of the noise; none of it is an effect."""
-    noise, fitted = state.setting.noise, state.fitted
-    weight = np.asarray(noise.weight) > 0
+    fitted = state.fitted
+    weight = np.asarray(state.setting.noise.weight) > 0
     runs = int(weight.any(1).sum())
     sentences = []
     adhesion = np.asarray(state.setting.problem.data.adhesion)
-    correlation = neighbours(np.asarray(noise.weight), adhesion - fitted.adhesion, fitted.adhesion)
-    if correlation > 0.05:
+    noise = residual_moments(state)
+    if noise.autocorrelation > 0.05:
         sentences.append(
-            f"Noise: neighbouring points of a run are correlated by {correlation:.2f}; intervals "
-            "and p-values take that into account."
+            "Noise: neighbouring points of a run are correlated by "
+            f"{noise.autocorrelation:.2f}; intervals and p-values take that into account."
         )
-    if float(noise.run_scatter) > 0.002 and runs > 2:
+    if noise.run_scatter > 0.002 and runs > 2:
         sentences.append(
             f"Noise: the level of adhesion differs from run to run by "
-            f"{100 * float(noise.run_scatter):.1f} % for no reason that the columns tell."
+            f"{100 * noise.run_scatter:.1f} % for no reason that the columns tell."
         )
     white = fitted.residual[weight]
     if white.size < 50:
@@ -146,6 +145,6 @@ def noise_words(state: Selection) -> tuple[str, ...]:
     levels = np.unique(adhesion[weight])
     if levels.size > 2 and levels.size < 0.5 * white.size:
         step = float(np.median(np.diff(levels)))
-        if step > 0.3 * float(noise.sigma):
+        if step > 0.3 * noise.sigma:
             sentences.append(f"Noise: adhesion is given in steps of about {step:.2g}.")
     return tuple(sentences)

@@ -131,6 +131,12 @@ def held_out_loss(fitted: Fitted) -> np.ndarray:
     return loss
 
 
+def squares(setting: Setting, fitted: Fitted) -> float:
+    """Weighted sum of squared errors of adhesion."""
+    error = (fitted.adhesion - np.asarray(setting.problem.data.adhesion)) * setting.noise.weight
+    return float((np.asarray(error) ** 2).sum())
+
+
 def step_without(fitted: Fitted, fold: np.ndarray) -> np.ndarray:
     """How far the parameters move when the runs of a fold are left out, [free]."""
     hessian = fitted.hessian.sum(0) - fitted.hessian[fold].sum(0)

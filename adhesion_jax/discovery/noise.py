@@ -1,13 +1,16 @@
 """The noise of a campaign: sigma and AR(1) within a run, a random level from run to run."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from adhesion_jax.discovery.program import Noise
 
-#: Beyond this autocorrelation neighbours are correlated by what the law lacks more than by noise.
-#: Whitening would leave only the fastest changes to judge by; points are then taken as they are,
-#: and what is claimed rests on the differences between runs, which is valid for any correlation.
-MOST = 0.7
+#: Beyond this autocorrelation of neighbours, or this scatter of the levels of runs, the residual is
+#: what the law lacks more than noise. Whitening would leave only the fastest changes to judge by,
+#: and free levels would let a fit follow the shape within runs and miss every level. Points are
+#: then taken as they are, each for as much as it tells of its run.
+MOST, MOST_SCATTER = 0.7, 0.1
 
 #: Points of a run below which its own level leaves no correlation to be seen.
 _SHORT = 5
@@ -18,38 +21,56 @@ def white_noise(points: np.ndarray, sigma: float) -> Noise:
     return Noise(points, np.array(sigma), np.array(0.0), np.array(0.0))
 
 
+class Moments(NamedTuple):
+    """What a residual looks like, be it noise or not."""
+
+    sigma: float
+    autocorrelation: float  # of neighbours within a run
+    run_scatter: float  # of the factors of runs, beyond what sigma explains
+
+
 def estimate_noise(
     weight: np.ndarray, residual: np.ndarray, level: np.ndarray, blocks: bool
 ) -> Noise:
-    """From the residual and the adhesion predicted, both [runs, points], by moments.
+    """What of the moments of a residual is taken for noise."""
+    sigma, correlation, scatter = moments(weight, residual, level, blocks)
+    if blocks:
+        # Their order need not be that of time.
+        return white_noise(weight, max(sigma, 1e-150))
+    if correlation > MOST or scatter > MOST_SCATTER:
+        return misfit_noise(weight, residual, level, blocks)
+    return Noise(weight, np.array(max(sigma, 1e-150)), np.array(correlation), np.array(scatter))
+
+
+def misfit_noise(
+    weight: np.ndarray, residual: np.ndarray, level: np.ndarray, blocks: bool
+) -> Noise:
+    """White, of the variance of the mean of a run, a point's share of it."""
+    sigma, correlation, scatter = moments(weight, residual, level, blocks)
+    levels = scatter**2 * np.sum((level * weight) ** 2) / np.sum((weight > 0).any(1))
+    spread = sigma**2 * (1 + correlation) / (1 - correlation) + levels
+    return white_noise(weight, max(float(np.sqrt(spread)), 1e-150))
+
+
+def moments(weight: np.ndarray, residual: np.ndarray, level: np.ndarray, blocks: bool) -> Moments:
+    """From the residual and the adhesion predicted, both [runs, points].
 
     Each run's own factor on adhesion is taken out first; sigma and the lag-one correlation are
     of what is left, and the variance of the factors beyond what sigma explains is that of the
-    runs. `weight` is the relative precision of each point, 0 where there is none. Where the runs
-    are blocks of one there are no such factors.
+    runs. `weight` is the relative precision of each point, 0 where there is none. Blocks of one
+    run have no factors of their own: sigma is then of the residual as it is.
     """
-    if blocks:
-        inside = weight > 0
-        left = np.where(inside, residual * weight, 0.0)
-        sigma = float(np.sqrt((left**2).sum() / max(inside.sum(), 1)))
-        return white_noise(weight, max(sigma, 1e-150))
+    inside = weight > 0
     factor, size, left = _levels(weight, residual, level)
-    used = (weight > 0).any(1)
-    variance = float((left**2).sum() / max((weight > 0).sum() - used.sum(), 1))
     raw = _correlation(weight, left)
+    if blocks:
+        squares = np.where(inside, residual * weight, 0.0) ** 2
+        return Moments(float(np.sqrt(squares.sum() / max(inside.sum(), 1))), raw, 0.0)
+    used = inside.any(1)
+    variance = float((left**2).sum() / max(inside.sum() - used.sum(), 1))
     known = variance * (1 + raw) / (1 - raw) / size[used]
     scatter = float(np.sum(factor[used] ** 2) / max(used.sum() - 1, 1) - known.mean())
-    return Noise(
-        weight,
-        np.array(np.sqrt(max(variance, 1e-300))),
-        np.array(raw if raw <= MOST else 0.0),
-        np.array(np.sqrt(max(scatter, 0.0))),
-    )
-
-
-def neighbours(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> float:
-    """The lag-one correlation of the residual within runs, whatever its size."""
-    return _correlation(weight, _levels(weight, residual, level)[2])
+    return Moments(float(np.sqrt(variance)), raw, float(np.sqrt(max(scatter, 0.0))))
 
 
 def _levels(

@@ -8,7 +8,7 @@ from scipy import stats
 from adhesion_jax.discovery.bases import first_fits, refits
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss, squares
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score, screen
@@ -19,7 +19,6 @@ from adhesion_jax.discovery.trials import (
     class_of,
     ranked,
     shortlisted,
-    squares,
     standard_error,
     tried,
 )

@@ -8,8 +8,11 @@ import numpy as np
 from adhesion_jax.discovery.bases import bic, refits
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Fitted, Setting
-from adhesion_jax.discovery.noise import estimate_noise
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, squares
+from adhesion_jax.discovery.noise import Moments, estimate_noise, misfit_noise, moments
+
+#: Under the right noise the sum of squares of a fit is at most so much larger.
+_MISSED = 1.1
 
 
 class Accepted(NamedTuple):
@@ -71,10 +74,23 @@ def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
 
 
 def with_noise(setting: Setting, fitted: Fitted) -> Setting:
-    residual = np.asarray(setting.problem.data.adhesion) - fitted.adhesion
+    """The noise that a fit leaves, unless a fit under that noise misses the data by more."""
+    problem = setting.problem
+    residual = np.asarray(problem.data.adhesion) - fitted.adhesion
+    left = (np.asarray(setting.noise.weight), residual, fitted.adhesion, problem.blocks)
+    new = Setting(problem, estimate_noise(*left), fitted.adhesion)
+    again = fit_model(new, fitted.base, fitted.base_values.tolist(), fitted.effects)
+    if squares(new, again) < _MISSED * squares(setting, fitted):
+        return new
+    return Setting(problem, misfit_noise(*left), fitted.adhesion)
+
+
+def residual_moments(state: Selection) -> Moments:
+    """What the residual of the model looks like, be it noise or not."""
+    setting = state.setting
+    residual = np.asarray(setting.problem.data.adhesion) - state.fitted.adhesion
     weight = np.asarray(setting.noise.weight)
-    noise = estimate_noise(weight, residual, fitted.adhesion, setting.problem.blocks)
-    return Setting(setting.problem, noise, fitted.adhesion)
+    return moments(weight, residual, state.fitted.adhesion, setting.problem.blocks)
 
 
 def _refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:

@@ -20,7 +20,7 @@ from adhesion_jax.discovery.law import BASES, KINDS, CorrectedLaw, kind_of
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.scans import Torsion
-from adhesion_jax.discovery.state import Accepted, Selection, parts_of
+from adhesion_jax.discovery.state import Accepted, Selection, parts_of, residual_moments
 from adhesion_jax.scenarios import Record
 
 #: Conditions that a law may be asked beyond what it was found in.
@@ -52,7 +52,7 @@ def summarise(
         test_before, test_after = predicted(bare, test), predicted(law, test)
         tested = _errors(test, test_before, test_after, seed)
         predictions = _predictions(test_rows, test_before, test_after)
-    noise = final.setting.noise
+    noise = residual_moments(final)
     level = float(np.mean(np.asarray(record.adhesion)[np.asarray(record.mask)] ** 2))
     floor = float(np.sqrt(noise.sigma**2 + noise.run_scatter**2 * level))
     entries = library_of(final.setting.problem)
@@ -64,11 +64,7 @@ def summarise(
         _base_parameters(plain, final),
         law,
         floor,
-        {
-            "sigma": float(noise.sigma),
-            "autocorrelation": float(noise.autocorrelation),
-            "run_scatter": float(noise.run_scatter),
-        },
+        noise._asdict(),
         train,
         validation,
         tested,

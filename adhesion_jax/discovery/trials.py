@@ -7,7 +7,7 @@ import numpy as np
 
 from adhesion_jax.discovery.effects import Covariate, Spline
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_models, held_out_loss
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_models, held_out_loss, squares
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score
 from adhesion_jax.discovery.state import Selection, with_noise
 
@@ -71,12 +71,6 @@ def tried(state: Selection, shortlist: Sequence[Score]) -> tuple[Setting, Trial,
     # Whitening may prefer what follows the fastest changes and misses all the others.
     sane = [trial for trial in trials if squares(setting, trial.fitted) < squares(setting, now)]
     return setting, Trial(shortlist[0], now, held_out_loss(now)), sane
-
-
-def squares(setting: Setting, fitted: Fitted) -> float:
-    """Weighted sum of squared errors of adhesion."""
-    error = (fitted.adhesion - np.asarray(setting.problem.data.adhesion)) * setting.noise.weight
-    return float((np.asarray(error) ** 2).sum())
 
 
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
