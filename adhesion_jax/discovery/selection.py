@@ -161,7 +161,7 @@ def _next(state: Selection, scores: Sequence[Score], significant: float, number:
         and total > error
         and total > _LEAST_GAIN * float(now.losses.sum())
     )
-    members = class_of(trials, chosen, total)
+    members = class_of(trials, chosen, now)
     ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:
         return state._replace(ranking=ranking)

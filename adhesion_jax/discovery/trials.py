@@ -27,6 +27,9 @@ _CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
 #: Formulas of one family differ by more than this share of the gain, or are one class.
 _KIN_GAIN = 0.25
 
+#: Causes of one class change the prediction alike, by this cosine at least.
+_ALIKE = 0.5
+
 #: A likelihood ratio below exp(2) decides nothing, however small the gain.
 _CLASS_LEAST = 2.0
 
@@ -98,8 +101,10 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     return column
 
 
-def class_of(trials: Sequence[Trial], chosen: Trial, gain: float) -> tuple[str, ...]:
+def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, ...]:
     """The names that cannot be told from the chosen one, most likely first."""
+    gain = float((now.losses - chosen.losses).sum())
+    change = chosen.fitted.residual - now.fitted.residual
     members: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
         behind = trial.losses - chosen.losses
@@ -108,7 +113,9 @@ def class_of(trials: Sequence[Trial], chosen: Trial, gain: float) -> tuple[str, 
         allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * gain, _CLASS_LEAST)
         if trial.score.entry.generic != chosen.score.entry.generic:
             continue
-        if trial is chosen or (close and behind.sum() <= allowed):
+        other = trial.fitted.residual - now.fitted.residual
+        alike = (change * other).sum() > _ALIKE * np.linalg.norm(change) * np.linalg.norm(other)
+        if trial is chosen or (alike and close and behind.sum() <= allowed):
             members[trial.score.entry.name] = None
     name = chosen.score.entry.name
     if name in _THE_SAME:
