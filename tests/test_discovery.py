@@ -10,9 +10,12 @@ from adhesion_jax.discovery.bases import first_fits
 from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.fitting import Setting, fit_model, held_out_loss
 from adhesion_jax.discovery.law import BASES, with_effects
+from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.noise import estimate_noise
 from adhesion_jax.discovery.program import Noise, whitened
+from adhesion_jax.discovery.screening import Score
 from adhesion_jax.discovery.simulator import simulate
+from adhesion_jax.discovery.trials import Trial, class_of
 
 SIGMA, CORRELATION, SCATTER = 0.007, 0.4, 0.005
 
@@ -261,3 +264,43 @@ def test_noise_is_recovered_within_its_sampling_error():
     assert float(found.run_scatter) == pytest.approx(0.03, rel=3 / np.sqrt(2 * runs))
     still = estimate_noise(inside.astype(float), np.where(inside, 0.0, 1.0), level, False)
     assert float(still.run_scatter) == 0
+
+
+@pytest.mark.parametrize(("correlation", "scatter"), [(0.95, 0.0), (0.3, 0.4), (0.9, 0.3)])
+def test_what_is_more_than_noise_weighs_a_run_by_its_mean(correlation, scatter):
+    draw, runs, points = np.random.default_rng(6), 400, 100
+    level, inside = np.full((runs, points), 0.5), np.ones((runs, points), bool)
+    noise = noise_of(inside.astype(float), 0.02, correlation, scatter)
+    factor = roots(level[:1], inside[:1], noise)[0]
+    residual = draw.standard_normal((runs, points)) @ factor.T
+    found = estimate_noise(inside.astype(float), residual, level, False)
+    assert float(found.autocorrelation) == float(found.run_scatter) == 0
+    # The variance of a mean of correlated points, that of the levels beside it.
+    lags = np.arange(1, points)
+    alike = 1 + 2 * np.sum((1 - lags / points) * correlation**lags)
+    variance = 0.02**2 * alike / points + (0.5 * scatter) ** 2
+    # (1 + r)/(1 - r) is the limit for long runs: some per cent too much for these.
+    limit = 0.02**2 * (1 + correlation) / (1 - correlation) / points + (0.5 * scatter) ** 2
+    assert variance <= limit < 1.25 * variance
+    assert float(found.sigma) ** 2 / points == pytest.approx(limit, rel=4 * np.sqrt(2 / runs) + 0.1)
+
+
+def test_a_class_changes_the_prediction_alike(fitted):
+    """Two causes that gain as much are one class only if they explain the same."""
+    draw = np.random.default_rng(8)
+    runs = len(fitted.loss)
+    first, second = draw.standard_normal((2, *fitted.residual.shape))
+    now = fitted.residual
+
+    def trial(name, change, gain):
+        entry = Entry(name, (EFFECTS["curve"](k=0.1),), ("curvature_per_m",), False, name)
+        score = Score(entry, entry.starts[0], 9.0, 0.0005, 3.0)
+        losses = 100 - gain + 0.01 * draw.standard_normal(runs)
+        return Trial(score, fitted._replace(residual=now + change), losses)
+
+    before = trial("now", 0 * first, 0.0)
+    best = trial("best", first, 5.0)
+    alike = trial("alike", 0.8 * first + 0.6 * second, 4.999)
+    other = trial("other", 0.3 * first + second, 4.999)
+    worse = trial("worse", first, 4.0)
+    assert class_of([other, worse, alike, best], best, before) == ("best", "alike")

@@ -187,6 +187,31 @@ def test_noise_in_the_slip_is_no_delay():
     assert found.train.after.value < 0.5 * found.train.before.value
 
 
+def test_load_is_found_where_it_moves_adhesion_by_more_than_any_noise():
+    """As on a tyre rig: adhesion by the load to a power, over a range of one to six."""
+    table = simulate(seed=5, base="burckhardt", **SIZE).train.drop(columns=["sanding"])
+    runs = table["run"].unique()
+    load = dict(zip(runs, np.geomspace(18e3, 108e3, runs.size)[::-1], strict=True))
+    order = np.random.default_rng(3).permutation(runs.size)
+    load = {run: load[runs[place]] for run, place in zip(runs, order, strict=True)}
+    table["normal_load_N"] = table["run"].map(load)
+    # The shape depends on load too: a power law of the peak alone leaves its misfit in every run.
+    relative = table["normal_load_N"] / 45e3
+    table["adhesion"] *= relative**-0.6 * (1 + 0.15 * relative * np.tanh(30 * table["slip_ratio"]))
+    found = discover(runs_of(table))
+    assert {"load_peak", "load_slope"} & {*found.effects[0].candidates}
+    assert found.validation.after.value < 0.3 * found.validation.before.value
+    assert found.train.after.value < 0.3 * found.train.before.value
+
+
+def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):
+    monkeypatch.setattr("adhesion_jax.discovery.engine._WORSE", 0.0)
+    found = discover(train)
+    assert found.effects == found.unexplained == ()
+    assert found.train.after.value == found.train.before.value
+    assert any("humidity" in word and "not lower the error" in word for word in found.warnings)
+
+
 def test_a_rig_of_one_slip_has_lateral_creep():
     found = discover(read_runs([SHIPPED["roller-rig"].path]))
     assert found.base == "level"

@@ -13,7 +13,7 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Findings
-from adhesion_jax.discovery.fitting import Fitted, Setting
+from adhesion_jax.discovery.fitting import Fitted, Setting, squares
 from adhesion_jax.discovery.judgement import doubtful, vetoed
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.noise import estimate_noise, white_noise
@@ -21,7 +21,7 @@ from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.discovery.scans import torsion
 from adhesion_jax.discovery.screening import compile_changes
 from adhesion_jax.discovery.selection import search
-from adhesion_jax.discovery.state import Selection, settled
+from adhesion_jax.discovery.state import Selection, residual_moments, settled
 from adhesion_jax.discovery.summary import summarise
 from adhesion_jax.errors import InputError
 from adhesion_jax.scenarios import Record
@@ -31,6 +31,9 @@ _HELD_OUT = 0.25
 
 #: How often is searched anew without what the held-out runs reject.
 _SEARCHES = 3
+
+#: Effects under which the sum of squared errors is more than so many times larger are none.
+_WORSE = 1.01
 
 #: Effects whose imperfect form leaves lines in the spectrum of time.
 _LIKE_TORSION = ("slip_noise", "rail_joint", "wheel_order")
@@ -82,12 +85,22 @@ def discover(
         # What was rejected may have stood in the way of its like.
         entries = tuple(entry for entry in entries if entry.name not in rejected)
     noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
+    # What is left beside a misfit has lines of its own.
+    noisy |= residual_moments(state).misfit
     line = None if noisy else torsion(state.setting, state.fitted)
     progress("fitting all runs", 0.85)
     final = _on_all_runs(problem, state)
     plain = final
     if final.accepted:
         plain = settled(Setting(problem, final.setting.noise, final.setting.level), fits, (), ())
+        if squares(final.setting, final.fitted) > _WORSE * squares(plain.setting, plain.fitted):
+            names = " and ".join(effect.name for effect in final.accepted)
+            warnings.append(
+                f"{names} would explain how neighbouring points differ, but not lower the error of "
+                "adhesion; this is not counted as an effect."
+            )
+            line = None
+            final = plain._replace(ranking=final.ranking, thresholds=final.thresholds)
     progress("measuring the errors", 0.92)
     return summarise(
         runs=runs,

@@ -28,18 +28,26 @@ class Moments(NamedTuple):
     autocorrelation: float  # of neighbours within a run
     run_scatter: float  # of the factors of runs, beyond what sigma explains
 
+    @property
+    def misfit(self) -> bool:
+        """Whether it is what the law lacks more than noise."""
+        return self.autocorrelation > MOST or self.run_scatter > MOST_SCATTER
+
 
 def estimate_noise(
     weight: np.ndarray, residual: np.ndarray, level: np.ndarray, blocks: bool
 ) -> Noise:
     """What of the moments of a residual is taken for noise."""
-    sigma, correlation, scatter = moments(weight, residual, level, blocks)
+    found = moments(weight, residual, level, blocks)
+    sigma = max(found.sigma, 1e-150)
     if blocks:
         # Their order need not be that of time.
-        return white_noise(weight, max(sigma, 1e-150))
-    if correlation > MOST or scatter > MOST_SCATTER:
+        return white_noise(weight, sigma)
+    if found.misfit:
         return misfit_noise(weight, residual, level, blocks)
-    return Noise(weight, np.array(max(sigma, 1e-150)), np.array(correlation), np.array(scatter))
+    return Noise(
+        weight, np.array(sigma), np.array(found.autocorrelation), np.array(found.run_scatter)
+    )
 
 
 def misfit_noise(

@@ -99,6 +99,7 @@ class _Parts(NamedTuple):
     levels: np.ndarray  # [runs]: the level of each run in the residual
     outer: np.ndarray  # [probes, probes]: products of the probes' levels, summed over runs
     inner: np.ndarray  # [probes, probes]: products of what they change within runs
+    variance: float  # of a point of the residual within its run
 
 
 def _parts(flat: np.ndarray, residual: np.ndarray, setting: Setting) -> _Parts:
@@ -120,7 +121,9 @@ def _parts(flat: np.ndarray, residual: np.ndarray, setting: Setting) -> _Parts:
     level_scores = probe_levels * levels
     scores = by_run(flat * residual[:, None])
     outer = probe_levels @ probe_levels.T
-    return _Parts(level_scores, scores - level_scores, levels, outer, flat.T @ flat - outer)
+    variance = float(residual @ residual - levels @ levels) / max(residual.size - levels.size, 1)
+    inner = flat.T @ flat - outer
+    return _Parts(level_scores, scores - level_scores, levels, outer, inner, variance)
 
 
 def _deviates(
@@ -143,7 +146,7 @@ def _deviates(
         if noise is not None and block.size:
             scatter = noise.within[block] @ noise.within[block].T
             excess = np.trace(np.linalg.pinv(inner, rcond=1e-3, hermitian=True) @ scatter)
-            excess = max(float(excess) / block.size, 1.0)
+            excess = max(float(excess) / block.size, min(noise.variance, 1.0))
         else:
             excess = 1.0
         root = _root(outer + inner / excess)
