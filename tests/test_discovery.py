@@ -11,7 +11,7 @@ from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.fitting import Setting, fit_model, held_out_loss
 from adhesion_jax.discovery.law import BASES, with_effects
 from adhesion_jax.discovery.library import Entry
-from adhesion_jax.discovery.noise import estimate_noise
+from adhesion_jax.discovery.noise import estimate_noise, misfit_noise
 from adhesion_jax.discovery.program import Noise, whitened
 from adhesion_jax.discovery.screening import Score
 from adhesion_jax.discovery.simulator import simulate
@@ -273,7 +273,7 @@ def test_what_is_more_than_noise_weighs_a_run_by_its_mean(correlation, scatter):
     noise = noise_of(inside.astype(float), 0.02, correlation, scatter)
     factor = roots(level[:1], inside[:1], noise)[0]
     residual = draw.standard_normal((runs, points)) @ factor.T
-    found = estimate_noise(inside.astype(float), residual, level, False)
+    found = misfit_noise(inside.astype(float), residual, level, False)
     assert float(found.autocorrelation) == float(found.run_scatter) == 0
     # The variance of a mean of correlated points, that of the levels beside it.
     lags = np.arange(1, points)

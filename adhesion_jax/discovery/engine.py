@@ -16,12 +16,12 @@ from adhesion_jax.discovery.findings import Findings
 from adhesion_jax.discovery.fitting import Fitted, Setting, squares
 from adhesion_jax.discovery.judgement import doubtful, vetoed
 from adhesion_jax.discovery.library import library_of
-from adhesion_jax.discovery.noise import estimate_noise, white_noise
+from adhesion_jax.discovery.noise import white_noise
 from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.discovery.scans import torsion
 from adhesion_jax.discovery.screening import compile_changes
 from adhesion_jax.discovery.selection import search
-from adhesion_jax.discovery.state import Selection, residual_moments, settled
+from adhesion_jax.discovery.state import Selection, settled, with_noise
 from adhesion_jax.discovery.summary import summarise
 from adhesion_jax.errors import InputError
 from adhesion_jax.scenarios import Record
@@ -85,8 +85,6 @@ def discover(
         # What was rejected may have stood in the way of its like.
         entries = tuple(entry for entry in entries if entry.name not in rejected)
     noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
-    # What is left beside a misfit has lines of its own.
-    noisy |= residual_moments(state).misfit
     line = None if noisy else torsion(state.setting, state.fitted)
     progress("fitting all runs", 0.85)
     final = _on_all_runs(problem, state)
@@ -180,8 +178,7 @@ def _started(
         fits = first_fits(white, bases)
         compiled.result()
     best = min(fits.values(), key=bic)
-    noise = estimate_noise(weight, adhesion - best.adhesion, best.adhesion, problem.blocks)
-    return Setting(problem, noise, best.adhesion), fits
+    return with_noise(white, best), fits
 
 
 def _on_all_runs(problem: Problem, state: Selection) -> Selection:

@@ -6,11 +6,10 @@ import numpy as np
 
 from adhesion_jax.discovery.program import Noise
 
-#: Beyond this autocorrelation of neighbours, or this scatter of the levels of runs, the residual is
-#: what the law lacks more than noise. Whitening would leave only the fastest changes to judge by,
-#: and free levels would let a fit follow the shape within runs and miss every level. Points are
-#: then taken as they are, each for as much as it tells of its run.
-MOST, MOST_SCATTER = 0.7, 0.1
+#: Beyond this autocorrelation neighbours are correlated by what the law lacks more than by noise.
+#: Whitening would leave only the fastest changes to judge by; points are then taken as they are,
+#: and what is claimed rests on the differences between runs, which is valid for any correlation.
+MOST = 0.7
 
 #: Points of a run below which its own level leaves no correlation to be seen.
 _SHORT = 5
@@ -28,32 +27,27 @@ class Moments(NamedTuple):
     autocorrelation: float  # of neighbours within a run
     run_scatter: float  # of the factors of runs, beyond what sigma explains
 
-    @property
-    def misfit(self) -> bool:
-        """Whether it is what the law lacks more than noise."""
-        return self.autocorrelation > MOST or self.run_scatter > MOST_SCATTER
-
 
 def estimate_noise(
     weight: np.ndarray, residual: np.ndarray, level: np.ndarray, blocks: bool
 ) -> Noise:
     """What of the moments of a residual is taken for noise."""
-    found = moments(weight, residual, level, blocks)
-    sigma = max(found.sigma, 1e-150)
+    sigma, correlation, scatter = moments(weight, residual, level, blocks)
     if blocks:
         # Their order need not be that of time.
-        return white_noise(weight, sigma)
-    if found.misfit:
-        return misfit_noise(weight, residual, level, blocks)
-    return Noise(
-        weight, np.array(sigma), np.array(found.autocorrelation), np.array(found.run_scatter)
-    )
+        return white_noise(weight, max(sigma, 1e-150))
+    kept = correlation if correlation <= MOST else 0.0
+    return Noise(weight, np.array(max(sigma, 1e-150)), np.array(kept), np.array(scatter))
 
 
 def misfit_noise(
     weight: np.ndarray, residual: np.ndarray, level: np.ndarray, blocks: bool
 ) -> Noise:
-    """White, of the variance of the mean of a run, a point's share of it."""
+    """White, each point for as much as it tells of the mean of its run.
+
+    For a residual that is what the law lacks more than noise: were the levels of runs free, a fit
+    could follow the shape within runs and miss every level.
+    """
     sigma, correlation, scatter = moments(weight, residual, level, blocks)
     levels = scatter**2 * np.sum((level * weight) ** 2) / np.sum((weight > 0).any(1))
     spread = sigma**2 * (1 + correlation) / (1 - correlation) + levels

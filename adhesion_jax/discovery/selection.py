@@ -59,7 +59,7 @@ def search(
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         chosen, significant = state, SIGNIFICANT
-        if number == 0:
+        if number == 0 and state.setting.noise.autocorrelation > 0:
             # Two looks at the same data: each must be twice as sure.
             significant = SIGNIFICANT / 2
             white, others = _uncoloured(state, open_entries, seed)
