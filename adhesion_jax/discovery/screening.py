@@ -136,7 +136,9 @@ def _deviates(
     The variance of the levels is unknown: m = R - 1 - (k + 1)/2 after Bartlett 1937. (Against a
     fixed variance, estimated from the same residual, a cause that acts from run to run could
     explain no more than the number of runs.) v is how much more the scores of the runs in `noise`
-    scatter than independent points would, for the correlation within runs is known only about.
+    scatter than independent points would, for the correlation within runs is known only about. It
+    is at least the variance of the points within their runs, where that is below one: noise taken
+    from a misfit is wider than they are.
     """
     level, within = parts.level @ signs, parts.within @ signs
     energy = max(float((parts.levels**2).sum()), 1e-300)
