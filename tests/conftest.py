@@ -13,6 +13,11 @@ install_import_hook("adhesion_jax", "beartype.beartype")
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
 settings.load_profile("repeatable")
 
+# At the level of the compiler that Monte Carlo's programs are made at: most tests run once what
+# they compile.
+_LEVEL = "--xla_backend_optimization_level=1"
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_LEVEL}".strip()
+
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
 
 

@@ -6,15 +6,24 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from adhesion_jax.curves import with_free_values
+from adhesion_jax.discovery import selection
 from adhesion_jax.discovery.bases import first_fits
-from adhesion_jax.discovery.effects import EFFECTS
-from adhesion_jax.discovery.fitting import Setting, fit_model, held_out_loss
+from adhesion_jax.discovery.effects import EFFECTS, Covariate
+from adhesion_jax.discovery.fitting import (
+    Setting,
+    expected_loss,
+    fit_model,
+    gain,
+    held_out_loss,
+    squares,
+)
 from adhesion_jax.discovery.law import BASES, with_effects
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.noise import estimate_noise, misfit_noise
 from adhesion_jax.discovery.program import Noise, whitened
 from adhesion_jax.discovery.screening import Score
 from adhesion_jax.discovery.simulator import simulate
+from adhesion_jax.discovery.state import Accepted, settled
 from adhesion_jax.discovery.trials import Trial, class_of
 
 SIGMA, CORRELATION, SCATTER = 0.007, 0.4, 0.005
@@ -244,6 +253,54 @@ def test_the_held_out_loss_is_that_of_refits_without_the_run(setting, fitted):
     assert found.sum() == pytest.approx(sum(expected), rel=1e-3)
 
 
+def test_points_of_blocks_are_predicted_without_themselves(hot, fitted):
+    """By least squares on the linear model that lacks the point."""
+    fitted = fitted._replace(blocks=True)
+    inside = hot.points > 0
+    jacobian, residual = fitted.jacobian[:, inside].T, fitted.residual[inside]
+    expected = np.zeros(hot.points.shape)
+    alone = []
+    for point in range(residual.size):
+        others = np.arange(residual.size) != point
+        move = np.linalg.lstsq(jacobian[others], -residual[others], rcond=None)[0]
+        alone.append(residual[point] + jacobian[point] @ move)
+    expected[inside] = 0.5 * np.square(alone)
+    np.testing.assert_allclose(expected_loss(fitted), expected.sum(axis=1), rtol=1e-5)
+    assert (expected_loss(fitted) > fitted.loss).all()
+
+
+def test_the_error_of_a_gain_between_blocks_is_the_scatter_of_noise(fitted):
+    draw = np.random.default_rng(3)
+    change = 0.2 * draw.standard_normal(fitted.residual.shape)
+    still = fitted._replace(blocks=True, jacobian=np.zeros_like(fitted.jacobian))
+
+    def drawn():
+        noise = draw.standard_normal(change.shape)
+        return gain(still._replace(residual=noise + change), still._replace(residual=noise))
+
+    gains = [drawn() for _ in range(800)]
+    assert gains[0].error == pytest.approx(np.std([one.total for one in gains]), rel=4 / 40)
+
+
+def test_a_column_that_its_cause_makes_needless_gives_it_its_name(hot, setting, fitted):
+    reference = float(np.median(hot.flat["temperature_C"]))
+    column = Covariate(-0.001, reference, 10.0, column="temperature_C")
+    lag = EFFECTS["lag"](time_constant=0.2)
+    name = "covariate:temperature_C"
+    accepted = (
+        Accepted("lag", ("lag",), "in time", False, ("slip_ratio",), (lag,), 0.001, 100.0),
+        Accepted(name, (name,), "temperature", True, ("temperature_C",), (column, warm(setting)),
+                 0.001, 100.0),
+    )  # fmt: skip
+    state = settled(setting, first_fits(setting, ["burckhardt"]), accepted, ())
+    assert len(state.fitted.effects) == 3
+    pruned = selection._pruned(state)
+    assert [effect.name for effect in pruned.accepted] == ["lag", "temperature"]
+    assert pruned.accepted[1].members == ("temperature", name)
+    assert not pruned.accepted[1].generic
+    assert squares(setting, pruned.fitted) == pytest.approx(squares(setting, fitted), rel=0.01)
+
+
 def test_noise_is_recovered_within_its_sampling_error():
     draw, runs, points = np.random.default_rng(4), 600, 100
     level = 0.3 + 0.1 * draw.random((runs, points))
@@ -296,7 +353,8 @@ def test_a_class_changes_the_prediction_alike(fitted):
         entry = Entry(name, (EFFECTS["curve"](k=0.1),), ("curvature_per_m",), False, name)
         score = Score(entry, entry.starts[0], 9.0, 0.0005, 3.0)
         losses = 100 - gain + 0.01 * draw.standard_normal(runs)
-        return Trial(score, fitted._replace(residual=now + change), losses)
+        changed = fitted._replace(residual=now + change, loss=losses)
+        return Trial(score, changed, float(expected_loss(changed).sum()))
 
     before = trial("now", 0 * first, 0.0)
     best = trial("best", first, 5.0)

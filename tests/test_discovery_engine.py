@@ -213,17 +213,20 @@ def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):
     assert any("humidity" in word and "not lower the error" in word for word in found.warnings)
 
 
-def test_a_rig_of_one_slip_has_lateral_creep():
-    found = discover(read_runs([SHIPPED["roller-rig"].path]))
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_rig_of_one_slip_has_lateral_creep(seed):
+    found = discover(read_runs([SHIPPED["roller-rig"].path]), seed=seed)
     assert found.base == "level"
     assert names_of(found.effects) == ["lateral_creep"]
     assert found.unexplained == ()
     # 331 N and 49 N of 9600 N by the law without and with the measured creepage: .0345, .0051.
     assert found.train.before.value == pytest.approx(331 / 9600, rel=0.01)
     assert found.train.after.value < 0.0052
-    # The angle is the lateral creepage itself.
-    gain = found.effects[0].parameters["gain"]
-    assert gain.value == pytest.approx(1.0, abs=0.25)
+    parameters = found.effects[0].parameters
+    if seed == 0:
+        # The angle is the lateral creepage itself.
+        assert set(parameters) == {"gain", "offset"}
+        assert parameters["gain"].value == pytest.approx(1.0, abs=0.25)
 
 
 def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
@@ -234,12 +237,15 @@ def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
     assert "contiguous blocks" in found.warnings[0]
 
 
-def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak():
-    found = discover(read_runs([SHIPPED["eurosprinter"].path]), base="polach")
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak(seed):
+    """Whichever of its blocks are held out."""
+    found = discover(read_runs([SHIPPED["eurosprinter"].path]), base="polach", seed=seed)
     assert found.train.before.value == pytest.approx(0.0333, rel=0.01)
     assert len(found.effects) == 1
     assert "falling_friction" in found.effects[0].candidates
-    assert found.train.after.value == pytest.approx(0.0242, rel=0.03)
+    # By seed 3 a small shift of the slip is not kept, which is worth 4 per cent.
+    assert found.train.after.value == pytest.approx(0.0242, rel=0.06 if seed == 3 else 0.03)
 
 
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):

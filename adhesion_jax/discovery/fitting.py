@@ -48,6 +48,7 @@ class Fitted(NamedTuple):
     adhesion: np.ndarray  # [runs, points]
     residual: np.ndarray  # [runs, points], whitened, prediction less data
     jacobian: np.ndarray  # [free, runs, points], whitened
+    blocks: bool  # whether its runs are blocks of one run
 
     @property
     def base_values(self) -> np.ndarray:
@@ -79,6 +80,7 @@ def fit_model(
         np.asarray(found.adhesion),
         np.asarray(found.residual),
         np.asarray(found.jacobian)[:free],
+        setting.problem.blocks,
     )
 
 
@@ -129,6 +131,46 @@ def held_out_loss(fitted: Fitted) -> np.ndarray:
         loss[fold] += fitted.gradient[fold] @ shift
         loss[fold] += 0.5 * np.einsum("rkl,k,l->r", fitted.hessian[fold], shift, shift)
     return loss
+
+
+def expected_loss(fitted: Fitted) -> np.ndarray:
+    """Half the sum of squares of each run, predicted without what is predicted, [runs].
+
+    Of runs that is each without the whole of it. Blocks of one run are different parts of the
+    curve, and without one of them its part would be extrapolated: they are predicted point by
+    point, with residuals r/(1 - h), where h = J H^-1 J' is the leverage of a point. Allen 1974,
+    Technometrics 16, 125-127.
+    """
+    if not fitted.blocks:
+        return held_out_loss(fitted)
+    jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
+    inverse = np.stack([solve(fitted.hessian.sum(0), row) for row in np.eye(jacobian.shape[0])])
+    leverage = np.einsum("kp,kl,lp->p", jacobian, inverse, jacobian).reshape(fitted.residual.shape)
+    alone = fitted.residual / np.maximum(1 - leverage, 1e-3)
+    return 0.5 * (alone**2).sum(axis=1)
+
+
+class Gain(NamedTuple):
+    """By how much one model lowers the expected loss of another, and the standard error of that."""
+
+    total: float
+    error: float
+
+
+def gain(less: Fitted, more: Fitted) -> Gain:
+    """What `more` gains on `less`.
+
+    The error comes from the scatter of the runs. Blocks of one run differ by their places on the
+    curve, which is no chance: there it is that of the noise alone, whose log likelihood ratio of
+    two predictions has the sum of squares of their difference for a variance.
+    """
+    gains = expected_loss(less) - expected_loss(more)
+    if less.blocks:
+        error = float(np.linalg.norm(more.residual - less.residual))
+    else:
+        used = gains[gains != 0]
+        error = float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
+    return Gain(float(gains.sum()), error)
 
 
 def squares(setting: Setting, fitted: Fitted) -> float:

@@ -25,9 +25,10 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[str]]:
         for base, fitted in state.fits.items():
             less = fit_model(state.setting, base, fitted.base_values.tolist(), parts_of(rest))
             if less.total - fitted.total < _SURE:
+                but = "too little" if base == state.base else f"hardly that of {base}"
                 words.append(
                     f"The shape of the base curve is in doubt: {effect.name} would improve the fit "
-                    f"of {state.base}, but not that of {base}; it is not counted as an effect."
+                    f"of {state.base}, but {but}; it is not counted as an effect."
                 )
                 state = without(state, rest)
                 break
@@ -50,25 +51,18 @@ def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
 def vetoed(
     state: Selection, held_out: np.ndarray, seed: int
 ) -> tuple[Selection, Mapping[str, str]]:
-    """Without the effects that do not raise the likelihood of the runs held out; why, by name."""
+    """Without what does not raise the likelihood of the runs held out; why, by name of effect.
+
+    A refinement of an effect that does not is dropped without a word: it was no claim.
+    """
     words: dict[str, str] = {}
     if not held_out.any():
         return state, words
-    weight = np.where(held_out[:, None], state.setting.problem.points, 0.0)
     place = 0
     while place < len(state.accepted):
         effect = state.accepted[place]
         rest = tuple(other for other in state.accepted if other is not effect)
-        less = fit_model(
-            state.setting, state.base, state.fitted.base_values.tolist(), parts_of(rest)
-        )
-        noise = state.setting.noise._replace(weight=weight)
-        setting = Setting(state.setting.problem, noise, state.fitted.adhesion)
-        gains = (_losses(setting, less.adhesion) - _losses(setting, state.fitted.adhesion))[
-            held_out
-        ]
-        draws = np.random.default_rng([seed, 17]).integers(gains.size, size=(999, gains.size))
-        raised = float(np.mean(gains[draws].sum(axis=1) > 0))
+        raised = _raised(state, rest, held_out, seed)
         if raised >= 0.5:
             place += 1
             continue
@@ -78,7 +72,27 @@ def vetoed(
             "them); it is not counted as an effect."
         )
         state = without(state, rest)
+    for place in range(len(state.accepted)):
+        for part in reversed(range(1, len(state.accepted[place].parts))):
+            effect = state.accepted[place]
+            less = effect._replace(parts=effect.parts[:part] + effect.parts[part + 1 :])
+            rest = (*state.accepted[:place], less, *state.accepted[place + 1 :])
+            if _raised(state, rest, held_out, seed) < 0.5:
+                state = without(state, rest)
     return state, words
+
+
+def _raised(state: Selection, rest: Sequence[Accepted], held_out: np.ndarray, seed: int) -> float:
+    """The share of bootstrap samples of the runs held out that the state predicts better."""
+    values = state.fitted.base_values.tolist()
+    less = fit_model(state.setting, state.base, values, parts_of(rest))
+    weight = np.where(held_out[:, None], state.setting.problem.points, 0.0)
+    noise = state.setting.noise._replace(weight=weight)
+    setting = Setting(state.setting.problem, noise, state.fitted.adhesion)
+    gains = _losses(setting, less.adhesion) - _losses(setting, state.fitted.adhesion)
+    gains = gains[held_out]
+    draws = np.random.default_rng([seed, 17]).integers(gains.size, size=(999, gains.size))
+    return float(np.mean(gains[draws].sum(axis=1) > 0))
 
 
 def _losses(setting: Setting, adhesion: np.ndarray) -> np.ndarray:

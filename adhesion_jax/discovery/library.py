@@ -25,6 +25,7 @@ FAMILIES: Mapping[str, str] = {
     **dict.fromkeys(("temperature", "covariate:temperature_C"), "temperature"),
     **dict.fromkeys(("drift", "covariate:time_s"), "calendar"),
     **dict.fromkeys(("curve", "lateral_creep", "covariate:curvature_per_m"), "curvature"),
+    **dict.fromkeys(("covariate:angle_of_attack_deg", "covariate:lateral_creepage"), "curvature"),
     **dict.fromkeys(("sanding", "covariate:sanding"), "sand"),
     **dict.fromkeys(("axle_position", "covariate:axle"), "axle"),
 }
@@ -56,7 +57,7 @@ class Entry(NamedTuple):
 def library_of(problem: Problem) -> tuple[Entry, ...]:
     """Every entry the campaign can test."""
     entries = [
-        _entry(name, effect.starts(problem.flat), problem)
+        entry_of(name, effect.starts(problem.flat), problem)
         for name, effect in EFFECTS.items()
         if not why_untested(name, problem)
     ]
@@ -65,11 +66,12 @@ def library_of(problem: Problem) -> tuple[Entry, ...]:
         for column in every:
             name = f"covariate:{label_of(column, problem.measured)}"
             starts = kind.starts({column: every[column]})
-            entries.append(_entry(name, starts, problem))
+            entries.append(entry_of(name, starts, problem))
     return tuple(entry for entry in entries if entry.starts)
 
 
-def _entry(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
+def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
+    """An entry by its name, with the columns it rests on and its family."""
     if ":" in name:
         covariates = tuple(name.split(":", 1)[1].split("*"))
     else:

@@ -54,6 +54,8 @@ def screen(
             others = {name: 0.0 for name in start.STRENGTHS if name != strength}
             probes.append(dataclasses.replace(start, **others))
             owner.append(place)
+    if not probes:
+        return ()
     heard, flat, residual = telling(setting, fitted, probes)
 
     owners = np.array(owner)

@@ -1,27 +1,30 @@
 """Which effects a law lacks: one is accepted at a time, refitted jointly with all the others."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy import stats
 
 from adhesion_jax.discovery.bases import first_fits, refits
-from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.effects import EFFECTS, Effect
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, held_out_loss, squares
-from adhesion_jax.discovery.library import Entry
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Gain,
+    Setting,
+    expected_loss,
+    fit_model,
+    fit_models,
+    gain,
+    squares,
+)
+from adhesion_jax.discovery.law import kind_of
+from adhesion_jax.discovery.library import Entry, entry_of
+from adhesion_jax.discovery.problem import Problem
 from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score, screen
 from adhesion_jax.discovery.state import Accepted, Selection, parts_of, settled, without
-from adhesion_jax.discovery.trials import (
-    Trial,
-    choose,
-    class_of,
-    ranked,
-    shortlisted,
-    standard_error,
-    tried,
-)
+from adhesion_jax.discovery.trials import Trial, choose, class_of, ranked, shortlisted, tied, tried
 
 _ROUNDS = 6
 
@@ -72,15 +75,17 @@ def search(
             scanned = _scanned(state, pairs, seed + number)
             found = _next(state, scanned, SCAN_SIGNIFICANT, number)
         if not _grown(found, state):
-            return _reconsidered(found, first, entries, seed)
+            state = found
+            break
         state = _pruned(found)
         if len(state.accepted) < len(found.accepted):
             break
-    return _reconsidered(state, first, entries, seed)
+    return _with_other_formulas(_reconsidered(state, first, entries, seed), entries)
 
 
 def _grown(state: Selection, before: Selection) -> bool:
-    return len(parts_of(state.accepted)) > len(parts_of(before.accepted))
+    """Whether an effect or a part of one was accepted."""
+    return state.accepted is not before.accepted
 
 
 def _reconsidered(
@@ -105,6 +110,27 @@ def _reconsidered(
     return state
 
 
+def _with_other_formulas(state: Selection, entries: Sequence[Entry]) -> Selection:
+    """Formulas of a family that only with the refinement of its effect do as well, in its class."""
+    accepted = []
+    for effect in state.accepted:
+        if len(effect.parts) > 1 and not effect.generic:
+            kin = [
+                (entry.name, start)
+                for entry in _open(entries, state)
+                if entry.family == effect.family and not entry.generic
+                for start in entry.starts
+            ]
+            values = state.fitted.base_values.tolist()
+            rest = [part for part in state.fitted.effects if part is not effect.parts[0]]
+            models = [(state.base, values, (*rest, start)) for _, start in kin]
+            trials = zip(kin, fit_models(state.setting, models), strict=True)
+            as_good = [name for (name, _), less in trials if tied(gain(less, state.fitted))]
+            effect = effect._replace(members=tuple(dict.fromkeys((*effect.members, *as_good))))
+        accepted.append(effect)
+    return state._replace(accepted=tuple(accepted))
+
+
 def _uncoloured(
     state: Selection, entries: Sequence[Entry], seed: int
 ) -> tuple[Selection, Sequence[Score]]:
@@ -123,6 +149,7 @@ def _uncoloured(
 def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
     """What may still be accepted: no member of a class twice, nothing that slip noise feigns."""
     taken = {member for effect in state.accepted for member in (effect.name, *effect.members)}
+    taken |= {kind_of(part) for part in parts_of(state.accepted)}
     noisy = "slip_noise" in taken
     return [
         entry
@@ -154,13 +181,8 @@ def _next(state: Selection, scores: Sequence[Score], significant: float, number:
         rows = ranked(number, scores, (), None, None, (), False)
         return state._replace(ranking=(*state.ranking, *rows))
     chosen = choose(trials, now)
-    gains = now.losses - chosen.losses
-    total, error = float(gains.sum()), standard_error(gains)
-    accepted = (
-        chosen.score.p <= significant
-        and total > error
-        and total > _LEAST_GAIN * float(now.losses.sum())
-    )
+    gained = gain(now.fitted, chosen.fitted)
+    accepted = chosen.score.p <= significant and _is_worth(gained, now.loss)
     members = class_of(trials, chosen, now)
     ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:
@@ -174,10 +196,14 @@ def _next(state: Selection, scores: Sequence[Score], significant: float, number:
         entry.covariates,
         (chosen.score.start,),
         chosen.score.p,
-        total,
-        chosen.losses,
+        gained.total,
     )
     return _joined(state, setting, chosen, new, ranking)
+
+
+def _is_worth(gained: Gain, loss: float) -> bool:
+    """Whether an effect lowers the loss by more than its standard error and a least share of it."""
+    return gained.total > max(gained.error, _LEAST_GAIN * loss)
 
 
 def _joined(
@@ -247,18 +273,43 @@ def _names(effect: Effect) -> tuple[str, ...]:
 
 
 def _pruned(state: Selection) -> Selection:
-    """Backward elimination: an effect that the later ones have made needless goes."""
-    while len(state.accepted) > 1:
-        whole = held_out_loss(state.fitted)
-        for effect in state.accepted[:-1]:
-            rest = tuple(other for other in state.accepted if other is not effect)
-            values = state.fitted.base_values.tolist()
+    """Backward elimination: what later effects and refinements have made needless goes."""
+    while True:
+        values = state.fitted.base_values.tolist()
+        for rest in _smaller(state):
             less = fit_model(state.setting, state.base, values, parts_of(rest))
-            gains = held_out_loss(less) - whole
-            needed = gains.sum() > standard_error(gains) and gains.sum() > _LEAST_GAIN * whole.sum()
-            if not needed:
+            whole = float(expected_loss(state.fitted).sum())
+            if not _is_worth(gain(less, state.fitted), whole):
                 state = without(state, rest)
                 break
         else:
             return state
-    return state
+
+
+def _smaller(state: Selection) -> Iterator[tuple[Accepted, ...]]:
+    """The accepted without one of them but the last, or without a part of one but its last."""
+    for effect in state.accepted[:-1]:
+        yield tuple(other for other in state.accepted if other is not effect)
+    for effect in state.accepted:
+        if len(effect.parts) < 2:
+            continue
+        for less in _with_a_part_less(effect, state.setting.problem):
+            yield tuple(less if other is effect else other for other in state.accepted)
+
+
+def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[Accepted]:
+    """Where the part goes that named the effect, the last takes its place, if it is a cause."""
+    _, *between, last = effect.parts
+    for part in between:
+        yield effect._replace(parts=tuple(other for other in effect.parts if other is not part))
+    name = kind_of(last)
+    if name in EFFECTS:
+        entry = entry_of(name, (last,), problem)
+        yield effect._replace(
+            name=name,
+            members=(name, *effect.members),
+            family=entry.family,
+            generic=False,
+            covariates=entry.covariates,
+            parts=(last, *between),
+        )

@@ -25,8 +25,7 @@ class Accepted(NamedTuple):
     covariates: tuple[str, ...]
     parts: tuple[Effect, ...]  # the effect, then what refines its form
     p: float
-    gain: float  # of the cross-validated log likelihood, over all runs
-    losses: np.ndarray  # held-out loss of each run with it and those before it
+    gain: float  # of the log likelihood of runs left out, over all runs
 
 
 class Selection(NamedTuple):

@@ -219,7 +219,8 @@ def _sentence(effect: Accepted) -> str:
     words = " ".join((KINDS[kind_of(effect.parts[0])].__doc__ or "").split())
     if effect.generic:
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
-    refined = ", its form refined by a smooth curve" if len(effect.parts) > 1 else ""
+    more = " and ".join(kind_of(part) for part in effect.parts[1:])
+    refined = f", its form refined by {more}" if more else ""
     return f"Acts as {words.split('. ')[0].rstrip('.')}{refined}."
 
 

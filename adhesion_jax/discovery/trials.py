@@ -7,7 +7,15 @@ import numpy as np
 
 from adhesion_jax.discovery.effects import Covariate, Spline
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_models, held_out_loss, squares
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Gain,
+    Setting,
+    expected_loss,
+    fit_models,
+    gain,
+    squares,
+)
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score
 from adhesion_jax.discovery.state import Selection, with_noise
 
@@ -40,7 +48,7 @@ _THE_SAME = ("slip_bias", "torque_offset")
 class Trial(NamedTuple):
     score: Score
     fitted: Fitted
-    losses: np.ndarray  # [runs], held out
+    loss: float  # expected, over all runs
 
 
 def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
@@ -68,54 +76,51 @@ def tried(state: Selection, shortlist: Sequence[Score]) -> tuple[Setting, Trial,
     again = [(base, start.base_values.tolist(), start.effects) for start, _ in first]
     now, *refitted = fit_models(setting, [(base, values, effects), *again])
     trials = [
-        Trial(score, fitted, held_out_loss(fitted))
+        Trial(score, fitted, float(expected_loss(fitted).sum()))
         for fitted, (_, score) in zip(refitted, first, strict=True)
     ]
     # Whitening may prefer what follows the fastest changes and misses all the others.
     sane = [trial for trial in trials if squares(setting, trial.fitted) < squares(setting, now)]
-    return setting, Trial(shortlist[0], now, held_out_loss(now)), sane
+    return setting, Trial(shortlist[0], now, float(expected_loss(now).sum())), sane
 
 
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     """The best cause, unless a plain column explains clearly more that is no matter of form."""
     causes = [trial for trial in trials if not trial.score.entry.generic]
     columns = [trial for trial in trials if trial.score.entry.generic]
-    best = min(trials, key=lambda trial: trial.losses.sum())
+    best = min(trials, key=lambda trial: trial.loss)
     if not causes or not columns:
         return best
-    cause = min(causes, key=lambda trial: trial.losses.sum())
-    column = min(columns, key=lambda trial: trial.losses.sum())
-    ahead = cause.losses - column.losses
-    gain = float((now.losses - column.losses).sum())
-    clearly = (
-        ahead.sum() > _COLUMN_ERRORS * standard_error(ahead)
-        and ahead.sum() > _COLUMN_LOSS * cause.losses.sum()
-        and ahead.sum() > _COLUMN_GAIN * gain
+    cause = min(causes, key=lambda trial: trial.loss)
+    column = min(columns, key=lambda trial: trial.loss)
+    ahead = gain(cause.fitted, column.fitted)
+    whole = now.loss - column.loss
+    clearly = ahead.total > max(
+        _COLUMN_ERRORS * ahead.error, _COLUMN_LOSS * cause.loss, _COLUMN_GAIN * whole
     )
     if not clearly:
         return cause
     kin = [trial for trial in causes if trial.score.entry.family == column.score.entry.family]
-    for trial in sorted(kin, key=lambda trial: trial.losses.sum()):
-        if (now.losses - trial.losses).sum() > _SAME_CAUSE * gain:
+    for trial in sorted(kin, key=lambda trial: trial.loss):
+        if now.loss - trial.loss > _SAME_CAUSE * whole:
             return trial
     return column
 
 
 def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, ...]:
     """The names that cannot be told from the chosen one, most likely first."""
-    gain = float((now.losses - chosen.losses).sum())
+    whole = now.loss - chosen.loss
     change = chosen.fitted.residual - now.fitted.residual
     members: dict[str, None] = {}
-    for trial in sorted(trials, key=lambda trial: trial.losses.sum()):
-        behind = trial.losses - chosen.losses
-        close = behind.sum() <= _CLASS_ERRORS * standard_error(behind) + 1e-9
+    for trial in sorted(trials, key=lambda trial: trial.loss):
+        behind = gain(trial.fitted, chosen.fitted)
         kin = trial.score.entry.family == chosen.score.entry.family
-        allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * gain, _CLASS_LEAST)
+        allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * whole, _CLASS_LEAST)
         if trial.score.entry.generic != chosen.score.entry.generic:
             continue
         other = trial.fitted.residual - now.fitted.residual
         alike = (change * other).sum() > _ALIKE * np.linalg.norm(change) * np.linalg.norm(other)
-        if trial is chosen or (alike and close and behind.sum() <= allowed):
+        if trial is chosen or (alike and tied(behind) and behind.total <= allowed):
             members[trial.score.entry.name] = None
     name = chosen.score.entry.name
     if name in _THE_SAME:
@@ -123,10 +128,9 @@ def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, .
     return (name, *(member for member in members if member != name))
 
 
-def standard_error(gains: np.ndarray) -> float:
-    """Of a sum over runs that differ."""
-    used = gains[gains != 0]
-    return float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
+def tied(behind: Gain) -> bool:
+    """Whether it is not decided that a model is behind another."""
+    return behind.total <= max(_CLASS_ERRORS * behind.error, _CLASS_LEAST)
 
 
 def ranked(
@@ -142,10 +146,9 @@ def ranked(
     rows = []
     for score in scores:
         trial = by_score.get(id(score))
-        gain = error = np.nan
+        gained = Gain(np.nan, np.nan)
         if trial is not None and now is not None:
-            gains = now.losses - trial.losses
-            gain, error = float(gains.sum()), standard_error(gains)
+            gained = gain(now.fitted, trial.fitted)
         name = score.entry.name
         if trial is not None and trial is chosen:
             decision = "accepted" if accepted else "does not lower the held-out error"
@@ -155,7 +158,7 @@ def ranked(
             decision = "explains less"
         else:
             decision = "not significant" if score.p > SIGNIFICANT else "less telling"
-        rows.append(Candidate(number, _label(score), score.z, score.p, gain, error, decision))
+        rows.append(Candidate(number, _label(score), score.z, score.p, *gained, decision))
     return rows
 
 
