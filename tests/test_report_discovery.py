@@ -154,6 +154,13 @@ def test_verdict_of_nothing():
     )
 
 
+def test_verdict_says_that_what_was_significant_did_not_hold():
+    ranking = tuple(row._replace(p_adjusted=0.0005) for row in null().ranking)
+    assert "has adjusted p = 0.0005, but did not hold: see the ranking). Its error" in verdict(
+        null()._replace(ranking=ranking)
+    )
+
+
 def test_verdict_of_structure_without_a_cause():
     assert verdict(unexplained()) == (
         "No known cause is found to be missing. Unexplained structure against "

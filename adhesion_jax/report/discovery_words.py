@@ -6,6 +6,7 @@ import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.findings import Errors, Findings, FoundEffect, Interval
+from adhesion_jax.discovery.screening import SIGNIFICANT
 
 #: Where a name in words is not just the name without its underscores.
 _NAMES = {
@@ -233,7 +234,8 @@ def _strongest(findings: Findings) -> str:
     if not tested:
         return ""
     first = min(tested, key=lambda row: (row.p_adjusted, -row.z))
+    but = ", but did not hold: see the ranking" if first.p_adjusted <= SIGNIFICANT else ""
     return (
         f" (the strongest of {len(findings.ranking)} candidates, {humanised(first.name)}, has "
-        f"adjusted p = {p_value(first.p_adjusted)})"
+        f"adjusted p = {p_value(first.p_adjusted)}{but})"
     )
