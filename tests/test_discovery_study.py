@@ -52,7 +52,7 @@ def test_no_sets_have_no_rate():
 
 def test_rates_and_confusions_are_counted():
     tasks = [
-        *(task("null", (), seed) for seed in range(4)),
+        *(task("nothing", (), seed) for seed in range(4)),
         *(task("confusion", ("temperature",), seed) for seed in range(4, 7)),
         *(task("confusion", ("patch",), seed) for seed in range(7, 9)),
     ]
@@ -78,13 +78,13 @@ def test_rates_and_confusions_are_counted():
     assert sets["worse"].tolist() == [False] * 8 + [True]
 
     table = rates(sets).set_index(["part", "group", "quantity"])
-    assert table.loc[("null", "all", "claimed"), ["hits", "count"]].tolist() == [1, 4]
+    assert table.loc[("nothing", "all", "claimed"), ["hits", "count"]].tolist() == [1, 4]
     exact = binomtest(1, 4).proportion_ci(method="exact")
-    row = table.loc[("null", "all", "claimed")]
+    row = table.loc[("nothing", "all", "claimed")]
     assert (row["low"], row["high"]) == pytest.approx((exact.low, exact.high))
     assert table.loc[("confusion", "temperature", "detected"), "rate"] == pytest.approx(2 / 3)
     assert table.loc[("confusion", "patch", "in_class"), "hits"] == 1
-    by_base = table.loc["null"].filter(like="base ", axis=0)
+    by_base = table.loc["nothing"].filter(like="base ", axis=0)
     assert by_base["hits"].sum() == 1
 
     counts = confusion(sets)
@@ -102,12 +102,12 @@ def test_a_wanted_visible_misfit_is_met():
 
 def test_tasks_are_balanced_and_no_two_share_a_seed():
     tasks = study_tasks(16, 2, 5)
-    nulls = [one for one in tasks if one.part == "null"]
+    nulls = [one for one in tasks if one.part == "nothing"]
     pairs = pd.Series([(one.base, one.operational) for one in nulls]).value_counts()
     assert len(pairs) == 8
     assert (pairs == 2).all()
     assert len({one.seed for one in tasks}) == len(tasks)
-    assert not any(one.operational for one in tasks if one.part != "null")
+    assert not any(one.operational for one in tasks if one.part != "nothing")
     assert study_tasks(16, 2, 5) == tasks
 
 
@@ -131,8 +131,10 @@ def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
     shares = study(4, 1, 0, tmp_path, lambda *_: answer(("humidity", "drift")))
     assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES}
     sets = pd.read_csv(tmp_path / "sets.csv")
-    assert len(sets) == 4 + 2 + 2
-    assert shares.loc[(shares["part"] == "null") & (shares["group"] == "all"), "hits"].item() == 4
+    assert sets["part"].value_counts().to_dict() == {"nothing": 4, "power": 2, "confusion": 2}
+    assert (
+        shares.loc[(shares["part"] == "nothing") & (shares["group"] == "all"), "hits"].item() == 4
+    )
     assert "False claims on null sets: 4 of 4" in capsys.readouterr().out
     with pytest.raises(InputError, match="above 0"):
         study(0, 0, 0, tmp_path, lambda *_: answer())

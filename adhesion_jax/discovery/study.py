@@ -61,7 +61,7 @@ Discover = Callable[[pd.DataFrame, pd.DataFrame | None, int], Findings]
 class Task(NamedTuple):
     """One set of a study."""
 
-    part: str  # null, power or confusion
+    part: str  # nothing, power or confusion
     effects: tuple[str, ...]
     seed: int
     base: str
@@ -105,11 +105,11 @@ def study_tasks(null: int, powers: int, seed: int) -> list[Task]:
         )
         base = FAMILIES[turn % len(FAMILIES)]
         block = turn // len(FAMILIES) % 2
-        operational = part == "null" and block == 1
+        operational = part == "nothing" and block == 1
         form = FORMS[(turn + block) % 2]
         return Task(part, effects, next(sets), base, operational, form, noise, visible)
 
-    nulls = [task("null", (), turn) for turn in range(null)]
+    nulls = [task("nothing", (), turn) for turn in range(null)]
     power = [
         task("power", (name,), turn, visible)
         for name in FOLLOWED
@@ -155,13 +155,13 @@ def rates(sets: pd.DataFrame) -> pd.DataFrame:
             }
         )
 
-    nulls = sets[sets["part"] == "null"]
+    nulls = sets[sets["part"] == "nothing"]
     if len(nulls):
         claimed = nulls["claims"] > 0
-        add("null", "all", np.nan, "claimed", claimed)
+        add("nothing", "all", np.nan, "claimed", claimed)
         for by in ("base", "design", "autocorrelation", "run_scatter"):
             for value in sorted(set(nulls[by])):
-                add("null", f"{by} {value}", np.nan, "claimed", claimed[nulls[by] == value])
+                add("nothing", f"{by} {value}", np.nan, "claimed", claimed[nulls[by] == value])
     for part in ("power", "confusion"):
         # An effect that cannot become as visible as was wanted says nothing of that strength.
         reached = ~(sets["visible"] < 0.8 * sets["wanted"])

@@ -87,13 +87,13 @@ def _grey(axes: Axes, counts: np.ndarray, totals: np.ndarray) -> AxesImage:
 def study_text(rates: pd.DataFrame, sets: pd.DataFrame) -> str:
     """The shares, aligned; the time a set took."""
     lines = []
-    nulls = rates[(rates["part"] == "null") & (rates["group"] == "all")]
+    nulls = rates[(rates["part"] == "nothing") & (rates["group"] == "all")]
     for row in nulls.to_dict("records"):
         lines.append(
             f"False claims on null sets: {row['hits']} of {row['count']}, "
             f"{row['rate']:.3f} [{row['low']:.3f}, {row['high']:.3f}]"
         )
-    planted = rates[rates["part"] != "null"].copy()
+    planted = rates[rates["part"] != "nothing"].copy()
     if len(planted):
         planted["share"] = [
             f"{rate:.2f} [{low:.2f}, {high:.2f}]"
