@@ -13,9 +13,8 @@ install_import_hook("adhesion_jax", "beartype.beartype")
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
 settings.load_profile("repeatable")
 
-# At the level of the compiler that Monte Carlo's programs are made at: most tests run once what
-# they compile.
-_LEVEL = "--xla_backend_optimization_level=1"
+# Most tests run once what they compile; programs that name a level of their own keep it.
+_LEVEL = "--xla_backend_optimization_level=0"
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_LEVEL}".strip()
 
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
