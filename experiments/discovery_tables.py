@@ -13,11 +13,11 @@ from adhesion_jax.discovery.findings import Findings
 def discover_tables(train: pd.DataFrame, test: pd.DataFrame | None, seed: int) -> Findings:
     """What a user gets who has the tables as files, reading included."""
     with TemporaryDirectory() as folder:
-        runs = _runs(Path(folder) / "train.csv", train)
-        other = None if test is None else matching(runs, _runs(Path(folder) / "test.csv", test))
+        runs = _runs(Path(folder) / "train.parquet", train)
+        other = None if test is None else matching(runs, _runs(Path(folder) / "test.parquet", test))
     return discover(runs, other, seed=seed)
 
 
 def _runs(path: Path, table: pd.DataFrame) -> RunSet:
-    table.to_csv(path, index=False, float_format="%.9g")
+    table.to_parquet(path, index=False)
     return read_runs([path])

@@ -6,7 +6,7 @@ from discovery_campaigns import SIZE, runs_of
 from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.discovery.law import load_law, save_law
-from adhesion_jax.discovery.simulator import simulate
+from adhesion_jax.discovery.simulator import Noise, simulate
 from adhesion_jax.errors import InputError
 
 
@@ -254,3 +254,15 @@ def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train
     bare = runs_of(campaign.train[["run", "slip_ratio", "adhesion"]])
     with pytest.raises(InputError, match=r"^--base polach-falling needs the column vehicle_speed"):
         discover(bare, base="polach-falling")
+
+
+@pytest.mark.parametrize("cause", ["slip_speed", "falling_friction"])
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
+    """Polach's curve falls with slip velocity by itself, and alone it fits best."""
+    noise = Noise(sigma=0.005, autocorrelation=0.0, run_scatter=0.0)
+    campaign = simulate([cause], seed=seed, base="burckhardt", noise=noise, **SIZE)
+    found = discover(runs_of(campaign.train))
+    assert len(found.effects) == 1
+    assert cause in found.effects[0].candidates
+    assert found.unexplained == ()

@@ -94,7 +94,7 @@ def test_a_chi_square_becomes_the_normal_deviate_of_its_tail(freedom):
     statistic = np.linspace(0.5 * freedom, 200, 400)
     # The series meet at a step of a twentieth.
     expected = stats.norm.isf(stats.chi2.sf(statistic, freedom))
-    np.testing.assert_allclose(_as_normal(statistic, freedom), expected, atol=0.06)
+    np.testing.assert_allclose(_as_normal(statistic, np.array(freedom)), expected, atol=0.06)
 
 
 def test_a_strong_effect_ranks_first_with_the_smallest_p():

@@ -7,7 +7,6 @@ import numpy as np
 
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.fitting import Fitted, Setting, fit_models
-from adhesion_jax.discovery.law import BASES
 
 #: The families that the automatic choice is between; the magic formula absorbs real effects.
 FAMILIES = ("burckhardt", "kiencke", "polach-falling", "polach-scaled", "exponential")
@@ -55,7 +54,7 @@ def refits(
 
 
 def bic(fitted: Fitted) -> float:
-    """N ln(SSE/n) + p ln n, n the points and p the parameters of the curve. Schwarz 1978."""
+    """N ln(SSE/n) + p ln N, N the points and p the parameters. Schwarz 1978."""
     points = int((fitted.residual != 0).sum())
-    size = len(BASES[fitted.base].free)
+    size = len(fitted.places)
     return points * float(np.log(max(fitted.total, 1e-300) / points)) + size * np.log(points)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -46,7 +47,17 @@ def completed(
     slip: Float[Array, "*shape"], measured: Conditions, calendar: Calendar
 ) -> Mapping[str, Float[Array, "..."]]:
     """The conditions of one run, or one steady state, with those that follow from them."""
-    conditions = {name: jnp.asarray(values) for name, values in measured.items()}
+    followed = _followed(slip, {name: jnp.asarray(values) for name, values in measured.items()})
+    if calendar.column in followed:
+        span = calendar.end - calendar.start
+        followed["campaign_time"] = (followed[calendar.column] - calendar.start) / span
+    return followed
+
+
+# Compiled, since every campaign and every law asks for it, and its steps are many and small.
+@jax.jit
+def _followed(slip: Float[Array, "*shape"], measured: Mapping[str, Array]) -> dict[str, Array]:
+    conditions = dict(measured)
     for name in TEMPERATURES:
         if name in conditions:
             conditions.setdefault("temperature_C", conditions[name])
@@ -54,14 +65,11 @@ def completed(
         speed = conditions["vehicle_speed_mps"]
         conditions["slip_velocity_mps"] = jnp.abs(slip) * speed
         if has_history(measured):
-            smooth = smoothed(jnp.asarray(speed), conditions["time_s"], _ACCELERATION_WIDTH)
+            smooth = smoothed(speed, conditions["time_s"], _ACCELERATION_WIDTH)
             conditions.setdefault("acceleration_mps2", smooth[1])
             step = jnp.diff(conditions["time_s"], prepend=conditions["time_s"][:1])
             rolled = jnp.cumsum(speed * (1 + slip) * step)
             conditions.setdefault("wheel_angle_rad", rolled / NOMINAL_RADIUS)
-    if calendar.column in conditions:
-        span = calendar.end - calendar.start
-        conditions["campaign_time"] = (conditions[calendar.column] - calendar.start) / span
     conditions.setdefault("mode", jnp.sign(slip))
     lateral = [jnp.tan(jnp.deg2rad(conditions[name])) for name in ANGLES if name in conditions]
     if "lateral_creepage" in conditions:

@@ -126,8 +126,8 @@ def held_out_loss(fitted: Fitted) -> np.ndarray:
     if not runs.size:
         # Not one point of the model was finite.
         return np.full(loss.shape, np.inf)
-    for fold in np.array_split(runs, min(_FOLDS, runs.size)):
-        shift = step_without(fitted, fold)
+    folds = np.array_split(runs, min(_FOLDS, runs.size))
+    for fold, shift in zip(folds, steps_without(fitted, folds), strict=True):
         loss[fold] += fitted.gradient[fold] @ shift
         loss[fold] += 0.5 * np.einsum("rkl,k,l->r", fitted.hessian[fold], shift, shift)
     return loss
@@ -144,7 +144,7 @@ def expected_loss(fitted: Fitted) -> np.ndarray:
     if not fitted.blocks:
         return held_out_loss(fitted)
     jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
-    inverse = np.stack([solve(fitted.hessian.sum(0), row) for row in np.eye(jacobian.shape[0])])
+    inverse = solve(fitted.hessian.sum(0), np.eye(jacobian.shape[0]))
     leverage = np.einsum("kp,kl,lp->p", jacobian, inverse, jacobian).reshape(fitted.residual.shape)
     alone = fitted.residual / np.maximum(1 - leverage, 1e-3)
     return 0.5 * (alone**2).sum(axis=1)
@@ -169,7 +169,9 @@ def gain(less: Fitted, more: Fitted) -> Gain:
         error = float(np.linalg.norm(more.residual - less.residual))
     else:
         used = gains[gains != 0]
-        error = float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
+        # Without a run that alone determines a parameter the loss of that run has no bound.
+        with np.errstate(over="ignore"):
+            error = float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
     return Gain(float(gains.sum()), error)
 
 
@@ -179,20 +181,22 @@ def squares(setting: Setting, fitted: Fitted) -> float:
     return float((np.asarray(error) ** 2).sum())
 
 
-def step_without(fitted: Fitted, fold: np.ndarray) -> np.ndarray:
-    """How far the parameters move when the runs of a fold are left out, [free]."""
-    hessian = fitted.hessian.sum(0) - fitted.hessian[fold].sum(0)
-    gradient = fitted.gradient.sum(0) - fitted.gradient[fold].sum(0)
-    return -solve(hessian, gradient)
+def steps_without(fitted: Fitted, folds: Sequence[np.ndarray]) -> np.ndarray:
+    """How far the parameters move when the runs of each fold are left out, [folds, free]."""
+    hessian = np.stack([fitted.hessian[fold].sum(0) for fold in folds])
+    gradient = np.stack([fitted.gradient[fold].sum(0) for fold in folds])
+    return -solve(fitted.hessian.sum(0) - hessian, fitted.gradient.sum(0) - gradient)
 
 
 def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """H^-1 g, directions that the data do not determine left out."""
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    values, vectors = np.linalg.eigh(hessian / np.outer(scale, scale))
+    """H^-1 g, [..., free], directions that the data do not determine left out."""
+    diagonal = np.diagonal(hessian, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.maximum(diagonal, 1e-300))
+    values, vectors = np.linalg.eigh(hessian / (scale[..., :, None] * scale[..., None, :]))
     kept = values > 1e-7
-    along = vectors[:, kept].T @ (gradient / scale)
-    return (vectors[:, kept] @ (along / values[kept])) / scale
+    along = np.einsum("...kl,...k->...l", vectors, gradient / scale)
+    shares = np.where(kept, along / np.where(kept, values, 1.0), 0.0)
+    return np.einsum("...kl,...l->...k", vectors, shares) / scale
 
 
 def covariance(fitted: Fitted) -> np.ndarray:
@@ -202,6 +206,5 @@ def covariance(fitted: Fitted) -> np.ndarray:
     """
     runs = np.abs(fitted.hessian).sum((1, 2)) > 0
     count = max(int(runs.sum()), 2)
-    hessian = fitted.hessian.sum(0)
-    steps = np.stack([solve(hessian, gradient) for gradient in fitted.gradient[runs]])
+    steps = solve(fitted.hessian.sum(0), fitted.gradient[runs])
     return steps.T @ steps * count / (count - 1)

@@ -1,7 +1,9 @@
 """Which cause would explain most of what is left: score tests of the whole library at once."""
 
 import dataclasses
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import jax
@@ -61,15 +63,22 @@ def screen(
     owners = np.array(owner)
     blocks = [np.flatnonzero((owners == place) & heard) for place in range(len(starts))]
     parts = _parts(flat, residual, setting)
-    first = _deviates(blocks, parts, np.ones((parts.levels.size, 1)), None)[:, 0]
+    unscaled = np.ones(len(blocks))
+    first = _as_normal(*_statistics(blocks, parts, unscaled, *_observed(parts)))[:, 0]
     block = flat[:, np.concatenate([blocks[place] for place in _most_telling(starts, first)])]
     left = residual
     if block.size:
         left = residual - block @ np.linalg.lstsq(block, residual, rcond=1e-3)[0]
     noise = _parts(flat, left, setting)
-    observed = _deviates(blocks, parts, np.ones((parts.levels.size, 1)), noise)[:, 0]
+    excess = _excess(blocks, parts, noise)
+    observed = _as_normal(*_statistics(blocks, parts, excess, *_observed(parts)))[:, 0]
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(noise.levels.size, _FLIPS))
-    largest = _deviates(blocks, noise, signs, noise).max(axis=0)
+    flipped = (noise.level @ signs, noise.within @ signs, float((noise.levels**2).sum()))
+    statistic, freedom = _statistics(blocks, parts, excess, *flipped)
+    # Of blocks of as many degrees of freedom the largest statistic is the largest deviate.
+    alike = [freedom[:, 0] == k for k in np.unique(freedom)]
+    tops = [_as_normal(statistic[some].max(axis=0), freedom[some][0]) for some in alike]
+    largest = np.max(tops, axis=0)
     needed = float(np.quantile(largest, 1 - SIGNIFICANT))
     scores: dict[tuple[str, type], Score] = {}
     for (entry, start), z, block in zip(starts, observed, blocks, strict=True):
@@ -128,44 +137,75 @@ def _parts(flat: np.ndarray, residual: np.ndarray, setting: Setting) -> _Parts:
     return _Parts(level_scores, scores - level_scores, levels, outer, inner, variance)
 
 
-def _deviates(
-    blocks: Sequence[np.ndarray], parts: _Parts, signs: np.ndarray, noise: _Parts | None
-) -> np.ndarray:
-    """Likelihood ratios of blocks of probes as normal deviates, [blocks, choices of signs].
+def _observed(parts: _Parts) -> tuple[np.ndarray, np.ndarray, float]:
+    """The scores of each probe over all runs, [probes, 1], and the energy of the runs' levels."""
+    level, within = (scores.sum(axis=1, keepdims=True) for scores in (parts.level, parts.within))
+    return level, within, float((parts.levels**2).sum())
 
-    With the level c of each run, what changes within runs e, and the least squares b of a block
-    of k probes, the statistic is m ln(c'c/(c - A b)'(c - A b)) + (e'e - (e - E b)'(e - E b))/v.
-    The variance of the levels is unknown: m = R - 1 - (k + 1)/2 after Bartlett 1937. (Against a
-    fixed variance, estimated from the same residual, a cause that acts from run to run could
-    explain no more than the number of runs.) v is how much more the scores of the runs in `noise`
-    scatter than independent points would, for the correlation within runs is known only about. It
-    is at least the variance of the points within their runs, where that is below one: noise taken
-    from a misfit is wider than they are.
+
+def _excess(blocks: Sequence[np.ndarray], parts: _Parts, noise: _Parts) -> np.ndarray:
+    """How much more the scores of the runs scatter than independent points would, [blocks].
+
+    The correlation within runs is known only about. It is at least the variance of the points
+    within their runs, where that is below one: noise taken from a misfit is wider than they are.
     """
-    level, within = parts.level @ signs, parts.within @ signs
-    energy = max(float((parts.levels**2).sum()), 1e-300)
-    found = []
-    for block in blocks:
-        outer, inner = parts.outer[np.ix_(block, block)], parts.inner[np.ix_(block, block)]
-        if noise is not None and block.size:
-            scatter = noise.within[block] @ noise.within[block].T
-            excess = np.trace(np.linalg.pinv(inner, rcond=1e-3, hermitian=True) @ scatter)
-            excess = max(float(excess) / block.size, min(noise.variance, 1.0))
-        else:
-            excess = 1.0
-        root = _root(outer + inner / excess)
-        freedom = root.shape[0]
-        if freedom == 0:
-            found.append(np.zeros(signs.shape[1]))
-            continue
-        b = root.T @ (root @ (level[block] + within[block] / excess))
-        explained = 2 * (b * level[block]).sum(0) - (b * (outer @ b)).sum(0)
-        rest = 2 * (b * within[block]).sum(0) - (b * (inner @ b)).sum(0)
-        factor = max(parts.levels.size - 1 - (freedom + 1) / 2, 1.0)
-        kept = np.clip(1 - explained / energy, 1e-12, None)
-        statistic = rest / excess - factor * np.log(kept)
-        found.append(_as_normal(np.maximum(statistic, 0.0), freedom))
-    return np.stack(found)
+    least = min(noise.variance, 1.0)
+    found = np.full(len(blocks), least)
+    scatter = noise.within @ noise.within.T
+    for some, rows, columns in _by_size(blocks):
+        inverse = np.linalg.pinv(parts.inner[rows, columns], rcond=1e-3, hermitian=True)
+        traces = np.einsum("nkl,nlk->n", inverse, scatter[rows, columns])
+        found[some] = np.maximum(traces / rows.shape[1], least)
+    return found
+
+
+def _statistics(
+    blocks: Sequence[np.ndarray],
+    parts: _Parts,
+    excess: np.ndarray,
+    level: np.ndarray,
+    within: np.ndarray,
+    energy: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Likelihood ratios of blocks of probes [blocks, choices], and degrees of freedom [blocks, 1].
+
+    `level` and `within` are the scores of the probes, [probes, choices of signs]. With the level c
+    of each run, what changes within runs e, and the least squares b of a block of k probes, the
+    statistic is m ln(c'c/(c - A b)'(c - A b)) + (e'e - (e - E b)'(e - E b))/v, v the excess. The
+    variance of the levels is unknown: m = R - 1 - (k + 1)/2 after Bartlett 1937. (Against a fixed
+    variance, estimated from the same residual, a cause that acts from run to run could explain no
+    more than the number of runs.)
+    """
+    found = np.zeros((len(blocks), level.shape[1]))
+    freedoms = np.zeros((len(blocks), 1))
+    for some, rows, columns in _by_size(blocks):
+        outer, inner = parts.outer[rows, columns], parts.inner[rows, columns]
+        share = excess[some][:, None, None]
+        values, vectors = np.linalg.eigh(outer + inner / share)
+        # Directions that are nearly singular are left out.
+        kept = values > 1e-3 * values[:, -1:]
+        inverse = np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)
+        levels, withins = level[rows[:, :, 0]], within[rows[:, :, 0]]
+        b = vectors @ (inverse[:, :, None] * (vectors.mT @ (levels + withins / share)))
+        explained = (b * (2 * levels - outer @ b)).sum(axis=1)
+        rest = (b * (2 * withins - inner @ b)).sum(axis=1)
+        freedom = kept.sum(axis=1, keepdims=True)
+        factor = np.maximum(parts.levels.size - 1 - (freedom + 1) / 2, 1.0)
+        left = np.clip(1 - explained / max(energy, 1e-300), 1e-12, None)
+        found[some] = np.maximum(rest / share[:, 0] - factor * np.log(left), 0.0)
+        freedoms[some] = freedom
+    return found, freedoms
+
+
+def _by_size(
+    blocks: Sequence[np.ndarray],
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Blocks of as many probes together: which, and the places of their Gram matrices."""
+    sizes = np.array([block.size for block in blocks])
+    for size in np.unique(sizes[sizes > 0]):
+        some = np.flatnonzero(sizes == size)
+        places = np.stack([block for block in blocks if block.size == size])
+        yield some, places[:, :, None], places[:, None, :]
 
 
 def telling(
@@ -205,42 +245,32 @@ def _changes(setting: Setting, fitted: Fitted, probes: Sequence[Effect]) -> np.n
     """What each probe adds to the prediction, in units of the noise, [probes, runs, points]."""
     size = max(size_of(fitted.base, (*fitted.effects, probe)) for probe in probes)
     models = [packed(setting, fitted, (*fitted.effects, probe), size) for probe in probes]
-    found = []
-    for first in range(0, len(models), PROBES):
-        some = models[first : first + PROBES]
-        padded = some + [some[0]] * (PROBES - len(some))
+
+    def some(first: int) -> np.ndarray:
+        these = models[first : first + PROBES]
+        padded = these + [these[0]] * (PROBES - len(these))
         stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
-        change = changes(
-            stacked, setting.problem.data, setting.noise, setting.level, fitted.adhesion
-        )
-        found.append(np.asarray(change)[: len(some)])
-    return np.concatenate(found)
+        data, noise, level = setting.problem.data, setting.noise, setting.level
+        return np.asarray(changes(stacked, data, noise, level, fitted.adhesion))[: len(these)]
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.concatenate(list(pool.map(some, range(0, len(models), PROBES))))
 
 
-def _root(gram: np.ndarray) -> np.ndarray:
-    """W with W'W the inverse of a Gram matrix, its near-singular directions left out."""
-    if gram.shape[1] == 0:
-        return np.zeros((0, 0))
-    values, vectors = np.linalg.eigh(gram)
-    kept = values > 1e-3 * values.max()
-    return (vectors[:, kept] / np.sqrt(values[kept])).T
-
-
-def _as_normal(chi_square: np.ndarray, freedom: int) -> np.ndarray:
-    """The normal deviate of the same upper tail, whatever the degrees of freedom.
+def _as_normal(chi_square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """The normal deviate of the same upper tail, whatever the degrees of freedom; 0 for none.
 
     Where the tail is far, by the asymptotic series of the incomplete gamma function and that of
     the normal tail; else by the cube root of Wilson and Hilferty 1931.
     """
-    if freedom == 0:
-        return np.full(chi_square.shape, -np.inf)
-    half, shape = np.maximum(chi_square, 1e-9) / 2, freedom / 2
-    spread = 2 / (9 * freedom)
-    near = ((chi_square / freedom) ** (1 / 3) - 1 + spread) / np.sqrt(spread)
-    far = chi_square > 2 * freedom + 6
+    some = np.maximum(freedom, 1)
+    half, shape = np.maximum(chi_square, 1e-9) / 2, some / 2
+    spread = 2 / (9 * some)
+    near = ((chi_square / some) ** (1 / 3) - 1 + spread) / np.sqrt(spread)
+    far = chi_square > 2 * some + 6
     shortened = np.log1p(-np.where(far, (shape - 1) / half, 0.0))
     log_tail = -half + (shape - 1) * np.log(half) - gammaln(shape) - shortened
     double = np.maximum(-2 * log_tail, 1.0)
     deviate = np.sqrt(np.maximum(double - np.log(2 * np.pi * double), 0.0))
     deviate = np.sqrt(np.maximum(double - np.log(2 * np.pi * np.maximum(deviate, 1.0) ** 2), 0.0))
-    return np.where(far, deviate, near)
+    return np.where(freedom > 0, np.where(far, deviate, near), 0.0)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from scipy import stats
 
-from adhesion_jax.discovery.bases import first_fits, refits
+from adhesion_jax.discovery.bases import bic, first_fits, refits
 from adhesion_jax.discovery.effects import EFFECTS, Effect
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
@@ -18,7 +18,7 @@ from adhesion_jax.discovery.fitting import (
     gain,
     squares,
 )
-from adhesion_jax.discovery.law import kind_of
+from adhesion_jax.discovery.law import BASES, kind_of
 from adhesion_jax.discovery.library import Entry, entry_of
 from adhesion_jax.discovery.problem import Problem
 from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
@@ -54,6 +54,7 @@ def search(
 ) -> Selection:
     """Accepts effects until none is left that is significant and lowers the held-out loss."""
     first = state = settled(setting, fits, (), ())
+    chosen_on = first.base
     pairs = products(setting.problem)
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
@@ -77,10 +78,12 @@ def search(
         if not _grown(found, state):
             state = found
             break
+        if number == 0:
+            found, chosen_on = _plainer(found, first, entries, seed)
         state = _pruned(found)
         if len(state.accepted) < len(found.accepted):
             break
-    return _with_other_formulas(_reconsidered(state, first, entries, seed), entries)
+    return _with_other_formulas(_reconsidered(state, chosen_on, entries, seed), entries)
 
 
 def _grown(state: Selection, before: Selection) -> bool:
@@ -88,14 +91,38 @@ def _grown(state: Selection, before: Selection) -> bool:
     return state.accepted is not before.accepted
 
 
+def _plainer(
+    found: Selection, first: Selection, entries: Sequence[Entry], seed: int
+) -> tuple[Selection, str]:
+    """The first effect chosen anew on a curve that speed does not change, if that is better.
+
+    A curve that itself falls with speed may have absorbed the cause. What was accepted then makes
+    up for what is wrong with the curve, and no later round would find both. Also on which curve
+    the effect was chosen.
+    """
+    plain = {name: fitted for name, fitted in first.fits.items() if not BASES[name].NEEDS}
+    if not plain or first.base in plain:
+        return found, first.base
+    start = first._replace(fits=plain, base=min(plain, key=lambda name: bic(plain[name])))
+    scores = screen(start.setting, start.fitted, entries, seed)
+    again = _next(start, scores, SIGNIFICANT, 0)
+    parts = parts_of(again.accepted)
+    fitted = fit_model(found.setting, again.base, again.fitted.base_values.tolist(), parts)
+    if bic(fitted) >= bic(found.fitted):
+        return found, first.base
+    fits = {**first.fits, **again.fits}
+    whole = settled(again.setting, fits, again.accepted, again.ranking)
+    return whole._replace(thresholds=found.thresholds), start.base
+
+
 def _reconsidered(
-    state: Selection, first: Selection, entries: Sequence[Entry], seed: int
+    state: Selection, chosen_on: str, entries: Sequence[Entry], seed: int
 ) -> Selection:
     """Each effect chosen anew on the base that the effects have led to, kept where it is better.
 
     A flexible base may have absorbed a cause and left another effect to make up for it.
     """
-    if state.base == first.base:
+    if state.base == chosen_on:
         return state
     for effect in state.accepted:
         rest = tuple(other for other in state.accepted if other.name != effect.name)
