@@ -14,7 +14,7 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, max_exa
 settings.load_profile("repeatable")
 
 # Most tests run once what they compile; programs that name a level of their own keep it.
-_LEVEL = "--xla_backend_optimization_level=1"
+_LEVEL = "--xla_backend_optimization_level=0"
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_LEVEL}".strip()
 
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
