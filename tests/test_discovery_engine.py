@@ -266,3 +266,21 @@ def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     assert len(found.effects) == 1
     assert cause in found.effects[0].candidates
     assert found.unexplained == ()
+
+
+@pytest.mark.parametrize(
+    ("pair", "base"),
+    [
+        (("load_transfer", "curve"), "burckhardt"),
+        (("axle_position", "contact_heating"), "burckhardt"),
+        (("cleaning", "rail_joint"), "kiencke"),
+    ],
+    ids=lambda given: given if isinstance(given, str) else "+".join(given),
+)
+def test_each_of_two_effects_is_in_a_class_of_its_own(pair, base):
+    found = discover(runs_of(simulate(pair, seed=1, base=base, **SIZE).train))
+    classes = [effect.candidates for effect in found.effects]
+    assert len(classes) == 2
+    assert {cause for cause in pair for names in classes if cause in names} == {*pair}
+    assert found.unexplained == ()
+    assert found.train.after.value == pytest.approx(found.noise_floor, rel=0.1)

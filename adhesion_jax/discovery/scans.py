@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+from scipy.ndimage import median_filter
 
 from adhesion_jax.discovery.effects import Effect, Periodic, Product
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
@@ -27,6 +28,10 @@ _AXES = {"position_m": "rail_joint", "wheel_angle_rad": "wheel_order"}
 
 #: A line in time must go through so many waves in a run: slower ones are the excitation's.
 _WAVES = 6
+
+#: A wave along an axis must stand out from as many frequencies on either side: a line is wide
+#: where every run has passed a part of the axis only.
+_AROUND = 50
 
 #: Neighbouring frequencies whose median is the level that a line must stand out from.
 _NEIGHBOURS = 12
@@ -68,8 +73,8 @@ def waves(setting: Setting, fitted: Fitted, taken: Sequence[str], seed: int) -> 
     """The strongest coherent wave along each axis, with p adjusted for all lengths by sign flips.
 
     The score of a run at a frequency is the sum over its points of residual times adhesion times
-    exp(i 2 pi f z); coherent is what adds up over runs: |sum of scores|^2 over the sum of their
-    squares.
+    exp(i 2 pi f z); coherent is what adds up over runs: |sum of scores|^2 over the median of the
+    sums of their squares at the frequencies around.
     """
     problem = setting.problem
     axes = {name: effect for name, effect in _AXES.items() if name in problem.varying}
@@ -143,13 +148,15 @@ def _coherent(
     used = np.abs(spectrum).sum(1) > 0
     spectrum = spectrum[used]
     power = np.maximum((np.abs(spectrum) ** 2).sum(0), 1e-300)
+    # Against the level around it, not its own power: the faint harmonics of a line cohere as well.
+    level = median_filter(power, 2 * _AROUND + 1, mode="nearest")
     # A place that a run or two have passed coheres with itself.
     strong = power > 0.05 * np.median(power)
-    observed = np.where(strong, np.abs(spectrum.sum(0)) ** 2 / power, 0.0)
+    observed = np.where(strong, np.abs(spectrum.sum(0)) ** 2 / level, 0.0)
     best = int(np.argmax(observed))
     signs = np.random.default_rng(list(seed)).choice([-1.0, 1.0], size=(_FLIPS, used.sum()))
     # Single precision is enough to compare with, and twice as fast.
-    normal = np.where(strong, spectrum / np.sqrt(power), 0.0).astype(np.complex64)
+    normal = np.where(strong, spectrum / np.sqrt(level), 0.0).astype(np.complex64)
     signs = signs.astype(np.float32)
     exceeded = 0
     for some in np.array_split(signs, 40):
