@@ -27,7 +27,7 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
     """The cosine of each entry's change of the prediction with that of each effect found.
 
     Both with what the base curve and the other effects can do projected out; of several starts
-    that which resembles most.
+    that which resembles most. A plain column of the effect's own kind is no other cause.
     """
     found = []
     for effect in state.accepted:
@@ -39,7 +39,9 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
         others = [
             entry
             for entry in entries
-            if entry.name != effect.name and entry.name not in {one.name for one in rest}
+            if entry.name != effect.name
+            and entry.name not in {one.name for one in rest}
+            and not (entry.generic and entry.family == effect.family)
         ]
         probes = [effect.parts[0], *(start for entry in others for start in entry.starts)]
         heard, directions, _ = telling(state.setting, less, probes)

@@ -27,7 +27,8 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
         parts = [place for place, part in enumerate(state.fitted.effects) if part in effect.parts]
         if any("time_s" in part.NEEDS for part in effect.parts):
             if state.setting.problem.points.shape[1] >= _GRID // 4 and effect.parts:
-                found.append(_after_step(state, effect.name, parts, draws))
+                what = "sand" if "sanding" in effect.covariates else "a step of the slip"
+                found.append(_after_step(state, effect.name, what, parts, draws))
             continue
         columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
         for column in columns or ["slip_ratio"]:
@@ -62,7 +63,9 @@ def _over(
     return _banded(name, column, unit, grid, factors)
 
 
-def _after_step(state: Selection, name: str, parts: Sequence[int], draws: np.ndarray) -> Dependence:
+def _after_step(
+    state: Selection, name: str, what: str, parts: Sequence[int], draws: np.ndarray
+) -> Dependence:
     """The slip steps from a fifth of its median to its median, the sand flag is set throughout."""
     shape = state.setting.problem.points.shape
     grid = np.linspace(0.0, _SECONDS, shape[1])
@@ -73,7 +76,7 @@ def _after_step(state: Selection, name: str, parts: Sequence[int], draws: np.nda
         "sanding": np.ones(shape),
     }
     factors = _factors(state, parts, draws, columns)[:, 0]
-    return _banded(name, "time since a step of the slip", "s", grid, factors)
+    return _banded(name, f"time since {what}", "s", grid, factors)
 
 
 def _factors(

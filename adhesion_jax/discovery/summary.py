@@ -1,5 +1,6 @@
 """Findings from a finished search: errors, intervals, and what to be careful about."""
 
+import inspect
 import time
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +17,7 @@ from adhesion_jax.discovery.dependence import dependences
 from adhesion_jax.discovery.errors_by_run import errors
 from adhesion_jax.discovery.findings import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.discovery.fitting import Fitted, covariance, fit_model, held_out_loss
-from adhesion_jax.discovery.law import BASES, KINDS, CorrectedLaw, kind_of
+from adhesion_jax.discovery.law import BASES, CorrectedLaw, kind_of
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.scans import Torsion
@@ -216,12 +217,13 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
 
 
 def _sentence(effect: Accepted) -> str:
-    words = " ".join((KINDS[kind_of(effect.parts[0])].__doc__ or "").split())
+    """What the cause does in words: the first line of the file that it is written in."""
     if effect.generic:
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
+    written = inspect.getdoc(inspect.getmodule(type(effect.parts[0]))) or effect.name
     more = " and ".join(kind_of(part) for part in effect.parts[1:])
-    refined = f", its form refined by {more}" if more else ""
-    return f"Acts as {words.split('. ')[0].rstrip('.')}{refined}."
+    refined = f" Its form is refined by {more}." if more else ""
+    return f"{written.splitlines()[0]}{refined}"
 
 
 def _intervals(state: Selection) -> Mapping[int, Mapping[str, Interval]]:
