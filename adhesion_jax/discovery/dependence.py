@@ -9,11 +9,15 @@ from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.findings import Dependence
 from adhesion_jax.discovery.fitting import covariance, packed, size_of
 from adhesion_jax.discovery.noise import white_noise
+from adhesion_jax.discovery.problem import label_of
 from adhesion_jax.discovery.program import PROBES, Data, Model, changes
 from adhesion_jax.discovery.state import Selection
 
 #: Values of a column, and seconds after a step, that are shown.
 _GRID, _SECONDS = 80, 10.0
+
+#: Conditions that are functions of the measured column that they stand for.
+_FUNCTIONS = {"temperature_C", "lateral_measure"}
 
 
 def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
@@ -52,12 +56,19 @@ def _draws(state: Selection, seed: int) -> np.ndarray:
 def _over(
     state: Selection, name: str, column: str, parts: Sequence[int], draws: np.ndarray
 ) -> Dependence:
-    """Every other column at its median."""
-    shape = state.setting.problem.points.shape
+    """Every other column at its median, but for what is a function of this one."""
+    problem = state.setting.problem
+    shape = problem.points.shape
     size = min(_GRID, shape[0] * shape[1])
-    values = state.setting.problem.flat[column]
+    values = problem.flat[column]
     grid = np.linspace(values.min(), values.max(), size)
-    factors = _factors(state, parts, draws, {column: np.resize(grid, shape)})
+    order = np.argsort(values, kind="stable")
+    moved = {column: np.resize(grid, shape)}
+    for condition in _FUNCTIONS & {*problem.flat}:
+        if label_of(condition, problem.measured) == column:
+            by_grid = np.interp(grid, values[order], problem.flat[condition][order])
+            moved[condition] = np.resize(by_grid, shape)
+    factors = _factors(state, parts, draws, moved)
     factors = factors.reshape(PROBES, -1)[:, :size]
     unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
     return _banded(name, column, unit, grid, factors)
