@@ -11,7 +11,6 @@ from tqdm import tqdm
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
-from adhesion_jax.campaign.store import staged, write_table
 from adhesion_jax.claims.fang2018 import slope_claims, slope_config
 from adhesion_jax.claims.he2018_consistency import (
     consistency_claims,
@@ -41,6 +40,7 @@ from adhesion_jax.claims.qian2024 import (
     variants,
 )
 from adhesion_jax.claims.tiled import tile_count
+from adhesion_jax.files import staged, write_table
 from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.report import claims as report
 from adhesion_jax.scenarios import Options

@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.campaign.store import staged
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED
 from adhesion_jax.data.runs import matching, read_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.discovery.simulator import simulate, write_campaign
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged
 from adhesion_jax.report.discovery import DISCOVERY_FILES, printed, write_discovery
 from experiments.command import output_directory, run
 

@@ -12,10 +12,10 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.store import staged, write_metadata, write_table
 from adhesion_jax.discovery.simulated_base import rms
 from adhesion_jax.discovery.study import Discover, is_right, removed_share
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.report.discovery_peers import draw_peers, peers_text, summarised
 from experiments.command import output_directory, run
 from experiments.discovery_tables import discover_tables

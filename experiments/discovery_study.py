@@ -8,9 +8,9 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.store import staged, write_metadata, write_table
 from adhesion_jax.discovery.study import Discover, confusion, rates, run_study, study_tasks
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.report.discovery_study import draw_confusion, draw_detection, study_text
 from experiments.command import output_directory, run
 from experiments.discovery_tables import discover_tables

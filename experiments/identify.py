@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from adhesion_jax.campaign.store import staged, write_table
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED, check_curve, read_measured, to_record
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged, write_table
 from adhesion_jax.identifiers.measured import fit_all, missing_columns
 from adhesion_jax.identifiers.residual import residual_structure
 from adhesion_jax.report.measured import curve_rows, printed_table, verdict

@@ -24,14 +24,9 @@ from adhesion_jax.campaign.config import (
 )
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaigns
 from adhesion_jax.campaign.rows import row_columns
-from adhesion_jax.campaign.store import (
-    EstimateWriter,
-    read_estimates,
-    staged,
-    write_metadata,
-    write_table,
-)
+from adhesion_jax.campaign.store import EstimateWriter, read_estimates
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
 from adhesion_jax.report import figures
 from adhesion_jax.report.tables import accuracy_table, tracking_text

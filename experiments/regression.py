@@ -9,7 +9,7 @@ import click
 import pandas as pd
 from tqdm import tqdm
 
-from adhesion_jax.campaign.store import staged, write_table
+from adhesion_jax.files import staged, write_table
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.regression.accuracy import accuracy_steps, measure_accuracy
 from adhesion_jax.regression.compare import REGRESSIONS, compare, faster_of, suspects

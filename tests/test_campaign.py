@@ -14,8 +14,8 @@ from adhesion_jax.campaign import tiles
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
-from adhesion_jax.campaign.store import staged
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged
 from adhesion_jax.identifiers import ABLATIONS
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names

@@ -9,7 +9,6 @@ import pytest
 from click.testing import CliRunner
 
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.campaign.store import write_table
 from adhesion_jax.claims.claim import Claim, verdict_below, verdict_equal
 from adhesion_jax.claims.he2018_consistency import (
     SIZES,
@@ -35,6 +34,7 @@ from adhesion_jax.claims.he2018_tracking import (
     standard_deviation,
     tracking_claims,
 )
+from adhesion_jax.files import write_table
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, ml_de, ml_de_eq17
 from adhesion_jax.metrics.information import cramer_rao_bound
 from adhesion_jax.optim import differential_evolution as de

@@ -12,7 +12,8 @@ from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status, identify
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
-from adhesion_jax.scenarios import SCENARIOS, Known, Options, Record
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import SCENARIOS, Options
 from adhesion_jax.scenarios.blocks import Blocks
 
 RUNS = 8

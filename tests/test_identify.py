@@ -16,8 +16,8 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Status
 from adhesion_jax.identifiers.measured import confidence_band, fit_all, fit_measured
 from adhesion_jax.identifiers.residual import residual_structure
+from adhesion_jax.records import Record
 from adhesion_jax.report.measured import reasons
-from adhesion_jax.scenarios import Record
 from experiments.command import run
 from experiments.identify import main
 

@@ -14,8 +14,8 @@ from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_information, burckhardt_sums
 from adhesion_jax.identifiers.ml_pooled import chance, penalty
 from adhesion_jax.optim.variable_projection import minimise
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Known, Options, Record
-from adhesion_jax.scenarios.base import SHARED_SLIP
+from adhesion_jax.records import SHARED_SLIP, Known, Record
+from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
 from adhesion_jax.scenarios.rails import HE2018, RAILS
 
 RUNS = 16

@@ -11,8 +11,8 @@ from scipy import stats
 from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
+from adhesion_jax.records import SHARED_SLIP
 from adhesion_jax.scenarios import SCENARIOS, Options
-from adhesion_jax.scenarios.base import SHARED_SLIP
 from adhesion_jax.scenarios.noise import coloured, draw_noise, whitened
 from adhesion_jax.scenarios.rails import HE2018, RAILS
 

@@ -9,9 +9,9 @@ import pytest
 from discovery_examples import NASTY, nasty, null, two_effects, unexplained
 from matplotlib.image import imread
 
-from adhesion_jax.campaign.store import staged
 from adhesion_jax.discovery.findings import Interval
 from adhesion_jax.discovery.law import load_law
+from adhesion_jax.files import staged
 from adhesion_jax.report.discovery import (
     DISCOVERY_FILES,
     printed,

@@ -12,7 +12,8 @@ from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.identifiers.rls_slope import RecursiveSlope, rls_slope
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options, Record
+from adhesion_jax.records import Record
+from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
 from adhesion_jax.scenarios.rails import HE2018
 
 STREAM = SCENARIOS["fang2018-slope"](Options())

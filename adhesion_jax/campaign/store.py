@@ -1,51 +1,11 @@
-"""Where a campaign's results are kept: written whole or not at all."""
+"""Where the estimates of a campaign are kept: one parquet file, a row group a table."""
 
-import errno
-import json
-import os
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-
-from adhesion_jax.errors import InputError
-
-_CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
-
-
-@contextmanager
-def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
-    """A folder to write into whose files appear in `directory` when all are complete.
-
-    `own` are the names a command may write: what an earlier job left of them goes, other files
-    are left alone. After an error nothing changes. InputError where a folder bears one of the
-    names, or where there is no room to write.
-    """
-    for name in own:
-        if (directory / name).is_dir():
-            raise InputError(
-                f"--out {directory} has a folder {name} where a file of that name belongs; "
-                "move it or name another folder."
-            )
-    try:
-        with tempfile.TemporaryDirectory(dir=directory, prefix=".partial-") as folder:
-            stage = Path(folder)
-            yield stage
-            written = sorted(file.name for file in stage.iterdir())
-            for name in written:
-                os.replace(stage / name, directory / name)
-            for name in set(own) - set(written):
-                (directory / name).unlink(missing_ok=True)
-    except OSError as error:
-        if error.errno not in _CANNOT_WRITE:
-            raise
-        raise InputError(
-            f"--out {directory} cannot be written to ({error.strerror}); name a folder that can."
-        ) from None
 
 
 class EstimateWriter:
@@ -68,15 +28,6 @@ class EstimateWriter:
     def close(self) -> None:
         if self._writer is not None:
             self._writer.close()
-
-
-def write_table(path: Path, table: pd.DataFrame) -> None:
-    """As CSV at full precision; what does not apply is left empty."""
-    table.to_csv(path, index=False)
-
-
-def write_metadata(path: Path, metadata: Mapping[str, object]) -> None:
-    path.write_text(json.dumps(metadata, indent=2) + "\n")
 
 
 def read_estimates(path: Path, columns: list[str], identifier: str) -> pd.DataFrame:

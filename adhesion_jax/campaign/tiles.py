@@ -20,8 +20,9 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Course, Tracking
+from adhesion_jax.records import Record
 from adhesion_jax.runtime import shared_program
-from adhesion_jax.scenarios import SCENARIOS, Options, Record
+from adhesion_jax.scenarios import SCENARIOS, Options
 
 TILE = 128
 

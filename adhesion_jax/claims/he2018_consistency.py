@@ -19,7 +19,8 @@ from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.optim.box import on_bound
-from adhesion_jax.scenarios import Record, Scenario
+from adhesion_jax.records import Record
+from adhesion_jax.scenarios import Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import RAILS
 

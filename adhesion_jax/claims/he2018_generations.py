@@ -25,7 +25,8 @@ from adhesion_jax.identifiers.ml_de import (
 )
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim import variable_projection
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 Numbers = NDArray[np.float64]
 

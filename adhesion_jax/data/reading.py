@@ -11,7 +11,7 @@ from adhesion_jax.data.columns import COLUMNS, LABELS
 from adhesion_jax.data.files import read_table
 from adhesion_jax.data.schema import cell_faults, label_faults, numbers, time_faults
 from adhesion_jax.errors import InputError
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: A curve has up to five parameters; with fewer points its errors could not be estimated.
 POINTS = 10

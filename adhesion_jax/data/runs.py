@@ -13,7 +13,7 @@ from adhesion_jax.data.files import refuse_many_rows
 from adhesion_jax.data.grouping import Grouping, group, in_blocks, places
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_measured, too_few
 from adhesion_jax.errors import InputError
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: Rows of data that a campaign may have.
 MOST_ROWS = 1_000_000

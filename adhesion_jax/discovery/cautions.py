@@ -12,7 +12,7 @@ from adhesion_jax.discovery.law import CorrectedLaw
 from adhesion_jax.discovery.library import why_untested
 from adhesion_jax.discovery.problem import Problem, conditions_of
 from adhesion_jax.discovery.state import Selection, residual_moments
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: Columns that an engineer can be expected to have measured, by what stands in for each.
 _EXPECTED: Mapping[str, tuple[str, ...]] = {

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.effects.history import has_history, smoothed
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: Radius in m that turns a rolled distance into an angle where no angle was measured.
 NOMINAL_RADIUS = 0.46

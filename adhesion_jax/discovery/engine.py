@@ -24,7 +24,7 @@ from adhesion_jax.discovery.selection import search
 from adhesion_jax.discovery.state import Selection, settled, with_noise
 from adhesion_jax.discovery.summary import summarise
 from adhesion_jax.errors import InputError
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: Share of the runs that no effect is selected on: it must raise their likelihood too.
 _HELD_OUT = 0.25

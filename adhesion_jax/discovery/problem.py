@@ -9,7 +9,7 @@ import numpy as np
 from adhesion_jax.discovery.conditions import ANGLES, TEMPERATURES, Calendar, completed
 from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.program import Data
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: Conditions that effects know by name; where a campaign lacks one, one stands for it.
 _KNOWN = tuple(sorted({name for effect in EFFECTS.values() for name in effect.NEEDS} | {"time_s"}))

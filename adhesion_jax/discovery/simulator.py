@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from adhesion_jax.campaign.store import staged
 from adhesion_jax.curves import Conditions, Curve
 from adhesion_jax.discovery.perturbed import perturbed
 from adhesion_jax.discovery.planted import (
@@ -31,6 +30,7 @@ from adhesion_jax.discovery.simulated_runs import (
     measured_speed,
 )
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged
 
 #: The columns that every table has, in their order.
 COLUMNS = (

@@ -22,7 +22,7 @@ from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.scans import Torsion
 from adhesion_jax.discovery.state import Accepted, Selection, parts_of, residual_moments
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: Conditions that a law may be asked beyond what it was found in.
 _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")

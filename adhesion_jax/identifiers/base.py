@@ -11,7 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from adhesion_jax.metrics.tracking import Course, Tracking, start_tracking, track
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 State = Any  # each identifier carries its own
 Carry = tuple[State, Tracking]

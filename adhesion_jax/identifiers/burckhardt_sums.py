@@ -7,7 +7,8 @@ from jaxtyping import Array, Float
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.identifiers.base import needs_blocks
 from adhesion_jax.optim.variable_projection import Sums, summarise, sums_at
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 
 def needs_burckhardt(scenario: Scenario) -> str | None:

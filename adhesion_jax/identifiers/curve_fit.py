@@ -16,7 +16,7 @@ from adhesion_jax.metrics.information import (
     quantity_names,
 )
 from adhesion_jax.optim.box import on_bound
-from adhesion_jax.scenarios import Known, Record
+from adhesion_jax.records import Known, Record
 
 
 class Fit(NamedTuple):

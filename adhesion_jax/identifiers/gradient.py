@@ -9,7 +9,8 @@ from jaxtyping import PRNGKeyArray
 from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
 from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, to_estimate
 from adhesion_jax.optim.least_squares import Solver
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 
 class GradientLeastSquares(Identifier):

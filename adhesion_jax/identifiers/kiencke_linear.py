@@ -16,7 +16,8 @@ from adhesion_jax.curves import free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.curve_fit import Fit, residual
 from adhesion_jax.optim.quadratic_program import bounded_pair
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 #: The program in the box is pulled to the start by this share of the information: enough to
 #: settle it while one sample alone is known, too little to be seen afterwards.

@@ -15,7 +15,8 @@ from adhesion_jax.identifiers.kiencke_linear import (
     regression,
     solve,
 )
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 
 class LinearLeastSquares(Identifier):

@@ -17,8 +17,8 @@ from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
+from adhesion_jax.records import Record
 from adhesion_jax.runtime import CORES
-from adhesion_jax.scenarios import Record
 
 #: Largest slip, in m/s, that a peak is looked for at where slip is a velocity.
 SLIP_VELOCITY_LIMIT = 10.0

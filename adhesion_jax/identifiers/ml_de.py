@@ -11,7 +11,8 @@ from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burc
 from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, to_estimate
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.variable_projection import sum_of_squares
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 #: He et al. 2018, Table 2.
 POPULATION, GENERATIONS, CROSSOVER = 20, 300, 0.6

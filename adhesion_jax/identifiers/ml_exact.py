@@ -9,7 +9,8 @@ from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
 from adhesion_jax.identifiers.curve_fit import FitState, evaluate, start, to_estimate
 from adhesion_jax.optim import variable_projection
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 
 class ExactMaximumLikelihood(Identifier):

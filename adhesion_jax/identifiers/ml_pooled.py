@@ -19,7 +19,8 @@ from adhesion_jax.identifiers.curve_fit import Fit, FitState, residual, start, t
 from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import variable_projection
 from adhesion_jax.optim.variable_projection import Solution, Sums
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 _PARAMETERS = 3
 

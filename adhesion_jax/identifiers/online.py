@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from adhesion_jax.identifiers.curve_fit import FitState
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 R = TypeVar("R")
 

@@ -22,7 +22,8 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 #: Of the noise that would leave H without curvature, at most this share is believed: after a
 #: switch the residuals are not noise, and the program must stay convex.

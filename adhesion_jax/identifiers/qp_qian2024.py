@@ -22,7 +22,8 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 #: Information matrices (h11, h12, h22) of the last five samples, the latest first.
 History = tuple[tuple[Array, Array, Array], ...]

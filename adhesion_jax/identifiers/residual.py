@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from adhesion_jax.identifiers.measured import MeasuredFit
-from adhesion_jax.scenarios import Record
+from adhesion_jax.records import Record
 
 #: Without a peak among the points, "behind" begins where the curve has reached this share of the
 #: largest adhesion it has there.

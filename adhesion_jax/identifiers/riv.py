@@ -14,7 +14,8 @@ from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import fitted, needs_kiencke, regression
 from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
 from adhesion_jax.optim.quadratic_program import bounded_pair
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 #: So many samples are kept, and fitted anew with each that comes until there are so many: by then
 #: the estimate is near enough for the instruments of a sample never to be computed again.

@@ -15,7 +15,8 @@ from adhesion_jax.identifiers.kiencke_linear import (
     regression,
 )
 from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
-from adhesion_jax.scenarios import Known, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios import Scenario
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
 _PRIOR = 1e5

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from adhesion_jax.campaign.store import write_metadata, write_table
 from adhesion_jax.discovery.findings import Candidate, Errors, Findings, FoundEffect
 from adhesion_jax.discovery.law import save_law
+from adhesion_jax.files import write_metadata, write_table
 from adhesion_jax.report.discovery_figures import FIGURES, draw_discovery
 from adhesion_jax.report.discovery_html import discovery_html
 from adhesion_jax.report.discovery_markdown import aligned, discovery_markdown

@@ -3,9 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from adhesion_jax.scenarios.base import Group as Group
-from adhesion_jax.scenarios.base import Known as Known
 from adhesion_jax.scenarios.base import Options as Options
-from adhesion_jax.scenarios.base import Record as Record
 from adhesion_jax.scenarios.base import Scenario as Scenario
 from adhesion_jax.scenarios.blocks import coloured, he2018_blocks, single
 from adhesion_jax.scenarios.growing import he2018_1

@@ -1,4 +1,4 @@
-"""What is to be identified: records in blocks, the truth behind them, what may be known of it."""
+"""What is to be identified: records in blocks and the truth behind them."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -7,35 +7,9 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.curves import Curve
-
-
-class Record(NamedTuple):
-    """One block of one run; with a leading axis, all the blocks of it."""
-
-    slip: Float[Array, "*blocks points"]
-    adhesion: Float[Array, "*blocks points"]
-    mask: Bool[Array, "*blocks points"]  # false: there is no such point
-    fresh: Bool[Array, "*blocks points"]  # false: seen before, or no such point
-    conditions: Mapping[str, Float[Array, "*blocks points"]]
-
-
-#: The axes of `Scenario.run_axes` where the slips are the same in every run.
-SHARED_SLIP: Any = Record(None, 0, None, None, {})  # type: ignore[arg-type]
-
-
-class Known(eqx.Module):
-    """What a scenario tells an identifier: the form of the curve, where to start and the box.
-
-    The free parameters of `curve` hold the start; the others are known. `lower` and `upper`
-    bound the free parameters, in their order.
-    """
-
-    curve: Curve
-    lower: Float[Array, " free"]
-    upper: Float[Array, " free"]
+from adhesion_jax.records import Known, Record
 
 
 class Group(NamedTuple):

@@ -18,14 +18,8 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
-from adhesion_jax.scenarios.base import (
-    SHARED_SLIP,
-    Group,
-    Known,
-    Options,
-    Record,
-    Scenario,
-)
+from adhesion_jax.records import SHARED_SLIP, Known, Record
+from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.noise import draw_noise, whitened
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 

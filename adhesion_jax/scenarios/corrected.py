@@ -29,7 +29,8 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
-from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.blocks import one_block
 from adhesion_jax.scenarios.noise import draw_noise
 

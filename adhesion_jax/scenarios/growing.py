@@ -11,14 +11,8 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
-from adhesion_jax.scenarios.base import (
-    SHARED_SLIP,
-    Group,
-    Known,
-    Options,
-    Record,
-    Scenario,
-)
+from adhesion_jax.records import SHARED_SLIP, Known, Record
+from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 

@@ -15,14 +15,8 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.curves.polach import PolachFalling
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import adhesion_and_information, inverse_information
-from adhesion_jax.scenarios.base import (
-    SHARED_SLIP,
-    Group,
-    Known,
-    Options,
-    Record,
-    Scenario,
-)
+from adhesion_jax.records import SHARED_SLIP, Known, Record
+from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.blocks import one_block
 from adhesion_jax.scenarios.noise import draw_noise
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.errors import InputError
-from adhesion_jax.scenarios.base import Known
+from adhesion_jax.records import Known
 
 #: He et al. 2018, Table 1.
 RAILS: Mapping[str, Burckhardt] = {

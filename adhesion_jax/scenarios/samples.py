@@ -17,7 +17,8 @@ from adhesion_jax.metrics.information import (
     quantity_covariance,
     true_quantities,
 )
-from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, rail_named
 

@@ -11,7 +11,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
-from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 

@@ -12,7 +12,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
-from adhesion_jax.scenarios.base import Group, Known, Options, Record, Scenario
+from adhesion_jax.records import Known, Record
+from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.growing import growing_tables, prefixes
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
