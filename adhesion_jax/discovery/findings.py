@@ -38,6 +38,23 @@ class FoundEffect(NamedTuple):
     p_adjusted: float
     rmse_after: float  # of cross-validation, with this effect and those accepted before it
     sentence: str  # what it is, in words
+    acts_on: str = "level"  # of the adhesion curve: its level, its slip scale ("slip"), its "fall"
+
+
+class Doubt(NamedTuple):
+    """Something is missing that the data cannot tell from another shape of the base curve."""
+
+    names: tuple[str, ...]  # the errors of the signals that would explain it
+    sentence: str  # what it may be, and what would tell
+
+
+class Opinion(NamedTuple):
+    """What boosted trees predict of the residual of runs that they were not fitted to."""
+
+    columns: tuple[str, ...]  # without which they predict worse, the most important first
+    explained: float  # share of the squared residual of the runs left out
+    error: float  # standard error of that share, over runs
+    p: float  # that no column explains anything
 
 
 class Candidate(NamedTuple):
@@ -103,3 +120,9 @@ class Findings(NamedTuple):
     #: What the slip of the points is: slip_ratio or slip_velocity_mps.
     slip: str = "slip_ratio"
     citation: str = ""  # whose data they are
+    doubts: tuple[Doubt, ...] = ()
+    #: What a general method still sees in the residual of the law; None where it sees nothing.
+    opinion: Opinion | None = None
+    #: One row a run: run, before, after (its mean relative residual, without and with the effects),
+    #: error (of one of them, from the noise within the run), mean of every column. None of blocks.
+    levels: pd.DataFrame | None = None
