@@ -31,6 +31,13 @@ from adhesion_jax.discovery.simulated_runs import (
 )
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
+from adhesion_jax.simulation.random_effect import (
+    ACTS_ON,
+    RANDOM_COLUMNS,
+    RandomEffect,
+    has_peak,
+    random_plan,
+)
 
 #: The columns that every table has, in their order.
 COLUMNS = (
@@ -70,6 +77,7 @@ class Campaign(NamedTuple):
     test_rms_noise: float
     test_rms_effect: float  # of clean adhesion less the base law at the measured slip
     clean: np.ndarray  # test adhesion without noise, [rows of test]
+    random: RandomEffect | None = None  # planted besides, as "random" in `parameters`
 
 
 def simulate(
@@ -84,6 +92,7 @@ def simulate(
     runs: int = 40,
     points: int = 200,
     remove: Sequence[str] = (),
+    random: RandomEffect | None = None,
 ) -> Campaign:
     """A campaign of runs at 10 Hz, 30 % of the runs held out at random.
 
@@ -91,27 +100,34 @@ def simulate(
     over that of |adhesion| itself; by default it is drawn from .15 to .3 for each. An effect that
     cannot become so strong is as strong as it can be. `form` is the catalogue's own ("exact") or
     another formula for the same cause ("perturbed"). `base` "auto" takes the families in turn by
-    seed. Columns in `remove` are left out of the tables. Equal arguments give equal tables, and
-    excitation, weather and noise depend on the seed and the sizes alone. InputError for what is
-    not known.
+    seed. `random` is planted too; one that acts on the fall has Burckhardt's curve for its base
+    where that of the family does not fall. Columns in `remove` are left out of the tables. Equal
+    arguments give equal tables, and excitation, weather and noise depend on the seed and the sizes
+    alone. InputError for what is not known.
     """
-    _check(effects, base, strength, form, noise, runs, points, remove)
+    _check(effects, base, strength, form, noise, runs, points, remove, random)
     chance = [np.random.default_rng((seed, stream)) for stream in range(5)]
     family = FAMILIES[seed % len(FAMILIES)] if base == "auto" else base
     truth = draw_runs(runs, points, operational, chance[0])
     law = draw_curve(family, chance[1])
     conditions = completed_runs(truth)
     curve = on_runs(law, conditions)
+    if random is not None and random.acts_on == "fall" and not has_peak(curve, truth.slip.shape):
+        family, law = "burckhardt", draw_curve("burckhardt", np.random.default_rng((seed, 1)))
+        curve = on_runs(law, conditions)
     planted: dict[str, Planted] = {}
-    for name in effects:
+    for name in (*effects, *(() if random is None else ("random",))):
         # By name, so that an effect is the same whatever else is planted beside it.
         own = np.random.default_rng((seed, 9, *name.encode()))
         wanted = own.uniform(0.15, 0.3) if strength is None else strength
-        plan = _plan(name, form, truth, conditions, curve, own)
+        if random is not None and name == "random":
+            plan = random_plan(random, truth.columns, truth.slip, curve, own)
+        else:
+            plan = _plan(name, form, truth, conditions, curve, own)
         planted[name] = _of_strength(plan, wanted, truth.slip, curve)
 
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
-    adhesion = _noisy(clean, noise, chance[2])
+    adhesion = noisy(clean, noise, chance[2])
     table = _table(truth, slip, adhesion, chance[3])
     names = [*COLUMNS, *(EXTRA_COLUMNS[name] for name in effects if name in EXTRA_COLUMNS)]
     kept = [name for name in names if name not in remove]
@@ -131,6 +147,7 @@ def simulate(
         test_rms_noise=rms((adhesion - clean)[is_test]),
         test_rms_effect=rms((clean - bare)[is_test]),
         clean=clean[is_test].ravel(),
+        random=random,
     )
 
 
@@ -139,6 +156,7 @@ def write_campaign(folder: Path, campaign: Campaign) -> None:
     truth = {
         "effects": list(campaign.truth),
         "parameters": {name: dict(values) for name, values in campaign.parameters.items()},
+        "random": None if campaign.random is None else campaign.random._asdict(),
         "base": campaign.base,
         "base_parameters": {
             name: float(getattr(campaign.curve, name)) for name in campaign.curve.free
@@ -169,6 +187,7 @@ def _check(
     runs: int,
     points: int,
     remove: Sequence[str],
+    random: RandomEffect | None,
 ) -> None:
     columns = (*COLUMNS, *EXTRA_COLUMNS.values())
     for what, asked, known in (
@@ -176,6 +195,8 @@ def _check(
         ("base curve", (base,), ("auto", *FAMILIES)),
         ("form", (form,), FORMS),
         ("column", remove, columns),
+        ("column of a random effect", () if random is None else random.columns, RANDOM_COLUMNS),
+        ("part of the curve", () if random is None else (random.acts_on,), ACTS_ON),
     ):
         for name in asked:
             if name not in known:
@@ -245,7 +266,8 @@ def _applied(
     return adhesion, measured
 
 
-def _noisy(clean: np.ndarray, noise: Noise, generator: np.random.Generator) -> np.ndarray:
+def noisy(clean: np.ndarray, noise: Noise, generator: np.random.Generator) -> np.ndarray:
+    """Clean adhesion [runs, points] with its noise."""
     white = generator.standard_normal(clean.shape)
     level = generator.standard_normal((len(clean), 1))
     error = white.copy()

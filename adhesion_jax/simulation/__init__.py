@@ -1,0 +1,1 @@
+"""Simulated measurements that share no idea with the search they are to test."""
