@@ -35,6 +35,13 @@ KINDS: Mapping[str, type[Effect]] = {
     "periodic": Periodic,
 }
 
+#: Of the files of a discovery; a file without one is of format 1.
+FORMAT = 2
+
+#: Effects whose formulas or parameters were others in format 1: read as of today, they would give
+#: other numbers.
+_CHANGED = ("covariate", "product", "slip_noise", "spline")
+
 
 class CorrectedLaw(Law):
     """A curve and the effects on top of it, in the order of their ORDER.
@@ -88,6 +95,7 @@ def save_law(path: Path, law: CorrectedLaw) -> None:
     path.write_text(
         json.dumps(
             {
+                "format": FORMAT,
                 "curve": {"name": name, **_fields(curve)},
                 "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
                 "ranges": dict(law.ranges),
@@ -113,6 +121,7 @@ def law_from(text: str, source: str) -> CorrectedLaw:
     """The law that was saved as this text; InputError, which names the source, where it is none."""
     try:
         saved = json.loads(text)
+        _check_format(saved, source)
         curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
         known, free = type(BASES[curve.pop("name")]), tuple(curve.pop("free"))
         kinds = [KINDS[effect.pop("name")] for effect in effects]
@@ -126,8 +135,26 @@ def law_from(text: str, source: str) -> CorrectedLaw:
             {name: _range(*ends) for name, ends in saved["ranges"].items()},
             Calendar(str(column), *_range(start, end)),
         )
+    except InputError:
+        raise
     except (ValueError, KeyError, TypeError, AttributeError):
         raise _no_law(source) from None
+
+
+def _check_format(saved: Mapping[str, Any], source: str) -> None:
+    """InputError where the law means something else to this version."""
+    written = saved.get("format", 1)
+    if written > FORMAT:
+        raise InputError(
+            f"{source} is a law of format {written}, and this version reads up to {FORMAT}; "
+            "use the version that saved it, or a newer one."
+        )
+    changed = [effect["name"] for effect in saved["effects"] if effect["name"] in _CHANGED]
+    if written < 2 and changed:
+        raise InputError(
+            f"{source} is a law of format 1 with {' and '.join(changed)}, whose formula has "
+            "changed since; find the effects again with experiments.discover of this version."
+        )
 
 
 def _no_law(source: str) -> InputError:
