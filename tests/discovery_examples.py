@@ -12,10 +12,12 @@ from adhesion_jax.discovery.effects import EFFECTS, Spline
 from adhesion_jax.discovery.findings import (
     Candidate,
     Dependence,
+    Doubt,
     Errors,
     Findings,
     FoundEffect,
     Interval,
+    Opinion,
     Proposal,
 )
 from adhesion_jax.discovery.law import CorrectedLaw
@@ -49,6 +51,7 @@ FOUND_SLIP_SPEED = FoundEffect(
     0.0023,
     0.01013,
     "Adhesion falls with slip velocity.",
+    "fall",
 )
 UNEXPLAINED = FoundEffect(
     "covariate:relative_humidity_pct",
@@ -134,6 +137,16 @@ def dependence(effect: str, column: str, unit: str, strength: float) -> Dependen
     return Dependence(effect, column, unit, values, factor, factor - 0.02, factor + 0.02)
 
 
+def levels() -> pd.DataFrame:
+    """The mean relative residual of each run, and the mean of each of its columns of numbers."""
+    table = points()
+    left = table.assign(
+        **{when: table["adhesion"] / table[when] - 1 for when in ("before", "after")}
+    )
+    columns = left.drop(columns=["slip", "adhesion"]).select_dtypes("number")
+    return columns.groupby("run", as_index=False).mean().assign(error=0.05 / np.sqrt(POINTS))
+
+
 def null() -> Findings:
     """Nothing is missing; no test set."""
     return Findings(
@@ -209,6 +222,7 @@ def two_effects() -> Findings:
         ),
         warnings=("The residual has heavier tails than the normal distribution.",),
         points=points(),
+        levels=levels(),
         predictions=pd.DataFrame({"row": [0, 1], "base": [0.21, 0.25], "corrected": [0.2, 0.24]}),
         thresholds=(4.21, 4.05, 3.92),
     )
@@ -224,6 +238,30 @@ def unexplained() -> Findings:
         unexplained=(UNEXPLAINED,),
         dependences=(dependence(UNEXPLAINED.name, "relative_humidity_pct", "%", 0.2),),
     )
+
+
+TORSION = FoundEffect(
+    "torsion",
+    ("torsion",),
+    ("time_s",),
+    "mu + a sin(2 pi f t + phase of the run)",
+    {"frequency": Interval(2.31, NAN, NAN), "amplitude": Interval(0.0021, NAN, NAN)},
+    {"frequency": "Hz", "amplitude": "1"},
+    0.0004,
+    0.01012,
+    "An oscillation whose phase differs from run to run.",
+)
+DOUBT = Doubt(
+    ("slip_bias", "torque_offset"),
+    "The slip may be measured too large by 0.2 %, or the curve may be steeper than burckhardt; "
+    "ten runs of braking would tell.",
+)
+OPINION = Opinion(("wind_mps", "temperature_C"), 0.124, 0.021, 0.0003)
+
+
+def doubted() -> Findings:
+    """No effect, but a doubt, and trees that see something."""
+    return null()._replace(doubts=(DOUBT,), opinion=OPINION, levels=levels())
 
 
 NASTY = "<script>alert(1)</script>|$x$\n`湿度`"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from adhesion_jax.discovery.findings import Candidate, Errors, Findings, FoundEffect
-from adhesion_jax.discovery.law import save_law
+from adhesion_jax.discovery.findings import Candidate, Errors, Findings, FoundEffect, Opinion
+from adhesion_jax.discovery.law import FORMAT, save_law
 from adhesion_jax.files import write_metadata, write_table
 from adhesion_jax.report.discovery_figures import FIGURES, draw_discovery
 from adhesion_jax.report.discovery_html import discovery_html
@@ -50,18 +50,16 @@ def report_json(findings: Findings) -> dict[str, object]:
     """For programs: names as in the catalogue and the file, errors in adhesion, no NaN but null."""
     errors = {"train": findings.train, "test": findings.test}
     return {
+        "format": FORMAT,
         "base": findings.base,
         "noise_floor": _plain(findings.noise_floor),
         "rmse": {name: _before_after(of) for name, of in errors.items() if of is not None},
         "effects": [_effect(effect) for effect in findings.effects],
-        "unexplained": [
-            {
-                "axis": effect.name,
-                "p_adjusted": _plain(effect.p_adjusted),
-                "rmse_after": _plain(effect.rmse_after),
-            }
-            for effect in findings.unexplained
+        "unexplained": [{"axis": one.name, **_effect(one)} for one in findings.unexplained],
+        "doubts": [
+            {"names": list(doubt.names), "sentence": doubt.sentence} for doubt in findings.doubts
         ],
+        "second_opinion": None if findings.opinion is None else _opinion(findings.opinion),
         "warnings": list(findings.warnings),
     }
 
@@ -97,6 +95,7 @@ def _effect(effect: FoundEffect) -> dict[str, object]:
         "name": effect.name,
         "candidates": list(candidates(effect)),
         "covariates": list(effect.covariates),
+        "acts_on": effect.acts_on,
         "parameters": {
             name: {
                 "value": _plain(interval.value),
@@ -108,6 +107,15 @@ def _effect(effect: FoundEffect) -> dict[str, object]:
         },
         "p_adjusted": _plain(effect.p_adjusted),
         "rmse_after": _plain(effect.rmse_after),
+    }
+
+
+def _opinion(opinion: Opinion) -> dict[str, object]:
+    return {
+        "columns": list(opinion.columns),
+        "explained": _plain(opinion.explained),
+        "error": _plain(opinion.error),
+        "p": _plain(opinion.p),
     }
 
 

@@ -7,19 +7,24 @@ import numpy as np
 from adhesion_jax.discovery.findings import Findings, FoundEffect
 from adhesion_jax.report.discovery_tables import (
     errors_table,
+    level_columns,
     parameters_table,
     ranking,
     ranking_table,
     residual_columns,
+    shape_columns,
     title,
 )
 from adhesion_jax.report.discovery_words import (
+    acts_on,
     class_sentence,
     error,
     evidence,
     humanised,
+    kind_of_run,
     number,
     one_line,
+    opinion_sentence,
     plus_minus,
     verdict,
 )
@@ -35,7 +40,9 @@ def page(findings: Findings) -> Page:
             _data(findings),
             *_effects(findings),
             *_dependence(findings),
+            *_levels(findings),
             *_residual(findings),
+            *_doubts(findings),
             _base(findings),
             _confounded(findings),
             _next(findings),
@@ -60,13 +67,13 @@ def _errors(findings: Findings) -> Section:
             errors_table(findings),
             Paragraph(
                 "Root mean square errors of adhesion (1), with 95 % intervals by a bootstrap over "
-                f"whole runs. The noise floor is {error(findings.noise_floor)}"
+                f"whole {kind_of_run(findings)}s. The noise floor is {error(findings.noise_floor)}"
                 + (f" ({noise})." if noise else ".")
             ),
             Picture(
                 "errors.png",
                 "Error before (open) and after (filled) with 95 % intervals. No law can do better "
-                "than the noise floor (dashed) on runs it has not seen.",
+                "than the noise floor (dashed) on data it has not seen.",
             ),
         ],
     )
@@ -105,6 +112,7 @@ def _effect(effect: FoundEffect, heading: str) -> Section:
         _begun(evidence(effect)),
         *([_begun(told)] if told else []),
         *([f"It rests on {columns}"] if columns else []),
+        *([f"It {acts_on(effect)}"] if acts_on(effect) else []),
         "With it and those accepted before it the error of cross-validation is "
         f"{error(effect.rmse_after)}",
     ]
@@ -124,13 +132,44 @@ def _begun(sentence: str) -> str:
 
 
 def _dependence(findings: Findings) -> list[Section]:
-    if not findings.dependences:
+    pictures: list[Block] = []
+    if findings.dependences:
+        caption = (
+            "The factor on adhesion as one column moves and the others stay, with its 95 % band; "
+            "it is 1 at the median of the column. Marks below: tenths of the measured points."
+        )
+        pictures.append(Picture("dependence.png", caption))
+    if shape_columns(findings):
+        caption = (
+            "The law over slip where an effect acts on the shape of the curve: at a low (5 %), "
+            "the median and a high (95 %) value of its column, the other columns at their medians."
+        )
+        pictures.append(Picture("shapes.png", caption))
+    return [Section("What the corrections do", pictures)] if pictures else []
+
+
+def _levels(findings: Findings) -> list[Section]:
+    shown, differing = level_columns(findings)
+    if not shown:
         return []
+    left_out = "" if len(shown) == len(differing) else f" {len(shown)} of {len(differing)} columns."
     caption = (
-        "The factor on adhesion as one column moves and the others stay, with its 95 % band; "
-        "it is 1 at the median of the column. Marks below: tenths of the measured points."
+        "The level of each run, measured less law as a share of the law, before (open) and after "
+        "(filled), against the mean of every column over the run; bars are two standard errors "
+        "from the noise within the run. A trend of the filled points is a cause that the law "
+        f"still lacks.{left_out}"
     )
-    return [Section("What the corrections do", [Picture("dependence.png", caption)])]
+    title = "The level of every run, against every column"
+    return [Section(title, [Picture("levels.png", caption)])]
+
+
+def _doubts(findings: Findings) -> list[Section]:
+    blocks: list[Block] = []
+    if findings.doubts:
+        blocks += _items([doubt.sentence for doubt in findings.doubts], "")
+    if findings.opinion:
+        blocks.append(Paragraph(f"{opinion_sentence(findings.opinion)}."))
+    return [Section("Doubts", blocks)] if blocks else []
 
 
 def _residual(findings: Findings) -> list[Section]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import warnings
-from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
 
@@ -15,9 +14,17 @@ from matplotlib.ticker import MaxNLocator
 
 from adhesion_jax.curves import Curve, Law, with_free_values
 from adhesion_jax.discovery.findings import Candidate, Dependence, Findings, Interval
+from adhesion_jax.report.discovery_levels import level_panels
 from adhesion_jax.report.discovery_residuals import residual_panels
+from adhesion_jax.report.discovery_shapes import medians, root_grid, shape_panels, slip_limits
 from adhesion_jax.report.discovery_tables import ranking
-from adhesion_jax.report.discovery_words import column_label, decision, error, humanised
+from adhesion_jax.report.discovery_words import (
+    column_label,
+    decision,
+    error,
+    humanised,
+    kind_of_run,
+)
 from adhesion_jax.report.style import (
     AFTER,
     BEFORE,
@@ -30,8 +37,16 @@ from adhesion_jax.report.style import (
     thinned,
 )
 
-#: The figures by the names of their files; `dependence` and `ranking` only where there is one.
-FIGURES = ("adhesion.png", "residuals.png", "dependence.png", "errors.png", "ranking.png")
+#: The figures by the names of their files; those that there is nothing for are not drawn.
+FIGURES = (
+    "adhesion.png",
+    "residuals.png",
+    "levels.png",
+    "dependence.png",
+    "shapes.png",
+    "errors.png",
+    "ranking.png",
+)
 
 _DPI = 110
 
@@ -48,7 +63,9 @@ def draw_discovery(folder: Path, findings: Findings) -> None:
     figures = {
         "adhesion.png": adhesion_over_slip(findings),
         "residuals.png": residual_panels(findings),
+        "levels.png": level_panels(findings),
         "dependence.png": _dependences(findings),
+        "shapes.png": shape_panels(findings),
         "errors.png": _errors(findings),
         "ranking.png": _ranking(findings),
     }
@@ -64,10 +81,7 @@ def draw_discovery(folder: Path, findings: Findings) -> None:
 def adhesion_over_slip(findings: Findings) -> Figure:
     """The points, and the law before and after at the median of every column."""
     points = thinned(findings.points)
-    slip = findings.points["slip"].to_numpy(dtype=float)
-    low, high = min(0.0, 1.04 * slip.min()), max(0.0, 1.04 * slip.max())
-    if low == high:
-        high = 1.0  # every slip is zero
+    low, high = slip_limits(findings)
     figure = Figure(figsize=(8.5, 5.0), layout="constrained")
     axis = figure.subplots()
     axis.scatter(
@@ -81,9 +95,8 @@ def adhesion_over_slip(findings: Findings) -> Figure:
         rasterized=True,
         label="measured",
     )
-    root = np.linspace(-np.sqrt(-low), np.sqrt(high), 301)
-    grid = np.sign(root) * root**2
-    conditions = _medians(findings)
+    grid = root_grid(low, high)
+    conditions = medians(findings)
     before = _law_before(findings)
     if before is None:
         points = points.sort_values("slip")
@@ -102,24 +115,12 @@ def adhesion_over_slip(findings: Findings) -> Figure:
     root_axis(axis, low, high)
     axis.set(
         xlim=(low, high),
-        xlabel="slip velocity (m/s), root scale"
-        if findings.slip == "slip_velocity_mps"
-        else "slip ratio (1), root scale",
+        xlabel=f"{column_label(findings.slip)}, root scale",
         ylabel="adhesion, tangential force / normal load (1)",
     )
     light_frame(axis)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure
-
-
-def _medians(findings: Findings) -> Mapping[str, float]:
-    """The middle of every column, so that the law is drawn in its steady state."""
-    numeric = findings.points.select_dtypes("number").drop(
-        columns=["run", "slip", "adhesion", "before", "after"], errors="ignore"
-    )
-    calendar = findings.law.calendar
-    middle = {calendar.column: (calendar.start + calendar.end) / 2}
-    return {**middle, **{str(name): float(value) for name, value in numeric.median().items()}}
 
 
 def _law_before(findings: Findings) -> Law | None:
@@ -202,7 +203,8 @@ def _errors(findings: Findings) -> Figure:
         linewidth=1,
         label=f"noise floor {error(findings.noise_floor)}",
     )
-    names = [f"{name} ({errors.runs} runs)" for name, errors in rows.items()]
+    kind = kind_of_run(findings)
+    names = [f"{name} ({errors.runs} {kind}s)" for name, errors in rows.items()]
     axis.set_yticks(np.arange(len(rows)), names)
     axis.set(xlabel="root mean square error of adhesion (1)", ylim=(len(rows) - 0.5, -0.5))
     light_frame(axis)

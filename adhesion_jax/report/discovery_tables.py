@@ -12,6 +12,7 @@ from adhesion_jax.report.discovery_words import (
     error_in_brackets,
     humanised,
     in_brackets,
+    kind_of_run,
     one_line,
     p_value,
     percent_in_brackets,
@@ -22,15 +23,16 @@ from adhesion_jax.report.page import Table
 
 def errors_table(findings: Findings) -> Table:
     """Error before and after: training, cross-validation, test."""
+    kind = kind_of_run(findings)
     rows = [
         ("training", findings.train),
         ("cross-validation", findings.validation),
         *([("test", findings.test)] if findings.test else []),
     ]
     return Table(
-        ("runs of", "runs", "error before", "error after", "squared error removed"),
+        (f"{kind}s of", f"{kind}s", "error before", "error after", "squared error removed"),
         [_errors_row(name, errors) for name, errors in rows],
-        ("runs",),
+        (f"{kind}s",),
     )
 
 
@@ -107,13 +109,46 @@ _PANELS = 12
 def residual_columns(findings: Findings) -> tuple[list[str], list[str]]:
     """Columns the residual is drawn against, those of the effects first, and all that vary."""
     points = findings.points
-    found = [
-        name for effect in (*findings.effects, *findings.unexplained) for name in effect.covariates
-    ]
     rest = [name for name in points if name not in ("run", "adhesion", "before", "after")]
     # The slip stands in points under its own name as well as under that of its column.
     order = dict.fromkeys(
-        "slip" if name == findings.slip else str(name) for name in (*found, "slip", *rest)
+        "slip" if name == findings.slip else str(name)
+        for name in (*_columns_of_effects(findings), "slip", *rest)
     )
     varying = [name for name in order if name in points and points[name].nunique() > 1]
     return varying[:_PANELS], varying
+
+
+def level_columns(findings: Findings) -> tuple[list[str], list[str]]:
+    """Columns the levels of the runs are drawn against, as above, and all that differ by run."""
+    levels = findings.levels
+    if levels is None:
+        return [], []
+    rest = levels.select_dtypes("number").drop(
+        columns=["run", "before", "after", "error"], errors="ignore"
+    )
+    order = dict.fromkeys(str(name) for name in (*_columns_of_effects(findings), *rest))
+    # Means over runs of one constant differ by rounding.
+    differing = [
+        name
+        for name in order
+        if name in rest and np.ptp(levels[name]) > 1e-9 * np.abs(levels[name]).max()
+    ]
+    return differing[:_PANELS], differing
+
+
+def shape_columns(findings: Findings) -> list[tuple[FoundEffect, str]]:
+    """Effects that act on more than the level of the curve, with each column of theirs."""
+    numeric = findings.points.select_dtypes("number")
+    return [
+        (effect, name)
+        for effect in (*findings.effects, *findings.unexplained)
+        if effect.acts_on != "level"
+        for name in effect.covariates
+        if name in numeric and name not in ("slip_ratio", "slip_velocity_mps", "time_s")
+    ][:_PANELS]
+
+
+def _columns_of_effects(findings: Findings) -> list[str]:
+    found = (*findings.effects, *findings.unexplained)
+    return [name for effect in found for name in effect.covariates]

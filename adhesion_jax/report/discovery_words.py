@@ -5,7 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.findings import Errors, Findings, FoundEffect, Interval
+from adhesion_jax.discovery.findings import (
+    Candidate,
+    Errors,
+    Findings,
+    FoundEffect,
+    Interval,
+    Opinion,
+)
 from adhesion_jax.discovery.screening import SIGNIFICANT
 
 #: Where a name in words is not just the name without its underscores.
@@ -38,6 +45,20 @@ _KINDS = {
     "periodic": "a wave along {}",
     "product": "a joint dependence on {}",
 }
+
+#: What an effect does to the curve, by what it acts on.
+_ACTS_ON = {
+    "level": "acts on the level of the curve",
+    "slip": "stretches the slip scale: the initial slope and the place of the peak move, the "
+    "maximum stays",
+    "fall": "deepens or flattens the fall beyond the peak",
+}
+
+#: Effects that are claimed and make no prediction better.
+_IN_NOISE = ("torsion",)
+
+#: Words of every warning that an effect was found and dropped.
+_DROPPED = "not counted as an effect"
 
 #: Columns that are not measured but follow from the file.
 _DERIVED = {"run_order": "order of the runs (1)", "campaign_time": "time in the campaign (1)"}
@@ -153,33 +174,126 @@ def axis(effect: FoundEffect) -> str:
     return " x ".join(effect.covariates) or effect.name.partition(":")[2] or effect.name
 
 
+def acts_on(effect: FoundEffect) -> str:
+    """What becomes of the curve; nothing where an effect of signals or of time is no factor."""
+    signals = not effect.covariates or {"time_s", "slip_ratio"} & {*effect.covariates}
+    return "" if effect.acts_on == "level" and signals else _ACTS_ON[effect.acts_on]
+
+
+def kind_of_run(findings: Findings) -> str:
+    """`run`, or `block` where one run was cut: blocks bear that name (`adhesion_jax.data`)."""
+    names = findings.points["run"].astype(str)
+    return "block" if names.str.startswith("block ").all() else "run"
+
+
+def opinion_sentence(opinion: Opinion) -> str:
+    """What trees predict of the residual, from which columns, and what follows."""
+    source = "the slip itself, or columns that go together"
+    if opinion.columns:
+        source = listed([one_line(name) for name in opinion.columns])
+    return (
+        f"Boosted trees predict {percent(opinion.explained)} ± {percent(opinion.error)} of the "
+        f"squared residual of runs that they were not fitted to, from {source} "
+        f"(p = {p_value(opinion.p)}): something is missing that the law has no form for"
+    )
+
+
 def verdict(findings: Findings) -> str:
     """What is missing, how sure that is, and how much smaller the error becomes."""
-    unexplained = " and ".join(
-        f"{one_line(axis(effect))} ({evidence(effect)})" for effect in findings.unexplained
-    )
-    if findings.effects:
-        sentences = [f"What {findings.base} lacks here: {_missing(findings.effects)}."]
-        if unexplained:
+    effects = [effect for effect in findings.effects if effect.name not in _IN_NOISE]
+    sentences = []
+    if effects:
+        sentences.append(f"What {findings.base} lacks here: {_missing(findings, effects)}.")
+        if findings.unexplained:
             sentences.append(
-                f"Unexplained structure against {unexplained} is corrected as well, by a "
+                f"Unexplained structure against {_axes(findings)} is corrected as well, by a "
                 "non-parametric term; no physical cause is claimed for it."
             )
-        return " ".join([*sentences, f"{_change(findings)}."])
-    if unexplained:
-        before, after = _unseen(findings)
-        return (
-            "No known cause is found to be missing. "
-            f"Unexplained structure against {unexplained}; a non-parametric correction "
-            f"{_moves(before, after)} the error on runs not used for fitting "
-            f"({_where(findings)}) from {error(before.value)} to {error_in_brackets(after)}, "
-            f"at a noise floor of {error(findings.noise_floor)}; no physical cause is claimed."
+    elif findings.unexplained:
+        sentences.append(
+            "No known cause is found to be missing, but there is unexplained structure against "
+            f"{_axes(findings)}; it is corrected by a non-parametric term, and no physical cause "
+            "is claimed."
         )
+    open_questions = _open_questions(findings)
+    if sentences:
+        sentences += [f"{_change(findings)}.", *(f"{words}." for words in open_questions)]
+    elif open_questions:
+        first, *others = open_questions
+        sentences = [
+            f"No effect is claimed, but {first[0].lower()}{first[1:]}.",
+            *(f"{words}." for words in others),
+            _error_alone(findings),
+        ]
+    else:
+        sentences = [
+            f"Nothing that these data could show is missing from {findings.base}"
+            f"{_strongest(findings)}.",
+            _error_alone(findings),
+        ]
+    return " ".join([*sentences, *_in_noise(findings)])
+
+
+def _axes(findings: Findings) -> str:
+    return " and ".join(
+        f"{one_line(axis(effect))} ({evidence(effect)})" for effect in findings.unexplained
+    )
+
+
+def _open_questions(findings: Findings) -> list[str]:
+    """What was seen and is no effect, each a sentence without its full stop."""
+    return [
+        *_did_not_hold(findings),
+        *(one_line(doubt.sentence).rstrip(".") for doubt in findings.doubts),
+        *([opinion_sentence(findings.opinion)] if findings.opinion else []),
+        *_scatter(findings),
+    ]
+
+
+def _did_not_hold(findings: Findings) -> list[str]:
+    """What was found and dropped, by the warnings; else what stood out where nothing was found."""
+    if findings.doubts:
+        return []
+    dropped = [one_line(text) for text in findings.warnings if _DROPPED in text]
+    if dropped or findings.effects or findings.unexplained:
+        return [text.rstrip(".") for text in dropped]
+    first = _first_of_ranking(findings)
+    if first is None or first.p_adjusted > SIGNIFICANT:
+        return []
+    return [
+        f"{humanised(first.name)} stands out of {len(findings.ranking)} candidates (adjusted "
+        f"p = {p_value(first.p_adjusted)}) and did not hold ({decision(first.decision)}): "
+        "something is missing that these data do not settle. Look at the residual against every "
+        "column, and measure more runs that differ in them"
+    ]
+
+
+def _scatter(findings: Findings) -> list[str]:
+    """Where no law is found, and more of the noise is between runs than within them."""
+    sigma, scatter = (findings.noise.get(name, 0.0) for name in ("sigma", "run_scatter"))
+    if findings.effects or findings.unexplained or findings.noise_floor**2 < 2 * sigma**2:
+        return []
+    return [
+        f"The level of adhesion differs from run to run by {percent(scatter)} for no reason that "
+        "the columns tell, which is more than the noise within the runs"
+    ]
+
+
+def _in_noise(findings: Findings) -> list[str]:
+    """Effects that no prediction can use."""
+    return [
+        f"{humanised(effect.name)[0].upper()}{humanised(effect.name)[1:]} ({evidence(effect)}) is "
+        "in the noise: its phase differs from run to run, so that no prediction gets better by it."
+        for effect in findings.effects
+        if effect.name in _IN_NOISE
+    ]
+
+
+def _error_alone(findings: Findings) -> str:
     before, _ = _unseen(findings)
     return (
-        f"Nothing that these data could show is missing from {findings.base}"
-        f"{_strongest(findings)}. Its error on runs not used for fitting ({_where(findings)}) is "
-        f"{error_in_brackets(before)}, and the noise floor is {error(findings.noise_floor)}."
+        f"The error of {findings.base} {_where(findings)} is {error_in_brackets(before)}, and the "
+        f"noise floor is {error(findings.noise_floor)}."
     )
 
 
@@ -187,12 +301,33 @@ def _bracketed(value: str, low: str, high: str) -> str:
     return f"{value} [{low}, {high}]" if low and high else value
 
 
-def _missing(effects: Sequence[FoundEffect]) -> str:
-    return "; ".join(
-        f"{humanised(effect.name)} ("
-        + "; ".join(part for part in (evidence(effect), class_sentence(effect)) if part)
-        + ")"
-        for effect in effects
+def _missing(findings: Findings, effects: Sequence[FoundEffect]) -> str:
+    described = []
+    for effect in effects:
+        shape = acts_on(effect) if effect.acts_on != "level" else ""
+        facts = (evidence(effect), shape or _size(findings, effect), class_sentence(effect))
+        described.append(f"{humanised(effect.name)} ({'; '.join(part for part in facts if part)})")
+    return "; ".join(described)
+
+
+def _size(findings: Findings, effect: FoundEffect) -> str:
+    """By how much adhesion falls or rises over the column that moves it most, or where it does."""
+    own = [one for one in findings.dependences if one.effect == effect.name]
+    if not own:
+        return ""
+    most = max(own, key=lambda one: float(np.ptp(one.factor)))
+    column, factor = column_label(most.column, most.unit), most.factor
+    if abs(factor[-1] - factor[0]) > 0.8 * np.ptp(factor) > 0:
+        change = factor[-1] / factor[0] - 1
+        return (
+            f"adhesion {'falls' if change < 0 else 'rises'} by {percent(abs(change))} as {column} "
+            f"goes from {number(most.values[0])} to {number(most.values[-1])}"
+        )
+    place = int(np.argmax(np.abs(factor - 1)))
+    change = factor[place] - 1
+    return (
+        f"adhesion is {percent(abs(change))} {'lower' if change < 0 else 'higher'} where {column} "
+        f"is {number(most.values[place])} than at its median"
     )
 
 
@@ -207,35 +342,45 @@ def _unseen(findings: Findings) -> tuple[Interval, Interval]:
 
 
 def _where(findings: Findings) -> str:
-    kind = "test set" if findings.test else "cross-validation"
-    runs = _held_out(findings).runs
-    return f"{kind}, {runs} run{'' if runs == 1 else 's'}"
-
-
-def _moves(before: Interval, after: Interval) -> str:
-    return "lowers" if after.value < before.value else "does not lower"
+    kind = kind_of_run(findings)
+    count = _held_out(findings).runs
+    # What a test set was cut into is not known.
+    parts = "run or block" if findings.test and kind == "block" else kind
+    plural = " ".join(f"{word}s" if word != "or" else word for word in parts.split())
+    source = "test set" if findings.test else "cross-validation"
+    return f"on {kind}s not used for fitting ({source}, {count} {parts if count == 1 else plural})"
 
 
 def _change(findings: Findings) -> str:
     before, after = _unseen(findings)
-    removed = _held_out(findings).removed
-    falls = after.value < before.value
+    where = _where(findings)
+    start = f"{where[0].upper()}{where[1:]} the error"
+    floor = f"the noise floor is {error(findings.noise_floor)}"
+    if error(before.value) == error(after.value):
+        return f"{start} stays at {error_in_brackets(after)}: no prediction gets better; {floor}"
+    if after.value > before.value:
+        return (
+            f"{start} does not fall: it rises from {error(before.value)} to "
+            f"{error_in_brackets(after)}, so that the correction is of no use there; {floor}"
+        )
+    removed = percent_in_brackets(_held_out(findings).removed)
     return (
-        f"On runs not used for fitting ({_where(findings)}) the error "
-        f"{'falls' if falls else 'does not fall:'} from {error(before.value)} to "
-        f"{error_in_brackets(after)}, which removes {percent_in_brackets(removed)} of the squared "
-        f"error; the noise floor is {error(findings.noise_floor)}"
+        f"{start} falls from {error(before.value)} to {error_in_brackets(after)}, which removes "
+        f"{removed} of the squared error; {floor}"
     )
+
+
+def _first_of_ranking(findings: Findings) -> Candidate | None:
+    tested = [row for row in findings.ranking if np.isfinite(row.p_adjusted)]
+    return min(tested, key=lambda row: (row.p_adjusted, -row.z), default=None)
 
 
 def _strongest(findings: Findings) -> str:
     """What came closest, so that nothing is said of an effect that was never looked for."""
-    tested = [row for row in findings.ranking if np.isfinite(row.p_adjusted)]
-    if not tested:
+    first = _first_of_ranking(findings)
+    if first is None:
         return ""
-    first = min(tested, key=lambda row: (row.p_adjusted, -row.z))
-    but = ", but did not hold: see the ranking" if first.p_adjusted <= SIGNIFICANT else ""
     return (
         f" (the strongest of {len(findings.ranking)} candidates, {humanised(first.name)}, has "
-        f"adjusted p = {p_value(first.p_adjusted)}{but})"
+        f"adjusted p = {p_value(first.p_adjusted)})"
     )
