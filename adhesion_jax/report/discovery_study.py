@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
+from adhesion_jax.discovery.study import MISSED, REMOVED
 from adhesion_jax.report.style import line_styles
 
 
@@ -84,35 +85,122 @@ def _grey(axes: Axes, counts: np.ndarray, totals: np.ndarray) -> AxesImage:
     return image
 
 
-def study_text(rates: pd.DataFrame, sets: pd.DataFrame) -> str:
-    """The shares, aligned; the time a set took."""
-    lines = []
-    nulls = rates[(rates["part"] == "nothing") & (rates["group"] == "all")]
-    for row in nulls.to_dict("records"):
-        lines.append(
-            f"False claims on null sets: {row['hits']} of {row['count']}, "
-            f"{row['rate']:.3f} [{row['low']:.3f}, {row['high']:.3f}]"
+def draw_random(path: Path, sets: pd.DataFrame) -> None:
+    """Share removed of each random effect against its misfit, a panel for what it acts on."""
+    chosen = sets[sets["part"] == "random"]
+    kinds = {"level": "level of adhesion", "slip": "scale of the slip", "fall": "fall beyond peak"}
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, 3, sharex=True, sharey=True)
+    several = chosen["rests_on"].str.contains("*", regex=False)
+    for axes, (kind, title) in zip(panels, kinds.items(), strict=True):
+        for count, marker in (("one column", "o"), ("two columns", "s")):
+            for named, face in ((True, "black"), (False, "white")):
+                own = chosen[
+                    (chosen["acts_on"] == kind)
+                    & (several == (count == "two columns"))
+                    & (chosen["all_named"] == named)
+                ]
+                axes.plot(
+                    own["visible"],
+                    own["removed"].clip(lower=-0.1),
+                    linestyle="none",
+                    marker=marker,
+                    color="black",
+                    markerfacecolor=face,
+                    alpha=0.75,
+                    label=f"{count}, {'all named' if named else 'not all named'}",
+                )
+        removed = chosen.loc[chosen["acts_on"] == kind, "removed"].dropna()
+        axes.axhline(REMOVED, color="0.5", linewidth=0.8, linestyle="--")
+        axes.set(
+            xscale="log",
+            ylim=(-0.13, 1.05),
+            title=f"{title}: {(removed >= REMOVED).sum()} of {len(removed)} above .9",
         )
-    planted = rates[rates["part"] != "nothing"].copy()
-    if len(planted):
-        planted["share"] = [
-            f"{rate:.2f} [{low:.2f}, {high:.2f}]"
-            for rate, low, high in zip(
-                planted["rate"], planted["low"], planted["high"], strict=True
+        axes.grid(color="0.9")
+    panels[0].set_xticks([0.5, 1.0, 2.0, 4.0], ["0.5", "1", "2", "4"])
+    panels[0].minorticks_off()
+    figure.supxlabel("misfit left by the refitted base curve, rms (sigma of the noise)")
+    figure.supylabel("share of the removable squared error\nremoved on held-out runs (1)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    figure.savefig(path, dpi=150)
+
+
+def study_text(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame) -> str:
+    """The random effects first, then false claims and the other parts, then the time a set took."""
+    lines = _random_lines(rates, removed, sets)
+    nulls = rates[rates["part"] == "nothing"]
+    for row in nulls.to_dict("records"):
+        if row["group"] in ("all", "autocorrelation slow"):
+            of = "null sets" if row["group"] == "all" else "those with slow noise"
+            lines.append(
+                f"False claims on {of}: {row['hits']} of {row['count']}, "
+                f"{row['rate']:.3f} [{row['low']:.3f}, {row['high']:.3f}]"
+            )
+    for parts in (("power", "confusion"), ("pair",), ("log",)):
+        wide = _wide(rates[rates["part"].isin(parts)])
+        lines += ["", wide.to_string(index=False)] if len(wide) else []
+    lines += ["", *(_seconds(sets, *kind) for kind in _TIMES.items())]
+    return "\n".join(lines)
+
+
+_TIMES = {"seconds": "Seconds a set", "cpu_seconds": "CPU seconds a set"}
+
+
+def _seconds(sets: pd.DataFrame, column: str, name: str) -> str:
+    times = sets[column]
+    return (
+        f"{name}: median {times.median():.2f}, 95 % below {times.quantile(0.95):.2f}, "
+        f"longest {times.max():.2f}."
+    )
+
+
+def _random_lines(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame) -> list[str]:
+    chosen = sets[sets["part"] == "random"]
+    if not len(chosen):
+        return []
+    wide = _wide(rates[rates["part"] == "random"]).drop(columns=["part", "sigma"])
+    quantiles = removed.assign(
+        removed=[
+            f"{median:.3f} / {quartile:.3f} / {decile:.3f}"
+            for median, quartile, decile in zip(
+                removed["median"], removed["lower_quartile"], removed["lowest_decile"], strict=True
             )
         ]
-        planted["sigma"] = [f"{v:g}" if np.isfinite(v) else "as drawn" for v in planted["visible"]]
-        wide = planted.pivot_table(
-            index=["part", "group", "sigma"],
-            columns="quantity",
-            values="share",
-            aggfunc="first",
-            sort=False,
-        )
-        lines += ["", wide.reset_index().to_string(index=False)]
-    seconds = sets["seconds"]
-    lines += [
-        "",
-        f"Seconds a set: median {seconds.median():.2f}, 95 % below {seconds.quantile(0.95):.2f}.",
-    ]
-    return "\n".join(lines)
+    )[["group", "sets", "removed"]]
+    table = quantiles.merge(wide, on="group").rename(
+        columns={
+            "removed": "removed, median / lower quartile / lowest decile",
+            "all_named": "all columns named",
+            "in_class": "one named",
+            "removed_90": "removed >= .9",
+            "missed": "removed < .1",
+        }
+    )
+    lines = ["Random effects", table.to_string(index=False)]
+    # Shares are unknown where there is nothing to remove: no miss.
+    misses = chosen[chosen["removed"] < MISSED]
+    if len(misses):
+        told = misses[["seed", "base", "planted", "visible", "removed", "reported"]]
+        lines += ["", "Missed:", told.to_string(index=False, float_format="{:.2f}".format)]
+    return [*lines, ""]
+
+
+def _wide(rates: pd.DataFrame) -> pd.DataFrame:
+    """One row a group and strength, one column a quantity: the rate with its interval."""
+    told = rates.assign(
+        share=[
+            f"{rate:.2f} [{low:.2f}, {high:.2f}]"
+            for rate, low, high in zip(rates["rate"], rates["low"], rates["high"], strict=True)
+        ],
+        sigma=[f"{value:g}" if np.isfinite(value) else "as drawn" for value in rates["visible"]],
+    )
+    return told.pivot_table(
+        index=["part", "group", "sigma"],
+        columns="quantity",
+        values="share",
+        aggfunc="first",
+        sort=False,
+    ).reset_index()

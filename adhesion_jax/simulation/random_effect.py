@@ -152,7 +152,8 @@ def has_peak(curve: Bend, shape: tuple[int, ...]) -> bool:
 
 
 def _steepest(adhesion: np.ndarray, height: np.ndarray, f: np.ndarray, beyond: np.ndarray) -> float:
-    """The largest amount that leaves a third of the adhesion at the peak; not above 4."""
-    grows = beyond & (f > 0) & (np.abs(adhesion) < height)
-    room = np.log(2 / 3 * height[grows] / (height - np.abs(adhesion))[grows]) / f[grows]
+    """The largest amount that leaves a third of the adhesion at every point; not above 4."""
+    size = np.abs(adhesion)
+    grows = beyond & (f > 0) & (size < height)
+    room = np.log((height - size / 3)[grows] / (height - size)[grows]) / f[grows]
     return float(min(room.min(initial=4.0), 4.0))
