@@ -16,6 +16,9 @@ from adhesion_jax.discovery.simulated_runs import FAMILIES
 #: Columns of the slip itself, which the base curve has already: a name of them is no cause.
 OWN = ("base_adhesion", "slip_size")
 
+#: A log without runs is cut into so many blocks: folds and tests go by them.
+_BLOCKS = 12
+
 #: How the parameters go with the level of adhesion and with the steepness of the rise, as powers.
 _SCALES: Mapping[str, Mapping[str, tuple[int, int]]] = {
     "Burckhardt": {"c1": (1, 0), "c2": (0, 1), "c3": (1, 0)},
@@ -38,6 +41,13 @@ class Problem(NamedTuple):
 class Base(NamedTuple):
     train: np.ndarray  # adhesion of the best base curve, [rows]
     test: np.ndarray
+
+
+def in_runs(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with a column of runs; where there is none, contiguous blocks stand for them."""
+    if "run" in table:
+        return table
+    return table.assign(run=np.arange(len(table)) * _BLOCKS // len(table))
 
 
 def fit_base(train: pd.DataFrame, test: pd.DataFrame) -> Base:

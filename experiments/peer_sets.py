@@ -8,8 +8,18 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.discovery.findings import FoundEffect
 from adhesion_jax.discovery.simulated_runs import FAMILIES
 from adhesion_jax.discovery.simulator import FORMS, Noise, simulate
+from adhesion_jax.discovery.study import (
+    blamed,
+    columns_of,
+    counted,
+    is_one_of,
+    make_set,
+    random_tasks,
+    right_names,
+)
 from adhesion_jax.errors import InputError
 
 #: What is planted in the simulated sets, in turn; a third of them have nothing hidden.
@@ -28,7 +38,6 @@ _CHANGES = ("base_adhesion_change", "slip_size_change")
 RIGHT_COLUMNS = {
     "humidity": ("relative_humidity_pct",),
     "temperature": ("temperature_C",),
-    "load": ("normal_load_N",),
     "load_peak": ("normal_load_N",),
     "load_slope": ("normal_load_N",),
     "patch": ("position_m",),
@@ -54,14 +63,23 @@ RIGHT_COLUMNS = {
 }
 
 
+class Hidden(NamedTuple):
+    """One hidden effect, or one column of a random effect, by what names it."""
+
+    names: tuple[str, ...]  # that the discovery may give; none where its columns are what counts
+    columns: tuple[str, ...]  # that a method may give; of features made by hand the beginning
+
+
 class PeerSet(NamedTuple):
     """One set and what is true of it."""
 
     name: str
-    effects: tuple[str, ...]
+    planted: str  # in a word
+    hidden: tuple[Hidden, ...]
     train: pd.DataFrame
     test: pd.DataFrame
     rms_noise: float  # of the test adhesion
+    scored: bool = True  # whether the error says anything
 
 
 def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
@@ -83,7 +101,24 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
         )
         yield PeerSet(
             f"simulated_{number:02d}",
-            campaign.truth,
+            "+".join(campaign.truth) or "nothing",
+            tuple(Hidden(right_names(name), RIGHT_COLUMNS[name]) for name in campaign.truth),
+            campaign.train,
+            campaign.test,
+            campaign.test_rms_noise,
+        )
+
+
+def random_sets(count: int, seed: int) -> Iterator[PeerSet]:
+    """Simulated campaigns with a random effect each, others than those of the study."""
+    tasks = random_tasks(count, np.random.default_rng((seed, 6)), 4_000_000 + 1000 * seed)
+    for number, task in enumerate(tasks):
+        campaign = make_set(task)
+        assert task.random is not None
+        yield PeerSet(
+            f"random_{number:02d}",
+            f"{task.random.acts_on} by {'*'.join(task.random.columns)}",
+            tuple(Hidden((), (column,)) for column in task.random.columns),
             campaign.train,
             campaign.test,
             campaign.test_rms_noise,
@@ -91,16 +126,21 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
 
 
 def stored_sets(folder: Path) -> list[PeerSet]:
-    """NAME_train.csv.gz and NAME_test.csv.gz of a folder, the truth in its answers.json."""
+    """NAME_train.csv.gz and NAME_test.csv.gz of a folder, the truth in its answers.json.
+
+    There `accepted` has, for each hidden effect, the names that are right for it.
+    """
     try:
         answers = json.loads((folder / "answers.json").read_text())
         return [
             PeerSet(
                 name,
-                tuple(answer["effects"]),
+                "+".join(answer["effects"]) or "nothing",
+                tuple(Hidden(tuple(names), right_columns(names)) for names in answer["accepted"]),
                 pd.read_csv(folder / f"{name}_train.csv.gz"),
                 pd.read_csv(folder / f"{name}_test.csv.gz"),
                 float(answer["test_rms_noise"]),
+                bool(answer.get("score_error", True)),
             )
             for name, answer in answers.items()
         ]
@@ -111,10 +151,29 @@ def stored_sets(folder: Path) -> list[PeerSet]:
         ) from None
     except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(
-            f"--sets {folder} has an answers.json that tells no effects and test_rms_noise by name."
+            f"--sets {folder} has an answers.json that does not tell effects, accepted and "
+            "test_rms_noise by name."
         ) from None
 
 
-def is_right_column(effects: Sequence[str], column: str) -> bool:
-    """Whether a column that a peer names belongs to one of the planted effects."""
-    return any(column.startswith(RIGHT_COLUMNS.get(effect, effect)) for effect in effects)
+def right_columns(names: Sequence[str]) -> tuple[str, ...]:
+    """The columns that these names of effects rest on."""
+    columns = [
+        column
+        for name in names
+        for column in (columns_of(name) if ":" in name else RIGHT_COLUMNS.get(name, ()))
+    ]
+    return tuple(dict.fromkeys(columns))
+
+
+def is_named_by_column(hidden: Hidden, column: str) -> bool:
+    """Whether a column that a method names belongs to what is hidden."""
+    return column.startswith(hidden.columns)
+
+
+def is_named_by_claim(hidden: Hidden, claim: FoundEffect) -> bool:
+    """Whether a claim of the discovery, or a member of its class, names what is hidden."""
+    names = counted(claim)
+    if hidden.names:
+        return any(is_one_of(name, hidden.names) for name in names)
+    return not blamed(claim, names).isdisjoint(hidden.columns)

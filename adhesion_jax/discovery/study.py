@@ -204,7 +204,7 @@ def study_tasks(
         *power,
         *confusion,
         *_pair_tasks(pairs, seed),
-        *_random_tasks(random, seed),
+        *random_tasks(random, np.random.default_rng((seed, 5)), 2_000_000 + 1000 * seed),
         *_log_tasks(logs, log_effects, seed),
     ]
 
@@ -245,9 +245,11 @@ def _pair_tasks(count: int, seed: int) -> list[Task]:
     return tasks
 
 
-def _random_tasks(count: int, seed: int) -> list[Task]:
-    """Level, slip scale and fall by turns, then one and two columns, then the base curves."""
-    generator = np.random.default_rng((seed, 5))
+def random_tasks(count: int, generator: np.random.Generator, first: int) -> list[Task]:
+    """Level, slip scale and fall by turns, then one and two columns, then the base curves.
+
+    Seeds count from `first`.
+    """
     low, high = np.log(_RANDOM_VISIBLE)
     kinds = [(acts_on, columns) for columns in (1, 2) for acts_on in ACTS_ON]
     tasks = []
@@ -257,7 +259,7 @@ def _random_tasks(count: int, seed: int) -> list[Task]:
             Task(
                 part="random",
                 effects=(),
-                seed=2_000_000 + 1000 * seed + turn,
+                seed=first + turn,
                 base=FAMILIES[(turn + turn // len(kinds)) % len(FAMILIES)],
                 operational=False,
                 form="exact",
