@@ -1,6 +1,7 @@
 """The law over slip at several values of a column that bends the shape of the curve."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +13,7 @@ from adhesion_jax.report.discovery_words import column_label, humanised, number
 from adhesion_jax.report.style import AFTER, label_text, light_frame, panels, root_axis
 
 #: Shares of the points below the values that are drawn, and their lines.
-_QUANTILES = {
+_QUANTILES: Mapping[float, Mapping[str, Any]] = {
     0.05: {"color": "#56B4E9", "linestyle": (0, (5, 2))},
     0.5: {"color": AFTER, "linestyle": "-"},
     0.95: {"color": "#D55E00", "linestyle": (0, (5, 1, 1, 1))},

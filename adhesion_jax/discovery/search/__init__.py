@@ -1,0 +1,1 @@
+"""What stands beside the search for effects: a second opinion on the residual it leaves."""

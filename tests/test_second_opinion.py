@@ -1,0 +1,107 @@
+"""Boosted trees on a residual: silent on noise, and right about what was planted."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from adhesion_jax.discovery.search.second_opinion import second_opinion
+
+RUNS, POINTS = 28, 200
+OWN = ("slip_ratio",)
+
+
+def campaign(seed, runs=RUNS):
+    """Nine columns, some constant within a run and some smooth in time, and the run of a point."""
+    draw = np.random.default_rng([seed, 1])
+    run = np.repeat(np.arange(runs), POINTS)
+    time = np.tile(0.1 * np.arange(POINTS), runs)
+
+    def smooth():
+        start, slope, wave = draw.normal(size=(3, runs))[:, run]
+        phase = 2 * np.pi * draw.uniform(0.5, 2.0, runs)[run] * time / 20
+        return start + slope * time / 20 + wave * np.sin(phase)
+
+    columns = {
+        "slip_ratio": 0.01 * time * draw.uniform(0.6, 1.4, runs)[run],
+        "time_in_run": time,
+        "time_s": 300.0 * run + time,
+        "vehicle_speed_mps": 20 + 5 * smooth(),
+        "relative_humidity_pct": draw.uniform(20, 95, runs)[run],
+        "temperature_C": draw.uniform(-5, 30, runs)[run],
+        "curvature_per_m": smooth(),
+        "axle": draw.integers(1, 5, runs)[run].astype(float),
+        "constant": np.ones(run.size),
+    }
+    return columns, run
+
+
+def noise(seed, correlation, scatter, runs=RUNS):
+    """AR(1) of unit variance in each run, on levels that scatter from run to run."""
+    draw = np.random.default_rng([seed, 2])
+    white = draw.normal(size=(runs, POINTS)) * np.sqrt(1 - correlation**2)
+    white[:, 0] /= np.sqrt(1 - correlation**2)
+    within = lfilter([1.0], [1.0, -correlation], white, axis=1)
+    return (within + scatter * draw.normal(size=(runs, 1))).ravel()
+
+
+@pytest.mark.parametrize(("correlation", "scatter"), [(0.0, 0.0), (0.9, 0.0), (0.5, 1.5)])
+def test_noise_is_no_opinion(correlation, scatter):
+    for seed in range(5):
+        columns, run = campaign(seed)
+        assert second_opinion(columns, noise(seed, correlation, scatter), run, OWN, seed) is None
+
+
+def test_a_level_that_follows_a_column_is_named():
+    columns, run = campaign(3)
+    signal = np.where(columns["relative_humidity_pct"] > 60, -3.0, 0.0)
+    signal -= signal.mean()
+    left = signal + noise(3, 0.5, 0.3)
+    opinion = second_opinion(columns, left, run, OWN, 0)
+    assert opinion.columns == ("relative_humidity_pct",)
+    # The truth is the share of the signal; trees that have not seen a run know less.
+    truth = np.mean(signal**2) / np.mean(left**2)
+    assert 0.7 * truth < opinion.explained < truth + 2 * opinion.error
+    assert 0 < opinion.error < 0.2
+    assert opinion.p < 1e-4
+    # In whatever unit, and every time.
+    again = second_opinion(columns, 1e-4 * left, run, OWN, 0)
+    assert again.columns == opinion.columns
+    assert again[1:] == pytest.approx(opinion[1:], rel=1e-6)
+    assert second_opinion(columns, left, run, OWN, 0) == opinion
+
+
+def test_what_happens_within_runs_is_seen_below_their_scatter():
+    columns, run = campaign(5)
+    bump = np.exp(-0.5 * ((columns["time_in_run"] - 12) / 0.8) ** 2)
+    opinion = second_opinion(columns, 2 * bump + noise(5, 0.5, 2.0), run, OWN, 0)
+    assert opinion.columns[:1] == ("time_in_run",)
+    assert opinion.explained < 0.1  # most of it is scatter of the runs
+
+
+def test_columns_of_the_slip_are_used_and_not_named():
+    columns, run = campaign(7)
+    columns = {name: columns[name] for name in ("slip_ratio", "temperature_C")}
+    wave = np.sin(60 * columns["slip_ratio"])
+    opinion = second_opinion(columns, wave + noise(7, 0.3, 0.3), run, OWN, 0)
+    assert opinion.columns == ()
+    assert opinion.explained > 0.2
+    named = second_opinion(columns, wave + noise(7, 0.3, 0.3), run, (), 0)
+    assert named.columns == ("slip_ratio",)
+
+
+def test_the_most_important_column_comes_first():
+    columns, run = campaign(9, runs=40)
+    for first, second in (("axle", "curvature_per_m"), ("curvature_per_m", "axle")):
+        strong, weak = ((columns[name] - np.mean(columns[name])) for name in (first, second))
+        left = 2 * strong / np.std(strong) + weak / np.std(weak) + noise(9, 0.3, 0.2, runs=40)
+        assert second_opinion(columns, left, run, OWN, 0).columns == (first, second)
+
+
+def test_without_enough_to_go_by_there_is_none():
+    columns, run = campaign(1)
+    told = columns["axle"] - np.mean(columns["axle"])
+    few = run < 7
+    some = {name: values[few] for name, values in columns.items()}
+    assert second_opinion(some, told[few], run[few], OWN, 0) is None
+    assert second_opinion({"constant": columns["constant"]}, told, run, OWN, 0) is None
+    assert second_opinion(columns, np.zeros(run.size), run, OWN, 0) is None
