@@ -372,39 +372,42 @@ def blamed(claim: FoundEffect, names: Sequence[str]) -> frozenset[str]:
     return frozenset(claim.covariates).union(*(columns_of(name) for name in names))
 
 
+class _Hits(NamedTuple):
+    """Which sets of a group have a quantity."""
+
+    part: str
+    group: str
+    visible: float  # wanted, in sigma; NaN where none was
+    quantity: str
+    hits: pd.Series
+
+
 def rates(sets: pd.DataFrame) -> pd.DataFrame:
     """Shares with their intervals: part, group, visible, quantity, count, hits, rate, low, high."""
-    rows: list[dict[str, object]] = []
+    rows = []
+    for of_part in (_null_hits, _strength_hits, _pair_hits, _random_hits, _log_hits):
+        for *names, hits in of_part(sets):
+            count = len(hits), int(hits.sum())
+            rows.append((*names, *count, *clopper_pearson(count[1], count[0])))
+    columns = [*_Hits._fields[:-1], "count", "hits", "rate", "low", "high"]
+    return pd.DataFrame(rows, columns=columns)
 
-    def add(part: str, group: str, wanted: float, quantity: str, hits: pd.Series) -> None:
-        rate = clopper_pearson(int(hits.sum()), len(hits))
-        rows.append(
-            {
-                "part": part,
-                "group": group,
-                "visible": wanted,
-                "quantity": quantity,
-                "count": len(hits),
-                "hits": int(hits.sum()),
-                "rate": rate.value,
-                "low": rate.low,
-                "high": rate.high,
-            }
-        )
 
+def _null_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
     nulls = sets[sets["part"] == "nothing"]
-    if len(nulls):
-        claimed = nulls["claims"] > 0
-        add("nothing", "all", np.nan, "claimed", claimed)
-        slow = ~nulls["autocorrelation"].isin(_AUTOCORRELATIONS)
-        drawn = nulls["autocorrelation"].astype(str).mask(slow, "slow")
-        for by, values in (
-            *((by, nulls[by]) for by in ("base", "design")),
-            ("autocorrelation", drawn),
-            ("run_scatter", nulls["run_scatter"]),
-        ):
-            for value in sorted(set(values)):
-                add("nothing", f"{by} {value}", np.nan, "claimed", claimed[values == value])
+    if not len(nulls):
+        return
+    claimed = nulls["claims"] > 0
+    yield _Hits("nothing", "all", np.nan, "claimed", claimed)
+    slow = ~nulls["autocorrelation"].isin(_AUTOCORRELATIONS)
+    groups = nulls.assign(autocorrelation=nulls["autocorrelation"].astype(str).mask(slow, "slow"))
+    for by in ("base", "design", "autocorrelation", "run_scatter"):
+        for value in sorted(set(groups[by])):
+            own = claimed[groups[by] == value]
+            yield _Hits("nothing", f"{by} {value}", np.nan, "claimed", own)
+
+
+def _strength_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
     for part in ("power", "confusion"):
         # An effect that cannot become as visible as was wanted says nothing of that strength.
         reached = ~(sets["visible"] < 0.8 * sets["wanted"])
@@ -415,24 +418,38 @@ def rates(sets: pd.DataFrame) -> pd.DataFrame:
                 same = chosen[(chosen["planted"] == name) & (keys == level)]
                 shown = float(level) if level >= 0 else np.nan
                 for quantity in ("detected", "first_right", "in_class", "extra"):
-                    add(part, str(name), shown, quantity, same[quantity])
-    pair = sets[sets["part"] == "pair"]
-    for quantity in ("both_named", "in_class", "extra"):
-        if len(pair):
-            hits = pair["all_named"] if quantity == "both_named" else pair[quantity]
-            add("pair", "all", np.nan, quantity, hits)
+                    yield _Hits(part, str(name), shown, quantity, same[quantity])
+
+
+def _pair_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
+    pairs = sets[sets["part"] == "pair"]
+    if not len(pairs):
+        return
+    for quantity, column in (("both_named", "all_named"), ("one_named", "in_class")):
+        yield _Hits("pair", "all", np.nan, quantity, pairs[column])
+    yield _Hits("pair", "all", np.nan, "extra", pairs["extra"])
+
+
+def _random_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
     for group, same in random_groups(sets).items():
-        for quantity in ("detected", "all_named", "in_class", "extra"):
-            add("random", group, np.nan, quantity, same[quantity])
-        known = same["removed"].dropna()
-        add("random", group, np.nan, "removed_90", known >= REMOVED)
-        add("random", group, np.nan, "missed", known < MISSED)
+        removed = same["removed"].dropna()
+        for quantity, hits in {
+            **{name: same[name] for name in ("detected", "all_named", "in_class", "extra")},
+            "removed_90": removed >= REMOVED,
+            "missed": removed < MISSED,
+        }.items():
+            yield _Hits("random", group, np.nan, quantity, hits)
+
+
+def _log_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
+    """Nothing hidden by the kind of log; each effect over all kinds."""
     logs = sets[sets["part"] == "log"]
-    for (planted, kind), same in logs.groupby(["planted", "form"], sort=False):
-        add("log", f"{planted}: {kind}", np.nan, "claimed", same["detected"])
-        if planted != "nothing":
-            add("log", f"{planted}: {kind}", np.nan, "named", same["all_named"])
-    return pd.DataFrame(rows)
+    null = logs["planted"] == "nothing"
+    for kind, same in logs[null].groupby("form", sort=False):
+        yield _Hits("log", f"nothing: {kind}", np.nan, "claimed", same["detected"])
+    for planted, same in logs[~null].groupby("planted", sort=False):
+        for quantity, column in (("named", "all_named"), ("extra", "extra")):
+            yield _Hits("log", str(planted), np.nan, quantity, same[column])
 
 
 def random_groups(sets: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
