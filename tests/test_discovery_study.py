@@ -263,6 +263,7 @@ def test_noise_of_the_slip_is_no_claim_on_a_log():
     )
     sets = run_study([null, null, wet, wet, noisy], lambda *_: next(answers), lambda _: None)
     assert sets["claims"].tolist() == [0, 1, 1, 0, 0]
+    assert sets["reported"].tolist()[:2] == ["slip_noise", "slip_noise|patch"]
     assert sets["in_class"].tolist() == [False, False, True, False, False]
     # The noise of the slip is in every prediction: nobody removes it.
     assert sets["removed"].notna().tolist() == [True] * 4 + [False]

@@ -571,7 +571,8 @@ def _described(task: Task, campaign: Campaign) -> dict[str, object]:
 
 
 def _judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, object]:
-    claims = [*findings.effects, *findings.unexplained]
+    reported = (*findings.effects, *findings.unexplained)
+    claims = list(reported)
     if task.log is not None:
         # The slip of a wheel speed is noisy: to say so is right, and no answer to what is hidden.
         claims = [claim for claim in claims if "slip_noise" not in counted(claim)]
@@ -592,8 +593,8 @@ def _judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, obj
         "chosen_base": findings.base,
         "claims": len(claims),
         "first": claims[0].name if claims else "nothing",
-        "reported": "|".join(claim.name for claim in claims),
-        "reported_acts_on": "|".join(claim.acts_on for claim in claims),
+        "reported": "|".join(claim.name for claim in reported),
+        "reported_acts_on": "|".join(claim.acts_on for claim in reported),
         "detected": bool(claims),
         "first_right": bool(claims)
         and any(_stands_for(task, one, claims[0], [claims[0].name]) for one in hidden),
