@@ -44,7 +44,7 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
             and not (entry.generic and entry.family == effect.family)
         ]
         probes = [effect.parts[0], *(start for entry in others for start in entry.starts)]
-        heard, directions, _ = telling(state.setting, less, probes)
+        heard, directions, _ = telling(less, probes)
         cosines = np.abs(directions[:, 1:].T @ directions[:, 0]) * heard[1:]
         place = 0
         for entry in others:

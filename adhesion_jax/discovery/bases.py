@@ -6,7 +6,14 @@ from itertools import product
 import numpy as np
 
 from adhesion_jax.discovery.effects import Effect
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_models
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Setting,
+    fit_model,
+    likeliest,
+    side_by_side,
+    with_own_noise,
+)
 
 #: The families that the automatic choice is between; the magic formula absorbs real effects.
 FAMILIES = ("burckhardt", "kiencke", "polach-falling", "polach-scaled", "exponential")
@@ -34,27 +41,29 @@ def _starts(base: str, top: float) -> Sequence[Sequence[float]]:
 
 
 def first_fits(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
-    """Each curve alone, the best of its starts."""
+    """Each curve alone with its own noise, from the best of its starts in that of the setting."""
+    fits = [starts_under(setting, base) for base in bases]
+    best = {some[0].base: min(some, key=lambda fitted: fitted.total) for some in fits}
+    return dict(zip(best, side_by_side(with_own_noise, list(best.values())), strict=True))
+
+
+def starts_under(setting: Setting, base: str) -> list[Fitted]:
+    """A curve alone under a given noise, from each of its starts."""
     inside = setting.problem.points > 0
     top = float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
-    tried = [(base, start, ()) for base in bases for start in _starts(base, top)]
-    best: dict[str, Fitted] = {}
-    for fitted in fit_models(setting, tried):
-        if fitted.base not in best or fitted.total < best[fitted.base].total:
-            best[fitted.base] = fitted
-    return best
+    return side_by_side(lambda start: fit_model(setting, base, start, ()), list(_starts(base, top)))
 
 
-def refits(
-    setting: Setting, fits: Mapping[str, Fitted], effects: Sequence[Effect]
-) -> dict[str, Fitted]:
+def refits(fits: Mapping[str, Fitted], effects: Sequence[Effect]) -> dict[str, Fitted]:
     """Each curve with the same effects, from where it was."""
-    models = [(base, fitted.base_values.tolist(), effects) for base, fitted in fits.items()]
-    return dict(zip(fits, fit_models(setting, models), strict=True))
+
+    def refit(fitted: Fitted) -> Fitted:
+        return likeliest(fitted.setting, fitted.base, fitted.base_values.tolist(), effects)
+
+    return dict(zip(fits, side_by_side(refit, list(fits.values())), strict=True))
 
 
 def bic(fitted: Fitted) -> float:
-    """N ln(SSE/n) + p ln N, N the points and p the parameters. Schwarz 1978."""
-    points = int((fitted.residual != 0).sum())
-    size = len(fitted.places)
-    return points * float(np.log(max(fitted.total, 1e-300) / points)) + size * np.log(points)
+    """-2 ln L + p ln N, N the points, p the parameters of curve and effects. Schwarz 1978."""
+    points = int((np.asarray(fitted.setting.noise.weight) > 0).sum())
+    return 2 * fitted.total + len(fitted.places) * float(np.log(points))

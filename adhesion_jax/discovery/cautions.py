@@ -11,7 +11,7 @@ from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.law import CorrectedLaw
 from adhesion_jax.discovery.library import why_untested
 from adhesion_jax.discovery.problem import Problem, conditions_of
-from adhesion_jax.discovery.state import Selection, residual_moments
+from adhesion_jax.discovery.state import Selection
 from adhesion_jax.records import Record
 
 #: Columns that an engineer can be expected to have measured, by what stands in for each.
@@ -106,7 +106,7 @@ def noise_words(state: Selection) -> tuple[str, ...]:
     runs = int(weight.any(1).sum())
     sentences = []
     adhesion = np.asarray(state.setting.problem.data.adhesion)
-    noise = residual_moments(state)
+    noise = state.setting.noise
     if noise.autocorrelation > 0.05:
         sentences.append(
             "Noise: neighbouring points of a run are correlated by "

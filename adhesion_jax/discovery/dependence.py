@@ -8,7 +8,6 @@ import numpy as np
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.findings import Dependence
 from adhesion_jax.discovery.fitting import covariance, packed, size_of
-from adhesion_jax.discovery.noise import white_noise
 from adhesion_jax.discovery.problem import label_of
 from adhesion_jax.discovery.program import PROBES, Data, Model, changes
 from adhesion_jax.discovery.state import Selection
@@ -105,8 +104,7 @@ def _factors(
     def adhesion(kind: np.ndarray) -> np.ndarray:
         models = [Model(*model)._replace(values=values, kind=kind) for values in draws]
         stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *models)
-        one, nothing = np.ones(data.slip.shape), np.zeros(data.slip.shape)
-        return np.asarray(changes(stacked, data, white_noise(one, 1.0), one, nothing))
+        return np.asarray(changes(stacked, data, np.zeros(data.slip.shape)))
 
     plain = adhesion(np.zeros_like(kind))
     return adhesion(kind) / np.where(plain == 0, 1.0, plain)

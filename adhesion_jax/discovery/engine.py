@@ -16,12 +16,13 @@ from adhesion_jax.discovery.findings import Findings
 from adhesion_jax.discovery.fitting import Fitted, Setting, squares
 from adhesion_jax.discovery.judgement import doubtful, vetoed
 from adhesion_jax.discovery.library import library_of
-from adhesion_jax.discovery.noise import white_noise
+from adhesion_jax.discovery.model.noise import white_noise
+from adhesion_jax.discovery.model.slip import noise_of_slip, roughness
 from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.discovery.scans import torsion
 from adhesion_jax.discovery.screening import compile_changes
 from adhesion_jax.discovery.selection import search
-from adhesion_jax.discovery.state import Selection, settled, with_noise
+from adhesion_jax.discovery.state import Selection, settled
 from adhesion_jax.discovery.summary import summarise
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -54,10 +55,13 @@ def discover(
     progress: Callable[[str, float], None] = _silent,
     source: str = "",
     citation: str = "",
+    slip_noise: float | None = None,
 ) -> Findings:
     """What effects the runs show that an adhesion curve alone does not.
 
     `base` names a curve, or auto for the choice by BIC. `test` is never used for fitting.
+    `slip_noise` is the standard deviation of the noise of the wheel speed in m/s where it is known,
+    else it is estimated.
     `progress` is told what is done, and which share of the whole that is.
     """
     began = time.perf_counter()
@@ -69,11 +73,19 @@ def discover(
     problem = prepare(thinned, calendar_of(thinned), runs.blocks)
     held_out = _held_out(problem, seed)
     progress("fitting the base curves", 0.05)
-    selected_on = np.where(held_out[:, None], 0.0, problem.points)
-    setting, fits = _started(problem, selected_on, bases)
-    entries = library_of(problem)
+    fits = _started(problem, held_out, bases)
+    exact = fits
+    noise = None
+    rough = roughness(thinned, min(exact.values(), key=bic), slip_noise)
+    if rough is not None:
+        corrected = prepare(thinned, problem.calendar, runs.blocks, rough.effect)
+        expected = _started(corrected, held_out, bases)
+        noise = noise_of_slip(rough, exact, expected)
+        if noise is not None or slip_noise is not None:
+            fits = expected
+    entries = library_of(min(fits.values(), key=bic).setting.problem)
     for _ in range(_SEARCHES):
-        state = search(setting, fits, entries, seed, progress)
+        state = search(fits, entries, seed, progress)
         progress("judging what was found", 0.75)
         doubts: Sequence[str] = ()
         if base == "auto" and bases != ("level",):
@@ -85,20 +97,20 @@ def discover(
         # What was rejected may have stood in the way of its like.
         entries = tuple(entry for entry in entries if entry.name not in rejected)
     noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
-    line = None if noisy else torsion(state.setting, state.fitted)
+    line = None if noisy else torsion(state.fitted)
     progress("fitting all runs", 0.85)
-    final = _on_all_runs(problem, state)
-    plain = final
+    final = _on_all_runs(state)
+    plain = _on_all_runs(Selection(exact, min(exact, key=lambda n: bic(exact[n])), (), ()))
     if final.accepted:
-        plain = settled(Setting(problem, final.setting.noise, final.setting.level), fits, (), ())
-        if squares(final.setting, final.fitted) > _WORSE * squares(plain.setting, plain.fitted):
+        bare = settled(final.fits, (), ())
+        if squares(final.fitted) > _WORSE * squares(bare.fitted):
             names = " and ".join(effect.name for effect in final.accepted)
             warnings.append(
                 f"{names} would explain how neighbouring points differ, but not lower the error of "
                 "adhesion; this is not counted as an effect."
             )
             line = None
-            final = plain._replace(ranking=final.ranking, thresholds=final.thresholds)
+            final = bare._replace(ranking=final.ranking, thresholds=final.thresholds)
     progress("measuring the errors", 0.92)
     return summarise(
         runs=runs,
@@ -106,6 +118,7 @@ def discover(
         test=None if test is None else with_run_order(test),
         test_rows=None if test is None else test.rows,
         plain=plain,
+        slip_noise=noise,
         final=final,
         line=line,
         warnings=warnings,
@@ -164,26 +177,28 @@ def _held_out(problem: Problem, seed: int) -> np.ndarray:
     return np.isin(np.arange(runs), chosen)
 
 
-def _started(
-    problem: Problem, weight: np.ndarray, bases: Sequence[str]
-) -> tuple[Setting, Mapping[str, Fitted]]:
-    """Every base curve alone, under the noise that the best of them leaves."""
+def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Mapping[str, Fitted]:
+    """Every base curve alone, each with its own noise, on the runs that are not held out."""
+    weight = np.where(held_out[:, None], 0.0, problem.points)
     adhesion = np.asarray(problem.data.adhesion)
-    inside = weight > 0
-    sigma = 0.1 * float(np.sqrt(np.mean(adhesion[inside] ** 2)))
+    sigma = 0.1 * float(np.sqrt(np.mean(adhesion[weight > 0] ** 2)))
     white = Setting(problem, white_noise(weight, max(sigma, 1e-12)), adhesion)
     with ThreadPoolExecutor(1) as pool:
         # Compiling the two programs is most of a first search: let them be compiled side by side.
         compiled = pool.submit(compile_changes, white, bases[0])
         fits = first_fits(white, bases)
         compiled.result()
-    best = min(fits.values(), key=bic)
-    return with_noise(white, best), fits
+    return fits
 
 
-def _on_all_runs(problem: Problem, state: Selection) -> Selection:
+def _on_all_runs(state: Selection) -> Selection:
     """The same effects, fitted to all runs."""
-    noise = state.setting.noise._replace(weight=problem.points)
-    setting = Setting(problem, noise, state.fitted.adhesion)
-    final = settled(setting, state.fits, state.accepted, state.ranking)
+
+    def whole(fitted: Fitted) -> Fitted:
+        setting = fitted.setting
+        noise = setting.noise._replace(weight=setting.problem.points)
+        return fitted._replace(setting=setting._replace(noise=noise))
+
+    fits = {name: whole(fitted) for name, fitted in state.fits.items()}
+    final = settled(fits, state.accepted, state.ranking)
     return final._replace(thresholds=state.thresholds)

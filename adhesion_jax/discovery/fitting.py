@@ -1,19 +1,23 @@
 """Fitting a curve with effects to a campaign, and what its runs say of models not fitted."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+import jax
 import numpy as np
 
 from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.law import BASES
+from adhesion_jax.discovery.model.noise import Noise, estimated
 from adhesion_jax.discovery.problem import Problem
 from adhesion_jax.discovery.program import (
+    PROBES,
     Model,
-    Noise,
     base_places,
+    changes,
     effect_places,
     fit,
     pack,
@@ -27,8 +31,16 @@ _SIZES = ((6, 24), (12, 60))
 _FOLDS = 40
 
 
+#: Noise and fit are found in turns until the half deviance falls by less than this.
+_STANDS = 0.1
+_TURNS = 6
+
+
+A = TypeVar("A")
+
+
 class Setting(NamedTuple):
-    """What is the same for all the models that are compared."""
+    """A campaign and a noise that models are fitted under."""
 
     problem: Problem
     noise: Noise
@@ -36,19 +48,25 @@ class Setting(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """A model at its least squares; sums of squares are in units of the noise of its setting."""
+    """A model at its least squares under a noise, in units of which its sums of squares are."""
 
+    setting: Setting
     base: str
     effects: tuple[Effect, ...]  # in the order in which they are applied
     values: np.ndarray
     places: tuple[int, ...]  # of the free parameters in `values`
     loss: np.ndarray  # [runs]: half the sum of squares
+    determinant: np.ndarray  # [runs]: half the log determinant of the covariance of the noise
     gradient: np.ndarray  # [runs, free]
     hessian: np.ndarray  # [runs, free, free]
     adhesion: np.ndarray  # [runs, points]
     residual: np.ndarray  # [runs, points], whitened, prediction less data
     jacobian: np.ndarray  # [free, runs, points], whitened
-    blocks: bool  # whether its runs are blocks of one run
+
+    @property
+    def blocks(self) -> bool:
+        """Whether its runs are blocks of one run."""
+        return self.setting.problem.blocks
 
     @property
     def base_values(self) -> np.ndarray:
@@ -56,7 +74,8 @@ class Fitted(NamedTuple):
 
     @property
     def total(self) -> float:
-        return float(self.loss.sum())
+        """Minus the log likelihood, less a constant of the data."""
+        return float(self.loss.sum() + self.determinant.sum())
 
 
 def fit_model(
@@ -65,34 +84,95 @@ def fit_model(
     """The least squares of a curve with effects, from where its parameters are."""
     effects = in_order(effects)
     size = size_of(base, effects)
-    model = pack(base, base_values, effects, setting.problem.columns, *size)
+    model = pack(base, base_values, effects, (*setting.problem.columns, ""), *size)
     found = fit(model, setting.problem.data, setting.noise, setting.level)
     free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
     values = np.asarray(found.values)
     return Fitted(
+        setting,
         base,
         unpack(values, effects),
         values,
         tuple(np.asarray(model.free)[:free].tolist()),
         np.asarray(found.loss),
+        np.asarray(found.determinant),
         np.asarray(found.gradient)[:, :free],
         np.asarray(found.hessian)[:, :free, :free],
         np.asarray(found.adhesion),
         np.asarray(found.residual),
         np.asarray(found.jacobian)[:free],
-        setting.problem.blocks,
     )
 
 
-def fit_models(
-    setting: Setting, models: Sequence[tuple[str, Sequence[float], Sequence[Effect]]]
-) -> list[Fitted]:
-    """Each of several models, as many at a time as there are cores."""
-    # By itself, for the program may have to be compiled, and once is enough.
-    found = [fit_model(setting, *model) for model in models[:1]]
+def likeliest(
+    setting: Setting, base: str, base_values: Sequence[float], effects: Sequence[Effect]
+) -> Fitted:
+    """The model and its noise of greatest likelihood, found in turns from those given."""
+    return with_own_noise(fit_model(setting, base, base_values, effects))
+
+
+def with_own_noise(fitted: Fitted) -> Fitted:
+    """The same model, its noise found with it in turns until the likelihood stands."""
+    for _ in range(_TURNS):
+        again = fit_model(
+            own_noise(fitted), fitted.base, fitted.base_values.tolist(), fitted.effects
+        )
+        if not again.total < fitted.total:
+            return fitted
+        gained, fitted = fitted.total - again.total, again
+        if gained < _STANDS:
+            break
+    return fitted
+
+
+def own_noise(fitted: Fitted) -> Setting:
+    """The noise of greatest likelihood for what a model leaves."""
+    setting = fitted.setting
+    problem = setting.problem
+    residual = np.asarray(problem.data.adhesion) - fitted.adhesion
+    noise = setting.noise
+    if problem.slip_noise is not None:
+        slope = slope_of(fitted)
+        before = np.roll(slope, 1, axis=1)
+        variance, covariance = problem.slip_errors
+        noise = noise._replace(variance=slope**2 * variance, covariance=slope * before * covariance)
+    return Setting(problem, noise_of(problem, noise, residual, fitted.adhesion), fitted.adhesion)
+
+
+def noise_of(problem: Problem, start: Noise, residual: np.ndarray, level: np.ndarray) -> Noise:
+    """The noise of greatest likelihood for a residual of a campaign, with what `start` fixes."""
+    in_order = problem.in_time or not problem.blocks
+    return estimated(start, residual, level, in_order, not problem.blocks)
+
+
+def slope_of(fitted: Fitted) -> np.ndarray:
+    """The change of the prediction with the size of the slip, [runs, points]."""
+    step = 1e-6
+    return raw_changes(fitted, [SlipBias(bias=step)])[0] / step
+
+
+def raw_changes(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
+    """What each probe adds to the prediction of a model, [probes, runs, points]."""
+    setting = fitted.setting
+    size = max(size_of(fitted.base, (*fitted.effects, probe)) for probe in probes)
+    models = [packed(setting, fitted, (*fitted.effects, probe), size) for probe in probes]
+
+    def some(first: int) -> np.ndarray:
+        these = models[first : first + PROBES]
+        padded = these + [these[0]] * (PROBES - len(these))
+        stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
+        return np.asarray(changes(stacked, setting.problem.data, fitted.adhesion))[: len(these)]
+
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found += pool.map(lambda model: fit_model(setting, *model), models[1:])
-    return found
+        return np.concatenate(list(pool.map(some, range(0, len(models), PROBES))))
+
+
+def side_by_side(task: Callable[[A], Fitted], items: Sequence[A]) -> list[Fitted]:
+    """The task on each item, as many at a time as there are cores."""
+    # The first by itself, for the program may have to be compiled, and once is enough.
+    found = [task(item) for item in items[:1]]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return found + list(pool.map(task, items[1:]))
 
 
 def packed(
@@ -100,7 +180,7 @@ def packed(
 ) -> Model:
     """The model of a fit with other effects, as numbers, for a program of that size."""
     values = fitted.base_values.tolist()
-    return pack(fitted.base, values, in_order(effects), setting.problem.columns, *size)
+    return pack(fitted.base, values, in_order(effects), (*setting.problem.columns, ""), *size)
 
 
 def size_of(base: str, effects: Sequence[Effect]) -> tuple[int, int]:
@@ -134,7 +214,7 @@ def held_out_loss(fitted: Fitted) -> np.ndarray:
 
 
 def expected_loss(fitted: Fitted) -> np.ndarray:
-    """Half the sum of squares of each run, predicted without what is predicted, [runs].
+    """Minus the log likelihood of each run, predicted without what is predicted, [runs].
 
     Of runs that is each without the whole of it. Blocks of one run are different parts of the
     curve, and without one of them its part would be extrapolated: they are predicted point by
@@ -142,12 +222,12 @@ def expected_loss(fitted: Fitted) -> np.ndarray:
     Technometrics 16, 125-127.
     """
     if not fitted.blocks:
-        return held_out_loss(fitted)
+        return held_out_loss(fitted) + fitted.determinant
     jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
     inverse = solve(fitted.hessian.sum(0), np.eye(jacobian.shape[0]))
     leverage = np.einsum("kp,kl,lp->p", jacobian, inverse, jacobian).reshape(fitted.residual.shape)
     alone = fitted.residual / np.maximum(1 - leverage, 1e-3)
-    return 0.5 * (alone**2).sum(axis=1)
+    return 0.5 * (alone**2).sum(axis=1) + fitted.determinant
 
 
 class Gain(NamedTuple):
@@ -155,6 +235,11 @@ class Gain(NamedTuple):
 
     total: float
     error: float
+
+
+def least_gain(fitted: Fitted, share: float) -> float:
+    """A share of half the number of points, which is the loss that noise alone makes."""
+    return 0.5 * share * float((np.asarray(fitted.setting.noise.weight) > 0).sum())
 
 
 def gain(less: Fitted, more: Fitted) -> Gain:
@@ -175,10 +260,11 @@ def gain(less: Fitted, more: Fitted) -> Gain:
     return Gain(float(gains.sum()), error)
 
 
-def squares(setting: Setting, fitted: Fitted) -> float:
-    """Weighted sum of squared errors of adhesion."""
-    error = (fitted.adhesion - np.asarray(setting.problem.data.adhesion)) * setting.noise.weight
-    return float((np.asarray(error) ** 2).sum())
+def squares(fitted: Fitted) -> float:
+    """Sum of squared errors of adhesion, each point for as much as the noise of its slip leaves."""
+    noise = fitted.setting.noise
+    error = (fitted.adhesion - np.asarray(fitted.setting.problem.data.adhesion)) * noise.weight
+    return float((np.asarray(error) ** 2 / (1 + noise.variance / noise.sigma**2)).sum())
 
 
 def steps_without(fitted: Fitted, folds: Sequence[np.ndarray]) -> np.ndarray:

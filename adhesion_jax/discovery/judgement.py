@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.discovery.fitting import Setting, fit_model
-from adhesion_jax.discovery.program import whitened
+from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest, noise_of
+from adhesion_jax.discovery.model.noise import determinant
+from adhesion_jax.discovery.screening import in_noise_units
 from adhesion_jax.discovery.state import Accepted, Selection, parts_of, without
 
 #: Effects of the slip alone: what the wrong base curve leaves looks like one of them.
@@ -23,7 +25,8 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[str]]:
             continue
         rest = tuple(other for other in state.accepted if other.name != effect.name)
         for base, fitted in state.fits.items():
-            less = fit_model(state.setting, base, fitted.base_values.tolist(), parts_of(rest))
+            values = fitted.base_values.tolist()
+            less = likeliest(fitted.setting, base, values, parts_of(rest))
             if less.total - fitted.total < _SURE:
                 but = "too little" if base == state.base else f"hardly that of {base}"
                 words.append(
@@ -85,18 +88,26 @@ def vetoed(
 def _raised(state: Selection, rest: Sequence[Accepted], held_out: np.ndarray, seed: int) -> float:
     """The share of bootstrap samples of the runs held out that the state predicts better."""
     values = state.fitted.base_values.tolist()
-    less = fit_model(state.setting, state.base, values, parts_of(rest))
-    weight = np.where(held_out[:, None], state.setting.problem.points, 0.0)
-    noise = state.setting.noise._replace(weight=weight)
-    setting = Setting(state.setting.problem, noise, state.fitted.adhesion)
-    gains = _losses(setting, less.adhesion) - _losses(setting, state.fitted.adhesion)
-    gains = gains[held_out]
+    less = likeliest(state.setting, state.base, values, parts_of(rest))
+    gains = (_losses(less, held_out) - _losses(state.fitted, held_out))[held_out]
     draws = np.random.default_rng([seed, 17]).integers(gains.size, size=(999, gains.size))
     return float(np.mean(gains[draws].sum(axis=1) > 0))
 
 
-def _losses(setting: Setting, adhesion: np.ndarray) -> np.ndarray:
-    """Half the sum of squares of each run in units of the noise, [runs]."""
-    residual = adhesion - np.asarray(setting.problem.data.adhesion)
-    white = np.asarray(whitened(setting.noise, setting.level, residual[None]))[0]
-    return 0.5 * (white**2).sum(axis=1)
+def _losses(fitted: Fitted, held_out: np.ndarray) -> np.ndarray:
+    """Minus the log likelihood of each run held out, [runs].
+
+    The noise is that of greatest likelihood for these runs: one run at the edge of what a model
+    has seen would else decide by how far it lies outside the scatter of the runs within.
+    """
+    problem = fitted.setting.problem
+    weight = np.where(held_out[:, None], problem.points, 0.0)
+    residual = np.asarray(problem.data.adhesion) - fitted.adhesion
+    noise = noise_of(
+        problem, fitted.setting.noise._replace(weight=weight), residual, fitted.adhesion
+    )
+    setting = Setting(problem, noise, fitted.adhesion)
+    white = in_noise_units(setting, residual[None])[0]
+    return 0.5 * (white**2).sum(axis=1) + np.asarray(
+        determinant(setting.noise, jnp.asarray(setting.level))
+    )

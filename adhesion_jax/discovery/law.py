@@ -16,7 +16,18 @@ from adhesion_jax.curves.level import Level
 from adhesion_jax.curves.peak import find_peak
 from adhesion_jax.curves.polach import PolachScaled
 from adhesion_jax.discovery.conditions import Calendar, completed
-from adhesion_jax.discovery.effects import EFFECTS, Covariate, Effect, Periodic, Product, Spline
+from adhesion_jax.discovery.effects import (
+    EFFECTS,
+    Covariate,
+    Effect,
+    Interaction,
+    Periodic,
+    Product,
+    Spline,
+    Threshold,
+)
+from adhesion_jax.discovery.effects.shape import exponents_of, shaped
+from adhesion_jax.discovery.effects.slip_noise import SlipNoise
 from adhesion_jax.errors import InputError
 
 #: The curves that a law may rest on; the last is for data at one slip.
@@ -31,7 +42,9 @@ KINDS: Mapping[str, type[Effect]] = {
     **EFFECTS,
     "covariate": Covariate,
     "spline": Spline,
+    "threshold": Threshold,
     "product": Product,
+    "interaction": Interaction,
     "periodic": Periodic,
 }
 
@@ -59,12 +72,17 @@ class CorrectedLaw(Law):
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
+        # What follows from the slip follows from the slip that is to be expected.
+        for effect in self.effects:
+            if isinstance(effect, SlipNoise):
+                slip = effect.before(slip, conditions)
         whole = completed(slip, conditions, self.calendar)
         held = {
             name: jnp.clip(values, *self.ranges[name]) if name in self.ranges else values
             for name, values in whole.items()
         }
-        return with_effects(self.curve, self.effects, slip, held)
+        others = tuple(effect for effect in self.effects if not isinstance(effect, SlipNoise))
+        return with_effects(self.curve, others, slip, held)
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         return find_peak(lambda slip: self(slip, conditions), slip_limit)
@@ -81,7 +99,8 @@ def with_effects(
     bent = slip
     for effect in reversed(inner_first):
         bent = effect.before(bent, conditions)
-    adhesion = curve(bent, conditions)
+    exponents = exponents_of(effects, conditions)
+    adhesion = shaped(lambda slip: curve(slip, conditions), bent, exponents)
     for effect in inner_first:
         adhesion = effect.after(adhesion, slip, conditions)
     return adhesion

@@ -1,9 +1,11 @@
 """What may be missing: every effect that the columns of a campaign can test, and plain columns."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from adhesion_jax.discovery.effects import EFFECTS, Covariate, Effect, Spline
+from adhesion_jax.discovery.effects import EFFECTS, Covariate, Effect, ShapeTerm, Spline
+from adhesion_jax.discovery.effects.shape import ACTS_ON
 from adhesion_jax.discovery.problem import Problem, label_of
 
 #: Effects that need the order of the points to be that of time.
@@ -52,6 +54,7 @@ class Entry(NamedTuple):
     covariates: tuple[str, ...]
     generic: bool  # a plain column, without a physical cause
     family: str
+    acts_on: str = "level"  # of the curve
 
 
 def library_of(problem: Problem) -> tuple[Entry, ...]:
@@ -59,15 +62,24 @@ def library_of(problem: Problem) -> tuple[Entry, ...]:
     entries = [
         entry_of(name, effect.starts(problem.flat), problem)
         for name, effect in EFFECTS.items()
-        if not why_untested(name, problem)
+        if name != "slip_noise" and not why_untested(name, problem)
     ]
-    every = {name: problem.flat[name] for name in problem.columns}
     for kind in (Covariate, Spline):
-        for column in every:
-            name = f"covariate:{label_of(column, problem.measured)}"
-            starts = kind.starts({column: every[column]})
-            entries.append(entry_of(name, starts, problem))
+        for column in problem.columns:
+            entries += column_entries(kind, column, problem)
     return tuple(entry for entry in entries if entry.starts)
+
+
+def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list[Entry]:
+    """A plain column by a form of one column, acting on each part of the curve."""
+    name = f"covariate:{label_of(column, problem.measured)}"
+    starts = kind.starts({column: problem.flat[column]})
+    return [
+        entry_of(name, [dataclasses.replace(start, acts_on=acts_on) for start in starts], problem)
+        for acts_on in ACTS_ON
+        # A function of the slip bends the curve however it acts.
+        if acts_on == "level" or column != "slip_velocity_mps"
+    ]
 
 
 def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
@@ -77,7 +89,8 @@ def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
     else:
         needs = _RESTS_ON.get(name, EFFECTS[name].NEEDS)
         covariates = tuple(dict.fromkeys(label_of(need, problem.measured) for need in needs))
-    return Entry(name, tuple(starts), covariates, ":" in name, FAMILIES.get(name, name))
+    acts_on = getattr(starts[0], "acts_on", "level") if starts else "level"
+    return Entry(name, tuple(starts), covariates, ":" in name, FAMILIES.get(name, name), acts_on)
 
 
 def why_untested(name: str, problem: Problem) -> str:

@@ -3,11 +3,16 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
+from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.conditions import ANGLES, TEMPERATURES, Calendar, completed
-from adhesion_jax.discovery.effects import EFFECTS
+from adhesion_jax.discovery.effects import EFFECTS, Effect
+from adhesion_jax.discovery.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip
 from adhesion_jax.discovery.program import Data
 from adhesion_jax.records import Record
 
@@ -22,6 +27,9 @@ _COLUMNS = 24
 
 #: Conditions that stand in for others: time and order for the calendar, angle for position.
 _NO_COLUMN = ("time_s", "run_order", "wheel_angle_rad", "slip_ratio", "mode", "lateral_measure")
+
+#: Points of a stretch of a log that is taken for independent of the others once it is whitened.
+_UNIT_POINTS = 10
 
 #: A column is taken for constant where its spread is below this share of its size.
 _CONSTANT = 1e-9
@@ -40,6 +48,10 @@ class Problem(NamedTuple):
     blocks: bool  # contiguous blocks of one run, which have no level of their own
     in_time: bool  # whether the order of the points of a run is that of time
     measured: frozenset[str]  # columns as given
+    units: np.ndarray  # [runs, points]: the numbers of stretches that are taken for independent
+    slip_noise: SlipNoise | None  # what the slip has been corrected for
+    slip_errors: tuple[np.ndarray, np.ndarray]  # variance and covariance of what is left of it
+    terms: dict[Effect, np.ndarray]  # filled as they are asked for: functions of the columns
 
 
 def label_of(column: str, measured: frozenset[str]) -> str:
@@ -55,10 +67,18 @@ def label_of(column: str, measured: frozenset[str]) -> str:
     return next((name for name in named if name in {*measured, "run"}), column)
 
 
-def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
-    """The problem of a campaign, arrays [runs, points]."""
+def prepare(
+    record: Record, calendar: Calendar, blocks: bool, slip_noise: SlipNoise | None = None
+) -> Problem:
+    """The problem of a campaign, arrays [runs, points], with its slip corrected for a noise."""
     points = np.asarray(record.mask, float)
     slip, adhesion = np.asarray(record.slip), np.asarray(record.adhesion)
+    errors = np.zeros_like(slip), np.zeros_like(slip)
+    if slip_noise is not None:
+        expected = expected_slips(slip_noise, record)
+        slip = np.asarray(expected.slip)
+        errors = np.asarray(expected.variance), np.asarray(expected.covariance)
+        record = record._replace(slip=jnp.asarray(slip))
     whole = dict(conditions_of(record, calendar))
     if blocks and "time_s" not in record.conditions:
         # Blocks of one run without a time have no calendar: their order may be that of the slip.
@@ -77,7 +97,7 @@ def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
     aliases = {*_NO_COLUMN, *({TEMPERATURES[0], "acceleration_mps2"} - measured)}
     columns = tuple(name for name in flat if name not in aliases)
     data = _data(slip, adhesion, whole, columns)
-    in_time = not blocks and "time_s" in whole and inside.sum(1).max() > 2
+    in_time = "time_s" in record.conditions and inside.sum(1).max() > 2
     return Problem(
         data,
         points,
@@ -89,7 +109,36 @@ def prepare(record: Record, calendar: Calendar, blocks: bool) -> Problem:
         blocks,
         in_time,
         measured,
+        _units(points, blocks and in_time),
+        slip_noise,
+        errors,
+        {},
     )
+
+
+def _units(points: np.ndarray, short: bool) -> np.ndarray:
+    """Each run a unit; in blocks of one run in time, whose noise is whitened, each ten points.
+
+    The few events of a log fill a few blocks, and the signs of so few say nothing.
+    """
+    runs, length = points.shape
+    place = np.maximum(np.cumsum(points > 0, axis=1) - 1, 0) // _UNIT_POINTS if short else 0
+    return np.arange(runs)[:, None] * length + np.broadcast_to(place, points.shape)
+
+
+def expected_slips(slip_noise: SlipNoise, record: Record) -> ExpectedSlip:
+    """The slip of every run to be expected from what was measured, arrays [runs, points]."""
+    names = ("time_s", slip_noise.falls_with) if slip_noise.falls_with else ("time_s",)
+    conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
+    arrays = jax.tree.map(jnp.asarray, slip_noise)
+    return _expected(arrays, jnp.asarray(record.slip), conditions)
+
+
+@eqx.filter_jit
+def _expected(
+    slip_noise: SlipNoise, slip: Float[Array, "runs points"], conditions: Conditions
+) -> ExpectedSlip:
+    return jax.vmap(lambda *run: expected_slip(slip_noise, *run))(slip, conditions)
 
 
 def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray]:
@@ -111,6 +160,7 @@ def _data(
     known = {name: whole.get(name, _ABSENT.get(name, 1.0) * one) for name in _KNOWN}
     # Rates and windows are of the run: small numbers lose no digits.
     known["time_s"] = known["time_s"] - known["time_s"][:, :1]
-    padding = -len(columns) % _COLUMNS
+    # At least one column of ones, which a change of the whole curve acts through.
+    padding = _COLUMNS - len(columns) % _COLUMNS
     stacked = np.stack([*(whole[name] for name in columns), *[one] * padding])
     return Data(slip, adhesion, known, stacked)

@@ -16,8 +16,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.curves import Conditions, Curve, with_free_values
-from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.effects import Effect, ShapeTerm
+from adhesion_jax.discovery.effects.shape import ACTS_ON, fallen
 from adhesion_jax.discovery.law import BASES, KINDS
+from adhesion_jax.discovery.model.noise import Noise, determinant, whitened
 
 #: `changes` takes this many models at a time, so that every campaign uses the same program.
 PROBES = 64
@@ -26,9 +28,17 @@ _BASE_SIZE = max(len(curve.free) for curve in BASES.values())
 _EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())
 _NAMES = tuple(KINDS)
 
-# Effects that leave the slip alone share a branch: what is not written out need not be compiled.
-_BENDING = tuple(name for name in _NAMES if KINDS[name].ORDER == 0)
-_BENDS = (0, *(_BENDING.index(name) + 1 if name in _BENDING else 0 for name in _NAMES))
+# Each effect has one of three branches; what is not written out need not be compiled. The slip is
+# corrected for its noise before it is handed to a program.
+_SHAPES = tuple(name for name in _NAMES if issubclass(KINDS[name], ShapeTerm))
+_BENDING = tuple(name for name in _NAMES if KINDS[name].ORDER == 0 and name != "slip_noise")
+_AFTER = tuple(name for name in _NAMES if name not in (*_SHAPES, "slip_noise"))
+
+
+def _branches(names: Sequence[str]) -> Array:
+    """By kind, the place of a branch; 0 for none."""
+    return jnp.asarray([0, *(names.index(name) + 1 if name in names else 0 for name in _NAMES)])
+
 
 #: Levenberg-Marquardt: largest number of steps, and the relative gain below which it has arrived.
 _STEPS, _ARRIVED, _STUCK = 40, 1e-8, 1e6
@@ -53,26 +63,13 @@ class Data(NamedTuple):
     columns: Float[Any, "columns runs points"]  # what a column of its own may act through
 
 
-class Noise(NamedTuple):
-    """Noise of standard deviation `sigma`, AR(1) within a run, and a random level of each run.
-
-    The level of a run is a factor on adhesion of standard deviation `run_scatter`. `weight` is
-    the relative precision of each point, 0 where there is none.
-    """
-
-    weight: Float[Any, "runs points"]
-    sigma: Float[Any, ""]
-    autocorrelation: Float[Any, ""]
-    run_scatter: Float[Any, ""]
-
-
 class Model(NamedTuple):
     """A curve and its effects as numbers, in the order in which effects are applied."""
 
     base: Int[Any, ""]
     values: Float[Any, " flat"]  # curve, then slots, then one that nothing reads
     kind: Int[Any, " slots"]  # 0: empty, else 1 + place in KINDS
-    column: Int[Any, "slots two"]  # places in Data.columns
+    column: Int[Any, "slots three"]  # two places in Data.columns, and one of ACTS_ON
     free: Int[Any, " free"]  # places in `values`; padded with the last
     lower: Float[Any, " free"]
     upper: Float[Any, " free"]
@@ -86,6 +83,7 @@ class Fit(NamedTuple):
 
     values: Float[Array, " flat"]
     loss: Float[Array, " runs"]  # half the sum of squares of each run
+    determinant: Float[Array, " runs"]  # half the log determinant of the noise of each run
     gradient: Float[Array, "runs free"]
     hessian: Float[Array, "runs free free"]
     adhesion: Float[Array, "runs points"]  # as predicted
@@ -120,7 +118,7 @@ def pack(
     """The model as numbers; effects must come in the order of their ORDER."""
     values = np.zeros(_BASE_SIZE + slots * _EFFECT_SIZE + 1)
     values[: len(base_values)] = base_values
-    kind, column = np.zeros(slots, int), np.zeros((slots, 2), int)
+    kind, column = np.zeros(slots, int), np.zeros((slots, 3), int)
     places = list(base_places(base))
     described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
     lower, upper = [one.lower for one in described], [one.upper for one in described]
@@ -129,9 +127,11 @@ def pack(
         named = [
             getattr(effect, field.name)
             for field in dataclasses.fields(effect)
-            if field.name not in effect.PARAMETERS
+            if field.name not in (*effect.PARAMETERS, "acts_on")
         ]
         column[slot, : len(named)] = [columns.index(name) for name in named]
+        if isinstance(effect, ShapeTerm):
+            column[slot, 2] = ACTS_ON.index(effect.acts_on)
         start = _BASE_SIZE + slot * _EFFECT_SIZE
         numbers = [float(getattr(effect, name)) for name in effect.PARAMETERS]
         values[start : start + len(numbers)] = numbers
@@ -176,56 +176,79 @@ def _adhesion(
     conditions: Conditions,
     columns: Array,
 ) -> Float[Array, " points"]:
-    """Of one run."""
+    """The prediction of a model for one run, as `law.with_effects` has it for named effects."""
     slots = values[_BASE_SIZE:-1].reshape(kind.size, _EFFECT_SIZE)
 
-    def effect(name: str, parameters: Array) -> Effect:
+    def effect(name: str, parameters: Array) -> Any:
         named = KINDS[name]
-        places = [f.name for f in dataclasses.fields(named) if f.name not in named.PARAMETERS]
+        places = [
+            f.name
+            for f in dataclasses.fields(named)
+            if f.name not in (*named.PARAMETERS, "acts_on")
+        ]
         numbers = {key: parameters[place] for place, key in enumerate(named.PARAMETERS)}
         return named(**numbers, **dict(zip(places, ("first", "second"), strict=False)))
 
-    def seen(places: Array) -> Conditions:
-        return {**conditions, "first": columns[places[0]], "second": columns[places[1]]}
+    def seen(slot: Array) -> Conditions:
+        return {
+            **conditions,
+            "first": columns[column[slot, 0]],
+            "second": columns[column[slot, 1]],
+        }
 
     # As many turns as there are effects: empty slots at the end take no time.
     used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
+
+    def shape(slot: Array, sums: Array) -> Array:
+        branches = [lambda: jnp.zeros_like(slip)] + [
+            partial(lambda name: effect(name, slots[slot]).log_factor(seen(slot)), name=name)
+            for name in _SHAPES
+        ]
+        term = jax.lax.switch(_branches(_SHAPES)[kind[slot]], branches)
+        return sums.at[column[slot, 2]].add(term)
 
     def before(turn: Array, bent: Array) -> Array:
         slot = used - 1 - turn
         branches = [lambda bent: bent] + [
             partial(
-                lambda bent, name: effect(name, slots[slot]).before(bent, seen(column[slot])),
-                name=name,
+                lambda bent, name: effect(name, slots[slot]).before(bent, seen(slot)), name=name
             )
             for name in _BENDING
         ]
-        return jax.lax.switch(jnp.asarray(_BENDS)[kind[slot]], branches, bent)
+        return jax.lax.switch(_branches(_BENDING)[kind[slot]], branches, bent)
 
     def after(slot: Array, adhesion: Array) -> Array:
         branches = [lambda adhesion: adhesion] + [
             partial(
-                lambda adhesion, name: effect(name, slots[slot]).after(
-                    adhesion, slip, seen(column[slot])
-                ),
+                lambda adhesion, name: effect(name, slots[slot]).after(adhesion, slip, seen(slot)),
                 name=name,
             )
-            for name in _NAMES
+            for name in _AFTER
         ]
-        return jax.lax.switch(kind[slot], branches, adhesion)
+        return jax.lax.switch(_branches(_AFTER)[kind[slot]], branches, adhesion)
 
-    bent = jax.lax.fori_loop(0, used, before, slip)
-    curves = [
-        partial(
-            lambda bent, curve: with_free_values(curve, values[: len(curve.free)])(
-                bent, conditions
-            ),
-            curve=curve,
-        )
-        for curve in BASES.values()
-    ]
-    adhesion = jax.lax.switch(base, curves, bent)
-    return jax.lax.fori_loop(0, used, after, adhesion)
+    def curve(slip: Array) -> Array:
+        branches = [
+            partial(
+                lambda slip, curve: with_free_values(curve, values[: len(curve.free)])(
+                    slip, conditions
+                ),
+                curve=curve,
+            )
+            for curve in BASES.values()
+        ]
+        return jax.lax.switch(base, branches, slip)
+
+    level, stretch, fall = jax.lax.fori_loop(0, used, shape, jnp.zeros((3, slip.size)))
+    bent = jax.lax.fori_loop(0, used, before, slip) * jnp.exp(stretch)
+    falls = jnp.any((kind > 0) & (column[:, 2] == ACTS_ON.index("fall")))
+    adhesion = jax.lax.cond(
+        falls,
+        lambda adhesion: fallen(curve, bent, adhesion, fall),
+        lambda plain: plain,
+        curve(bent),
+    )
+    return jax.lax.fori_loop(0, used, after, adhesion * jnp.exp(level))
 
 
 def _predict(model: Model, data: Data, values: Array) -> Float[Array, "runs points"]:
@@ -235,25 +258,6 @@ def _predict(model: Model, data: Data, values: Array) -> Float[Array, "runs poin
     return jax.vmap(run, in_axes=(0, 0, 1))(data.slip, data.conditions, data.columns)
 
 
-def _whitened(noise: Noise, level: Array, signal: Array) -> Float[Array, "runs points"]:
-    """Signal in units of the noise, uncorrelated: sigma, AR(1), then the level of each run."""
-
-    def prewhitened(signal: Array) -> Array:
-        scaled = signal * noise.weight / noise.sigma
-        r = noise.autocorrelation
-        fresh = (scaled[:, 1:] - r * scaled[:, :-1]) / jnp.sqrt(1 - r**2)
-        fresh = jnp.where(noise.weight[:, 1:] > 0, fresh, 0.0)
-        return jnp.concatenate([scaled[:, :1], fresh], axis=1)
-
-    # The covariance I + s^2 u u' has the inverse root I - (1 - 1/sqrt(1 + s^2 |u|^2)) e e'.
-    direction = prewhitened(level)
-    size = jnp.sum(direction**2, axis=1, keepdims=True)
-    shrink = 1 - 1 / jnp.sqrt(1 + noise.run_scatter**2 * size)
-    white = prewhitened(signal)
-    along = jnp.sum(white * direction, axis=1, keepdims=True)
-    return white - shrink * along * direction / jnp.maximum(size, 1e-300)
-
-
 def _with_jacobian(
     model: Model, data: Data, noise: Noise, values: Array, level: Array
 ) -> tuple[Array, Array, Array]:
@@ -261,7 +265,7 @@ def _with_jacobian(
 
     def push(tangent: Array) -> tuple[Array, Array]:
         adhesion, change = jax.jvp(lambda v: _predict(model, data, v), (values,), (tangent,))
-        return adhesion, _whitened(noise, level, change)
+        return adhesion, whitened(noise, level, change)
 
     def some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
         first = turn * _TOGETHER
@@ -274,7 +278,7 @@ def _with_jacobian(
     free = jnp.sum(model.free != values.size - 1)
     nothing = jnp.zeros_like(data.slip), jnp.zeros((model.free.size, *data.slip.shape))
     adhesion, jacobian = jax.lax.fori_loop(0, -(-free // _TOGETHER), some, nothing)
-    return adhesion, _whitened(noise, level, adhesion - data.adhesion), jacobian
+    return adhesion, whitened(noise, level, adhesion - data.adhesion), jacobian
 
 
 @partial(jax.jit, compiler_options=_QUICKLY)
@@ -303,6 +307,7 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
         new = Fit(
             trial,
             0.5 * jnp.sum(residual**2, axis=1),
+            best.determinant,
             jnp.einsum("krt,rt->rk", jacobian, residual),
             jnp.einsum("krt,lrt->rkl", jacobian, jacobian),
             adhesion,
@@ -326,6 +331,7 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
     nothing = Fit(
         model.values,
         jnp.full(runs, jnp.inf),
+        determinant(noise, level),
         jnp.zeros((runs, free)),
         jnp.zeros((runs, free, free)),
         jnp.zeros((runs, points)),
@@ -338,18 +344,14 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
 
 
 @partial(jax.jit, compiler_options=_QUICKLY)
-def changes(
-    models: Model, data: Data, noise: Noise, level: Float[Array, "runs points"], now: Array
-) -> Float[Array, "models runs points"]:
-    """What each of the models adds to the prediction `now`, in units of the noise."""
-    return jax.lax.map(
-        lambda model: _whitened(noise, level, _predict(model, data, model.values) - now), models
-    )
+def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs points"]:
+    """What each of the models adds to the prediction `now`."""
+    return jax.lax.map(lambda model: _predict(model, data, model.values) - now, models)
 
 
-@partial(jax.jit, compiler_options=_QUICKLY)
-def whitened(
+@jax.jit
+def whiten(
     noise: Noise, level: Float[Array, "runs points"], signals: Float[Array, "signals runs points"]
 ) -> Float[Array, "signals runs points"]:
     """Signals in units of the noise, uncorrelated."""
-    return jax.vmap(lambda signal: _whitened(noise, level, signal))(signals)
+    return jax.vmap(lambda signal: whitened(noise, level, signal))(signals)

@@ -10,8 +10,9 @@ from scipy.ndimage import median_filter
 from adhesion_jax.discovery.effects import Effect, Periodic, Product
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
 from adhesion_jax.discovery.effects.wheel_order import WheelOrder
-from adhesion_jax.discovery.fitting import Fitted, Setting
+from adhesion_jax.discovery.fitting import Fitted
 from adhesion_jax.discovery.library import FAMILIES, Entry
+from adhesion_jax.discovery.model.noise import chain
 from adhesion_jax.discovery.problem import Problem, label_of
 
 #: A scan looks at hundreds of places: what it finds must be this sure.
@@ -69,13 +70,14 @@ def _pair(product: Product, problem: Problem) -> str:
     return "*".join(label_of(name, problem.measured) for name in (product.first, product.second))
 
 
-def waves(setting: Setting, fitted: Fitted, taken: Sequence[str], seed: int) -> list[Wave]:
+def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Wave]:
     """The strongest coherent wave along each axis, with p adjusted for all lengths by sign flips.
 
     The score of a run at a frequency is the sum over its points of residual times adhesion times
     exp(i 2 pi f z); coherent is what adds up over runs: |sum of scores|^2 over the median of the
     sums of their squares at the frequencies around.
     """
+    setting = fitted.setting
     problem = setting.problem
     axes = {name: effect for name, effect in _AXES.items() if name in problem.varying}
     axes |= {
@@ -83,7 +85,7 @@ def waves(setting: Setting, fitted: Fitted, taken: Sequence[str], seed: int) -> 
         for name in problem.columns
         if name not in axes and name in problem.measured and _many_values(problem.flat[name])
     }
-    pull = _adjoint(setting, fitted)
+    pull = _adjoint(fitted)
     found = []
     for place, (axis, effect) in enumerate(axes.items()):
         name = effect if effect != "periodic" else f"periodic:{axis}"
@@ -113,16 +115,14 @@ def _many_values(values: np.ndarray) -> bool:
     return np.unique(values).size > 0.5 * values.size
 
 
-def _adjoint(setting: Setting, fitted: Fitted) -> np.ndarray:
+def _adjoint(fitted: Fitted) -> np.ndarray:
     """[runs, points]: the sensitivity of the fit to a relative change of adhesion at each point."""
-    r = float(setting.noise.autocorrelation)
-    weight = np.asarray(setting.noise.weight)
-    fresh = -fitted.residual
-    back = np.zeros_like(fresh)
-    back[:, 0] = fresh[:, 0]
-    scale = np.sqrt(1 - r**2)
-    back[:, 1:] = fresh[:, 1:] / scale
-    back[:, :-1] -= r * fresh[:, 1:] / scale
+    noise = fitted.setting.noise
+    weight = np.asarray(noise.weight)
+    carry, spread = (np.asarray(part) for part in chain(noise))
+    fresh = -fitted.residual / spread
+    back = fresh.copy()
+    back[:, :-1] -= carry[:, 1:] * fresh[:, 1:]
     return back * weight * fitted.adhesion
 
 
@@ -174,14 +174,15 @@ class Torsion(NamedTuple):
     p: float
 
 
-def torsion(setting: Setting, fitted: Fitted) -> Torsion | None:
+def torsion(fitted: Fitted) -> Torsion | None:
     """The strongest line in the mean spectrum of the runs, if any is sure.
 
     Under white noise the power of each run at a frequency is exponential; the level is the median
     of the neighbouring frequencies, since the noise is white only about.
     """
+    setting = fitted.setting
     problem = setting.problem
-    if not problem.in_time:
+    if not problem.in_time or problem.blocks:
         return None
     weight = np.asarray(setting.noise.weight)
     whole = (weight > 0).all(axis=1)

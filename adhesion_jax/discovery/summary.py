@@ -19,10 +19,14 @@ from adhesion_jax.discovery.findings import Errors, Findings, FoundEffect, Inter
 from adhesion_jax.discovery.fitting import Fitted, covariance, fit_model, held_out_loss
 from adhesion_jax.discovery.law import BASES, CorrectedLaw, kind_of
 from adhesion_jax.discovery.library import library_of
+from adhesion_jax.discovery.model.slip import NoisySlip
 from adhesion_jax.discovery.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.scans import Torsion
-from adhesion_jax.discovery.state import Accepted, Selection, parts_of, residual_moments
+from adhesion_jax.discovery.state import Accepted, Selection, parts_of
 from adhesion_jax.records import Record
+
+#: What is told of the noise.
+_NOISE = ("sigma", "autocorrelation", "run_scatter")
 
 #: Conditions that a law may be asked beyond what it was found in.
 _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")
@@ -36,6 +40,7 @@ def summarise(
     test_rows: np.ndarray | None,
     plain: Selection,
     final: Selection,
+    slip_noise: NoisySlip | None,
     line: Torsion | None,
     warnings: Sequence[str],
     seed: int,
@@ -53,19 +58,19 @@ def summarise(
         test_before, test_after = predicted(bare, test), predicted(law, test)
         tested = _errors(test, test_before, test_after, seed)
         predictions = _predictions(test_rows, test_before, test_after)
-    noise = residual_moments(final)
+    noise = final.setting.noise
     level = float(np.mean(np.asarray(record.adhesion)[np.asarray(record.mask)] ** 2))
     floor = float(np.sqrt(noise.sigma**2 + noise.run_scatter**2 * level))
     entries = library_of(final.setting.problem)
     alike = likenesses(final, entries)
-    found = [*_found(final, validation), *_torsion(line, validation)]
+    found = [*_slip_noise(slip_noise), *_found(final, validation), *_torsion(line, validation)]
     return Findings(
         source,
         final.base,
         _base_parameters(plain, final),
         law,
         floor,
-        noise._asdict(),
+        _noise(final),
         train,
         validation,
         tested,
@@ -105,7 +110,9 @@ def law_of(state: Selection) -> CorrectedLaw:
         value = float(np.asarray(problem.data.conditions[name])[inside][0])
         ranges[name] = (value, value)
     curve = base_curve(state.base, state.fitted.base_values)
-    return CorrectedLaw(curve, state.fitted.effects, ranges, problem.calendar)
+    noisy = () if problem.slip_noise is None else (problem.slip_noise,)
+    effects = (*noisy, *state.fitted.effects)
+    return CorrectedLaw(curve, effects, ranges, problem.calendar)
 
 
 def predicted(law: CorrectedLaw, record: Record) -> np.ndarray:
@@ -240,6 +247,38 @@ def _intervals(state: Selection) -> Mapping[int, Mapping[str, Interval]]:
             for value in (float(getattr(effect, name)),)
         }
     return found
+
+
+def _noise(state: Selection) -> Mapping[str, float]:
+    noise = state.setting.noise
+    return {name: float(getattr(noise, name)) for name in _NOISE}
+
+
+def _slip_noise(noise: NoisySlip | None) -> list[FoundEffect]:
+    if noise is None:
+        return []
+    kind = noise.effect
+    what = (
+        f"{kind.sigma:.2g} m/s of a wheel speed" if kind.falls_with else f"{kind.sigma:.2g} of slip"
+    )
+    sentence = (
+        f"The slip signal has white noise of {what}: adhesion follows the slip that its neighbours "
+        "in time let expect, not the one measured. Points where the curve is steep count less."
+    )
+    return [
+        FoundEffect(
+            "slip_noise",
+            ("slip_noise",),
+            ("slip_ratio",),
+            "mu(E[l])",
+            {"sigma": noise.sigma, "roughness": Interval(float(kind.roughness), np.nan, np.nan)},
+            {"sigma": "m/s" if kind.falls_with else "1", "roughness": "1/s^1.5"},
+            noise.p,
+            noise.rmse_after,
+            sentence,
+            "slip",
+        )
+    ]
 
 
 def _torsion(line: Torsion | None, validation: Errors) -> list[FoundEffect]:

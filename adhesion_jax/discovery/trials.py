@@ -10,17 +10,17 @@ from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Gain,
-    Setting,
     expected_loss,
-    fit_models,
     gain,
+    least_gain,
+    likeliest,
+    side_by_side,
     squares,
 )
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score
-from adhesion_jax.discovery.state import Selection, with_noise
 
-#: How many causes and how many plain columns are refitted in each round.
-_CAUSES, _COLUMNS = 6, 3
+#: How many causes and how many forms of plain columns are refitted in each round.
+_CAUSES, _COLUMNS = 6, 5
 
 #: A plain column is preferred to a cause only by so many standard errors, this share of the loss
 #: and this share of the gain.
@@ -46,6 +46,8 @@ _THE_SAME = ("slip_bias", "torque_offset")
 
 
 class Trial(NamedTuple):
+    """A candidate refitted together with the model, with a noise of its own."""
+
     score: Score
     fitted: Fitted
     loss: float  # expected, over all runs
@@ -60,28 +62,20 @@ def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
     return [score for score in (*causes, *columns) if score.p <= 10 * significant]
 
 
-def tried(state: Selection, shortlist: Sequence[Score]) -> tuple[Setting, Trial, Sequence[Trial]]:
-    """Joint refits under the noise that the best of them leaves, and the model as it is."""
-    base, values = state.base, state.fitted.base_values.tolist()
-    effects = state.fitted.effects
+def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
+    """Joint refits, each under the noise that it leaves itself."""
 
-    starts = fit_models(state.setting, [(base, values, (*effects, one.start)) for one in shortlist])
-    first = [
-        (start, score)
-        for start, score in zip(starts, shortlist, strict=True)
-        if np.isfinite(start.total)
+    def refitted(score: Score) -> Fitted:
+        seen = score.seen_in
+        effects = (*seen.effects, score.start)
+        return likeliest(seen.setting, seen.base, seen.base_values.tolist(), effects)
+
+    return [
+        Trial(score, more, float(expected_loss(more).sum()))
+        for score, more in zip(shortlist, side_by_side(refitted, shortlist), strict=True)
+        # A noise that whitens strongly may prefer what follows the fastest changes alone.
+        if np.isfinite(more.total) and squares(more) < squares(fitted)
     ]
-    best = min((start for start, _ in first), key=lambda fitted: fitted.total)
-    setting = with_noise(state.setting, best)
-    again = [(base, start.base_values.tolist(), start.effects) for start, _ in first]
-    now, *refitted = fit_models(setting, [(base, values, effects), *again])
-    trials = [
-        Trial(score, fitted, float(expected_loss(fitted).sum()))
-        for fitted, (_, score) in zip(refitted, first, strict=True)
-    ]
-    # Whitening may prefer what follows the fastest changes and misses all the others.
-    sane = [trial for trial in trials if squares(setting, trial.fitted) < squares(setting, now)]
-    return setting, Trial(shortlist[0], now, float(expected_loss(now).sum())), sane
 
 
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
@@ -96,10 +90,14 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     ahead = gain(cause.fitted, column.fitted)
     whole = now.loss - column.loss
     clearly = ahead.total > max(
-        _COLUMN_ERRORS * ahead.error, _COLUMN_LOSS * cause.loss, _COLUMN_GAIN * whole
+        _COLUMN_ERRORS * ahead.error,
+        least_gain(column.fitted, _COLUMN_LOSS),
+        _COLUMN_GAIN * whole,
     )
     if not clearly:
         return cause
+    if column.score.entry.acts_on != "level":
+        return column
     kin = [trial for trial in causes if trial.score.entry.family == column.score.entry.family]
     for trial in sorted(kin, key=lambda trial: trial.loss):
         if now.loss - trial.loss > _SAME_CAUSE * whole:
@@ -110,7 +108,7 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
 def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, ...]:
     """The names that cannot be told from the chosen one, most likely first."""
     whole = now.loss - chosen.loss
-    change = chosen.fitted.residual - now.fitted.residual
+    change = chosen.fitted.adhesion - now.fitted.adhesion
     members: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.loss):
         behind = gain(trial.fitted, chosen.fitted)
@@ -118,7 +116,7 @@ def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, .
         allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * whole, _CLASS_LEAST)
         if trial.score.entry.generic != chosen.score.entry.generic:
             continue
-        other = trial.fitted.residual - now.fitted.residual
+        other = trial.fitted.adhesion - now.fitted.adhesion
         alike = (change * other).sum() > _ALIKE * np.linalg.norm(change) * np.linalg.norm(other)
         if trial is chosen or (alike and tied(behind) and behind.total <= allowed):
             members[trial.score.entry.name] = None
@@ -163,5 +161,7 @@ def ranked(
 
 
 def _label(score: Score) -> str:
-    kinds = {Covariate: " (linear)", Spline: " (spline)"}
-    return score.entry.name + kinds.get(type(score.start), "")
+    kinds: dict[type, str] = {Covariate: "linear", Spline: "spline"}
+    said = [kinds.get(type(score.start), ""), score.entry.acts_on]
+    more = ", on the ".join(word for word in said if word not in ("", "level"))
+    return f"{score.entry.name} ({more})" if more else score.entry.name

@@ -15,6 +15,7 @@ from adhesion_jax.discovery.effects.falling_friction import FallingFriction
 from adhesion_jax.discovery.effects.humidity import Humidity
 from adhesion_jax.discovery.effects.hysteresis import Hysteresis
 from adhesion_jax.discovery.effects.inertia import Inertia
+from adhesion_jax.discovery.effects.interaction import Interaction as Interaction
 from adhesion_jax.discovery.effects.lag import Lag
 from adhesion_jax.discovery.effects.lateral_creep import LateralCreep
 from adhesion_jax.discovery.effects.load_peak import LoadPeak
@@ -27,12 +28,14 @@ from adhesion_jax.discovery.effects.product import Product as Product
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
 from adhesion_jax.discovery.effects.relaxation import Relaxation
 from adhesion_jax.discovery.effects.sanding import Sanding
+from adhesion_jax.discovery.effects.shape import ShapeTerm as ShapeTerm
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.slip_noise import SlipNoise
 from adhesion_jax.discovery.effects.slip_speed import SlipSpeed
 from adhesion_jax.discovery.effects.speed import Speed
 from adhesion_jax.discovery.effects.spline import Spline as Spline
 from adhesion_jax.discovery.effects.temperature import Temperature
+from adhesion_jax.discovery.effects.threshold import Threshold as Threshold
 from adhesion_jax.discovery.effects.torque_offset import TorqueOffset
 from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 

@@ -1,4 +1,4 @@
-"""A column that no effect of the catalogue knows, taken as linear."""
+"""A column without a formula of its own, taken as linear."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
@@ -9,13 +9,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.discovery.effects.base import Columns, Effect
+from adhesion_jax.discovery.effects.base import Columns
+from adhesion_jax.discovery.effects.shape import ShapeTerm
 
 _SOURCE = "first term of any smooth dependence"
 
 
-class Covariate(Effect):
-    """mu (1 + k (z - z0)/s), z any column, z0 its median and s its interquartile range or so."""
+class Covariate(ShapeTerm):
+    """g = k (z - z0)/s, z any column, z0 its median and s its standard deviation."""
 
     k: Scalar
     reference: Scalar
@@ -23,31 +24,18 @@ class Covariate(Effect):
     column: str = eqx.field(static=True)
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "k": Parameter("1", -0.9, 0.9, "relative change a scale of the column", _SOURCE),
+        "k": Parameter("1", -3.0, 3.0, "log change a spread of the column", _SOURCE),
         "reference": Parameter("column", -1e12, 1e12, "value at which nothing changes", _SOURCE),
         "scale": Parameter("column", 1e-12, 1e12, "unit of the change", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "column", "scale": "column"}
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    ORDER: ClassVar[int] = 1
 
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
-        return slip
-
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
-        change = self.k * (conditions[self.column] - self.reference) / self.scale
-        return adhesion * jnp.maximum(1 + change, 0.0)
+    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+        return jnp.asarray(self.k * (conditions[self.column] - self.reference) / self.scale)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Effect]:
+    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
         return [
             cls(k=0.02, reference=float(np.median(z)), scale=float(np.std(z)), column=name)
             for name, z in columns.items()

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.discovery.effects.base import Columns, Effect
+from adhesion_jax.discovery.effects.base import Columns
+from adhesion_jax.discovery.effects.shape import ShapeTerm
 
 _SOURCE = "first mixed term of any smooth dependence"
 
 
-class Product(Effect):
-    """mu (1 + k (y - y0) (z - z0)/(s_y s_z)), y and z two columns, s their spreads.
+class Product(ShapeTerm):
+    """g = k (y - y0) (z - z0)/(s_y s_z), y and z two columns, s their spreads.
 
     y0 and z0 are found with k, so that the term of one column alone is in it.
     """
@@ -30,7 +31,7 @@ class Product(Effect):
     second: str = eqx.field(static=True)
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "k": Parameter("1", -0.9, 0.9, "relative change a spread of both", _SOURCE),
+        "k": Parameter("1", -3.0, 3.0, "log change a spread of both", _SOURCE),
         "first_centre": Parameter("1", -1e12, 1e12, "centre of the first, in spreads", _SOURCE),
         "second_centre": Parameter("1", -1e12, 1e12, "centre of the second, in spreads", _SOURCE),
         "first_scale": Parameter("column", 1e-12, 1e12, "spread of the first", _SOURCE),
@@ -38,23 +39,11 @@ class Product(Effect):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {"first_scale": "first", "second_scale": "second"}
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    ORDER: ClassVar[int] = 1
 
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
-        return slip
-
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
+    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         first = conditions[self.first] / self.first_scale - self.first_centre
         second = conditions[self.second] / self.second_scale - self.second_centre
-        return adhesion * jnp.maximum(1 + self.k * first * second, 0.0)
+        return jnp.asarray(self.k * first * second)
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence["Product"]:

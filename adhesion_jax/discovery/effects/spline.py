@@ -1,4 +1,4 @@
-"""A column whose influence has no formula: a smooth curve through the data."""
+"""A column without a formula of its own: a smooth curve through the data."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
@@ -9,14 +9,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.discovery.effects.base import Columns, Effect
+from adhesion_jax.discovery.effects.base import Columns
+from adhesion_jax.discovery.effects.shape import ShapeTerm
 
 _SOURCE = "Hastie, Tibshirani and Friedman 2009, The Elements of Statistical Learning, Eq. 5.4"
 _KNOTS = np.linspace(0.0, 1.0, 6)
 
 
-class Spline(Effect):
-    """mu (1 + s(u)), s a natural cubic spline with six knots on u = (z - low)/(high - low).
+class Spline(ShapeTerm):
+    """g = s(u), s a natural cubic spline with six knots on u = (z - low)/(high - low).
 
     Outside [low, high] the column is held at the edge. Source: Hastie et al. 2009, Eq. 5.4 and 5.5.
     """
@@ -40,27 +41,15 @@ class Spline(Effect):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4", "k5")
     REFERENCES: ClassVar[Mapping[str, str]] = {"low": "column", "high": "column"}
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    ORDER: ClassVar[int] = 1
 
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
-        return slip
-
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
+    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         basis = _basis(jnp.asarray((conditions[self.column] - self.low) / (self.high - self.low)))
         weights = (self.k1, self.k2, self.k3, self.k4, self.k5)
-        change = sum(weight * part for weight, part in zip(weights, basis, strict=True))
-        return adhesion * jnp.maximum(1 + change, 0.0)
+        terms = [weight * part for weight, part in zip(weights, basis, strict=True)]
+        return jnp.sum(jnp.stack(terms), axis=0)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Effect]:
+    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
         ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
         return [
             cls(0.02, 0.02, 0.02, 0.02, 0.02, low=low, high=high, column=name)

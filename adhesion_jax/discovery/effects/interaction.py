@@ -1,0 +1,73 @@
+"""Two columns whose joint influence is more than a plain product."""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions, Parameter, Scalar
+from adhesion_jax.discovery.effects.base import Columns
+from adhesion_jax.discovery.effects.shape import ShapeTerm
+
+_SOURCE = "mixed terms of any smooth dependence up to the second degree in each column"
+
+
+class Interaction(ShapeTerm):
+    """g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials.
+
+    u and v are the columns on -1 to 1 over their ranges, held at the edges beyond.
+    """
+
+    k11: Scalar
+    k12: Scalar
+    k21: Scalar
+    k22: Scalar
+    first_low: Scalar
+    first_high: Scalar
+    second_low: Scalar
+    second_high: Scalar
+    first: str = eqx.field(static=True)
+    second: str = eqx.field(static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        **{
+            f"k{i}{j}": Parameter("1", -9.0, 9.0, f"weight of degrees {i} and {j}", _SOURCE)
+            for i in (1, 2)
+            for j in (1, 2)
+        },
+        **{
+            f"{place}_{end}": Parameter("column", -1e12, 1e12, f"{end} end in the data", _SOURCE)
+            for place in ("first", "second")
+            for end in ("low", "high")
+        },
+    }
+    STRENGTHS: ClassVar[tuple[str, ...]] = ("k11", "k12", "k21", "k22")
+    REFERENCES: ClassVar[Mapping[str, str]] = {
+        "first_low": "first",
+        "first_high": "first",
+        "second_low": "second",
+        "second_high": "second",
+    }
+
+    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+        u, u2 = _legendre(conditions[self.first], self.first_low, self.first_high)
+        v, v2 = _legendre(conditions[self.second], self.second_low, self.second_high)
+        return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
+
+    @classmethod
+    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
+        ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
+        return [
+            cls(0.02, 0.0, 0.0, 0.0, *ends[one], *ends[other], one, other)
+            for one, other in combinations([name for name, (a, b) in ends.items() if b > a], 2)
+        ]
+
+
+def _legendre(
+    column: Float[Array, "..."] | float, low: Scalar, high: Scalar
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    place = jnp.clip(2 * (column - low) / (high - low) - 1, -1.0, 1.0)
+    return place, 1.5 * place**2 - 0.5

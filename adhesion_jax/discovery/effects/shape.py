@@ -1,0 +1,109 @@
+"""What bends the adhesion curve itself by a column: its level, its slip scale, or its fall."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions
+from adhesion_jax.discovery.effects.base import Columns, Effect
+
+#: What a term may act on, in the order in which programs number them.
+ACTS_ON = ("level", "slip", "fall")
+
+#: Slips among which the peak is looked for before a parabola refines it.
+_SLIPS = np.geomspace(1e-3, 10.0, 80)
+
+
+class ShapeTerm(Effect):
+    """A function g of columns that bends the curve mu(l), in one of three ways.
+
+    level: mu exp(g). slip: mu(l exp(g)), so that the initial slope and the place of the peak move
+    and the maximum stays. fall: mu_max - (mu_max - mu) exp(g) beyond the peak, mu below it. The
+    terms of a law that act on the same add up in g.
+    """
+
+    acts_on: str = eqx.field(static=True, default="level", kw_only=True)
+
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+    ORDER: ClassVar[int] = 1
+
+    @abstractmethod
+    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+        """The function g, of the shape of the columns."""
+
+    @classmethod
+    @abstractmethod
+    def starts(cls, columns: Columns) -> Sequence["ShapeTerm"]:
+        """Terms to try first, on the level."""
+
+    def before(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return slip
+
+    def after(
+        self,
+        adhesion: Float[Array, "*shape"],
+        slip: Float[Array, "*shape"],
+        conditions: Conditions,
+    ) -> Float[Array, "*shape"]:
+        return adhesion
+
+
+def shaped(
+    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    slip: Float[Array, "*shape"],
+    exponents: Mapping[str, Float[Array, "..."]],
+) -> Float[Array, "*shape"]:
+    """The curve under the sums g of its terms, by what they act on; what is absent is zero."""
+    bent = slip * jnp.exp(exponents["slip"]) if "slip" in exponents else slip
+    adhesion = curve(bent)
+    if "fall" in exponents:
+        adhesion = fallen(curve, bent, adhesion, exponents["fall"])
+    return adhesion * jnp.exp(exponents["level"]) if "level" in exponents else adhesion
+
+
+def fallen(
+    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    slip: Float[Array, "*shape"],
+    adhesion: Float[Array, "*shape"],
+    exponent: Float[Array, "..."],
+) -> Float[Array, "*shape"]:
+    """Beyond the peak mu_max - (mu_max - mu) exp(g); a curve without a peak stays as it is.
+
+    The derivative of mu_max by a parameter is that at the place of the peak, which is itself taken
+    as given: there the curve is flat.
+    """
+    grid = jnp.asarray(_SLIPS)
+    values = jax.lax.stop_gradient(jax.vmap(lambda at: curve(at * jnp.ones_like(slip)))(grid))
+    top = jnp.clip(jnp.argmax(values, axis=0), 1, grid.size - 2)
+    left, middle, right = (
+        jnp.take_along_axis(values, (top + step)[None], axis=0)[0] for step in (-1, 0, 1)
+    )
+    bend = left - 2 * middle + right
+    inside = (middle >= left) & (middle >= right) & (bend < 0)
+    offset = jnp.where(inside, 0.5 * (left - right) / jnp.where(inside, bend, -1.0), 0.0)
+    step = float(np.log(_SLIPS[1] / _SLIPS[0]))
+    place = jax.lax.stop_gradient(grid[top] * jnp.exp(step * offset))
+    highest = jnp.sign(slip) * curve(place)
+    beyond = inside & (jnp.abs(slip) > place)
+    deeper = highest - (highest - adhesion) * jnp.exp(exponent)
+    return jnp.where(beyond, deeper, adhesion)
+
+
+def exponents_of(
+    effects: Sequence[Effect], conditions: Conditions
+) -> dict[str, Float[Array, "..."]]:
+    """The sums of the terms among some effects, by what they act on."""
+    sums: dict[str, Float[Array, ...]] = {}
+    for effect in effects:
+        if isinstance(effect, ShapeTerm):
+            g = effect.log_factor(conditions)
+            sums[effect.acts_on] = sums[effect.acts_on] + g if effect.acts_on in sums else g
+    return sums

@@ -1,0 +1,115 @@
+"""Noise of the slip signal: how large it is, and whether adhesion follows the slip without it."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize
+
+from adhesion_jax.discovery.bases import bic
+from adhesion_jax.discovery.effects.slip_noise import SlipNoise
+from adhesion_jax.discovery.findings import Interval
+from adhesion_jax.discovery.fitting import Fitted
+from adhesion_jax.discovery.problem import expected_slips
+from adhesion_jax.records import Record
+
+#: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
+_FALLS_WITH = ("vehicle_speed_mps", "")
+
+#: Noise of the slip is looked into where it moves adhesion by this share of the noise of adhesion.
+_MATTERS = 0.1
+
+#: The log likelihood of adhesion must rise by this much, and be as sure as this p.
+_LEAST_GAIN, _SURE = 6.0, 0.002
+
+#: Steps of log sigma and log roughness for second differences of the likelihood.
+_STEP = 0.02
+
+
+class Roughness(NamedTuple):
+    """Noise of the slip signal, if what is rough in it is noise."""
+
+    effect: SlipNoise
+    sigma: Interval
+
+
+class NoisySlip(NamedTuple):
+    """Noise of the slip signal that adhesion shows not to follow."""
+
+    effect: SlipNoise
+    sigma: Interval
+    p: float
+    rmse_after: float  # of adhesion, by the curve at the slip to be expected
+
+
+def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness | None:
+    """The noise of greatest likelihood for the slip signal alone, where it would be felt.
+
+    The noise of the slip falls with the vehicle speed or does not, whichever is more likely; where
+    a noise of the wheel speed in m/s is `given`, only the roughness of the true slip is sought.
+    """
+    if not fitted.setting.problem.in_time:
+        return None
+    names = [name for name in _FALLS_WITH if not name or name in record.conditions]
+    if given is not None:
+        names = names[:1]
+    found, _ = min((_likeliest(record, name, given) for name in names), key=lambda one: one[1])
+    expected = expected_slips(found.effect, record)
+    inside = np.asarray(fitted.setting.noise.weight) > 0
+    slip = np.asarray(record.slip)[inside]
+    moved = float(np.sqrt(np.mean((np.asarray(expected.slip)[inside] - slip) ** 2)))
+    # A curve fitted to noisy slip is too flat: a secant tells its rise better than its slope.
+    rise = np.median(np.abs(np.asarray(record.adhesion)[inside])) / np.median(np.abs(slip))
+    matters = moved * float(rise) > _MATTERS * float(fitted.setting.noise.sigma)
+    return found if matters or given is not None else None
+
+
+def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
+    """The noise of one kind, and minus the log density of the slip under it."""
+
+    def effect(at: np.ndarray) -> SlipNoise:
+        sigma = np.exp(at[1]) if given is None else given
+        return SlipNoise(sigma=jnp.asarray(sigma), roughness=jnp.exp(at[0]), falls_with=falls_with)
+
+    def loss(at: np.ndarray) -> float:
+        return -float(expected_slips(effect(at), record).log_density.sum())
+
+    slip = np.asarray(record.slip)[np.asarray(record.mask)]
+    scale = float(np.median(record.conditions[falls_with])) if falls_with else 1.0
+    start = np.log([max(float(np.std(slip)), 1e-9), max(0.02 * float(np.std(slip)) * scale, 1e-9)])
+    start = start if given is None else start[:1]
+    options = {"xatol": 0.01, "fatol": 0.01, "maxfev": 150}
+    best = minimize(loss, start, method="Nelder-Mead", options=options)
+    effect_found = effect(best.x)
+    sigma = float(effect_found.sigma)
+    spread = 0.0
+    if given is None:
+        ahead, behind = (loss(best.x + np.array([0.0, step])) for step in (_STEP, -_STEP))
+        curvature = max((ahead - 2 * best.fun + behind) / _STEP**2, 1e-300)
+        spread = 1.96 / np.sqrt(curvature)
+    interval = Interval(sigma, sigma * float(np.exp(-spread)), sigma * float(np.exp(spread)))
+    plain = SlipNoise(sigma=sigma, roughness=float(effect_found.roughness), falls_with=falls_with)
+    return Roughness(plain, interval), float(best.fun)
+
+
+def noise_of_slip(
+    rough: Roughness, exact: Mapping[str, Fitted], corrected: Mapping[str, Fitted]
+) -> NoisySlip | None:
+    """Whether adhesion follows the slip to be expected rather than the one measured.
+
+    By the log likelihood of adhesion with the best curve on either, and the scatter over runs of
+    what it gains.
+    """
+    measured, expected = (min(fits.values(), key=bic) for fits in (exact, corrected))
+    gains = measured.loss + measured.determinant - expected.loss - expected.determinant
+    gains = gains[gains != 0]
+    if gains.size < 2 or gains.sum() < _LEAST_GAIN:
+        return None
+    p = float(stats.norm.sf(gains.sum() / (np.sqrt(gains.size) * np.std(gains, ddof=1))))
+    if p > _SURE:
+        return None
+    inside = np.asarray(expected.setting.noise.weight) > 0
+    error = (expected.adhesion - np.asarray(expected.setting.problem.data.adhesion))[inside]
+    return NoisySlip(rough.effect, rough.sigma, p, float(np.sqrt(np.mean(error**2))))

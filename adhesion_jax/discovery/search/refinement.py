@@ -1,0 +1,136 @@
+"""The form of an effect that was found, refined until the residual is flat against its columns."""
+
+import dataclasses
+from collections.abc import Sequence
+
+from adhesion_jax.discovery.effects import (
+    Covariate,
+    Effect,
+    Interaction,
+    Periodic,
+    Spline,
+    Threshold,
+)
+from adhesion_jax.discovery.effects.rail_joint import RailJoint
+from adhesion_jax.discovery.effects.shape import ACTS_ON
+from adhesion_jax.discovery.effects.wheel_order import WheelOrder
+from adhesion_jax.discovery.fitting import gain, in_order, least_gain
+from adhesion_jax.discovery.library import Entry, column_entries, entry_of
+from adhesion_jax.discovery.problem import Problem, label_of
+from adhesion_jax.discovery.screening import SIGNIFICANT, seen
+from adhesion_jax.discovery.state import Accepted, Selection, settled
+from adhesion_jax.discovery.trials import Trial, tried
+
+#: How many parts an effect may have, and how many are refitted to choose the next.
+_MOST_PARTS, _TRIED = 5, 5
+
+#: A part must lower the expected loss by this share of half the number of points.
+_LEAST_GAIN = 0.001
+
+#: The harmonics of a wave that are looked for beside those that its own form has.
+_HARMONICS = range(2, 8)
+
+
+def refined(state: Selection, seed: int) -> Selection:
+    """Every effect with the parts that its own columns still ask for.
+
+    A part is added where the residual is not flat against the columns of the effect (score test,
+    p adjusted over all forms of them) and the prediction of runs left out gets better. What is
+    found here belongs to the effect: it is no claim of its own.
+    """
+    for place in range(len(state.accepted)):
+        while len(state.accepted[place].parts) < _MOST_PARTS:
+            better = _with_a_part_more(state, place, seed)
+            if better is None:
+                break
+            state = better
+    return state
+
+
+def _with_a_part_more(state: Selection, place: int, seed: int) -> Selection | None:
+    effect = state.accepted[place]
+    entries = forms_of(effect, state.setting.problem)
+    if not entries:
+        return None
+    scores = [score for score in seen(state.fitted, entries, seed) if score.p <= SIGNIFICANT]
+    trials = tried(state.fitted, scores[:_TRIED])
+    if not trials:
+        return None
+    chosen = min(trials, key=lambda trial: trial.loss)
+    gained = gain(state.fitted, chosen.fitted)
+    if gained.total <= max(gained.error, least_gain(state.fitted, _LEAST_GAIN)):
+        return None
+    return with_part(state, place, chosen)
+
+
+def with_part(state: Selection, place: int, chosen: Trial) -> Selection:
+    """The trial's start as one more part of an effect that is there."""
+    effect = state.accepted[place]
+    whole = effect._replace(parts=(*effect.parts, fitted_start(chosen)))
+    accepted = (*state.accepted[:place], whole, *state.accepted[place + 1 :])
+    fits = {**state.fits, state.base: chosen.fitted}
+    return settled(fits, accepted, state.ranking)._replace(thresholds=state.thresholds)
+
+
+def fitted_start(chosen: Trial) -> Effect:
+    """What a trial has added, with the parameters of its fit."""
+    start = chosen.score.start
+    order = in_order((*chosen.score.seen_in.effects, start))
+    return chosen.fitted.effects[next(at for at, one in enumerate(order) if one is start)]
+
+
+def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
+    """Every form of the columns of an effect that it does not have yet."""
+    columns = [
+        column
+        for column in problem.columns
+        if label_of(column, problem.measured) in effect.covariates
+    ]
+    if effect.family == "slip velocity":
+        columns = [column for column in problem.columns if column == "slip_velocity_mps"]
+    entries = [
+        entry
+        for kind in (Covariate, Spline, Threshold)
+        for column in columns
+        for entry in column_entries(kind, column, problem)
+    ]
+    if len(columns) == 2:
+        flat = {name: problem.flat[name] for name in columns}
+        entries += [
+            entry_of(effect.name, [dataclasses.replace(start, acts_on=acts_on)], problem)
+            for start in Interaction.starts(flat)
+            for acts_on in ACTS_ON
+        ]
+    for start in _harmonics(effect.parts, problem):
+        entries.append(entry_of(f"periodic:{start.column}", [start], problem))
+    there = {_form(part) for part in effect.parts}
+    return [entry for entry in entries if entry.starts and _form(entry.starts[0]) not in there]
+
+
+def _harmonics(parts: Sequence[Effect], problem: Problem) -> list[Periodic]:
+    first = parts[0]
+    if isinstance(first, RailJoint) and "position_m" in problem.columns:
+        column, frequency, own = "position_m", 1 / float(first.length), 2
+    elif isinstance(first, WheelOrder) and "wheel_angle_rad" in problem.columns:
+        column, frequency, own = "wheel_angle_rad", float(first.order) / 6.283185307179586, 2
+    elif isinstance(first, Periodic):
+        column, frequency, own = first.column, float(first.frequency), 1
+    else:
+        return []
+    known = [float(part.frequency) for part in parts[1:] if isinstance(part, Periodic)]
+    return [
+        Periodic(0.01, 0.01, number * frequency, column=column)
+        for number in _HARMONICS
+        if number > own and all(abs(one / frequency - number) > 0.2 for one in known)
+    ]
+
+
+def _form(effect: Effect) -> tuple[object, ...]:
+    """What tells one part from another: its kind, its columns, what it acts on."""
+    words = [
+        getattr(effect, field.name)
+        for field in dataclasses.fields(effect)
+        if field.name not in effect.PARAMETERS
+    ]
+    frequency = round(float(effect.frequency), 9) if isinstance(effect, Periodic) else 0.0
+    return (type(effect), *words, frequency)
