@@ -15,6 +15,9 @@ from adhesion_jax.discovery.state import Selection
 #: Values of a column, and seconds after a step, that are shown.
 _GRID, _SECONDS = 80, 10.0
 
+#: Draws of the parameters for a band, a multiple of PROBES.
+_DRAWS = 64
+
 #: Conditions that are functions of the measured column that they stand for.
 _FUNCTIONS = {"temperature_C", "lateral_measure"}
 
@@ -46,8 +49,8 @@ def _draws(state: Selection, seed: int) -> np.ndarray:
     matrix = covariance(fitted)
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    noise = np.random.default_rng([seed, 23]).standard_normal((PROBES - 1, matrix.shape[0]))
-    drawn = np.tile(fitted.values, (PROBES, 1))
+    noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS - 1, matrix.shape[0]))
+    drawn = np.tile(fitted.values, (_DRAWS, 1))
     drawn[1:, list(fitted.places)] += noise @ root.T
     return drawn
 
@@ -68,7 +71,7 @@ def _over(
             by_grid = np.interp(grid, values[order], problem.flat[condition][order])
             moved[condition] = np.resize(by_grid, shape)
     factors = _factors(state, parts, draws, moved)
-    factors = factors.reshape(PROBES, -1)[:, :size]
+    factors = factors.reshape(_DRAWS, -1)[:, :size]
     unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
     return _banded(name, column, unit, grid, factors)
 
@@ -103,8 +106,14 @@ def _factors(
 
     def adhesion(kind: np.ndarray) -> np.ndarray:
         models = [Model(*model)._replace(values=values, kind=kind) for values in draws]
-        stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *models)
-        return np.asarray(changes(stacked, data, np.zeros(data.slip.shape)))
+        nothing = np.zeros(data.slip.shape)
+        found = []
+        for first in range(0, _DRAWS, PROBES):
+            stacked = jax.tree.map(
+                lambda *leaves: np.stack(leaves), *models[first : first + PROBES]
+            )
+            found.append(np.asarray(changes(stacked, data, nothing)))
+        return np.concatenate(found)
 
     plain = adhesion(np.zeros_like(kind))
     return adhesion(kind) / np.where(plain == 0, 1.0, plain)

@@ -15,9 +15,10 @@ from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Findings
 from adhesion_jax.discovery.fitting import Fitted, Setting, squares
 from adhesion_jax.discovery.judgement import doubtful, vetoed
+from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.model.noise import white_noise
-from adhesion_jax.discovery.model.slip import noise_of_slip, roughness
+from adhesion_jax.discovery.model.slip import felt_in_adhesion, noise_of_slip, roughness
 from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.discovery.scans import torsion
 from adhesion_jax.discovery.screening import compile_changes
@@ -183,6 +184,9 @@ def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Ma
     adhesion = np.asarray(problem.data.adhesion)
     sigma = 0.1 * float(np.sqrt(np.mean(adhesion[weight > 0] ** 2)))
     white = Setting(problem, white_noise(weight, max(sigma, 1e-12)), adhesion)
+    if problem.slip_noise is not None:
+        plain = [name for name in bases if not BASES[name].NEEDS]
+        white = felt_in_adhesion(problem, white.noise, plain or bases)
     with ThreadPoolExecutor(1) as pool:
         # Compiling the two programs is most of a first search: let them be compiled side by side.
         compiled = pool.submit(compile_changes, white, bases[0])

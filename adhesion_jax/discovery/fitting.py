@@ -9,7 +9,6 @@ import jax
 import numpy as np
 
 from adhesion_jax.discovery.effects import Effect
-from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.model.noise import Noise, estimated
 from adhesion_jax.discovery.problem import Problem
@@ -130,25 +129,15 @@ def own_noise(fitted: Fitted) -> Setting:
     setting = fitted.setting
     problem = setting.problem
     residual = np.asarray(problem.data.adhesion) - fitted.adhesion
-    noise = setting.noise
-    if problem.slip_noise is not None:
-        slope = slope_of(fitted)
-        before = np.roll(slope, 1, axis=1)
-        variance, covariance = problem.slip_errors
-        noise = noise._replace(variance=slope**2 * variance, covariance=slope * before * covariance)
-    return Setting(problem, noise_of(problem, noise, residual, fitted.adhesion), fitted.adhesion)
+    return Setting(
+        problem, noise_of(problem, setting.noise, residual, fitted.adhesion), fitted.adhesion
+    )
 
 
 def noise_of(problem: Problem, start: Noise, residual: np.ndarray, level: np.ndarray) -> Noise:
     """The noise of greatest likelihood for a residual of a campaign, with what `start` fixes."""
     in_order = problem.in_time or not problem.blocks
     return estimated(start, residual, level, in_order, not problem.blocks)
-
-
-def slope_of(fitted: Fitted) -> np.ndarray:
-    """The change of the prediction with the size of the slip, [runs, points]."""
-    step = 1e-6
-    return raw_changes(fitted, [SlipBias(bias=step)])[0] / step
 
 
 def raw_changes(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:

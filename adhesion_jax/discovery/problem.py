@@ -50,7 +50,7 @@ class Problem(NamedTuple):
     measured: frozenset[str]  # columns as given
     units: np.ndarray  # [runs, points]: the numbers of stretches that are taken for independent
     slip_noise: SlipNoise | None  # what the slip has been corrected for
-    slip_errors: tuple[np.ndarray, np.ndarray]  # variance and covariance of what is left of it
+    slip_errors: tuple[np.ndarray, np.ndarray]  # its variance, and covariance with the point before
     terms: dict[Effect, np.ndarray]  # filled as they are asked for: functions of the columns
 
 

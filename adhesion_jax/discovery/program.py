@@ -22,7 +22,7 @@ from adhesion_jax.discovery.law import BASES, KINDS
 from adhesion_jax.discovery.model.noise import Noise, determinant, whitened
 
 #: `changes` takes this many models at a time, so that every campaign uses the same program.
-PROBES = 64
+PROBES = 16
 
 _BASE_SIZE = max(len(curve.free) for curve in BASES.values())
 _EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())

@@ -78,15 +78,15 @@ def expected_slip(
     step = jnp.diff(time, prepend=time[:1])
     spread = noise.sigma / conditions[noise.falls_with] if noise.falls_with else noise.sigma
     error = jnp.broadcast_to(spread, slip.shape) ** 2 + 1e-16
+    density = jnp.asarray(noise.roughness) ** 2
     new = (step > 0).at[0].set(True)
-    density = noise.roughness**2
 
     def filtered(state: tuple[Array, Array], now: tuple) -> tuple[tuple[Array, Array], tuple]:
         mean, spread = state
         dt, measured, variance, counts = now
         move = jnp.array([[1.0, dt], [0.0, 1.0]])
-        drive = density * jnp.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        ahead, wide = move @ mean, move @ spread @ move.T + drive + 1e-18 * jnp.eye(2)
+        pushed = density * jnp.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        ahead, wide = move @ mean, move @ spread @ move.T + pushed + 1e-18 * jnp.eye(2)
         innovation, width = measured - ahead[0], wide[0, 0] + variance
         gain = jnp.where(counts, wide[:, 0] / width, 0.0)
         kept = wide - jnp.outer(gain, wide[0])
@@ -108,11 +108,11 @@ def expected_slip(
 
     last = means[-1], spreads[-1]
     known = (means[:-1], spreads[:-1], ahead[1:], wide[1:], moves[1:])
-    _, (values, variances, covariances) = jax.lax.scan(smoothed, last, known, reverse=True)
-    # The first point that counts is what a diffuse start is conditioned on.
+    _, (values, variances, shared) = jax.lax.scan(smoothed, last, known, reverse=True)
     return ExpectedSlip(
         jnp.concatenate([values, means[-1:, 0]]),
         jnp.maximum(jnp.concatenate([variances, spreads[-1:, 0, 0]]), 0.0),
-        jnp.concatenate([jnp.zeros(1), covariances]),
+        jnp.concatenate([jnp.zeros(1), shared]),
+        # The first point is what the diffuse start is conditioned on.
         told[1:].sum(),
     )

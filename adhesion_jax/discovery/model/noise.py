@@ -204,7 +204,8 @@ def _with_slip(
     def loss(at: np.ndarray) -> float:
         return _half_deviance(noise_at(at), residual, level)
 
-    calm = residual[(start.weight > 0) & (start.variance <= np.median(start.variance))]
+    inside = start.weight > 0
+    calm = residual[inside & (start.variance <= np.median(start.variance[inside]))]
     first = np.log(max(float(np.sqrt(np.mean(calm**2))), 1e-12))
     begun = np.array([first, -1.0, -6.0])
     known = float(start.sigma) > 0 and float(start.autocorrelation) > 0

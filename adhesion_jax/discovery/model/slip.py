@@ -1,6 +1,6 @@
 """Noise of the slip signal: how large it is, and whether adhesion follows the slip without it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -8,11 +8,13 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 
-from adhesion_jax.discovery.bases import bic
+from adhesion_jax.discovery.bases import bic, first_fits
+from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.slip_noise import SlipNoise
 from adhesion_jax.discovery.findings import Interval
-from adhesion_jax.discovery.fitting import Fitted
-from adhesion_jax.discovery.problem import expected_slips
+from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest, raw_changes
+from adhesion_jax.discovery.model.noise import Noise
+from adhesion_jax.discovery.problem import Problem, expected_slips
 from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
@@ -21,8 +23,14 @@ _FALLS_WITH = ("vehicle_speed_mps", "")
 #: Noise of the slip is looked into where it moves adhesion by this share of the noise of adhesion.
 _MATTERS = 0.1
 
-#: The log likelihood of adhesion must rise by this much, and be as sure as this p.
-_LEAST_GAIN, _SURE = 6.0, 0.002
+#: The likelihood ratio of adhesion, for the two parameters of the slip, must be as sure as this p.
+_SURE = 1e-4
+
+#: How often slope and weights are found in turns, and the change of slip that shows the slope.
+_WEIGHTINGS, _NUDGE = 4, 1e-6
+
+#: The share of the points that is kept whatever the noise of their slip.
+_LEAST_KEPT = 0.1
 
 #: Steps of log sigma and log roughness for second differences of the likelihood.
 _STEP = 0.02
@@ -94,20 +102,51 @@ def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Ro
     return Roughness(plain, interval), float(best.fun)
 
 
+def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> Setting:
+    """The noise with what the errors of the expected slip make of adhesion, where that is little.
+
+    By the slope of the likeliest of some curves, found in turns with its own weights and then kept:
+    were it that of each model, a model could make room for its errors by a slope of its own.
+    (Variance function by a preliminary estimate: Carroll and Ruppert 1988, chapter 3.) Points where
+    the slip adds more than the noise of adhesion itself are left out: there the curve bends within
+    the error of the slip, and the errors of neighbours are one.
+    """
+    variance, covariance = problem.slip_errors
+    adhesion = np.asarray(problem.data.adhesion)
+    fitted_to = noise.weight
+    # As if white: what the slip leaves undone between events would else pass for slow noise.
+    pilot = problem._replace(blocks=True, in_time=False)
+    for _ in range(_WEIGHTINGS):
+        fits = first_fits(Setting(pilot, noise, adhesion), curves)
+        fitted = min(fits.values(), key=lambda fitted: fitted.total)
+        slope = raw_changes(fitted, [SlipBias(bias=_NUDGE)])[0] / _NUDGE
+        last = np.concatenate([slope[:, :1], slope[:, :-1]], axis=1)
+        extra = slope**2 * variance
+        sigma = float(fitted.setting.noise.sigma)
+        kept = extra <= max(sigma**2, float(np.quantile(extra[fitted_to > 0], _LEAST_KEPT)))
+        noise = fitted.setting.noise._replace(
+            weight=fitted_to * kept,
+            variance=extra * kept,
+            covariance=slope * last * covariance * kept,
+        )
+    return Setting(problem._replace(points=problem.points * kept), noise, adhesion)
+
+
 def noise_of_slip(
     rough: Roughness, exact: Mapping[str, Fitted], corrected: Mapping[str, Fitted]
 ) -> NoisySlip | None:
     """Whether adhesion follows the slip to be expected rather than the one measured.
 
-    By the log likelihood of adhesion with the best curve on either, and the scatter over runs of
-    what it gains.
+    By the likelihood of adhesion with the best curve on either.
     """
     measured, expected = (min(fits.values(), key=bic) for fits in (exact, corrected))
-    gains = measured.loss + measured.determinant - expected.loss - expected.determinant
-    gains = gains[gains != 0]
-    if gains.size < 2 or gains.sum() < _LEAST_GAIN:
-        return None
-    p = float(stats.norm.sf(gains.sum() / (np.sqrt(gains.size) * np.std(gains, ddof=1))))
+    # Of the points of the second: the first is fitted to them anew.
+    setting = measured.setting
+    noise = setting.noise._replace(weight=expected.setting.noise.weight)
+    values = measured.base_values.tolist()
+    same = likeliest(setting._replace(noise=noise), measured.base, values, ())
+    gained = same.total - expected.total
+    p = float(stats.chi2.sf(2 * max(gained, 0.0), 2))
     if p > _SURE:
         return None
     inside = np.asarray(expected.setting.noise.weight) > 0
