@@ -31,6 +31,13 @@ from experiments.command import output_directory, run
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
 @click.option(
+    "--slip-noise",
+    type=click.FloatRange(min=0, min_open=True),
+    default=None,
+    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
+    "vehicle speed); by default it is estimated.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     default=Path("out/discover"),
@@ -43,6 +50,7 @@ def main(
     base: str,
     seed: int,
     planted: str | None,
+    slip_noise: float | None,
     out: Path,
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
@@ -70,7 +78,14 @@ def main(
         runs = read_runs(_paths(train))
         test = matching(runs, read_runs(_paths(tests))) if tests else None
         findings = discover(
-            runs, test, base, seed, progress, source=", ".join(train), citation=_citation(train)
+            runs,
+            test,
+            base,
+            seed,
+            progress,
+            source=", ".join(train),
+            citation=_citation(train),
+            slip_noise=slip_noise,
         )
         progress("writing the report", 0.97)
         with staged(out, DISCOVERY_FILES) as stage:

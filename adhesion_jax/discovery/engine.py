@@ -12,18 +12,19 @@ from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits
 from adhesion_jax.discovery.conditions import calendar_of
-from adhesion_jax.discovery.findings import Findings
+from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
 from adhesion_jax.discovery.fitting import Fitted, Setting, squares
-from adhesion_jax.discovery.judgement import doubtful, vetoed
+from adhesion_jax.discovery.judgement import doubtful, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.model.slip import felt_in_adhesion, noise_of_slip, roughness
-from adhesion_jax.discovery.problem import Problem, prepare
+from adhesion_jax.discovery.problem import Problem, label_of, prepare
 from adhesion_jax.discovery.scans import torsion
 from adhesion_jax.discovery.screening import compile_changes
-from adhesion_jax.discovery.selection import search
-from adhesion_jax.discovery.state import Selection, settled
+from adhesion_jax.discovery.search.second_opinion import second_opinion
+from adhesion_jax.discovery.selection import look_again, search
+from adhesion_jax.discovery.state import Selection, parts_of, settled
 from adhesion_jax.discovery.summary import summarise
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -85,14 +86,15 @@ def discover(
         if noise is not None or slip_noise is not None:
             fits = expected
     entries = library_of(min(fits.values(), key=bic).setting.problem)
+    state = settled(fits, (), ())
     for _ in range(_SEARCHES):
-        state = search(fits, entries, seed, progress)
+        state = search(state, entries, seed, progress)
         progress("judging what was found", 0.75)
-        doubts: Sequence[str] = ()
+        doubts: Sequence[Doubt] = ()
         if base == "auto" and bases != ("level",):
             state, doubts = doubtful(state)
         state, rejected = vetoed(state, held_out, seed)
-        warnings += [word for word in (*doubts, *rejected.values()) if word not in warnings]
+        warnings += [word for word in rejected.values() if word not in warnings]
         if not rejected:
             break
         # What was rejected may have stood in the way of its like.
@@ -101,6 +103,13 @@ def discover(
     line = None if noisy else torsion(state.fitted)
     progress("fitting all runs", 0.85)
     final = _on_all_runs(state)
+    opinion = opinion_of(final, seed)
+    if opinion is not None and opinion.columns:
+        again, _ = vetoed(look_again(state, opinion.columns, seed), held_out, seed)
+        if parts_of(again.accepted) != parts_of(state.accepted):
+            final = _on_all_runs(again)
+            opinion = opinion_of(final, seed)
+    doubts = (*doubts, *undecided(final))
     plain = _on_all_runs(Selection(exact, min(exact, key=lambda n: bic(exact[n])), (), ()))
     if final.accepted:
         bare = settled(final.fits, (), ())
@@ -123,6 +132,8 @@ def discover(
         final=final,
         line=line,
         warnings=warnings,
+        doubts=doubts,
+        opinion=opinion,
         seed=seed,
         source=source,
         citation=citation,
@@ -176,6 +187,24 @@ def _held_out(problem: Problem, seed: int) -> np.ndarray:
     runs = problem.points.shape[0]
     chosen = np.random.default_rng([seed, 7]).permutation(runs)[: round(_HELD_OUT * runs)]
     return np.isin(np.arange(runs), chosen)
+
+
+def opinion_of(state: Selection, seed: int) -> Opinion | None:
+    """What boosted trees see in the residual of a law; of blocks of one run nothing is asked."""
+    problem = state.setting.problem
+    if problem.blocks:
+        return None
+    inside = np.asarray(state.setting.noise.weight) > 0
+    slip = np.asarray(problem.data.slip)[inside]
+    columns = np.asarray(problem.data.columns)
+    features = {
+        label_of(name, problem.measured): columns[place][inside]
+        for place, name in enumerate(problem.columns)
+    }
+    own = {"slip_ratio": np.abs(slip), "mode": np.sign(slip)}
+    residual = (np.asarray(problem.data.adhesion) - state.fitted.adhesion)[inside] * np.sign(slip)
+    runs = np.nonzero(inside)[0]
+    return second_opinion({**features, **own}, residual, runs, tuple(own), seed)
 
 
 def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Mapping[str, Fitted]:

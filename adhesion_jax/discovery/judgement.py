@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from adhesion_jax.discovery.findings import Doubt
 from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest, noise_of
 from adhesion_jax.discovery.model.noise import determinant
-from adhesion_jax.discovery.screening import in_noise_units
+from adhesion_jax.discovery.screening import SIGNIFICANT, in_noise_units
 from adhesion_jax.discovery.state import Accepted, Selection, parts_of, without
 
 #: Effects of the slip alone: what the wrong base curve leaves looks like one of them.
@@ -17,9 +18,9 @@ _OF_SHAPE = ("slip_bias", "torque_offset")
 _SURE = 8.0
 
 
-def doubtful(state: Selection) -> tuple[Selection, Sequence[str]]:
-    """Without the effects of slip alone that another base curve makes needless, and sentences."""
-    words = []
+def doubtful(state: Selection) -> tuple[Selection, Sequence[Doubt]]:
+    """Without the effects of slip alone that another base curve makes needless; these as doubts."""
+    doubts = []
     for effect in state.accepted:
         if not _of_slip_alone(state, effect):
             continue
@@ -28,14 +29,53 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[str]]:
             values = fitted.base_values.tolist()
             less = likeliest(fitted.setting, base, values, parts_of(rest))
             if less.total - fitted.total < _SURE:
-                but = "too little" if base == state.base else f"hardly that of {base}"
-                words.append(
-                    f"The shape of the base curve is in doubt: {effect.name} would improve the fit "
-                    f"of {state.base}, but {but}; it is not counted as an effect."
-                )
+                doubts.append(_doubt(effect.name, state.base, base))
                 state = without(state, rest)
                 break
-    return state, words
+    return state, doubts
+
+
+def _doubt(name: str, base: str, other: str) -> Doubt:
+    """An effect that improves one curve and hardly another, and what would tell."""
+    names = _OF_SHAPE if name in _OF_SHAPE else (name,)
+    what = "A bias of the slip or of the torque" if name in _OF_SHAPE else f"An effect of {name}"
+    but = "too little to be sure" if base == other else f"hardly that of {other}"
+    tell = (
+        "Runs in traction and in braking, and runs with slips near zero, would tell them apart: "
+        "a bias moves the two branches of the curve against each other at zero slip, a shape does "
+        "not."
+        if name in _OF_SHAPE
+        else "Runs of the same slips at different speeds would tell them apart."
+    )
+    return Doubt(
+        names,
+        f"{what}, or another shape of the curve: {name} would improve the fit of {base}, but "
+        f"{but}; it is not counted as an effect. {tell}",
+    )
+
+
+def undecided(state: Selection) -> tuple[Doubt, ...]:
+    """The strongest candidate that stood out of the residual at last and yet did not become one."""
+    last = [row for row in state.ranking if row.round == state.ranking[-1].round]
+    taken = {member for effect in state.accepted for member in effect.members}
+    standing = [
+        row
+        for row in last
+        if row.p_adjusted <= SIGNIFICANT and np.isfinite(row.gain) and row.name not in taken
+    ]
+    if not standing or any(row.decision == "accepted" for row in last):
+        return ()
+    row = max(standing, key=lambda row: row.gain)
+    return (
+        Doubt(
+            (row.name,),
+            f"{row.name} stands out of the residual (adjusted p = {row.p_adjusted:.2g}), but taken "
+            "into the law it does not raise the likelihood of runs left out by enough "
+            f"({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not counted as an "
+            "effect. It may be weak, or stand for something that has no column here; more runs in "
+            "which it varies would tell.",
+        ),
+    )
 
 
 def _of_slip_alone(state: Selection, effect: Accepted) -> bool:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.conditions import ANGLES, TEMPERATURES, Calendar, completed
-from adhesion_jax.discovery.effects import EFFECTS, Effect
+from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip
 from adhesion_jax.discovery.program import Data
 from adhesion_jax.records import Record
@@ -51,7 +51,9 @@ class Problem(NamedTuple):
     units: np.ndarray  # [runs, points]: the numbers of stretches that are taken for independent
     slip_noise: SlipNoise | None  # what the slip has been corrected for
     slip_errors: tuple[np.ndarray, np.ndarray]  # its variance, and covariance with the point before
-    terms: dict[Effect, np.ndarray]  # filled as they are asked for: functions of the columns
+    terms: dict[
+        tuple[object, ...], np.ndarray
+    ]  # filled as they are asked for: functions of the columns
 
 
 def label_of(column: str, measured: frozenset[str]) -> str:

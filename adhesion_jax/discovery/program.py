@@ -7,7 +7,7 @@ parameters to a number of columns of the Jacobian; what is padded is held.
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -33,6 +33,16 @@ _NAMES = tuple(KINDS)
 _SHAPES = tuple(name for name in _NAMES if issubclass(KINDS[name], ShapeTerm))
 _BENDING = tuple(name for name in _NAMES if KINDS[name].ORDER == 0 and name != "slip_noise")
 _AFTER = tuple(name for name in _NAMES if name not in (*_SHAPES, "slip_noise"))
+
+
+_PLACES = {kind: place for place, kind in enumerate(KINDS.values())}
+
+
+@cache
+def _words(kind: type[Effect]) -> tuple[str, ...]:
+    """The fields of an effect that name columns."""
+    names = (field.name for field in dataclasses.fields(kind))
+    return tuple(name for name in names if name not in (*kind.PARAMETERS, "acts_on"))
 
 
 def _branches(names: Sequence[str]) -> Array:
@@ -123,12 +133,8 @@ def pack(
     described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
     lower, upper = [one.lower for one in described], [one.upper for one in described]
     for slot, effect in enumerate(effects):
-        kind[slot] = 1 + list(KINDS.values()).index(type(effect))
-        named = [
-            getattr(effect, field.name)
-            for field in dataclasses.fields(effect)
-            if field.name not in (*effect.PARAMETERS, "acts_on")
-        ]
+        kind[slot] = 1 + _PLACES[type(effect)]
+        named = [getattr(effect, name) for name in _words(type(effect))]
         column[slot, : len(named)] = [columns.index(name) for name in named]
         if isinstance(effect, ShapeTerm):
             column[slot, 2] = ACTS_ON.index(effect.acts_on)
@@ -181,13 +187,8 @@ def _adhesion(
 
     def effect(name: str, parameters: Array) -> Any:
         named = KINDS[name]
-        places = [
-            f.name
-            for f in dataclasses.fields(named)
-            if f.name not in (*named.PARAMETERS, "acts_on")
-        ]
         numbers = {key: parameters[place] for place, key in enumerate(named.PARAMETERS)}
-        return named(**numbers, **dict(zip(places, ("first", "second"), strict=False)))
+        return named(**numbers, **dict(zip(_words(named), ("first", "second"), strict=False)))
 
     def seen(slot: Array) -> Conditions:
         return {

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import jax
@@ -295,18 +296,24 @@ def _added(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
     changed = dict(zip(ACTS_ON, raw_changes(fitted, constants) / step, strict=True))
     for place, probe in enumerate(probes):
         if isinstance(probe, ShapeTerm):
-            term = _term(fitted.setting.problem, dataclasses.replace(probe, acts_on="level"))
-            found[place] = changed[probe.acts_on] * term
+            found[place] = changed[probe.acts_on] * _term(fitted.setting.problem, probe)
     return found
 
 
 def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
     """The function of the columns that a term is, [runs, points]; kept, for no fit changes it."""
-    if probe not in problem.terms:
+    key = (type(probe), *(getattr(probe, field) for field in _fields(type(probe))))
+    if key not in problem.terms:
         columns = np.asarray(problem.data.columns)
         conditions = {name: columns[place] for place, name in enumerate(problem.columns)}
-        problem.terms[probe] = np.asarray(probe.log_factor(conditions))
-    return problem.terms[probe]
+        problem.terms[key] = np.asarray(probe.log_factor(conditions))
+    return problem.terms[key]
+
+
+@cache
+def _fields(kind: type[ShapeTerm]) -> tuple[str, ...]:
+    """The fields that the function of a term depends on: all but what it acts on."""
+    return tuple(field.name for field in dataclasses.fields(kind) if field.name != "acts_on")
 
 
 def compile_changes(setting: Setting, base: str) -> None:

@@ -1,13 +1,20 @@
 """Which effects a law lacks: one is accepted at a time, refitted jointly with all the others."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
 from scipy import stats
 
 from adhesion_jax.discovery.bases import bic, refits
-from adhesion_jax.discovery.effects import EFFECTS, Effect
+from adhesion_jax.discovery.effects import (
+    EFFECTS,
+    Covariate,
+    Effect,
+    Interaction,
+    Spline,
+    Threshold,
+)
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
     Fitted,
@@ -19,10 +26,10 @@ from adhesion_jax.discovery.fitting import (
     side_by_side,
 )
 from adhesion_jax.discovery.law import BASES, kind_of
-from adhesion_jax.discovery.library import Entry, entry_of
-from adhesion_jax.discovery.problem import Problem
+from adhesion_jax.discovery.library import Entry, column_entries, entry_of
+from adhesion_jax.discovery.problem import Problem, label_of
 from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
-from adhesion_jax.discovery.screening import SIGNIFICANT, Score, seen
+from adhesion_jax.discovery.screening import SIGNIFICANT, Score, screen, seen
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.state import Accepted, Selection, parts_of, settled, without
 from adhesion_jax.discovery.trials import Trial, choose, class_of, ranked, shortlisted, tied, tried
@@ -41,18 +48,19 @@ _ALWAYS_THERE = ("slip_ratio", "slip_velocity_mps", "vehicle_speed_mps", "time_s
 
 
 def search(
-    fits: Mapping[str, Fitted],
+    first: Selection,
     entries: Sequence[Entry],
     seed: int,
     progress: Callable[[str, float], None],
 ) -> Selection:
     """Accepts effects until none is left that is significant and lowers the held-out loss."""
-    first = state = settled(fits, (), ())
+    state = first
     chosen_on = first.base
     pairs = products(first.setting.problem)
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
-        scores = seen(state.fitted, _open(entries, state), seed + number)
+        look = seen if number == 0 else screen
+        scores = look(state.fitted, _open(entries, state), seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         found = _next(state, scores, SIGNIFICANT, number)
@@ -64,7 +72,7 @@ def search(
         if not _grown(found, state):
             state = found
             break
-        if number == 0:
+        if not first.accepted and number == 0:
             found, chosen_on = _plainer(found, first, entries, seed)
         found = refined(found, seed)
         state = _pruned(found)
@@ -111,7 +119,7 @@ def _reconsidered(
     for effect in state.accepted:
         rest = tuple(other for other in state.accepted if other.name != effect.name)
         start = state._replace(fits=refits(state.fits, parts_of(rest)), accepted=rest)
-        scores = seen(start.fitted, _open(entries, start), seed)
+        scores = screen(start.fitted, _open(entries, start), seed)
         again = _next(start, scores, SIGNIFICANT, len(state.thresholds))
         if len(again.accepted) == len(state.accepted) and bic(again.fitted) < bic(state.fitted):
             state = refined(again, seed)
@@ -144,6 +152,29 @@ def _refitted(state: Selection, effects: Sequence[Effect]) -> Fitted:
     return likeliest(state.setting, state.base, state.fitted.base_values.tolist(), effects)
 
 
+def look_again(state: Selection, columns: Sequence[str], seed: int) -> Selection:
+    """One more effect of some columns, in any form of one or two of them, where one is accepted.
+
+    The columns are those that a general method needs to predict the residual: p is adjusted for
+    the forms of these columns alone.
+    """
+    problem = state.setting.problem
+    places = [name for name in problem.columns if label_of(name, problem.measured) in columns]
+    flat = {name: problem.flat[name] for name in places}
+    entries = [
+        entry
+        for kind in (Covariate, Spline, Threshold)
+        for column in places
+        for entry in column_entries(kind, column, problem)
+    ]
+    entries += [entry for entry in products(problem) if {*entry.covariates} <= {*columns}]
+    for start in Interaction.starts(flat):
+        pair = "*".join(label_of(name, problem.measured) for name in (start.first, start.second))
+        entries.append(entry_of(f"product:{pair}", [start], problem))
+    found = _next(state, screen(state.fitted, entries, seed), SIGNIFICANT, len(state.thresholds))
+    return refined(found, seed) if _grown(found, state) else state
+
+
 def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
     """What may still be accepted: no member of a class twice."""
     taken = {member for effect in state.accepted for member in (effect.name, *effect.members)}
@@ -154,7 +185,7 @@ def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
 def _scanned(state: Selection, pairs: Sequence[Entry], seed: int) -> Sequence[Score]:
     """Pairs of columns by score tests, waves by their coherence over runs."""
     open_pairs = _open(pairs, state)
-    scores = list(seen(state.fitted, open_pairs, seed)) if open_pairs else []
+    scores = list(screen(state.fitted, open_pairs, seed)) if open_pairs else []
     taken = [effect.name for effect in state.accepted]
     scores += [
         Score(entry, entry.starts[0], float(stats.norm.isf(p)), p, np.nan, state.fitted)

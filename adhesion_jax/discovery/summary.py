@@ -14,11 +14,20 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.alike import confounded, likenesses, proposals
 from adhesion_jax.discovery.cautions import absent, extrapolated, noise_words, untested
 from adhesion_jax.discovery.dependence import dependences
+from adhesion_jax.discovery.effects import Effect, ShapeTerm
 from adhesion_jax.discovery.errors_by_run import errors
-from adhesion_jax.discovery.findings import Errors, Findings, FoundEffect, Interval
+from adhesion_jax.discovery.findings import (
+    Doubt,
+    Errors,
+    Findings,
+    FoundEffect,
+    Interval,
+    Opinion,
+)
 from adhesion_jax.discovery.fitting import Fitted, covariance, fit_model, held_out_loss
 from adhesion_jax.discovery.law import BASES, CorrectedLaw, kind_of
 from adhesion_jax.discovery.library import library_of
+from adhesion_jax.discovery.model.noise import Noise
 from adhesion_jax.discovery.model.slip import NoisySlip
 from adhesion_jax.discovery.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.scans import Torsion
@@ -43,6 +52,8 @@ def summarise(
     slip_noise: NoisySlip | None,
     line: Torsion | None,
     warnings: Sequence[str],
+    doubts: Sequence[Doubt],
+    opinion: Opinion | None,
     seed: int,
     source: str,
     citation: str,
@@ -93,6 +104,9 @@ def summarise(
         final.thresholds,
         runs.slip,
         citation,
+        tuple(doubts),
+        opinion,
+        None if runs.blocks else _levels(runs, record, before, after, final.setting.noise),
     )
 
 
@@ -172,6 +186,38 @@ def _points(runs: RunSet, record: Record, before: np.ndarray, after: np.ndarray)
     return pd.DataFrame({**columns, **more})
 
 
+def _levels(
+    runs: RunSet, record: Record, before: np.ndarray, after: np.ndarray, noise: Noise
+) -> pd.DataFrame:
+    """The level of each run without and with the effects, relative to the prediction.
+
+    Least squares of the residual on the prediction; the error is that of the noise within a run,
+    whose points tell (1 - r)/(1 + r) times as much as independent ones.
+    """
+    mask = np.asarray(record.mask)
+    measured = np.asarray(record.adhesion)
+    levels = [
+        (np.where(mask, (measured - law) * law, 0.0).sum(1) / (law**2 * mask).sum(1))
+        for law in (before, after)
+    ]
+    r = float(noise.autocorrelation)
+    spread = float(noise.sigma) * np.sqrt((1 + r) / (1 - r))
+    columns = {
+        name: np.where(mask, np.asarray(values), 0.0).sum(1) / mask.sum(1)
+        for name, values in record.conditions.items()
+        if name != "run_order"
+    }
+    return pd.DataFrame(
+        {
+            "run": runs.names,
+            "before": levels[0],
+            "after": levels[1],
+            "error": spread / np.sqrt((after**2 * mask).sum(1)),
+            **columns,
+        }
+    )
+
+
 def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
     """What the effects do to the parameters of the curve below them."""
     rows: dict[str, dict[str, object]] = {}
@@ -206,7 +252,7 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
                 column = effect.covariates[0] if effect.covariates else ""
                 unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
                 units[prefix + name] = described.unit.replace("column", unit)
-        formula = (type(effect.parts[0]).__doc__ or "").strip().split("\n")[0].rstrip(".")
+        formula = _formula(effect.parts[0])
         found.append(
             FoundEffect(
                 effect.name,
@@ -218,9 +264,29 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
                 effect.p,
                 validation.after.value * float(np.sqrt(ratio)),
                 _sentence(effect),
+                acts_on(effect),
             )
         )
     return found
+
+
+#: What becomes of the curve mu(l) by a function g of columns.
+_BENT = {
+    "level": "mu exp(g)",
+    "slip": "mu(l exp(g))",
+    "fall": "mu_max - (mu_max - mu) exp(g) beyond the peak",
+}
+
+
+def acts_on(effect: Accepted) -> str:
+    """Which part of the curve an effect bends: that of its first part; the level if of none."""
+    first = effect.parts[0]
+    return first.acts_on if isinstance(first, ShapeTerm) else "level"
+
+
+def _formula(part: Effect) -> str:
+    written = (type(part).__doc__ or "").strip().split("\n")[0].rstrip(".")
+    return f"{_BENT[part.acts_on]}, {written}" if isinstance(part, ShapeTerm) else written
 
 
 def _sentence(effect: Accepted) -> str:

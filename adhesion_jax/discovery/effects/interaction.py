@@ -58,7 +58,7 @@ class Interaction(ShapeTerm):
         return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
+    def starts(cls, columns: Columns) -> Sequence["Interaction"]:
         ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
         return [
             cls(0.02, 0.0, 0.0, 0.0, *ends[one], *ends[other], one, other)

@@ -17,7 +17,7 @@ from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 from adhesion_jax.discovery.fitting import gain, in_order, least_gain
 from adhesion_jax.discovery.library import Entry, column_entries, entry_of
 from adhesion_jax.discovery.problem import Problem, label_of
-from adhesion_jax.discovery.screening import SIGNIFICANT, seen
+from adhesion_jax.discovery.screening import SIGNIFICANT, screen
 from adhesion_jax.discovery.state import Accepted, Selection, settled
 from adhesion_jax.discovery.trials import Trial, tried
 
@@ -52,7 +52,7 @@ def _with_a_part_more(state: Selection, place: int, seed: int) -> Selection | No
     entries = forms_of(effect, state.setting.problem)
     if not entries:
         return None
-    scores = [score for score in seen(state.fitted, entries, seed) if score.p <= SIGNIFICANT]
+    scores = [score for score in screen(state.fitted, entries, seed) if score.p <= SIGNIFICANT]
     trials = tried(state.fitted, scores[:_TRIED])
     if not trials:
         return None
