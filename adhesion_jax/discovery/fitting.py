@@ -24,7 +24,7 @@ from adhesion_jax.discovery.program import (
 )
 
 #: Sizes of the program: (slots, free parameters). The larger is compiled when it is needed.
-_SIZES = ((6, 24), (12, 60))
+_SIZES = ((8, 32), (12, 64))
 
 #: Folds of cross-validation: each run its own, up to this many.
 _FOLDS = 40
@@ -32,7 +32,7 @@ _FOLDS = 40
 
 #: Noise and fit are found in turns until the half deviance falls by less than this.
 _STANDS = 0.1
-_TURNS = 6
+_TURNS = 4
 
 
 A = TypeVar("A")

@@ -52,7 +52,7 @@ def settled(
     """Base curve and noise chosen anew for the effects there are."""
     fits = refits(fits, parts_of(accepted))
     base = min(fits, key=lambda name: bic(fits[name]))
-    return Selection(fits, base, _refreshed(accepted, fits[base].effects), tuple(ranking))
+    return Selection(fits, base, refreshed(accepted, fits[base].effects), tuple(ranking))
 
 
 def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
@@ -61,7 +61,7 @@ def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
     return less._replace(thresholds=state.thresholds)
 
 
-def _refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:
+def refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:
     """The parts with the parameters of a fit, whose effects are in another order."""
     old = parts_of(accepted)
     order = sorted(range(len(old)), key=lambda place: old[place].ORDER)

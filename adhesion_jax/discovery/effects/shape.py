@@ -17,7 +17,7 @@ from adhesion_jax.discovery.effects.base import Columns, Effect
 ACTS_ON = ("level", "slip", "fall")
 
 #: Slips among which the peak is looked for before a parabola refines it.
-_SLIPS = np.geomspace(1e-3, 10.0, 80)
+_SLIPS = np.geomspace(2e-3, 5.0, 32)
 
 
 class ShapeTerm(Effect):

@@ -12,16 +12,24 @@ from adhesion_jax.discovery.bases import bic, first_fits
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.slip_noise import SlipNoise
 from adhesion_jax.discovery.findings import Interval
-from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest, raw_changes
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Setting,
+    fit_model,
+    likeliest,
+    raw_changes,
+    squares,
+)
 from adhesion_jax.discovery.model.noise import Noise
-from adhesion_jax.discovery.problem import Problem, expected_slips
+from adhesion_jax.discovery.problem import Problem, expected_slips, prepare
 from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
 _FALLS_WITH = ("vehicle_speed_mps", "")
 
-#: Noise of the slip is looked into where it moves adhesion by this share of the noise of adhesion.
-_MATTERS = 0.1
+#: Noise of the slip is looked into where the expected slip leaves less than this share of the sum
+#: of squares.
+_MATTERS = 0.98
 
 #: The likelihood ratio of adhesion, for the two parameters of the slip, must be as sure as this p.
 _SURE = 1e-4
@@ -53,7 +61,7 @@ class NoisySlip(NamedTuple):
 
 
 def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness | None:
-    """The noise of greatest likelihood for the slip signal alone, where it would be felt.
+    """The noise of greatest likelihood for the slip signal alone, where adhesion may show it.
 
     The noise of the slip falls with the vehicle speed or does not, whichever is more likely; where
     a noise of the wheel speed in m/s is `given`, only the roughness of the true slip is sought.
@@ -65,13 +73,14 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
         names = names[:1]
     found, _ = min((_likeliest(record, name, given) for name in names), key=lambda one: one[1])
     expected = expected_slips(found.effect, record)
-    inside = np.asarray(fitted.setting.noise.weight) > 0
-    slip = np.asarray(record.slip)[inside]
-    moved = float(np.sqrt(np.mean((np.asarray(expected.slip)[inside] - slip) ** 2)))
-    # A curve fitted to noisy slip is too flat: a secant tells its rise better than its slope.
-    rise = np.median(np.abs(np.asarray(record.adhesion)[inside])) / np.median(np.abs(slip))
-    matters = moved * float(rise) > _MATTERS * float(fitted.setting.noise.sigma)
-    return found if matters or given is not None else None
+    if given is not None:
+        return found
+    setting = fitted.setting
+    corrected = prepare(record, setting.problem.calendar, setting.problem.blocks, found.effect)
+    again = fit_model(
+        setting._replace(problem=corrected), fitted.base, fitted.base_values.tolist(), ()
+    )
+    return found if squares(again) < _MATTERS * squares(fitted) else None
 
 
 def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
@@ -88,7 +97,7 @@ def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Ro
     scale = float(np.median(record.conditions[falls_with])) if falls_with else 1.0
     start = np.log([max(float(np.std(slip)), 1e-9), max(0.02 * float(np.std(slip)) * scale, 1e-9)])
     start = start if given is None else start[:1]
-    options = {"xatol": 0.01, "fatol": 0.01, "maxfev": 150}
+    options = {"xatol": 0.03, "fatol": 0.2, "maxfev": 80}
     best = minimize(loss, start, method="Nelder-Mead", options=options)
     effect_found = effect(best.x)
     sigma = float(effect_found.sigma)

@@ -18,11 +18,11 @@ from adhesion_jax.discovery.fitting import gain, in_order, least_gain
 from adhesion_jax.discovery.library import Entry, column_entries, entry_of
 from adhesion_jax.discovery.problem import Problem, label_of
 from adhesion_jax.discovery.screening import SIGNIFICANT, screen
-from adhesion_jax.discovery.state import Accepted, Selection, settled
+from adhesion_jax.discovery.state import Accepted, Selection, refreshed, settled
 from adhesion_jax.discovery.trials import Trial, tried
 
 #: How many parts an effect may have, and how many are refitted to choose the next.
-_MOST_PARTS, _TRIED = 5, 5
+_MOST_PARTS, _TRIED = 4, 3
 
 #: A part must lower the expected loss by this share of half the number of points.
 _LEAST_GAIN = 0.001
@@ -38,13 +38,18 @@ def refined(state: Selection, seed: int) -> Selection:
     p adjusted over all forms of them) and the prediction of runs left out gets better. What is
     found here belongs to the effect: it is no claim of its own.
     """
+    start = state
     for place in range(len(state.accepted)):
         while len(state.accepted[place].parts) < _MOST_PARTS:
             better = _with_a_part_more(state, place, seed)
             if better is None:
                 break
             state = better
-    return state
+    if state is start:
+        return state
+    # The other curves, which have waited for the form to stand.
+    whole = settled(state.fits, state.accepted, state.ranking)
+    return whole._replace(thresholds=state.thresholds)
 
 
 def _with_a_part_more(state: Selection, place: int, seed: int) -> Selection | None:
@@ -69,7 +74,7 @@ def with_part(state: Selection, place: int, chosen: Trial) -> Selection:
     whole = effect._replace(parts=(*effect.parts, fitted_start(chosen)))
     accepted = (*state.accepted[:place], whole, *state.accepted[place + 1 :])
     fits = {**state.fits, state.base: chosen.fitted}
-    return settled(fits, accepted, state.ranking)._replace(thresholds=state.thresholds)
+    return state._replace(fits=fits, accepted=refreshed(accepted, chosen.fitted.effects))
 
 
 def fitted_start(chosen: Trial) -> Effect:
