@@ -10,10 +10,10 @@ import numpy as np
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits
+from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, starts_under
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
-from adhesion_jax.discovery.fitting import Fitted, Setting, squares
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, squares
 from adhesion_jax.discovery.judgement import doubtful, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
@@ -110,9 +110,9 @@ def discover(
             final = _on_all_runs(again)
             opinion = opinion_of(final, seed)
     doubts = (*doubts, *undecided(final))
-    plain = _on_all_runs(Selection(exact, min(exact, key=lambda n: bic(exact[n])), (), ()))
+    plain = _by_least_squares(problem, bases)
     if final.accepted:
-        bare = settled(final.fits, (), ())
+        bare = _by_least_squares(final.setting.problem, bases)
         if squares(final.fitted) > _WORSE * squares(bare.fitted):
             names = " and ".join(effect.name for effect in final.accepted)
             warnings.append(
@@ -222,6 +222,25 @@ def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Ma
         fits = first_fits(white, bases)
         compiled.result()
     return fits
+
+
+def _by_least_squares(problem: Problem, bases: Sequence[str]) -> Selection:
+    """The best curve without effects, every point alike.
+
+    Where something is missing, noise is no noise, and a fit that allows for it may miss the data.
+    """
+    adhesion = np.asarray(problem.data.adhesion)
+    white = Setting(problem, white_noise(problem.points, float(np.std(adhesion))), adhesion)
+    some = [starts_under(white, base) for base in bases]
+    fits = {each[0].base: min(each, key=lambda fitted: fitted.total) for each in some}
+    # Under one noise for all the likelihood is that of the noise of the best.
+    sigma = np.sqrt(min(map(squares, fits.values())) / problem.points.sum())
+    best = white._replace(noise=white_noise(problem.points, max(float(sigma), 1e-12)))
+    fits = {
+        name: fit_model(best, name, fitted.base_values.tolist(), ())
+        for name, fitted in fits.items()
+    }
+    return Selection(fits, min(fits, key=lambda name: bic(fits[name])), (), ())
 
 
 def _on_all_runs(state: Selection) -> Selection:

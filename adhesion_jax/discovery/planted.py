@@ -10,7 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.discovery.effects import EFFECTS, Covariate, Effect, Periodic, Product
+from adhesion_jax.discovery.effects import (
+    EFFECTS,
+    Covariate,
+    Effect,
+    Periodic,
+    Product,
+    ShapeTerm,
+)
 from adhesion_jax.discovery.simulated_runs import Columns, Runs
 
 #: Causes that have no class in the catalogue.
@@ -229,4 +236,6 @@ def _after(
     slip: Float[Array, "runs points"],
     conditions: Conditions,
 ) -> Float[Array, "runs points"]:
+    if isinstance(effect, ShapeTerm):  # those planted here act on the level
+        return adhesion * jnp.exp(jax.vmap(effect.log_factor)(conditions))
     return jax.vmap(lambda *run: effect.after(*run))(adhesion, slip, conditions)

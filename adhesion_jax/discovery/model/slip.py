@@ -8,19 +8,18 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 
-from adhesion_jax.discovery.bases import bic, first_fits
+from adhesion_jax.discovery.bases import bic, first_fits, starts_under
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.slip_noise import SlipNoise
 from adhesion_jax.discovery.findings import Interval
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Setting,
-    fit_model,
     likeliest,
     raw_changes,
     squares,
 )
-from adhesion_jax.discovery.model.noise import Noise
+from adhesion_jax.discovery.model.noise import Noise, white_noise
 from adhesion_jax.discovery.problem import Problem, expected_slips, prepare
 from adhesion_jax.records import Record
 
@@ -72,15 +71,17 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     if given is not None:
         names = names[:1]
     found, _ = min((_likeliest(record, name, given) for name in names), key=lambda one: one[1])
-    expected = expected_slips(found.effect, record)
     if given is not None:
         return found
-    setting = fitted.setting
-    corrected = prepare(record, setting.problem.calendar, setting.problem.blocks, found.effect)
-    again = fit_model(
-        setting._replace(problem=corrected), fitted.base, fitted.base_values.tolist(), ()
-    )
-    return found if squares(again) < _MATTERS * squares(fitted) else None
+    problem = fitted.setting.problem
+    corrected = prepare(record, problem.calendar, problem.blocks, found.effect)
+    noise = white_noise(fitted.setting.noise.weight, float(fitted.setting.noise.sigma))
+
+    def left(problem: Problem) -> float:
+        setting = Setting(problem, noise, np.asarray(problem.data.adhesion))
+        return min(squares(start) for start in starts_under(setting, fitted.base))
+
+    return found if left(corrected) < _MATTERS * left(problem) else None
 
 
 def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
