@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.discovery.effects import EFFECTS, Spline
-from adhesion_jax.discovery.law import KINDS, with_effects
+from adhesion_jax.discovery.law import BASES, KINDS, with_effects
 
 BARE = CURVES["burckhardt"]
 POINT = {
@@ -218,41 +218,55 @@ def test_waves_have_their_length_and_order():
     np.testing.assert_allclose(after(wave, np.ones(40), {"gap": x}), 1 + 0.1 * np.sin(phase))
 
 
-def test_slip_noise_takes_the_mean_of_neighbours():
-    draw = np.random.default_rng(2)
-    time = 0.1 * np.arange(200)
-    noise = draw.normal(0, 1e-3, 200)
-    effect = EFFECTS["slip_noise"](k=1.0, width=0.4)
-    conditions = {"time_s": jnp.asarray(time)}
-    # A straight line stays one, and of white noise is left sqrt(sum w^2)/sum w.
-    line = 0.02 + 0.003 * time
-    np.testing.assert_allclose(effect.before(jnp.asarray(line), conditions), line, rtol=1e-10)
-    left = np.asarray(effect.before(jnp.asarray(line + noise), conditions)) - line
-    weight = np.exp(-0.5 * (0.1 * np.arange(-12, 13) / 0.4) ** 2)
-    kernel = np.convolve(noise, weight / weight.sum(), mode="same")
-    np.testing.assert_allclose(left[12:-12], kernel[12:-12], atol=1e-12)
+def factors_of(term, conditions):
+    """What a term makes of a law that is one everywhere."""
+    one = next(iter(conditions.values()))
+    flat = dataclasses.replace(BASES["level"], level=1.0)
+    found = with_effects(flat, (term,), 1 + 0 * one, conditions)
+    return np.asarray(found)
 
 
 def test_a_spline_is_the_natural_cubic_spline_through_its_knots():
     effect = Spline(0.5, -0.8, 1.1, 0.4, -0.6, low=2.0, high=7.0, column="wear")
     knots = np.linspace(2.0, 7.0, 6)
-    heights = after(effect, np.ones(6), {"wear": jnp.asarray(knots)})
+    heights = np.log(factors_of(effect, {"wear": jnp.asarray(knots)}))
     assert np.ptp(heights) > 0.1
     between = np.linspace(2.0, 7.0, 101)
-    found = after(effect, np.ones(101), {"wear": jnp.asarray(between)})
+    found = np.log(factors_of(effect, {"wear": jnp.asarray(between)}))
     expected = CubicSpline(knots, heights, bc_type="natural")(between)
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
-    outside = after(effect, np.ones(2), {"wear": jnp.array([-5.0, 90.0])})
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-14)
+    outside = np.log(factors_of(effect, {"wear": jnp.array([-5.0, 90.0])}))
     np.testing.assert_allclose(outside, heights[[0, -1]], rtol=1e-12)
 
 
-def test_plain_columns_and_products_are_linear():
+def test_plain_columns_and_products_are_linear_in_the_logarithm():
     one = KINDS["covariate"](k=0.1, reference=3.0, scale=2.0, column="wear")
     conditions = {"wear": jnp.array([3.0, 5.0, -17.0]), "gap": jnp.array([1.0, 4.0, 1.0])}
-    np.testing.assert_allclose(after(one, np.ones(3), conditions), [1.0, 1.1, 0.0], atol=1e-12)
+    expected = np.exp([0.0, 0.1, -1.0])
+    np.testing.assert_allclose(factors_of(one, conditions), expected, rtol=1e-12)
     pair = KINDS["product"](0.1, 1.5, 0.5, 2.0, 2.0, "wear", "gap")
-    found = after(pair, np.ones(3), conditions)
-    np.testing.assert_allclose(found, [1.0, 1.15, 1.0], rtol=1e-12)
+    expected = np.exp([0.0, 0.15, 0.0])
+    np.testing.assert_allclose(factors_of(pair, conditions), expected, rtol=1e-12)
+
+
+def test_a_threshold_is_a_step_about_its_centre():
+    effect = KINDS["threshold"](k=0.2, centre=4.0, width=0.5, reference=3.0, column="wear")
+    conditions = {"wear": jnp.array([3.0, 4.0, 4.5, -1e3, 1e3])}
+    # tanh(2) = .96402758, tanh(1) = .76159416.
+    expected = 0.2 * (np.array([-0.96402758, 0.0, 0.76159416, -1.0, 1.0]) + 0.96402758)
+    np.testing.assert_allclose(np.log(factors_of(effect, conditions)), expected, atol=1e-8)
+
+
+def test_an_interaction_is_of_legendre_polynomials_on_the_ranges():
+    numbers = (0.1, -0.2, 0.3, 0.05)
+    effect = KINDS["interaction"](*numbers, 2.0, 6.0, -1.0, 9.0, "wear", "gap")
+    wear, gap = np.array([2.0, 3.0, 4.0, 6.0, 5.0]), np.array([-1.0, 6.5, 4.0, 9.0, 40.0])
+    u, v = (wear - 4) / 2, np.minimum((gap - 4) / 5, 1.0)
+    weights = np.zeros((3, 3))
+    weights[1:, 1:] = np.reshape(numbers, (2, 2))
+    expected = np.polynomial.legendre.legval2d(u, v, weights)
+    found = factors_of(effect, {"wear": jnp.asarray(wear), "gap": jnp.asarray(gap)})
+    np.testing.assert_allclose(np.log(found), expected, atol=1e-14)
 
 
 def test_effects_are_applied_from_the_contact_outwards():

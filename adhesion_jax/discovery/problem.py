@@ -99,7 +99,7 @@ def prepare(
     aliases = {*_NO_COLUMN, *({TEMPERATURES[0], "acceleration_mps2"} - measured)}
     columns = tuple(name for name in flat if name not in aliases)
     data = _data(slip, adhesion, whole, columns)
-    in_time = "time_s" in record.conditions and inside.sum(1).max() > 2
+    in_time = "time_s" in record.conditions and bool(inside.sum(1).max() > 2)
     return Problem(
         data,
         points,

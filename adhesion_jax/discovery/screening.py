@@ -6,6 +6,7 @@ from functools import cache
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.special import gammaln
 
@@ -305,7 +306,11 @@ def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
     key = (type(probe), *(getattr(probe, field) for field in _fields(type(probe))))
     if key not in problem.terms:
         columns = np.asarray(problem.data.columns)
-        conditions = {name: columns[place] for place, name in enumerate(problem.columns)}
+        conditions = {
+            name: jnp.asarray(columns[place])
+            for place, name in enumerate(problem.columns)
+            if name in key
+        }
         problem.terms[key] = np.asarray(probe.log_factor(conditions))
     return problem.terms[key]
 

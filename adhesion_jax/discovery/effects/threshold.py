@@ -48,5 +48,5 @@ class Threshold(ShapeTerm):
             cls(0.02, float(centre), 0.08 * float(np.ptp(z)), float(np.median(z)), name)
             for name, z in columns.items()
             if np.ptp(z) > 0
-            for centre in np.quantile(z, [0.15, 0.3, 0.5, 0.7, 0.85])
+            for centre in np.unique(np.quantile(z, [0.15, 0.3, 0.5, 0.7, 0.85]))
         ]
