@@ -7,9 +7,9 @@ from discovery_campaigns import SIZE, problem_of
 from scipy import stats
 
 from adhesion_jax.discovery.effects import EFFECTS, Covariate
-from adhesion_jax.discovery.fitting import Setting, covariance, fit_model
+from adhesion_jax.discovery.fitting import Setting, covariance, fit_model, likeliest
 from adhesion_jax.discovery.library import Entry, library_of
-from adhesion_jax.discovery.noise import estimate_noise, white_noise
+from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.scans import products, torsion, waves
 from adhesion_jax.discovery.screening import _as_normal, screen
 from adhesion_jax.discovery.simulator import simulate
@@ -29,10 +29,7 @@ def started(table):
     problem = problem_of(table)
     adhesion = np.asarray(problem.data.adhesion)
     setting = Setting(problem, white_noise(problem.points, 0.01), adhesion)
-    fitted = fit_model(setting, "burckhardt", (0.3, 60.0, 0.3), ())
-    noise = estimate_noise(problem.points, adhesion - fitted.adhesion, fitted.adhesion, False)
-    setting = Setting(problem, noise, fitted.adhesion)
-    return setting, fit_model(setting, "burckhardt", fitted.base_values.tolist(), ())
+    return likeliest(setting, "burckhardt", (0.3, 60.0, 0.3), ())
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +50,7 @@ def at_one_slip(column, response):
     )
     problem = problem_of(table)
     setting = Setting(problem, white_noise(problem.points, 0.01), 0.3 * problem.points)
-    return setting, fit_model(setting, "level", (0.25,), ())
+    return fit_model(setting, "level", (0.25,), ())
 
 
 def entry(scale):
@@ -67,9 +64,9 @@ def deviate(chi_square):
 
 def test_the_statistic_within_runs_is_the_likelihood_ratio():
     column = np.tile(np.linspace(-1, 1, POINTS), RUNS)
-    setting, fitted = at_one_slip(column, 0.001)
-    (score,) = screen(setting, fitted, [entry(1.0)], seed=0)
-    y = np.asarray(setting.problem.data.adhesion).ravel() / 0.01
+    fitted = at_one_slip(column, 0.001)
+    (score,) = screen(fitted, [entry(1.0)], seed=0)
+    y = np.asarray(fitted.setting.problem.data.adhesion).ravel() / 0.01
     design = np.stack([np.ones_like(y), column], axis=1)
     left = [y - some @ np.linalg.lstsq(some, y, rcond=None)[0] for some in (design[:, :1], design)]
     ratio = (left[0] ** 2).sum() - (left[1] ** 2).sum()
@@ -81,9 +78,9 @@ def test_the_statistic_within_runs_is_the_likelihood_ratio():
 
 def test_the_statistic_between_runs_is_that_of_their_levels():
     by_run = np.random.default_rng(9).permutation(np.linspace(-1, 1, RUNS))
-    setting, fitted = at_one_slip(np.repeat(by_run, POINTS), 0.0015)
-    (score,) = screen(setting, fitted, [entry(1.0)], seed=0)
-    levels = np.asarray(setting.problem.data.adhesion).mean(axis=1)
+    fitted = at_one_slip(np.repeat(by_run, POINTS), 0.0015)
+    (score,) = screen(fitted, [entry(1.0)], seed=0)
+    levels = np.asarray(fitted.setting.problem.data.adhesion).mean(axis=1)
     r = np.corrcoef(levels, by_run)[0, 1]
     # Bartlett's factor: runs, less one, less (k + 1)/2 for the k = 1 of a line.
     assert score.z == pytest.approx(deviate(-(RUNS - 2) * np.log(1 - r**2)), rel=0.02)
@@ -99,8 +96,8 @@ def test_a_chi_square_becomes_the_normal_deviate_of_its_tail(freedom):
 
 def test_a_strong_effect_ranks_first_with_the_smallest_p():
     table = simulate(["sanding"], seed=0, base="burckhardt", **SIZE).train
-    setting, fitted = started(table)
-    scores = screen(setting, fitted, library_of(setting.problem), seed=0)
+    fitted = started(table)
+    scores = screen(fitted, library_of(fitted.setting.problem), seed=0)
     assert scores[0].entry.name == "sanding"
     assert scores[0].p == 1 / (1 + FLIPS)
     assert scores[0].z > 2 * scores[0].needed
@@ -109,8 +106,8 @@ def test_a_strong_effect_ranks_first_with_the_smallest_p():
 
 
 def test_nothing_is_significant_where_nothing_is(quiet):
-    setting, fitted = quiet
-    scores = screen(setting, fitted, library_of(setting.problem), seed=0)
+    fitted = quiet
+    scores = screen(fitted, library_of(fitted.setting.problem), seed=0)
     assert {score.entry.name for score in scores} >= {"humidity", "lag", "covariate:rail_age_days"}
     assert scores[0].p > 0.01
     assert scores[0].z < scores[0].needed
@@ -119,9 +116,10 @@ def test_nothing_is_significant_where_nothing_is(quiet):
 
 
 def test_the_library_is_of_all_columns_and_their_pairs(quiet):
-    problem = quiet[0].problem
+    problem = quiet.setting.problem
     names = {one.name for one in library_of(problem)}
-    assert {*EFFECTS} - names == {"axle_position"}
+    # The noise of the slip belongs to the likelihood.
+    assert {*EFFECTS} - names == {"axle_position", "slip_noise"}
     pairs = [one.name for one in products(problem)]
     assert "product:normal_load_N*temperature_C" in pairs
     assert len(set(pairs)) == len(pairs)
@@ -130,37 +128,37 @@ def test_the_library_is_of_all_columns_and_their_pairs(quiet):
 @pytest.mark.parametrize("length", [17.3, 41.0])
 def test_a_wave_along_the_track_is_found_at_its_length(null, length):
     wave = 1 + 0.03 * np.sin(2 * np.pi * null["position_m"] / length + 0.4)
-    setting, fitted = started(null.assign(adhesion=null["adhesion"] * wave))
-    found = {one.entry.name: one for one in waves(setting, fitted, [], 0)}
+    fitted = started(null.assign(adhesion=null["adhesion"] * wave))
+    found = {one.entry.name: one for one in waves(fitted, [], 0)}
     assert found["rail_joint"].p == 1 / (1 + FLIPS)
     (start,) = found["rail_joint"].entry.starts
     # To half a bin of the spectrum over twice the track.
     track = np.ptp(null["position_m"])
     assert 1 / float(start.length) == pytest.approx(1 / length, abs=0.5 / track)
-    assert "rail_joint" not in {one.entry.name for one in waves(setting, fitted, [*found], 0)}
+    assert "rail_joint" not in {one.entry.name for one in waves(fitted, [*found], 0)}
     # And the fit from there has its length and its amplitude to three standard errors.
-    joint = fit_model(setting, "burckhardt", fitted.base_values.tolist(), (start,))
+    joint = fit_model(fitted.setting, "burckhardt", fitted.base_values.tolist(), (start,))
     sine, cosine, _, _, found_length = joint.values[list(joint.places)][3:]
     error = np.sqrt(np.diag(covariance(joint)))[3:]
     assert error[4] < 0.005 * length
     assert found_length == pytest.approx(length, abs=3 * error[4])
     assert np.hypot(sine, cosine) == pytest.approx(0.03, abs=3 * max(error[:2]))
-    assert waves(setting, joint, [], 0) == []
+    assert waves(joint, [], 0) == []
 
 
 @pytest.mark.parametrize("frequency", [1.7, 3.2])
 def test_a_line_in_time_is_found_whatever_its_phase(null, frequency):
     phase = np.repeat(np.random.default_rng(3).uniform(0, 2 * np.pi, RUNS), POINTS)
     line = 0.005 * np.sin(2 * np.pi * frequency * null["time_s"] + phase)
-    setting, fitted = started(null.assign(adhesion=null["adhesion"] + line))
-    found = torsion(setting, fitted)
+    fitted = started(null.assign(adhesion=null["adhesion"] + line))
+    found = torsion(fitted)
     # To half of the resolution, one over the ten seconds of a run.
     assert found.frequency == pytest.approx(frequency, abs=0.05)
     assert found.amplitude == pytest.approx(0.005, rel=0.15)
     assert found.p < 1e-6
-    assert waves(setting, fitted, [], 0) == []
+    assert waves(fitted, [], 0) == []
 
 
 def test_in_noise_there_is_neither(quiet):
-    assert waves(*quiet, [], 0) == []
-    assert torsion(*quiet) is None
+    assert waves(quiet, [], 0) == []
+    assert torsion(quiet) is None
