@@ -106,8 +106,12 @@ def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Ro
     if given is None:
         ahead, behind = (loss(best.x + np.array([0.0, step])) for step in (_STEP, -_STEP))
         curvature = max((ahead - 2 * best.fun + behind) / _STEP**2, 1e-300)
-        spread = 1.96 / np.sqrt(curvature)
-    interval = Interval(sigma, sigma * float(np.exp(-spread)), sigma * float(np.exp(spread)))
+        # A likelihood as good as flat says no more than the order of magnitude.
+        spread = min(1.96 / float(np.sqrt(curvature)), 5.0)
+    # Noise of no size has no upper bound that the curvature at nothing could tell.
+    with np.errstate(over="ignore"):
+        ends = sigma * np.exp([-spread, spread])
+    interval = Interval(sigma, *ends.tolist())
     plain = SlipNoise(sigma=sigma, roughness=float(effect_found.roughness), falls_with=falls_with)
     return Roughness(plain, interval), float(best.fun)
 
