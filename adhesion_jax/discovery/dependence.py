@@ -15,6 +15,9 @@ from adhesion_jax.discovery.state import Selection
 #: Values of a column, and seconds after a step, that are shown.
 _GRID, _SECONDS = 80, 10.0
 
+#: Beyond this factor on adhesion nothing is drawn.
+_LARGEST = 1e6
+
 #: Draws of the parameters for a band, a multiple of PROBES.
 _DRAWS = 64
 
@@ -116,7 +119,8 @@ def _factors(
         return np.concatenate(found)
 
     plain = adhesion(np.zeros_like(kind))
-    return adhesion(kind) / np.where(plain == 0, 1.0, plain)
+    # Parameters that the data leave open may be drawn so far out that a factor has no number.
+    return np.clip(adhesion(kind) / np.where(plain == 0, 1.0, plain), -_LARGEST, _LARGEST)
 
 
 def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:

@@ -1,5 +1,6 @@
 """What the library cannot look for one by one: waves of any length, and pairs of columns."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ from scipy.ndimage import median_filter
 
 from adhesion_jax.discovery.effects import Effect, Periodic, Product
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
+from adhesion_jax.discovery.effects.shape import ACTS_ON
 from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 from adhesion_jax.discovery.fitting import Fitted
 from adhesion_jax.discovery.library import FAMILIES, Entry
@@ -46,7 +48,7 @@ class Wave(NamedTuple):
 
 
 def products(problem: Problem) -> tuple[Entry, ...]:
-    """Every pair of plain columns that differ."""
+    """Every pair of plain columns that differ, on each part of the curve."""
     chosen: dict[str, np.ndarray] = {}
     for name in problem.columns:
         values = problem.flat[name]
@@ -57,12 +59,14 @@ def products(problem: Problem) -> tuple[Entry, ...]:
     return tuple(
         Entry(
             f"product:{_pair(start, problem)}",
-            (start,),
+            (dataclasses.replace(start, acts_on=acts_on),),
             tuple(_pair(start, problem).split("*")),
             True,
             f"product:{_pair(start, problem)}",
+            acts_on,
         )
         for start in Product.starts(chosen)
+        for acts_on in ACTS_ON
     )
 
 

@@ -1,5 +1,6 @@
 """Which effects a law lacks: one is accepted at a time, refitted jointly with all the others."""
 
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
@@ -15,6 +16,7 @@ from adhesion_jax.discovery.effects import (
     Spline,
     Threshold,
 )
+from adhesion_jax.discovery.effects.shape import ACTS_ON
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
     Fitted,
@@ -170,7 +172,10 @@ def look_again(state: Selection, columns: Sequence[str], seed: int) -> Selection
     entries += [entry for entry in products(problem) if {*entry.covariates} <= {*columns}]
     for start in Interaction.starts(flat):
         pair = "*".join(label_of(name, problem.measured) for name in (start.first, start.second))
-        entries.append(entry_of(f"product:{pair}", [start], problem))
+        entries += [
+            entry_of(f"product:{pair}", [dataclasses.replace(start, acts_on=acts_on)], problem)
+            for acts_on in ACTS_ON
+        ]
     found = _next(state, screen(state.fitted, entries, seed), SIGNIFICANT, len(state.thresholds))
     return refined(found, seed) if _grown(found, state) else state
 
