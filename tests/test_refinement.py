@@ -105,6 +105,20 @@ def test_a_square_wave_gets_its_harmonics(square):
     assert squares(better.fitted) < 0.95 * squares(square.fitted)
 
 
+def test_the_parts_of_an_effect_are_its_own_whatever_comes_after_it(null):
+    """The wave is the first of two effects; its harmonics are found after the second."""
+    wave = np.sign(np.sin(2 * np.pi * null["position_m"] / LENGTH))
+    bend = 1 - 60 * null["curvature_per_m"].abs()
+    table = null.assign(adhesion=null["adhesion"] * (1 + 0.06 * wave) * bend)
+    curve = taken("curve", EFFECTS["curve"](k=30.0), "curvature_per_m", family="curvature")
+    better = refined(state_of(table, joint(), curve), seed=0)
+    first, second = better.accepted
+    assert {type(part) for part in first.parts} == {EFFECTS["rail_joint"], Periodic}
+    assert [type(part) for part in second.parts] == [EFFECTS["curve"]]
+    assert float(second.parts[0].k) == pytest.approx(60, rel=0.1)
+    assert float(first.parts[1].frequency) * LENGTH == pytest.approx(3, abs=0.02)
+
+
 def test_a_form_that_is_right_is_left_as_it_is(null):
     wave = np.sin(2 * np.pi * null["position_m"] / LENGTH)
     state = state_of(null.assign(adhesion=null["adhesion"] * (1 + 0.06 * wave)), joint())

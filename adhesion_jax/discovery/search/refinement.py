@@ -18,7 +18,7 @@ from adhesion_jax.discovery.fitting import gain, in_order, least_gain
 from adhesion_jax.discovery.library import Entry, column_entries, entry_of
 from adhesion_jax.discovery.problem import Problem, label_of
 from adhesion_jax.discovery.screening import SIGNIFICANT, screen
-from adhesion_jax.discovery.state import Accepted, Selection, refreshed, settled
+from adhesion_jax.discovery.state import Accepted, Selection, settled
 from adhesion_jax.discovery.trials import Trial, tried
 
 #: How many parts an effect may have, and how many are refitted to choose the next.
@@ -70,11 +70,17 @@ def _with_a_part_more(state: Selection, place: int, seed: int) -> Selection | No
 
 def with_part(state: Selection, place: int, chosen: Trial) -> Selection:
     """The trial's start as one more part of an effect that is there."""
-    effect = state.accepted[place]
-    whole = effect._replace(parts=(*effect.parts, fitted_start(chosen)))
-    accepted = (*state.accepted[:place], whole, *state.accepted[place + 1 :])
+    # The part is the last of the fit, whichever effect it belongs to: by what became of each.
+    order = in_order((*chosen.score.seen_in.effects, chosen.score.start))
+    fitted = dict(zip(map(id, order), chosen.fitted.effects, strict=True))
+    accepted = [
+        effect._replace(parts=tuple(fitted[id(part)] for part in effect.parts))
+        for effect in state.accepted
+    ]
+    mended = accepted[place]
+    accepted[place] = mended._replace(parts=(*mended.parts, fitted[id(chosen.score.start)]))
     fits = {**state.fits, state.base: chosen.fitted}
-    return state._replace(fits=fits, accepted=refreshed(accepted, chosen.fitted.effects))
+    return state._replace(fits=fits, accepted=tuple(accepted))
 
 
 def fitted_start(chosen: Trial) -> Effect:
