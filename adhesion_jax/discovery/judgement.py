@@ -58,17 +58,21 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
     """The strongest candidate that stood out of the residual at last and yet did not become one."""
     last = [row for row in state.ranking if row.round == state.ranking[-1].round]
     taken = {member for effect in state.accepted for member in effect.members}
+    # A column of an effect that was found asks for another form of it, not for another effect.
+    taken |= {f"covariate:{name}" for effect in state.accepted for name in effect.covariates}
     standing = [
         row
         for row in last
-        if row.p_adjusted <= SIGNIFICANT and np.isfinite(row.gain) and row.name not in taken
+        if row.p_adjusted <= SIGNIFICANT
+        and np.isfinite(row.gain)
+        and row.name.split(" (")[0] not in taken
     ]
     if not standing or any(row.decision == "accepted" for row in last):
         return ()
     row = max(standing, key=lambda row: row.gain)
     return (
         Doubt(
-            (row.name,),
+            (row.name.split(" (")[0],),
             f"{row.name} stands out of the residual (adjusted p = {row.p_adjusted:.2g}), but taken "
             "into the law it does not raise the likelihood of runs left out by enough "
             f"({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not counted as an "
