@@ -120,7 +120,9 @@ def _factors(
 
     plain = adhesion(np.zeros_like(kind))
     # Parameters that the data leave open may be drawn so far out that a factor has no number.
-    return np.clip(adhesion(kind) / np.where(plain == 0, 1.0, plain), -_LARGEST, _LARGEST)
+    with np.errstate(invalid="ignore", over="ignore"):
+        factors = np.asarray(adhesion(kind) / np.where(plain == 0, 1.0, plain))
+    return np.clip(np.where(np.isfinite(factors), factors, _LARGEST), -_LARGEST, _LARGEST)
 
 
 def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:

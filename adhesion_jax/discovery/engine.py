@@ -13,7 +13,7 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, starts_under
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, squares
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, own_noise, squares
 from adhesion_jax.discovery.judgement import doubtful, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
@@ -22,6 +22,7 @@ from adhesion_jax.discovery.model.slip import felt_in_adhesion, noise_of_slip, r
 from adhesion_jax.discovery.problem import Problem, label_of, prepare
 from adhesion_jax.discovery.scans import torsion
 from adhesion_jax.discovery.screening import compile_changes
+from adhesion_jax.discovery.search.refinement import refined
 from adhesion_jax.discovery.search.second_opinion import second_opinion
 from adhesion_jax.discovery.selection import look_again, search
 from adhesion_jax.discovery.state import Selection, parts_of, settled
@@ -102,15 +103,19 @@ def discover(
     noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
     line = None if noisy else torsion(state.fitted)
     progress("fitting all runs", 0.85)
-    final = _on_all_runs(state)
+    final = refined(_on_all_runs(state), seed)
     opinion = opinion_of(final, seed)
     if opinion is not None and opinion.columns:
         again, _ = vetoed(look_again(state, opinion.columns, seed), held_out, seed)
         if parts_of(again.accepted) != parts_of(state.accepted):
-            final = _on_all_runs(again)
+            final = refined(_on_all_runs(again), seed)
             opinion = opinion_of(final, seed)
     doubts = (*doubts, *undecided(final))
     plain = _by_least_squares(problem, bases)
+    if noise is None and not final.accepted and slip_noise is None:
+        # Without an effect the law after is the law before, and only the noise is told better.
+        alone = plain.fitted._replace(setting=own_noise(plain.fitted))
+        final = final._replace(fits={plain.base: alone}, base=plain.base)
     if final.accepted:
         bare = _by_least_squares(final.setting.problem, bases)
         if squares(final.fitted) > _WORSE * squares(bare.fitted):

@@ -30,8 +30,16 @@ _SIZES = ((8, 32), (12, 64))
 _FOLDS = 40
 
 
+#: A direction whose curvature is below this share of the largest is not determined by the data.
+_DETERMINED = 1e-7
+
 #: Noise and fit are found in turns until the half deviance falls by less than this.
 _STANDS = 0.1
+
+#: Under the right noise the sum of squares of a fit is at most this many times that without it.
+_MISSED = 1.1
+
+#: Turns of noise and fit, at most.
 _TURNS = 4
 
 
@@ -111,12 +119,18 @@ def likeliest(
 
 
 def with_own_noise(fitted: Fitted) -> Fitted:
-    """The same model, its noise found with it in turns until the likelihood stands."""
+    """The same model, its noise found with it in turns until the likelihood stands.
+
+    Where much is missing, the noise of greatest likelihood can be one of runs whose levels are as
+    good as free: a fit under it follows the shape within the runs and misses every level. A noise
+    under which the fit misses the data by more is not taken.
+    """
+    allowed = _MISSED * squares(fitted)
     for _ in range(_TURNS):
         again = fit_model(
             own_noise(fitted), fitted.base, fitted.base_values.tolist(), fitted.effects
         )
-        if not again.total < fitted.total:
+        if not again.total < fitted.total or squares(again) > allowed:
             return fitted
         gained, fitted = fitted.total - again.total, again
         if gained < _STANDS:
@@ -203,20 +217,35 @@ def held_out_loss(fitted: Fitted) -> np.ndarray:
 
 
 def expected_loss(fitted: Fitted) -> np.ndarray:
-    """Minus the log likelihood of each run, predicted without what is predicted, [runs].
+    """Minus the log density of each run, predicted without what is predicted, [runs].
 
-    Of runs that is each without the whole of it. Blocks of one run are different parts of the
-    curve, and without one of them its part would be extrapolated: they are predicted point by
-    point, with residuals r/(1 - h), where h = J H^-1 J' is the leverage of a point. Allen 1974,
-    Technometrics 16, 125-127.
+    Of runs that is each without the whole of it, with what is not known of the parameters without
+    it: for the loss l of a run, and its gradient and Hessian in units of the Hessian of all, with
+    components c and eigenvalues e, l + sum of c^2/(2 (1 - e)) - ln(1 - e)/2 (Laplace). Blocks of
+    one run are different parts of the curve, and without one of them its part would be
+    extrapolated: they are predicted point by point, with residuals r/(1 - h), where h = J H^-1 J'
+    is the leverage of a point. Allen 1974, Technometrics 16, 125-127.
     """
     if not fitted.blocks:
-        return held_out_loss(fitted) + fitted.determinant
+        return fitted.determinant + _predicted(fitted)
     jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
     inverse = solve(fitted.hessian.sum(0), np.eye(jacobian.shape[0]))
     leverage = np.einsum("kp,kl,lp->p", jacobian, inverse, jacobian).reshape(fitted.residual.shape)
     alone = fitted.residual / np.maximum(1 - leverage, 1e-3)
     return 0.5 * (alone**2).sum(axis=1) + fitted.determinant
+
+
+def _predicted(fitted: Fitted) -> np.ndarray:
+    """Half the sum of squares of each run to be expected of the others, and its determinant."""
+    whole = fitted.hessian.sum(0)
+    scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    values, vectors = np.linalg.eigh(whole * scale[:, None] * scale)
+    kept = values > _DETERMINED * values.max(initial=0.0)
+    root = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    shares, axes = np.linalg.eigh(root.T @ fitted.hessian @ root)
+    along = np.einsum("rkl,rk->rl", axes, fitted.gradient @ root)
+    free = 1 - np.clip(shares, 0.0, 1 - 1e-6)
+    return fitted.loss + 0.5 * (along**2 / free - np.log(free)).sum(axis=1)
 
 
 class Gain(NamedTuple):

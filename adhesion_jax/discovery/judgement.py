@@ -63,9 +63,7 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
     standing = [
         row
         for row in last
-        if row.p_adjusted <= SIGNIFICANT
-        and np.isfinite(row.gain)
-        and row.name.split(" (")[0] not in taken
+        if row.p_adjusted <= SIGNIFICANT and row.gain > 0 and row.name.split(" (")[0] not in taken
     ]
     if not standing or any(row.decision == "accepted" for row in last):
         return ()

@@ -1,6 +1,5 @@
 """What the library cannot look for one by one: waves of any length, and pairs of columns."""
 
-import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,7 +9,6 @@ from scipy.ndimage import median_filter
 
 from adhesion_jax.discovery.effects import Effect, Periodic, Product
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
-from adhesion_jax.discovery.effects.shape import ACTS_ON
 from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 from adhesion_jax.discovery.fitting import Fitted
 from adhesion_jax.discovery.library import FAMILIES, Entry
@@ -48,7 +46,7 @@ class Wave(NamedTuple):
 
 
 def products(problem: Problem) -> tuple[Entry, ...]:
-    """Every pair of plain columns that differ, on each part of the curve."""
+    """Every pair of plain columns that differ, on the level of the curve."""
     chosen: dict[str, np.ndarray] = {}
     for name in problem.columns:
         values = problem.flat[name]
@@ -59,14 +57,12 @@ def products(problem: Problem) -> tuple[Entry, ...]:
     return tuple(
         Entry(
             f"product:{_pair(start, problem)}",
-            (dataclasses.replace(start, acts_on=acts_on),),
+            (start,),
             tuple(_pair(start, problem).split("*")),
             True,
             f"product:{_pair(start, problem)}",
-            acts_on,
         )
         for start in Product.starts(chosen)
-        for acts_on in ACTS_ON
     )
 
 

@@ -56,12 +56,18 @@ def seen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> Sequence[Score]
     if float(fitted.setting.noise.autocorrelation) < _COLOURED:
         return scores
     best: dict[tuple[str, type, str], Score] = {}
-    for score in (*scores, *screen(_uncoloured(fitted), entries, seed)):
-        key = (score.entry.name, type(score.start), score.entry.acts_on)
-        if key not in best or score.z > best[key].z:
-            best[key] = score
-    doubled = [score._replace(p=min(2 * score.p, 1.0)) for score in best.values()]
-    return sorted(doubled, key=lambda score: -score.z)
+    rank: dict[tuple[str, type, str], int] = {}
+    for look in (scores, screen(_uncoloured(fitted), entries, seed)):
+        for place, score in enumerate(look):
+            key = (score.entry.name, type(score.start), score.entry.acts_on)
+            rank[key] = min(place, rank.get(key, place))
+            if key not in best or score.z > best[key].z:
+                best[key] = score
+    # The first of either look come first: a z of one is no measure for the other.
+    return [
+        best[key]._replace(p=min(2 * best[key].p, 1.0))
+        for key in sorted(best, key=lambda key: (rank[key], -best[key].z))
+    ]
 
 
 def _uncoloured(fitted: Fitted) -> Fitted:

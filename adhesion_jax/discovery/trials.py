@@ -55,7 +55,7 @@ class Trial(NamedTuple):
 
 def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
     """The most telling causes and columns, where the best of all is significant."""
-    if not scores or scores[0].p > significant:
+    if not scores or min(score.p for score in scores) > significant:
         return []
     causes = [score for score in scores if not score.entry.generic][:_CAUSES]
     columns = [score for score in scores if score.entry.generic][:_COLUMNS]
@@ -66,9 +66,18 @@ def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
     """Joint refits, each under the noise that it leaves itself."""
 
     def refitted(score: Score) -> Fitted:
-        seen = score.seen_in
-        effects = (*seen.effects, score.start)
-        return likeliest(seen.setting, seen.base, seen.base_values.tolist(), effects)
+        # From where it was seen and from where the model is: noise and fit may stand in two places.
+        starts = [score.seen_in] if score.seen_in is fitted else [score.seen_in, fitted]
+        fits = [
+            likeliest(
+                start.setting,
+                start.base,
+                start.base_values.tolist(),
+                (*start.effects, score.start),
+            )
+            for start in starts
+        ]
+        return min(fits, key=lambda found: found.total if np.isfinite(found.total) else np.inf)
 
     return [
         Trial(score, more, float(expected_loss(more).sum()))

@@ -1,5 +1,6 @@
 """Noise of the slip signal: how large it is, and whether adhesion follows the slip without it."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -25,6 +26,9 @@ from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
 _FALLS_WITH = ("vehicle_speed_mps", "")
+
+#: Shares of the likeliest roughness of the slip that adhesion is held against.
+_SHARES = (1.0, 0.5, 0.25)
 
 #: Noise of the slip is looked into where the expected slip leaves less than this share of the sum
 #: of squares.
@@ -74,14 +78,21 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     if given is not None:
         return found
     problem = fitted.setting.problem
-    corrected = prepare(record, problem.calendar, problem.blocks, found.effect)
     noise = white_noise(fitted.setting.noise.weight, float(fitted.setting.noise.sigma))
 
-    def left(problem: Problem) -> float:
-        setting = Setting(problem, noise, np.asarray(problem.data.adhesion))
+    def left(effect: SlipNoise | None) -> float:
+        corrected = prepare(record, problem.calendar, problem.blocks, effect)
+        setting = Setting(corrected, noise, np.asarray(problem.data.adhesion))
         return min(squares(start) for start in starts_under(setting, fitted.base))
 
-    return found if left(corrected) < _MATTERS * left(problem) else None
+    # A slip whose acceleration is smooth as well is one of less roughness: adhesion tells.
+    rough = float(found.effect.roughness)
+    tried = [dataclasses.replace(found.effect, roughness=share * rough) for share in _SHARES]
+    errors = [left(effect) for effect in tried]
+    smallest = int(np.argmin(errors))
+    if errors[smallest] >= _MATTERS * left(None):
+        return None
+    return found._replace(effect=tried[smallest])
 
 
 def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
@@ -98,7 +109,7 @@ def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Ro
     scale = float(np.median(record.conditions[falls_with])) if falls_with else 1.0
     start = np.log([max(float(np.std(slip)), 1e-9), max(0.02 * float(np.std(slip)) * scale, 1e-9)])
     start = start if given is None else start[:1]
-    options = {"xatol": 0.03, "fatol": 0.2, "maxfev": 80}
+    options = {"xatol": 0.01, "fatol": 0.05, "maxfev": 100}
     best = minimize(loss, start, method="Nelder-Mead", options=options)
     effect_found = effect(best.x)
     sigma = float(effect_found.sigma)

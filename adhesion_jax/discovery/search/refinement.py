@@ -13,6 +13,7 @@ from adhesion_jax.discovery.effects import (
 )
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
 from adhesion_jax.discovery.effects.shape import ACTS_ON
+from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 from adhesion_jax.discovery.fitting import gain, in_order, least_gain
 from adhesion_jax.discovery.library import Entry, column_entries, entry_of
@@ -112,6 +113,9 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
             for start in Interaction.starts(flat)
             for acts_on in ACTS_ON
         ]
+    if effect.family == "slip velocity" and "vehicle_speed_mps" not in problem.varying:
+        # At one speed all is a function of the slip, an offset of which is a matter of form too.
+        entries.append(entry_of("slip_bias", SlipBias.starts({}), problem))
     for start in _harmonics(effect.parts, problem):
         entries.append(entry_of(f"periodic:{start.column}", [start], problem))
     there = {_form(part) for part in effect.parts}
