@@ -125,7 +125,8 @@ def with_own_noise(fitted: Fitted) -> Fitted:
     good as free: a fit under it follows the shape within the runs and misses every level. A noise
     under which the fit misses the data by more is not taken.
     """
-    allowed = _MISSED * squares(fitted)
+    # A curve alone has nothing else to follow; what it misses is what is looked for.
+    allowed = _MISSED * squares(fitted) if fitted.effects else np.inf
     for _ in range(_TURNS):
         again = fit_model(
             own_noise(fitted), fitted.base, fitted.base_values.tolist(), fitted.effects
