@@ -50,8 +50,9 @@ def _branches(names: Sequence[str]) -> Array:
     return jnp.asarray([0, *(names.index(name) + 1 if name in names else 0 for name in _NAMES)])
 
 
-#: Levenberg-Marquardt: largest number of steps, and the relative gain below which it has arrived.
-_STEPS, _ARRIVED, _STUCK = 40, 1e-8, 1e6
+#: Levenberg-Marquardt: largest number of steps, and the share of the loss that the next must
+#: promise to lower it by.
+_STEPS, _ARRIVED = 40, 1e-6
 
 # Parameters whose derivatives are taken together: these share the transcendental functions.
 _TOGETHER = 8
@@ -290,7 +291,8 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
     """
     runs, points = data.slip.shape
 
-    def next_trial(best: Fit, damping: Array) -> Array:
+    def next_trial(best: Fit, damping: Array) -> tuple[Array, Array]:
+        """Where the next step leads, and by which share of the loss it promises to lower it."""
         at, hessian, gradient = best.values[model.free], best.hessian.sum(0), best.gradient.sum(0)
         held = ((at <= model.lower) & (gradient > 0)) | ((at >= model.upper) & (gradient < 0))
         loose = ~held & (jnp.diag(hessian) > 0)
@@ -299,7 +301,10 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
         matrix = matrix + jnp.diag(jnp.where(loose, damping * scale, 1.0))
         step = -jnp.linalg.solve(matrix, jnp.where(loose, gradient, 0.0))
         moved = jnp.clip(at + step, model.lower, model.upper)
-        return best.values.at[model.free].set(moved).at[-1].set(0.0)
+        step = jnp.where(loose, moved - at, 0.0)
+        promised = -(step @ gradient + 0.5 * step @ hessian @ step)
+        trial = best.values.at[model.free].set(moved).at[-1].set(0.0)
+        return trial, promised / jnp.maximum(jnp.sum(best.loss), 1e-300)
 
     # The model is written out once, here: compiling it is what takes time.
     def body(state: tuple) -> tuple:
@@ -318,12 +323,11 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
         )
         old_loss, new_loss = jnp.sum(best.loss), jnp.sum(new.loss)
         better = new_loss < old_loss
-        gain = (old_loss - new_loss) / jnp.maximum(jnp.abs(new_loss), 1e-300)
-        arrived = jnp.where(better, gain < _ARRIVED, damping > _STUCK)
         best = jax.tree.map(lambda n, o: jnp.where(better, n, o), new, best)
         best = best._replace(steps=best.steps + 1)
         damping = jnp.clip(jnp.where(better, damping * 0.2, damping * 8.0), 1e-9, 1e9)
-        return best, next_trial(best, damping), damping, arrived
+        trial, promised = next_trial(best, damping)
+        return best, trial, damping, promised < _ARRIVED
 
     def unfinished(state: tuple) -> Bool[Array, ""]:
         return ~state[-1] & (state[0].steps < _STEPS)

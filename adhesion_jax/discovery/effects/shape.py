@@ -16,8 +16,9 @@ from adhesion_jax.discovery.effects.base import Columns, Effect
 #: What a term may act on, in the order in which programs number them.
 ACTS_ON = ("level", "slip", "fall")
 
-#: Slips among which the peak is looked for before a parabola refines it.
-_SLIPS = np.geomspace(2e-3, 5.0, 32)
+#: Slips among which the peak is looked for, and how many parabolas through three slips, each time
+#: nearer to each other, refine its place.
+_SLIPS, _PARABOLAS = np.geomspace(2e-3, 5.0, 12), 3
 
 
 class ShapeTerm(Effect):
@@ -80,17 +81,23 @@ def fallen(
     The derivative of mu_max by a parameter is that at the place of the peak, which is itself taken
     as given: there the curve is flat.
     """
-    grid = jnp.asarray(_SLIPS)
-    values = jax.lax.stop_gradient(jax.vmap(lambda at: curve(at * jnp.ones_like(slip)))(grid))
-    top = jnp.clip(jnp.argmax(values, axis=0), 1, grid.size - 2)
-    left, middle, right = (
-        jnp.take_along_axis(values, (top + step)[None], axis=0)[0] for step in (-1, 0, 1)
-    )
-    bend = left - 2 * middle + right
-    inside = (middle >= left) & (middle >= right) & (bend < 0)
-    offset = jnp.where(inside, 0.5 * (left - right) / jnp.where(inside, bend, -1.0), 0.0)
-    step = float(np.log(_SLIPS[1] / _SLIPS[0]))
-    place = jax.lax.stop_gradient(grid[top] * jnp.exp(step * offset))
+
+    def seen_at(*places: Array) -> Array:
+        return jax.vmap(curve)(jnp.stack(places))
+
+    grid = jnp.broadcast_to(jnp.asarray(_SLIPS).reshape(-1, *[1] * slip.ndim), (_SLIPS.size, *slip.shape))
+    top = jnp.argmax(seen_at(*grid), axis=0)
+    inside = (top > 0) & (top < _SLIPS.size - 1)
+
+    def nearer(_: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        place, reach = found
+        left, middle, right = seen_at(place * jnp.exp(-reach), place, place * jnp.exp(reach))
+        bend = left - 2 * middle + right
+        offset = jnp.where(bend < 0, 0.5 * (left - right) / jnp.where(bend < 0, bend, -1.0), 0.0)
+        return place * jnp.exp(reach * jnp.clip(offset, -1.0, 1.0)), reach / 4
+
+    begun = jnp.asarray(_SLIPS)[top], jnp.log(_SLIPS[1] / _SLIPS[0])
+    place = jax.lax.stop_gradient(jax.lax.fori_loop(0, _PARABOLAS, nearer, begun)[0])
     highest = jnp.sign(slip) * curve(place)
     beyond = inside & (jnp.abs(slip) > place)
     deeper = highest - (highest - adhesion) * jnp.exp(exponent)
