@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import jax
 import jax.numpy as jnp
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
@@ -50,6 +51,8 @@ def _silent(_words: str, _share: float) -> None:
     """Where nobody looks."""
 
 
+# The matrices are small: threads of the linear algebra, or of trees, wait more than they work.
+@threadpool_limits.wrap(limits=1)
 def discover(
     runs: RunSet,
     test: RunSet | None = None,
@@ -117,7 +120,8 @@ def discover(
         alone = plain.fitted._replace(setting=own_noise(plain.fitted))
         final = final._replace(fits={plain.base: alone}, base=plain.base)
     if final.accepted:
-        bare = _by_least_squares(final.setting.problem, bases)
+        same = final.setting.problem.slip_noise is None
+        bare = plain if same else _by_least_squares(final.setting.problem, bases)
         if squares(final.fitted) > _WORSE * squares(bare.fitted):
             names = " and ".join(effect.name for effect in final.accepted)
             warnings.append(

@@ -39,7 +39,7 @@ _PLACES = {kind: place for place, kind in enumerate(KINDS.values())}
 
 
 @cache
-def _words(kind: type[Effect]) -> tuple[str, ...]:
+def words_of(kind: type[Effect]) -> tuple[str, ...]:
     """The fields of an effect that name columns."""
     names = (field.name for field in dataclasses.fields(kind))
     return tuple(name for name in names if name not in (*kind.PARAMETERS, "acts_on"))
@@ -52,7 +52,11 @@ def _branches(names: Sequence[str]) -> Array:
 
 #: Levenberg-Marquardt: largest number of steps, and the share of the loss that the next must
 #: promise to lower it by.
-_STEPS, _ARRIVED = 40, 1e-6
+_STEPS, _ARRIVED = 40, 1e-7
+
+#: The damping at first, at least, and at least where a step has failed; the share of what was
+#: promised from which on the loss is taken for quadratic.
+_FIRST_DAMPING, _LEAST_DAMPING, _RETRIED, _AS_PROMISED = 1e-2, 1e-12, 1e-4, 0.9
 
 # Parameters whose derivatives are taken together: these share the transcendental functions.
 _TOGETHER = 8
@@ -135,7 +139,7 @@ def pack(
     lower, upper = [one.lower for one in described], [one.upper for one in described]
     for slot, effect in enumerate(effects):
         kind[slot] = 1 + _PLACES[type(effect)]
-        named = [getattr(effect, name) for name in _words(type(effect))]
+        named = [getattr(effect, name) for name in words_of(type(effect))]
         column[slot, : len(named)] = [columns.index(name) for name in named]
         if isinstance(effect, ShapeTerm):
             column[slot, 2] = ACTS_ON.index(effect.acts_on)
@@ -189,7 +193,7 @@ def _adhesion(
     def effect(name: str, parameters: Array) -> Any:
         named = KINDS[name]
         numbers = {key: parameters[place] for place, key in enumerate(named.PARAMETERS)}
-        return named(**numbers, **dict(zip(_words(named), ("first", "second"), strict=False)))
+        return named(**numbers, **dict(zip(words_of(named), ("first", "second"), strict=False)))
 
     def seen(slot: Array) -> Conditions:
         return {
@@ -308,7 +312,7 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
 
     # The model is written out once, here: compiling it is what takes time.
     def body(state: tuple) -> tuple:
-        best, trial, damping, _ = state
+        best, trial, promised, damping = state
         adhesion, residual, jacobian = _with_jacobian(model, data, noise, trial, level)
         new = Fit(
             trial,
@@ -325,12 +329,14 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
         better = new_loss < old_loss
         best = jax.tree.map(lambda n, o: jnp.where(better, n, o), new, best)
         best = best._replace(steps=best.steps + 1)
-        damping = jnp.clip(jnp.where(better, damping * 0.2, damping * 8.0), 1e-9, 1e9)
-        trial, promised = next_trial(best, damping)
-        return best, trial, damping, promised < _ARRIVED
+        # Where the loss falls as promised it is as good as quadratic, and needs no damping.
+        kept = (old_loss - new_loss) > _AS_PROMISED * promised * old_loss
+        eased = jnp.maximum(damping * jnp.where(kept, 1e-4, 0.2), _LEAST_DAMPING)
+        damping = jnp.where(better, eased, jnp.maximum(damping, _RETRIED) * 8)
+        return best, *next_trial(best, damping), damping
 
     def unfinished(state: tuple) -> Bool[Array, ""]:
-        return ~state[-1] & (state[0].steps < _STEPS)
+        return (state[2] >= _ARRIVED) & (state[0].steps < _STEPS)
 
     free = model.free.size
     nothing = Fit(
@@ -344,7 +350,7 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
         jnp.zeros((free, runs, points)),
         jnp.asarray(0),
     )
-    start = (nothing, model.values, jnp.asarray(1e-2), jnp.asarray(False))
+    start = (nothing, model.values, jnp.asarray(jnp.inf), jnp.asarray(_FIRST_DAMPING))
     return jax.lax.while_loop(unfinished, body, start)[0]
 
 

@@ -1,13 +1,13 @@
 """Which cause would explain most of what is left: score tests of the whole library at once."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from functools import cache
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 from scipy.special import gammaln
 
 from adhesion_jax.discovery.bases import starts_under
@@ -17,7 +17,7 @@ from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, raw_chang
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.problem import Problem
-from adhesion_jax.discovery.program import PROBES, changes, pack, whiten
+from adhesion_jax.discovery.program import PROBES, changes, pack, whiten, words_of
 
 #: A probe that keeps less than this share of itself beside the model cannot be told from it.
 _SHARE_LEFT = 0.03
@@ -309,22 +309,24 @@ def _added(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
 
 def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
     """The function of the columns that a term is, [runs, points]; kept, for no fit changes it."""
-    key = (type(probe), *(getattr(probe, field) for field in _fields(type(probe))))
+    kind = type(probe)
+    names = [getattr(probe, word) for word in words_of(kind)]
+    numbers = {name: float(getattr(probe, name)) for name in kind.PARAMETERS}
+    key = (kind, *names, *numbers.values())
     if key not in problem.terms:
-        columns = np.asarray(problem.data.columns)
-        conditions = {
-            name: jnp.asarray(columns[place])
-            for place, name in enumerate(problem.columns)
-            if name in key
-        }
-        problem.terms[key] = np.asarray(probe.log_factor(conditions))
+        columns = [problem.data.columns[problem.columns.index(name)] for name in names]
+        problem.terms[key] = np.asarray(_log_factor(kind, numbers, columns))
     return problem.terms[key]
 
 
-@cache
-def _fields(kind: type[ShapeTerm]) -> tuple[str, ...]:
-    """The fields that the function of a term depends on: all but what it acts on."""
-    return tuple(field.name for field in dataclasses.fields(kind) if field.name != "acts_on")
+@partial(jax.jit, static_argnums=0)
+def _log_factor(
+    kind: type[ShapeTerm], numbers: Mapping[str, float], columns: Sequence[Array]
+) -> Float[Array, "runs points"]:
+    """The function of columns of a term of that kind, compiled once whatever they are called."""
+    places = [str(place) for place in range(len(columns))]
+    named: Mapping[str, Any] = {**numbers, **dict(zip(words_of(kind), places, strict=True))}
+    return kind(**named).log_factor(dict(zip(places, columns, strict=True)))
 
 
 def compile_changes(setting: Setting, base: str) -> None:

@@ -1,6 +1,7 @@
 """What is tried in one round: the most telling causes refitted jointly, and the choice of one."""
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -11,16 +12,20 @@ from adhesion_jax.discovery.fitting import (
     Fitted,
     Gain,
     expected_loss,
+    fit_model,
     gain,
     least_gain,
-    likeliest,
     side_by_side,
     squares,
+    with_own_noise,
 )
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score
 
 #: How many causes and how many forms of plain columns are refitted in each round.
 _CAUSES, _COLUMNS = 6, 5
+
+#: A candidate contends if it gains this share of what the best one gains, before its own noise.
+_CONTENDS = 0.3
 
 #: A plain column is preferred to a cause only by so many standard errors, this share of the loss
 #: and this share of the gain.
@@ -63,28 +68,34 @@ def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
 
 
 def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
-    """Joint refits, each under the noise that it leaves itself."""
-
-    def refitted(score: Score) -> Fitted:
-        # From where it was seen and from where the model is: noise and fit may stand in two places.
-        starts = [score.seen_in] if score.seen_in is fitted else [score.seen_in, fitted]
-        fits = [
-            likeliest(
-                start.setting,
-                start.base,
-                start.base_values.tolist(),
-                (*start.effects, score.start),
-            )
-            for start in starts
-        ]
-        return min(fits, key=lambda found: found.total if np.isfinite(found.total) else np.inf)
-
-    return [
-        Trial(score, more, float(expected_loss(more).sum()))
-        for score, more in zip(shortlist, side_by_side(refitted, shortlist), strict=True)
-        # A noise that whitens strongly may prefer what follows the fastest changes alone.
-        if np.isfinite(more.total) and squares(more) < squares(fitted)
+    """Joint refits, each contender under the noise that it leaves itself."""
+    # From where each was seen and from where the model is: noise and fit may stand in two places.
+    starts = [
+        (score, start)
+        for score in shortlist
+        for start in ([fitted] if score.seen_in is fitted else [score.seen_in, fitted])
     ]
+
+    def begun(one: tuple[Score, Fitted]) -> Fitted:
+        score, start = one
+        values = start.base_values.tolist()
+        return fit_model(start.setting, start.base, values, (*start.effects, score.start))
+
+    first = side_by_side(begun, starts)
+    gains = [start.total - more.total for (_, start), more in zip(starts, first, strict=True)]
+    most = max((one for one in gains if np.isfinite(one)), default=0.0)
+    # What gains little under the noise that is there gains no more under its own.
+    contends = [one > _CONTENDS * most for one in gains]
+    own = iter(side_by_side(with_own_noise, list(compress(first, contends))))
+    last = [next(own) if one else more for one, more in zip(contends, first, strict=True)]
+    best: dict[int, Trial] = {}
+    for (score, _), more in zip(starts, last, strict=True):
+        # A noise that whitens strongly may prefer what follows the fastest changes alone.
+        if not np.isfinite(more.total) or squares(more) >= squares(fitted):
+            continue
+        if id(score) not in best or more.total < best[id(score)].fitted.total:
+            best[id(score)] = Trial(score, more, float(expected_loss(more).sum()))
+    return list(best.values())
 
 
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:

@@ -16,9 +16,10 @@ from adhesion_jax.discovery.effects.base import Columns, Effect
 #: What a term may act on, in the order in which programs number them.
 ACTS_ON = ("level", "slip", "fall")
 
-#: Slips among which the peak is looked for, and how many parabolas through three slips, each time
-#: nearer to each other, refine its place.
-_SLIPS, _PARABOLAS = np.geomspace(2e-3, 5.0, 12), 3
+#: Slips among which the peak is looked for, and the ratios between the three slips of the parabolas
+#: that close in on it.
+_SLIPS = np.geomspace(2e-3, 5.0, 12)
+_REACHES = (2.0, 1.2, 1.05)
 
 
 class ShapeTerm(Effect):
@@ -85,19 +86,16 @@ def fallen(
     def seen_at(*places: Array) -> Array:
         return jax.vmap(curve)(jnp.stack(places))
 
-    grid = jnp.broadcast_to(jnp.asarray(_SLIPS).reshape(-1, *[1] * slip.ndim), (_SLIPS.size, *slip.shape))
-    top = jnp.argmax(seen_at(*grid), axis=0)
+    top = jnp.argmax(seen_at(*(at * jnp.ones_like(slip) for at in _SLIPS)), axis=0)
     inside = (top > 0) & (top < _SLIPS.size - 1)
 
-    def nearer(_: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        place, reach = found
-        left, middle, right = seen_at(place * jnp.exp(-reach), place, place * jnp.exp(reach))
+    place = jnp.asarray(_SLIPS)[top]
+    for reach in _REACHES:
+        left, middle, right = seen_at(place / reach, place, place * reach)
         bend = left - 2 * middle + right
         offset = jnp.where(bend < 0, 0.5 * (left - right) / jnp.where(bend < 0, bend, -1.0), 0.0)
-        return place * jnp.exp(reach * jnp.clip(offset, -1.0, 1.0)), reach / 4
-
-    begun = jnp.asarray(_SLIPS)[top], jnp.log(_SLIPS[1] / _SLIPS[0])
-    place = jax.lax.stop_gradient(jax.lax.fori_loop(0, _PARABOLAS, nearer, begun)[0])
+        place = place * reach ** jnp.clip(offset, -1.0, 1.0)
+    place = jax.lax.stop_gradient(place)
     highest = jnp.sign(slip) * curve(place)
     beyond = inside & (jnp.abs(slip) > place)
     deeper = highest - (highest - adhesion) * jnp.exp(exponent)

@@ -63,7 +63,32 @@ class ExpectedSlip(NamedTuple):
     slip: Float[Array, " points"]
     variance: Float[Array, " points"]  # of the true slip about it
     covariance: Float[Array, " points"]  # with the error of the point before; 0 at the first
-    log_density: Float[Array, ""]  # of the measured slips
+
+
+class _State(NamedTuple):
+    """Slip and its rate: their means, variances and covariance."""
+
+    slip: Float[Array, "..."]
+    rate: Float[Array, "..."]
+    of_slip: Float[Array, "..."]
+    shared: Float[Array, "..."]
+    of_rate: Float[Array, "..."]
+
+
+class _Course(NamedTuple):
+    """The filter at every point of a run."""
+
+    ahead: _State  # before the point itself is known
+    known: _State  # with it
+    step: Float[Array, " points"]  # since the point before
+    log_density: Float[Array, " points"]  # of the measured slip, given those before
+
+
+def log_density(
+    noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
+) -> Float[Array, ""]:
+    """Of the measured slips of one run after the first."""
+    return _filtered(noise, slip, conditions).log_density.sum()
 
 
 def expected_slip(
@@ -74,45 +99,80 @@ def expected_slip(
     Where no time passes from one point to the next the second is taken as a repetition, which
     tells nothing new.
     """
+    course = _filtered(noise, slip, conditions)
+    ahead = jax.tree.map(lambda states: states[1:], course.ahead)
+    known = jax.tree.map(lambda states: states[:-1], course.known)
+
+    def smoothed(later: _State, at: tuple[_State, _State, Array]) -> tuple[_State, tuple]:
+        before, to, dt = at
+        # Gain: the covariance of the state with the next, times the inverse variance of the next.
+        first, second = before.of_slip + dt * before.shared, before.shared
+        third, fourth = before.shared + dt * before.of_rate, before.of_rate
+        size = to.of_slip * to.of_rate - to.shared**2
+        a = (first * to.of_rate - second * to.shared) / size
+        b = (second * to.of_slip - first * to.shared) / size
+        c = (third * to.of_rate - fourth * to.shared) / size
+        d = (fourth * to.of_slip - third * to.shared) / size
+        # By how much what comes later changes the mean and the variance of the next.
+        slip, rate = later.slip - to.slip, later.rate - to.rate
+        u, v, w = later.of_slip - to.of_slip, later.shared - to.shared, later.of_rate - to.of_rate
+        better = _State(
+            before.slip + a * slip + b * rate,
+            before.rate + c * slip + d * rate,
+            before.of_slip + a * a * u + 2 * a * b * v + b * b * w,
+            before.shared + a * c * u + (a * d + b * c) * v + b * d * w,
+            before.of_rate + c * c * u + 2 * c * d * v + d * d * w,
+        )
+        both = later.of_slip * a + later.shared * b
+        return better, (better.slip, better.of_slip, both)
+
+    last = jax.tree.map(lambda states: states[-1], course.known)
+    _, (slips, variances, covariances) = jax.lax.scan(
+        smoothed, last, (known, ahead, course.step[1:]), reverse=True
+    )
+    return ExpectedSlip(
+        jnp.append(slips, last.slip),
+        jnp.maximum(jnp.append(variances, last.of_slip), 0.0),
+        jnp.concatenate([jnp.zeros(1), covariances]),
+    )
+
+
+def _filtered(noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions) -> _Course:
+    """The filter of Kalman 1960 from a wide start: slip and rate have a variance of one each."""
     time = jnp.asarray(conditions["time_s"])
     step = jnp.diff(time, prepend=time[:1])
     spread = noise.sigma / conditions[noise.falls_with] if noise.falls_with else noise.sigma
     error = jnp.broadcast_to(spread, slip.shape) ** 2 + 1e-16
     density = jnp.asarray(noise.roughness) ** 2
-    new = (step > 0).at[0].set(True)
 
-    def filtered(state: tuple[Array, Array], now: tuple) -> tuple[tuple[Array, Array], tuple]:
-        mean, spread = state
+    def advanced(state: _State, now: tuple) -> tuple[_State, tuple]:
         dt, measured, variance, counts = now
-        move = jnp.array([[1.0, dt], [0.0, 1.0]])
-        pushed = density * jnp.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        ahead, wide = move @ mean, move @ spread @ move.T + pushed + 1e-18 * jnp.eye(2)
-        innovation, width = measured - ahead[0], wide[0, 0] + variance
-        gain = jnp.where(counts, wide[:, 0] / width, 0.0)
-        kept = wide - jnp.outer(gain, wide[0])
+        ahead = _State(
+            state.slip + dt * state.rate,
+            state.rate,
+            state.of_slip
+            + dt * (2 * state.shared + dt * state.of_rate)
+            + density * dt**3 / 3
+            + 1e-18,
+            state.shared + dt * state.of_rate + density * dt**2 / 2,
+            state.of_rate + density * dt + 1e-18,
+        )
+        innovation, width = measured - ahead.slip, ahead.of_slip + variance
+        gain = jnp.where(counts, ahead.of_slip / width, 0.0)
+        of_rate = jnp.where(counts, ahead.shared / width, 0.0)
+        known = _State(
+            ahead.slip + gain * innovation,
+            ahead.rate + of_rate * innovation,
+            ahead.of_slip - gain * ahead.of_slip,
+            ahead.shared - gain * ahead.shared,
+            ahead.of_rate - of_rate * ahead.shared,
+        )
         told = jnp.where(counts, -0.5 * (innovation**2 / width + jnp.log(width)), 0.0)
-        after = ahead + gain * innovation
-        return (after, kept), (after, kept, ahead, wide, move, told)
+        return known, (ahead, known, told)
 
-    start = jnp.array([slip[0], 0.0]), jnp.diag(jnp.array([1.0, 1.0]))
-    inputs = (step, slip, error, new)
-    _, (means, spreads, ahead, wide, moves, told) = jax.lax.scan(filtered, start, inputs)
-
-    def smoothed(state: tuple[Array, Array], at: tuple) -> tuple[tuple[Array, Array], tuple]:
-        later, broad = state
-        mean, spread, next_mean, next_wide, move = at
-        gain = jnp.linalg.solve(next_wide, move @ spread).T
-        better = mean + gain @ (later - next_mean)
-        narrow = spread + gain @ (broad - next_wide) @ gain.T
-        return (better, narrow), (better[0], narrow[0, 0], (broad @ gain.T)[0, 0])
-
-    last = means[-1], spreads[-1]
-    known = (means[:-1], spreads[:-1], ahead[1:], wide[1:], moves[1:])
-    _, (values, variances, shared) = jax.lax.scan(smoothed, last, known, reverse=True)
-    return ExpectedSlip(
-        jnp.concatenate([values, means[-1:, 0]]),
-        jnp.maximum(jnp.concatenate([variances, spreads[-1:, 0, 0]]), 0.0),
-        jnp.concatenate([jnp.zeros(1), shared]),
-        # The first point is what the diffuse start is conditioned on.
-        told[1:].sum(),
-    )
+    one, none = jnp.ones_like(slip[0]), jnp.zeros_like(slip[0])
+    # The first point is the start itself, about which nothing was known: it tells nothing.
+    start = _State(slip[0], none, one, none, one)
+    counts = (step > 0).at[0].set(True)
+    _, (ahead, known, told) = jax.lax.scan(advanced, start, (step, slip, error, counts))
+    return _Course(ahead, known, step, told.at[0].set(0.0))

@@ -21,8 +21,9 @@ _MOST = 0.995
 #: A run needs so many points for its autocorrelation to be seen beside its own level.
 _SHORT = 5
 
-#: Places of a grid along the autocorrelation and the scatter of runs, and how often it is refined.
-_GRID, _REFINEMENTS = 21, 5
+#: Places along the autocorrelation and the scatter of runs of a first grid, and of those about its
+#: best that refine it.
+_GRIDS = (21, 9, 9, 9, 9, 9, 9)
 
 #: Largest variance of the level of a run, relative to what the noise within the run makes of it.
 _LARGEST_RATIO = 1e8
@@ -110,14 +111,14 @@ def estimated(
     sums = _sums(start.weight, residual, level)
     lows, highs = np.array([0.0, 0.0]), np.array([_MOST * in_order, 1.0 * by_run])
     best = np.zeros(2)
-    for turn in range(_REFINEMENTS):
-        axes = [np.linspace(low, high, _GRID) for low, high in zip(lows, highs, strict=True)]
+    for turn, places in enumerate(_GRIDS):
+        axes = [np.linspace(low, high, places) for low, high in zip(lows, highs, strict=True)]
         if turn == 0 and in_order:
-            axes[0] = _MOST * np.linspace(0.0, 1.0, _GRID) ** 0.5
+            axes[0] = _MOST * np.linspace(0.0, 1.0, places) ** 0.5
         r, place = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
         losses = _profile(sums, r, _ratio(place))[0]
         best = np.array([r[losses.argmin()], place[losses.argmin()]])
-        reach = (highs - lows) / _GRID * (2.0 if turn else 4.0)
+        reach = (highs - lows) / places * (1.5 if turn else 4.0)
         lows = np.maximum(best - reach, 0.0)
         highs = np.minimum(best + reach, [_MOST * in_order, 1.0 * by_run])
     ratio = _ratio(best[1:])

@@ -2,16 +2,20 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from functools import partial
+from itertools import product
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 from scipy import stats
-from scipy.optimize import minimize
 
+from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.bases import bic, first_fits, starts_under
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
-from adhesion_jax.discovery.effects.slip_noise import SlipNoise
+from adhesion_jax.discovery.effects.slip_noise import SlipNoise, log_density
 from adhesion_jax.discovery.findings import Interval
 from adhesion_jax.discovery.fitting import (
     Fitted,
@@ -21,7 +25,7 @@ from adhesion_jax.discovery.fitting import (
     squares,
 )
 from adhesion_jax.discovery.model.noise import Noise, white_noise
-from adhesion_jax.discovery.problem import Problem, expected_slips, prepare
+from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
@@ -43,7 +47,11 @@ _WEIGHTINGS, _NUDGE = 4, 1e-6
 #: The share of the points that is kept whatever the noise of their slip.
 _LEAST_KEPT = 0.1
 
-#: Steps of log sigma and log roughness for second differences of the likelihood.
+#: The likeliest noise is looked for on a grid of so many choices of each logarithm within this
+#: reach, then on finer ones about the best so many of its cells wide, until they are as precise.
+_CHOICES, _REACH, _NEARER, _PRECISE = 9, 6.0, 1.5, 0.02
+
+#: The step of log sigma for second differences of the likelihood.
 _STEP = 0.02
 
 
@@ -97,34 +105,58 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
 
 def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
     """The noise of one kind, and minus the log density of the slip under it."""
-
-    def effect(at: np.ndarray) -> SlipNoise:
-        sigma = np.exp(at[1]) if given is None else given
-        return SlipNoise(sigma=jnp.asarray(sigma), roughness=jnp.exp(at[0]), falls_with=falls_with)
-
-    def loss(at: np.ndarray) -> float:
-        return -float(expected_slips(effect(at), record).log_density.sum())
-
     slip = np.asarray(record.slip)[np.asarray(record.mask)]
     scale = float(np.median(record.conditions[falls_with])) if falls_with else 1.0
-    start = np.log([max(float(np.std(slip)), 1e-9), max(0.02 * float(np.std(slip)) * scale, 1e-9)])
-    start = start if given is None else start[:1]
-    options = {"xatol": 0.01, "fatol": 0.05, "maxfev": 100}
-    best = minimize(loss, start, method="Nelder-Mead", options=options)
-    effect_found = effect(best.x)
-    sigma = float(effect_found.sigma)
+    spread = max(float(np.std(slip)), 1e-9)
+    # Logarithms of roughness and sigma.
+    best = np.log([spread, 0.02 * spread * scale if given is None else given])
+    reach = np.array([_REACH, _REACH if given is None else 0.0])
+    steps = np.linspace(-1.0, 1.0, _CHOICES)
+    while reach.max() > _PRECISE:
+        roughs, sizes = best[0] + reach[0] * steps, best[1] + reach[1] * steps
+        sizes = sizes if reach[1] else best[1:]
+        choices = np.array(list(product(roughs, sizes)))
+        losses = _losses(record, falls_with, choices)
+        best = choices[losses.argmin()]
+        reach = 2 * _NEARER * reach / (_CHOICES - 1)
+    rough, sigma = np.exp(best).tolist()
+    ahead, least, behind = _losses(
+        record, falls_with, best + np.array([[0.0, _STEP], [0.0, 0.0], [0.0, -_STEP]])
+    ).tolist()
     spread = 0.0
     if given is None:
-        ahead, behind = (loss(best.x + np.array([0.0, step])) for step in (_STEP, -_STEP))
-        curvature = max((ahead - 2 * best.fun + behind) / _STEP**2, 1e-300)
+        curvature = max((ahead - 2 * least + behind) / _STEP**2, 1e-300)
         # A likelihood as good as flat says no more than the order of magnitude.
         spread = min(1.96 / float(np.sqrt(curvature)), 5.0)
     # Noise of no size has no upper bound that the curvature at nothing could tell.
     with np.errstate(over="ignore"):
         ends = sigma * np.exp([-spread, spread])
-    interval = Interval(sigma, *ends.tolist())
-    plain = SlipNoise(sigma=sigma, roughness=float(effect_found.roughness), falls_with=falls_with)
-    return Roughness(plain, interval), float(best.fun)
+    plain = SlipNoise(sigma=sigma, roughness=rough, falls_with=falls_with)
+    return Roughness(plain, Interval(sigma, *ends.tolist())), least
+
+
+def _losses(record: Record, falls_with: str, choices: np.ndarray) -> np.ndarray:
+    """Minus the log density of the slip for logarithms of roughness and sigma, [choices]."""
+    names = ("time_s", falls_with) if falls_with else ("time_s",)
+    conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
+    found = _log_densities(np.exp(choices), falls_with, jnp.asarray(record.slip), conditions)
+    return -np.asarray(found)
+
+
+@partial(jax.jit, static_argnums=1)
+def _log_densities(
+    choices: Float[Any, "choices two"],
+    falls_with: str,
+    slip: Float[Array, "runs points"],
+    conditions: Conditions,
+) -> Float[Array, " choices"]:
+    """Of the slips of all runs, for each choice of roughness and sigma."""
+
+    def whole(choice: Float[Array, " two"]) -> Float[Array, ""]:
+        kind = SlipNoise(sigma=choice[1], roughness=choice[0], falls_with=falls_with)
+        return jax.vmap(lambda *run: log_density(kind, *run))(slip, conditions).sum()
+
+    return jax.vmap(whole)(choices)
 
 
 def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> Setting:

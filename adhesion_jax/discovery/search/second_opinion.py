@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student
 from sklearn.ensemble import HistGradientBoostingRegressor
-from threadpoolctl import threadpool_limits
 
 from adhesion_jax.discovery.findings import Opinion
 
@@ -79,22 +78,20 @@ def second_opinion(
     error = residual[rows] / np.sqrt(np.mean(residual[rows] ** 2))
     fold = (generator.permutation(count) % _FOLDS)[run]
 
-    # More threads than free cores slow trees down tenfold.
-    with threadpool_limits(1):
-        trials = [
-            _trial(columns, left, run, fold, _TREES)
-            for left in (error, error - _mean_by_run(error, run)[run])
-        ]
-        best = min(trials, key=lambda trial: trial.p)
-        p = min(1.0, len(trials) * best.p)
-        if p > _SIGNIFICANT:
-            return None
-        for trees in _MORE_TREES:
-            longer = _trial(columns, best.left, run, fold, trees)
-            if longer.gain.sum() <= best.gain.sum():
-                break
-            best = longer
-        rise = _rise(best, columns, run, fold, generator)
+    trials = [
+        _trial(columns, left, run, fold, _TREES)
+        for left in (error, error - _mean_by_run(error, run)[run])
+    ]
+    best = min(trials, key=lambda trial: trial.p)
+    p = min(1.0, len(trials) * best.p)
+    if p > _SIGNIFICANT:
+        return None
+    for trees in _MORE_TREES:
+        longer = _trial(columns, best.left, run, fold, trees)
+        if longer.gain.sum() <= best.gain.sum():
+            break
+        best = longer
+    rise = _rise(best, columns, run, fold, generator)
     gain, before = best.gain, _mean_by_run(error**2, run)
     explained = gain.sum() / before.sum()
     spread = np.std(gain - explained * before, ddof=1) * np.sqrt(count) / before.sum()
