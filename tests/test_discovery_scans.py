@@ -10,7 +10,8 @@ from adhesion_jax.discovery.effects import EFFECTS, Covariate
 from adhesion_jax.discovery.fitting import Setting, covariance, fit_model, likeliest
 from adhesion_jax.discovery.library import Entry, library_of
 from adhesion_jax.discovery.model.noise import white_noise
-from adhesion_jax.discovery.scans import products, torsion, waves
+from adhesion_jax.discovery.scans import torsion, waves
+from adhesion_jax.discovery.search.joint import surfaces
 from adhesion_jax.discovery.screening import _as_normal, screen
 from adhesion_jax.discovery.simulator import simulate
 
@@ -120,9 +121,15 @@ def test_the_library_is_of_all_columns_and_their_pairs(quiet):
     names = {one.name for one in library_of(problem)}
     # The noise of the slip belongs to the likelihood.
     assert {*EFFECTS} - names == {"axle_position", "slip_noise"}
-    pairs = [one.name for one in products(problem)]
-    assert "product:normal_load_N*temperature_C" in pairs
-    assert len(set(pairs)) == len(pairs)
+    columns = ("temperature_C", "normal_load_N", "slip_velocity_mps", "absent")
+    pairs = [(one.name, one.acts_on) for one in surfaces(problem, columns)]
+    joint = "product:normal_load_N*temperature_C"
+    assert [acts_on for name, acts_on in pairs if name == joint] == ["level", "slip", "fall"]
+    # With a function of the slip the curve itself is bent, however it acts.
+    assert ("product:normal_load_N*slip_velocity_mps", "level") in pairs
+    assert len(set(pairs)) == len(pairs) == 5
+    beside = surfaces(problem, columns[:1], columns)
+    assert {one.name for one in beside} == {joint, "product:slip_velocity_mps*temperature_C"}
 
 
 @pytest.mark.parametrize("length", [17.3, 41.0])

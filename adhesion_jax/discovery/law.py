@@ -24,6 +24,7 @@ from adhesion_jax.discovery.effects import (
     Periodic,
     Product,
     Spline,
+    Surface,
     Threshold,
 )
 from adhesion_jax.discovery.effects.shape import exponents_of, shaped
@@ -45,6 +46,7 @@ KINDS: Mapping[str, type[Effect]] = {
     "threshold": Threshold,
     "product": Product,
     "interaction": Interaction,
+    "surface": Surface,
     "periodic": Periodic,
 }
 

@@ -1,4 +1,4 @@
-"""What the library cannot look for one by one: waves of any length, and pairs of columns."""
+"""Waves of any length, which the library cannot look for one by one."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 from scipy.ndimage import median_filter
 
-from adhesion_jax.discovery.effects import Effect, Periodic, Product
+from adhesion_jax.discovery.effects import Effect, Periodic
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
 from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 from adhesion_jax.discovery.fitting import Fitted
@@ -43,31 +43,6 @@ class Wave(NamedTuple):
 
     entry: Entry
     p: float
-
-
-def products(problem: Problem) -> tuple[Entry, ...]:
-    """Every pair of plain columns that differ, on the level of the curve."""
-    chosen: dict[str, np.ndarray] = {}
-    for name in problem.columns:
-        values = problem.flat[name]
-        if name == "slip_velocity_mps":
-            continue  # itself a product, of slip and speed
-        if all(abs(np.corrcoef(values, other)[0, 1]) < 0.98 for other in chosen.values()):
-            chosen[name] = values
-    return tuple(
-        Entry(
-            f"product:{_pair(start, problem)}",
-            (start,),
-            tuple(_pair(start, problem).split("*")),
-            True,
-            f"product:{_pair(start, problem)}",
-        )
-        for start in Product.starts(chosen)
-    )
-
-
-def _pair(product: Product, problem: Problem) -> str:
-    return "*".join(label_of(name, problem.measured) for name in (product.first, product.second))
 
 
 def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Wave]:

@@ -1,6 +1,5 @@
 """Which effects a law lacks: one is accepted at a time, refitted jointly with all the others."""
 
-import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
@@ -12,11 +11,9 @@ from adhesion_jax.discovery.effects import (
     EFFECTS,
     Covariate,
     Effect,
-    Interaction,
     Spline,
     Threshold,
 )
-from adhesion_jax.discovery.effects.shape import ACTS_ON
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
     Fitted,
@@ -30,8 +27,9 @@ from adhesion_jax.discovery.fitting import (
 from adhesion_jax.discovery.law import BASES, kind_of
 from adhesion_jax.discovery.library import Entry, column_entries, entry_of
 from adhesion_jax.discovery.problem import Problem, label_of
-from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, products, waves
+from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, waves
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score, screen, seen
+from adhesion_jax.discovery.search.joint import surfaces
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.state import (
     Accepted,
@@ -41,7 +39,16 @@ from adhesion_jax.discovery.state import (
     settled,
     without,
 )
-from adhesion_jax.discovery.trials import Trial, choose, class_of, ranked, shortlisted, tied, tried
+from adhesion_jax.discovery.trials import (
+    Trial,
+    choose,
+    class_of,
+    clearly_ahead,
+    ranked,
+    shortlisted,
+    tied,
+    tried,
+)
 
 _ROUNDS = 6
 
@@ -49,11 +56,15 @@ _ROUNDS = 6
 #: nine times in ten it then predicts runs better that nobody has seen.
 _LEAST_GAIN, _SURE = 0.003, 1.28
 
+#: So many columns are looked at in pairs, and so many pairs of a column that was chosen are tried.
+_PAIRED, _WIDER = 8, 3
+
 #: A second effect of a family that gains less than this share of the first refines its form.
 _MATTER_OF_FORM = 0.25
 
 #: So does one of any family below this share, if it rests on no column of its own.
 _SMALL_MATTER = 0.05
+_OF_THE_SLIP = ("slip_ratio", "slip_velocity_mps")
 _ALWAYS_THERE = ("slip_ratio", "slip_velocity_mps", "vehicle_speed_mps", "time_s")
 
 
@@ -66,19 +77,19 @@ def search(
     """Accepts effects until none is left that is significant and lowers the held-out loss."""
     state = first
     chosen_on = first.base
-    pairs = products(first.setting.problem)
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
         look = seen if number == 0 else screen
         scores = look(state.fitted, _open(entries, state), seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
-        found = _next(state, scores, SIGNIFICANT, number)
+        found = _next(state, scores, SIGNIFICANT, number, seed)
         if not _grown(found, state):
             state = state._replace(ranking=found.ranking)
             progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
-            scanned = _scanned(state, pairs, seed + number)
-            found = _next(state, scanned, SCAN_SIGNIFICANT, number)
+            scanned = _scanned(state, scores, seed + number)
+            found = _next(state, scanned, SCAN_SIGNIFICANT, number, seed)
+            found = _separated(found, state, entries, seed)
         if not _grown(found, state):
             state = found
             break
@@ -109,7 +120,7 @@ def _plainer(
     if not plain or first.base in plain:
         return found, first.base
     start = first._replace(fits=plain, base=min(plain, key=lambda name: bic(plain[name])))
-    again = _next(start, seen(start.fitted, entries, seed), SIGNIFICANT, 0)
+    again = _next(start, seen(start.fitted, entries, seed), SIGNIFICANT, 0, seed)
     if bic(again.fitted) >= bic(found.fitted):
         return found, first.base
     fits = {**first.fits, **again.fits}
@@ -130,7 +141,7 @@ def _reconsidered(
         rest = tuple(other for other in state.accepted if other.name != effect.name)
         start = state._replace(fits=refits(state.fits, parts_of(rest)), accepted=rest)
         scores = screen(start.fitted, _open(entries, start), seed)
-        again = _next(start, scores, SIGNIFICANT, len(state.thresholds))
+        again = _next(start, scores, SIGNIFICANT, len(state.thresholds), seed)
         if len(again.accepted) == len(state.accepted) and bic(again.fitted) < bic(state.fitted):
             state = refined(again, seed)
     return state
@@ -170,21 +181,16 @@ def look_again(state: Selection, columns: Sequence[str], seed: int) -> Selection
     """
     problem = state.setting.problem
     places = [name for name in problem.columns if label_of(name, problem.measured) in columns]
-    flat = {name: problem.flat[name] for name in places}
     entries = [
         entry
         for kind in (Covariate, Spline, Threshold)
         for column in places
         for entry in column_entries(kind, column, problem)
     ]
-    entries += [entry for entry in products(problem) if {*entry.covariates} <= {*columns}]
-    for start in Interaction.starts(flat):
-        pair = "*".join(label_of(name, problem.measured) for name in (start.first, start.second))
-        entries += [
-            entry_of(f"product:{pair}", [dataclasses.replace(start, acts_on=acts_on)], problem)
-            for acts_on in ACTS_ON
-        ]
-    found = _next(state, screen(state.fitted, entries, seed), SIGNIFICANT, len(state.thresholds))
+    entries += surfaces(problem, columns)
+    found = _next(
+        state, screen(state.fitted, entries, seed), SIGNIFICANT, len(state.thresholds), seed
+    )
     return refined(found, seed) if _grown(found, state) else state
 
 
@@ -195,34 +201,95 @@ def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
     return [entry for entry in entries if entry.name not in taken]
 
 
-def _scanned(state: Selection, pairs: Sequence[Entry], seed: int) -> Sequence[Score]:
-    """Pairs of columns by score tests, waves by their coherence over runs."""
-    open_pairs = _open(pairs, state)
-    scores = list(screen(state.fitted, open_pairs, seed)) if open_pairs else []
+def _scanned(state: Selection, scores: Sequence[Score], seed: int) -> Sequence[Score]:
+    """Pairs of the most telling columns by score tests, waves by their coherence over runs."""
+    columns = [label for score in scores for label in score.entry.covariates]
+    telling = [label for label in dict.fromkeys(columns) if label not in _OF_THE_SLIP]
+    pairs = _open(surfaces(state.setting.problem, telling[:_PAIRED]), state)
+    found = list(screen(state.fitted, pairs, seed)) if pairs else []
     taken = [effect.name for effect in state.accepted]
-    scores += [
+    found += [
         Score(entry, entry.starts[0], float(stats.norm.isf(p)), p, np.nan, state.fitted)
         for entry, p in waves(state.fitted, taken, seed)
     ]
-    return sorted(scores, key=lambda score: (score.p, -score.z))
+    return sorted(found, key=lambda score: (score.p, -score.z))
 
 
-def _next(state: Selection, scores: Sequence[Score], significant: float, number: int) -> Selection:
+def _wider(chosen: Trial, now: Trial, seed: int) -> Trial:
+    """The chosen column together with another one, where that explains clearly more.
+
+    What of a column depends on another one is else left to be explained by effects that are none.
+    """
+    entry, start = chosen.score.entry, chosen.score.seen_in
+    problem = start.setting.problem
+    if not entry.generic or len(entry.covariates) > 1:
+        return chosen
+    others = [label_of(name, problem.measured) for name in problem.columns]
+    pairs = surfaces(problem, entry.covariates, others)
+    trials = tried(start, screen(start, pairs, seed)[:_WIDER]) if pairs else []
+    if not trials:
+        return chosen
+    best = min(trials, key=lambda trial: trial.loss)
+    if not clearly_ahead(gain(chosen.fitted, best.fitted), best.fitted, now.loss - best.loss):
+        return chosen
+    return best._replace(score=best.score._replace(p=chosen.score.p))
+
+
+def _separated(
+    found: Selection, before: Selection, entries: Sequence[Entry], seed: int
+) -> Selection:
+    """Two effects of a column each in place of a joint one, where they do as well."""
+    if not _grown(found, before) or len(found.accepted) == len(before.accepted):
+        return found
+    pair = found.accepted[-1]
+    if not pair.generic or len(pair.covariates) != 2:
+        return found
+    open_entries = [entry for entry in _open(entries, before) if len(entry.covariates) == 1]
+    of_pair = [entry for entry in open_entries if entry.covariates[0] in pair.covariates]
+    chain, chosen = before.fitted, list[tuple[Trial, tuple[str, ...]]]()
+    for _ in pair.covariates:
+        taken = [trial.score.entry.covariates for trial, _ in chosen]
+        scores = screen(chain, [entry for entry in of_pair if entry.covariates not in taken], seed)
+        trials = tried(chain, scores[:_WIDER])
+        if not trials:
+            return found
+        now = Trial(trials[0].score, chain, float(expected_loss(chain).sum()))
+        best = choose(trials, now)
+        chosen.append((best, class_of(trials, best, now)))
+        chain = best.fitted
+    if clearly_ahead(gain(chain, found.fits[before.base]), chain, pair.gain):
+        return found
+    state = before
+    for trial, members in chosen:
+        part = _accepted(trial, members, 0.5 * pair.gain)._replace(p=pair.p)
+        state = _joined(state, trial, part, found.ranking)
+    return state
+
+
+def _next(
+    state: Selection, scores: Sequence[Score], significant: float, number: int, seed: int
+) -> Selection:
     """The state with its ranking, and with one more effect where one is accepted."""
     trials = tried(state.fitted, shortlisted(scores, significant))
     if not trials:
         rows = ranked(number, scores, (), None, None, (), False)
         return state._replace(ranking=(*state.ranking, *rows))
     now = Trial(scores[0], state.fitted, float(expected_loss(state.fitted).sum()))
-    chosen = choose(trials, now)
+    # What would not be accepted cannot stand in the way of what would.
+    worthy = [trial for trial in trials if _is_worth(gain(now.fitted, trial.fitted), now.fitted)]
+    chosen = _wider(choose(worthy or trials, now), now, seed)
     gained = gain(now.fitted, chosen.fitted)
     accepted = chosen.score.p <= significant and _is_worth(gained, now.fitted)
     members = class_of(trials, chosen, now)
     ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:
         return state._replace(ranking=ranking)
+    return _joined(state, chosen, _accepted(chosen, members, gained.total), ranking)
+
+
+def _accepted(chosen: Trial, members: tuple[str, ...], gained: float) -> Accepted:
     entry = chosen.score.entry
-    new = Accepted(
+    return Accepted(
         entry.name,
         members,
         entry.family,
@@ -230,9 +297,8 @@ def _next(state: Selection, scores: Sequence[Score], significant: float, number:
         entry.covariates,
         (fitted_start(chosen),),
         chosen.score.p,
-        gained.total,
+        gained,
     )
-    return _joined(state, chosen, new, ranking)
 
 
 def _is_worth(gained: Gain, fitted: Fitted) -> bool:
@@ -252,7 +318,7 @@ def _joined(
         accepted = tuple(whole if effect is kin else effect for effect in state.accepted)
     else:
         accepted = (*state.accepted, new)
-    fits = {**state.fits, state.base: chosen.fitted}
+    fits = {**state.fits, chosen.fitted.base: chosen.fitted}
     return settled(fits, accepted, ranking)._replace(thresholds=state.thresholds)
 
 
@@ -264,7 +330,7 @@ def _matter_of_form(new: Accepted, old: Accepted, varying: frozenset[str]) -> bo
     what a formula leaves that is a little wrong.
     """
     own = {*new.covariates}
-    if not ((own | {*old.covariates}) & varying) - {"slip_ratio", "slip_velocity_mps"}:
+    if not ((own | {*old.covariates}) & varying) - {*_OF_THE_SLIP}:
         # Both are functions of the slip alone: together they are one.
         return True
     if new.generic and own <= {*old.covariates}:

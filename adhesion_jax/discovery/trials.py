@@ -27,8 +27,8 @@ _CAUSES, _COLUMNS = 6, 5
 #: A candidate contends if it gains this share of what the best one gains, before its own noise.
 _CONTENDS = 0.3
 
-#: A plain column is preferred to a cause only by so many standard errors, this share of the loss
-#: and this share of the gain.
+#: A plain column is preferred to a cause, and two columns to one, only by so many standard errors,
+#: this share of the loss and this share of the gain.
 _COLUMN_ERRORS, _COLUMN_LOSS, _COLUMN_GAIN = 2.0, 0.01, 0.15
 
 #: A cause that explains this share of what a plain column on it does, has the wrong form only.
@@ -107,14 +107,8 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
         return best
     cause = min(causes, key=lambda trial: trial.loss)
     column = min(columns, key=lambda trial: trial.loss)
-    ahead = gain(cause.fitted, column.fitted)
     whole = now.loss - column.loss
-    clearly = ahead.total > max(
-        _COLUMN_ERRORS * ahead.error,
-        least_gain(column.fitted, _COLUMN_LOSS),
-        _COLUMN_GAIN * whole,
-    )
-    if not clearly:
+    if not clearly_ahead(gain(cause.fitted, column.fitted), column.fitted, whole):
         return cause
     if column.score.entry.acts_on != "level":
         return column
@@ -123,6 +117,16 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
         if now.loss - trial.loss > _SAME_CAUSE * whole:
             return trial
     return column
+
+
+def clearly_ahead(ahead: Gain, fitted: Fitted, whole: float) -> bool:
+    """Whether a model is better than a plainer one by more than a matter of form.
+
+    `whole` is what it gains over the model that there was.
+    """
+    return ahead.total > max(
+        _COLUMN_ERRORS * ahead.error, least_gain(fitted, _COLUMN_LOSS), _COLUMN_GAIN * whole
+    )
 
 
 def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ from adhesion_jax.discovery.effects.slip_noise import SlipNoise
 from adhesion_jax.discovery.effects.slip_speed import SlipSpeed
 from adhesion_jax.discovery.effects.speed import Speed
 from adhesion_jax.discovery.effects.spline import Spline as Spline
+from adhesion_jax.discovery.effects.surface import Surface as Surface
 from adhesion_jax.discovery.effects.temperature import Temperature
 from adhesion_jax.discovery.effects.threshold import Threshold as Threshold
 from adhesion_jax.discovery.effects.torque_offset import TorqueOffset

@@ -53,8 +53,8 @@ class Interaction(ShapeTerm):
     }
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
-        u, u2 = _legendre(conditions[self.first], self.first_low, self.first_high)
-        v, v2 = _legendre(conditions[self.second], self.second_low, self.second_high)
+        u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
+        v, v2 = legendre(conditions[self.second], self.second_low, self.second_high)
         return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
 
     @classmethod
@@ -66,7 +66,7 @@ class Interaction(ShapeTerm):
         ]
 
 
-def _legendre(
+def legendre(
     column: Float[Array, "..."] | float, low: Scalar, high: Scalar
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     place = jnp.clip(2 * (column - low) / (high - low) - 1, -1.0, 1.0)

@@ -1,0 +1,47 @@
+"""Two columns at a time: what shows only where both are looked at."""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from adhesion_jax.discovery.effects import Surface
+from adhesion_jax.discovery.effects.shape import ACTS_ON
+from adhesion_jax.discovery.library import Entry, entry_of
+from adhesion_jax.discovery.problem import Problem, label_of
+
+#: Columns that follow each other by this correlation are one.
+_ALIKE = 0.98
+
+#: A function of the slip: it bends the curve however it acts.
+_OF_SLIP = "slip_velocity_mps"
+
+
+def surfaces(
+    problem: Problem, columns: Iterable[str], beside: Sequence[str] = ()
+) -> tuple[Entry, ...]:
+    """A smooth surface over every pair of some columns, or of one of them and one `beside`.
+
+    Each on every part of the curve; with the slip velocity, on the level alone.
+    """
+    places = {label_of(name, problem.measured): name for name in problem.columns}
+    chosen = [places[label] for label in dict.fromkeys(columns) if label in places]
+    others = [places[label] for label in dict.fromkeys(beside) if label in places] or chosen
+    entries = []
+    for at, one in enumerate(chosen):
+        for other in others if beside else chosen[at + 1 :]:
+            if one == other or _same(problem, one, other):
+                continue
+            pair = {name: problem.flat[name] for name in sorted((one, other))}
+            name = "product:" + "*".join(label_of(one, problem.measured) for one in pair)
+            entries += [
+                entry_of(name, [dataclasses.replace(start, acts_on=acts_on)], problem)
+                for start in Surface.starts(pair)
+                for acts_on in ACTS_ON
+                if acts_on == "level" or _OF_SLIP not in pair
+            ]
+    return tuple(entries)
+
+
+def _same(problem: Problem, one: str, other: str) -> bool:
+    return bool(abs(np.corrcoef(problem.flat[one], problem.flat[other])[0, 1]) > _ALIKE)
