@@ -11,8 +11,8 @@ from adhesion_jax.discovery.fitting import Setting, covariance, fit_model, likel
 from adhesion_jax.discovery.library import Entry, library_of
 from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.scans import torsion, waves
-from adhesion_jax.discovery.search.joint import surfaces
 from adhesion_jax.discovery.screening import _as_normal, screen
+from adhesion_jax.discovery.search.joint import surfaces
 from adhesion_jax.discovery.simulator import simulate
 
 RUNS, POINTS = 17, 100

@@ -15,6 +15,7 @@ GENERIC = [name for name in KINDS if name not in EFFECTS]
 COLUMNS_OF = {"covariate": 1, "spline": 1, "threshold": 1, "periodic": 1} | {
     "product": 2,
     "interaction": 2,
+    "surface": 2,
 }
 BARE = CURVES["burckhardt"]
 POINTS = 120

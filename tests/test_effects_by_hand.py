@@ -269,6 +269,17 @@ def test_an_interaction_is_of_legendre_polynomials_on_the_ranges():
     np.testing.assert_allclose(np.log(found), expected, atol=1e-14)
 
 
+def test_a_surface_is_of_legendre_polynomials_up_to_the_second_degree():
+    numbers = (0.1, -0.2, 0.3, 0.05, 0.15)
+    effect = KINDS["surface"](*numbers, 2.0, 6.0, -1.0, 9.0, "wear", "gap")
+    wear, gap = np.array([2.0, 3.0, 4.0, 6.0, 5.0]), np.array([-1.0, 6.5, 4.0, 9.0, 40.0])
+    u, v = (wear - 4) / 2, np.minimum((gap - 4) / 5, 1.0)
+    weights = np.array([[0.0, -0.2, 0.15], [0.1, 0.05, 0.0], [0.3, 0.0, 0.0]])
+    expected = np.polynomial.legendre.legval2d(u, v, weights)
+    found = factors_of(effect, {"wear": jnp.asarray(wear), "gap": jnp.asarray(gap)})
+    np.testing.assert_allclose(np.log(found), expected, atol=1e-14)
+
+
 def test_effects_are_applied_from_the_contact_outwards():
     slope = EFFECTS["load_slope"](p=0.5, reference=1e5)
     bias = EFFECTS["slip_bias"](bias=0.002)

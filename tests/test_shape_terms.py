@@ -182,13 +182,16 @@ def test_the_compiled_program_predicts_what_the_law_does(setting, base):
             *(0.2, -0.1, 0.05, 0.1), *warm, *humid, "temperature_C", "relative_humidity_pct",
             acts_on="fall",
         ),
+        KINDS["surface"](
+            *(0.1, -0.2, 0.05, 0.1, -0.1), *age, *warm, "rail_age_days", "temperature_C",
+            acts_on="slip",
+        ),
         EFFECTS["load_slope"](p=0.3, reference=9e4),
         EFFECTS["lag"](time_constant=0.6),
         KINDS["periodic"](0.03, 0.02, 0.04, column="position_m"),
     )  # fmt: skip
-    assert {"covariate", "spline", "threshold", "product", "interaction"} | {*EFFECTS} | {
-        "periodic"
-    } == {*KINDS}
+    terms = {"covariate", "spline", "threshold", "product", "interaction", "surface"}
+    assert terms | {*EFFECTS} | {"periodic"} == {*KINDS}
     start = {"burckhardt": (0.3, 60.0, 0.5), "kiencke": (30.0, 10.0, 400.0), "polach": (0.3, 90.0)}
     fitted = fit_model(setting, base, start.get(base, (0.5, 0.4, 0.6, 90.0, 0.4)), ())
     data = problem.data

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import gammaln
 
+from adhesion_jax.curves import Scalar
 from adhesion_jax.discovery.bases import starts_under
 from adhesion_jax.discovery.effects import Covariate, Effect, ShapeTerm
 from adhesion_jax.discovery.effects.shape import ACTS_ON
@@ -321,7 +322,9 @@ def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
 
 @partial(jax.jit, static_argnums=0)
 def _log_factor(
-    kind: type[ShapeTerm], numbers: Mapping[str, float], columns: Sequence[Array]
+    kind: type[ShapeTerm],
+    numbers: Mapping[str, Scalar],
+    columns: Sequence[Float[Any, "runs points"]],
 ) -> Float[Array, "runs points"]:
     """The function of columns of a term of that kind, compiled once whatever they are called."""
     places = [str(place) for place in range(len(columns))]

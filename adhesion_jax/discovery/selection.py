@@ -18,7 +18,6 @@ from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Gain,
-    expected_loss,
     gain,
     least_gain,
     likeliest,
@@ -47,6 +46,7 @@ from adhesion_jax.discovery.trials import (
     ranked,
     shortlisted,
     tied,
+    trial_of,
     tried,
 )
 
@@ -89,10 +89,10 @@ def search(
             progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
             scanned = _scanned(state, scores, seed + number)
             found = _next(state, scanned, SCAN_SIGNIFICANT, number, seed)
-            found = _separated(found, state, entries, seed)
         if not _grown(found, state):
             state = found
             break
+        found = _separated(found, state, entries, seed)
         if not first.accepted and number == 0:
             found, chosen_on = _plainer(found, first, entries, seed)
         found = refined(found, seed)
@@ -187,11 +187,12 @@ def look_again(state: Selection, columns: Sequence[str], seed: int) -> Selection
         for column in places
         for entry in column_entries(kind, column, problem)
     ]
-    entries += surfaces(problem, columns)
-    found = _next(
-        state, screen(state.fitted, entries, seed), SIGNIFICANT, len(state.thresholds), seed
-    )
-    return refined(found, seed) if _grown(found, state) else state
+    for some in (entries, surfaces(problem, columns)):
+        scores = screen(state.fitted, some, seed)
+        found = _next(state, scores, SIGNIFICANT, len(state.thresholds), seed)
+        if _grown(found, state):
+            return refined(found, seed)
+    return state
 
 
 def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
@@ -230,7 +231,7 @@ def _wider(chosen: Trial, now: Trial, seed: int) -> Trial:
     if not trials:
         return chosen
     best = min(trials, key=lambda trial: trial.loss)
-    if not clearly_ahead(gain(chosen.fitted, best.fitted), best.fitted, now.loss - best.loss):
+    if not clearly_ahead(chosen, best, now):
         return chosen
     return best._replace(score=best.score._replace(p=chosen.score.p))
 
@@ -245,19 +246,20 @@ def _separated(
     if not pair.generic or len(pair.covariates) != 2:
         return found
     open_entries = [entry for entry in _open(entries, before) if len(entry.covariates) == 1]
-    of_pair = [entry for entry in open_entries if entry.covariates[0] in pair.covariates]
-    chain, chosen = before.fitted, list[tuple[Trial, tuple[str, ...]]]()
+    left = [entry for entry in open_entries if entry.covariates[0] in pair.covariates]
+    chain, chosen = [before.fitted], []
     for _ in pair.covariates:
-        taken = [trial.score.entry.covariates for trial, _ in chosen]
-        scores = screen(chain, [entry for entry in of_pair if entry.covariates not in taken], seed)
-        trials = tried(chain, scores[:_WIDER])
+        trials = tried(chain[-1], screen(chain[-1], left, seed)[:_WIDER])
         if not trials:
             return found
-        now = Trial(trials[0].score, chain, float(expected_loss(chain).sum()))
+        now = trial_of(chain[-1], trials[0].score)
         best = choose(trials, now)
         chosen.append((best, class_of(trials, best, now)))
-        chain = best.fitted
-    if clearly_ahead(gain(chain, found.fits[before.base]), chain, pair.gain):
+        chain.append(best.fitted)
+        left = [entry for entry in left if entry.covariates != best.score.entry.covariates]
+    last = chosen[-1][0]
+    joint = trial_of(found.fits[before.base], last.score)
+    if clearly_ahead(last, joint, trial_of(before.fitted, last.score)):
         return found
     state = before
     for trial, members in chosen:
@@ -274,7 +276,7 @@ def _next(
     if not trials:
         rows = ranked(number, scores, (), None, None, (), False)
         return state._replace(ranking=(*state.ranking, *rows))
-    now = Trial(scores[0], state.fitted, float(expected_loss(state.fitted).sum()))
+    now = trial_of(state.fitted, scores[0])
     # What would not be accepted cannot stand in the way of what would.
     worthy = [trial for trial in trials if _is_worth(gain(now.fitted, trial.fitted), now.fitted)]
     chosen = _wider(choose(worthy or trials, now), now, seed)

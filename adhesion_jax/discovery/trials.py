@@ -58,6 +58,11 @@ class Trial(NamedTuple):
     loss: float  # expected, over all runs
 
 
+def trial_of(fitted: Fitted, score: Score) -> Trial:
+    """A model as it is, to hold others against."""
+    return Trial(score, fitted, float(expected_loss(fitted).sum()))
+
+
 def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
     """The most telling causes and columns, where the best of all is significant."""
     if not scores or min(score.p for score in scores) > significant:
@@ -94,21 +99,25 @@ def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
         if not np.isfinite(more.total) or squares(more) >= squares(fitted):
             continue
         if id(score) not in best or more.total < best[id(score)].fitted.total:
-            best[id(score)] = Trial(score, more, float(expected_loss(more).sum()))
+            best[id(score)] = trial_of(more, score)
     return list(best.values())
 
 
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
-    """The best cause, unless a plain column explains clearly more that is no matter of form."""
+    """The best cause, unless a plain column explains clearly more that is no matter of form.
+
+    And the best of plain columns, unless two of them together explain clearly more.
+    """
     causes = [trial for trial in trials if not trial.score.entry.generic]
     columns = [trial for trial in trials if trial.score.entry.generic]
-    best = min(trials, key=lambda trial: trial.loss)
-    if not causes or not columns:
-        return best
+    if not columns:
+        return min(causes, key=lambda trial: trial.loss)
+    column = _plain(columns, now)
+    if not causes:
+        return column
     cause = min(causes, key=lambda trial: trial.loss)
-    column = min(columns, key=lambda trial: trial.loss)
     whole = now.loss - column.loss
-    if not clearly_ahead(gain(cause.fitted, column.fitted), column.fitted, whole):
+    if not clearly_ahead(cause, column, now):
         return cause
     if column.score.entry.acts_on != "level":
         return column
@@ -119,13 +128,22 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     return column
 
 
-def clearly_ahead(ahead: Gain, fitted: Fitted, whole: float) -> bool:
-    """Whether a model is better than a plainer one by more than a matter of form.
+def _plain(columns: Sequence[Trial], now: Trial) -> Trial:
+    single = [trial for trial in columns if len(trial.score.entry.covariates) == 1]
+    best = min(columns, key=lambda trial: trial.loss)
+    if not single:
+        return best
+    one = min(single, key=lambda trial: trial.loss)
+    return best if best is not one and clearly_ahead(one, best, now) else one
 
-    `whole` is what it gains over the model that there was.
-    """
+
+def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
+    """Whether a candidate is better than a plainer one by more than a matter of form."""
+    ahead = gain(plainer.fitted, other.fitted)
     return ahead.total > max(
-        _COLUMN_ERRORS * ahead.error, least_gain(fitted, _COLUMN_LOSS), _COLUMN_GAIN * whole
+        _COLUMN_ERRORS * ahead.error,
+        least_gain(other.fitted, _COLUMN_LOSS),
+        _COLUMN_GAIN * (now.loss - other.loss),
     )
 
 
