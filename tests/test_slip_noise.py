@@ -32,7 +32,7 @@ def smoothed(noise, slip=SLIP, time=TIME, speed=SPEED):
 
 
 def density(noise, slip=SLIP, time=TIME, speed=SPEED):
-    return float(of_run(log_density, noise, slip, time, speed))
+    return float(of_run(log_density, noise, slip, time, speed).sum())
 
 
 def covariances(noise, time=TIME, speed=SPEED):

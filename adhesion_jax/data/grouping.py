@@ -84,3 +84,14 @@ def _labels(table: pd.DataFrame) -> np.ndarray:
     usual = float(np.median(forward)) if forward.size else 0.0
     gap = steps > max(_STEPS * usual, _PAUSE)
     return (1 + np.concatenate([[0], np.cumsum(gap)])).astype(str).astype(object)
+
+
+def with_history(held: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The places of blocks of one run in time, each led in by the rows before it.
+
+    As many as a block has places, the first row again where there are none; in `rows`, -1 stands
+    for them: what acts with a memory needs them, and they count in no sum.
+    """
+    lead = rows.shape[1]
+    before = np.maximum(held[:, :1] - np.arange(lead, 0, -1), 0)
+    return np.hstack([before, held]), np.hstack([np.full_like(before, -1), rows])

@@ -10,7 +10,7 @@ import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 from adhesion_jax.data.files import refuse_many_rows
-from adhesion_jax.data.grouping import Grouping, group, in_blocks, places
+from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_measured, too_few
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -31,13 +31,14 @@ _ALWAYS = ("time_s", "vehicle_speed_mps", "slip_velocity_mps", "normal_load_N")
 class RunSet(NamedTuple):
     """The runs of a campaign, side by side.
 
-    `record` is [runs, points]; a run is padded at its end with its last row, masked. Its conditions
+    `record` is [runs, points]; a run is padded at its end with its last row, masked. Blocks of one
+    run in time are led in by the rows before them, masked. Its conditions
     are the numeric columns without slip ratio, adhesion and force, the `axle` as codes, and the
     `mode` as +1 traction, -1 braking, 0 coasting.
     """
 
     record: Record
-    rows: np.ndarray  # [runs, points], from 0 over all files one after the other; -1: padded
+    rows: np.ndarray  # [runs, points], from 0 over all files one after the other; -1: masked
     names: tuple[str, ...]  # of the runs
     blocks: bool  # contiguous blocks of one run take the place of runs
     covariates: tuple[str, ...]  # the conditions that the project does not know
@@ -63,6 +64,8 @@ def read_runs(paths: Sequence[Path]) -> RunSet:
     grouping = in_blocks(whole)
     _refuse_useless(paths, table, slip, grouping)
     held, rows = places(grouping.run)
+    if grouping.blocks and "time_s" in table:
+        held, rows = with_history(held, rows)
 
     columns, axles = _conditions(table, slip)
     same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})

@@ -86,9 +86,9 @@ class _Course(NamedTuple):
 
 def log_density(
     noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
-) -> Float[Array, ""]:
-    """Of the measured slips of one run after the first."""
-    return _filtered(noise, slip, conditions).log_density.sum()
+) -> Float[Array, " points"]:
+    """Of each measured slip of one run given those before; 0 of the first."""
+    return _filtered(noise, slip, conditions).log_density
 
 
 def expected_slip(

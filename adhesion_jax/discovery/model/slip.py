@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 from scipy import stats
 
 from adhesion_jax.curves import Conditions
@@ -20,12 +20,13 @@ from adhesion_jax.discovery.findings import Interval
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Setting,
-    likeliest,
+    noise_of,
     raw_changes,
     squares,
 )
-from adhesion_jax.discovery.model.noise import Noise, white_noise
+from adhesion_jax.discovery.model.noise import Noise, determinant, white_noise
 from adhesion_jax.discovery.problem import Problem, prepare
+from adhesion_jax.discovery.screening import in_noise_units
 from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
@@ -139,8 +140,8 @@ def _losses(record: Record, falls_with: str, choices: np.ndarray) -> np.ndarray:
     """Minus the log density of the slip for logarithms of roughness and sigma, [choices]."""
     names = ("time_s", falls_with) if falls_with else ("time_s",)
     conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
-    found = _log_densities(np.exp(choices), falls_with, jnp.asarray(record.slip), conditions)
-    return -np.asarray(found)
+    slip, mask = jnp.asarray(record.slip), jnp.asarray(record.mask)
+    return -np.asarray(_log_densities(np.exp(choices), falls_with, slip, mask, conditions))
 
 
 @partial(jax.jit, static_argnums=1)
@@ -148,13 +149,15 @@ def _log_densities(
     choices: Float[Any, "choices two"],
     falls_with: str,
     slip: Float[Array, "runs points"],
+    mask: Bool[Array, "runs points"],
     conditions: Conditions,
 ) -> Float[Array, " choices"]:
-    """Of the slips of all runs, for each choice of roughness and sigma."""
+    """Of the slips of all runs where there are points, for each choice of roughness and sigma."""
 
     def whole(choice: Float[Array, " two"]) -> Float[Array, ""]:
         kind = SlipNoise(sigma=choice[1], roughness=choice[0], falls_with=falls_with)
-        return jax.vmap(lambda *run: log_density(kind, *run))(slip, conditions).sum()
+        densities = jax.vmap(lambda *run: log_density(kind, *run))(slip, conditions)
+        return jnp.where(mask, densities, 0.0).sum()
 
     return jax.vmap(whole)(choices)
 
@@ -168,7 +171,6 @@ def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> S
     the slip adds more than the noise of adhesion itself are left out: there the curve bends within
     the error of the slip, and the errors of neighbours are one.
     """
-    variance, covariance = problem.slip_errors
     adhesion = np.asarray(problem.data.adhesion)
     fitted_to = noise.weight
     # As if white: what the slip leaves undone between events would else pass for slow noise.
@@ -176,17 +178,21 @@ def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> S
     for _ in range(_WEIGHTINGS):
         fits = first_fits(Setting(pilot, noise, adhesion), curves)
         fitted = min(fits.values(), key=lambda fitted: fitted.total)
-        slope = raw_changes(fitted, [SlipBias(bias=_NUDGE)])[0] / _NUDGE
-        last = np.concatenate([slope[:, :1], slope[:, :-1]], axis=1)
-        extra = slope**2 * variance
+        extra, shared = _made_of_slip(fitted)
         sigma = float(fitted.setting.noise.sigma)
         kept = extra <= max(sigma**2, float(np.quantile(extra[fitted_to > 0], _LEAST_KEPT)))
         noise = fitted.setting.noise._replace(
-            weight=fitted_to * kept,
-            variance=extra * kept,
-            covariance=slope * last * covariance * kept,
+            weight=fitted_to * kept, variance=extra * kept, covariance=shared * kept
         )
     return Setting(problem._replace(points=problem.points * kept), noise, adhesion)
+
+
+def _made_of_slip(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    """What errors of the slip make of adhesion: variance, and covariance with the point before."""
+    variance, covariance = fitted.setting.problem.slip_errors
+    slope = raw_changes(fitted, [SlipBias(bias=_NUDGE)])[0] / _NUDGE
+    last = np.concatenate([slope[:, :1], slope[:, :-1]], axis=1)
+    return slope**2 * variance, slope * last * covariance
 
 
 def noise_of_slip(
@@ -194,18 +200,24 @@ def noise_of_slip(
 ) -> NoisySlip | None:
     """Whether adhesion follows the slip to be expected rather than the one measured.
 
-    By the likelihood of adhesion with the best curve on either.
+    By the likelihood of adhesion with the best curve on either, over all points.
     """
     measured, expected = (min(fits.values(), key=bic) for fits in (exact, corrected))
-    # Of the points of the second: the first is fitted to them anew.
-    setting = measured.setting
-    noise = setting.noise._replace(weight=expected.setting.noise.weight)
-    values = measured.base_values.tolist()
-    same = likeliest(setting._replace(noise=noise), measured.base, values, ())
-    gained = same.total - expected.total
-    p = float(stats.chi2.sf(2 * max(gained, 0.0), 2))
+    weight = measured.setting.noise.weight
+    problem = expected.setting.problem
+    variance, covariance = _made_of_slip(expected)
+    error = expected.adhesion - np.asarray(problem.data.adhesion)
+    noise = noise_of(
+        problem,
+        expected.setting.noise._replace(weight=weight, variance=variance, covariance=covariance),
+        error,
+        expected.adhesion,
+    )
+    setting = Setting(problem, noise, expected.adhesion)
+    white = in_noise_units(setting, error[None])[0]
+    half_deviance = 0.5 * (white**2).sum() + determinant(noise, jnp.asarray(setting.level)).sum()
+    p = float(stats.chi2.sf(2 * max(measured.total - float(half_deviance), 0.0), 2))
     if p > _SURE:
         return None
-    inside = np.asarray(expected.setting.noise.weight) > 0
-    error = (expected.adhesion - np.asarray(expected.setting.problem.data.adhesion))[inside]
-    return NoisySlip(rough.effect, rough.sigma, p, float(np.sqrt(np.mean(error**2))))
+    inside = expected.setting.noise.weight > 0
+    return NoisySlip(rough.effect, rough.sigma, p, float(np.sqrt(np.mean(error[inside] ** 2))))
