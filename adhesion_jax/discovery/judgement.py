@@ -17,14 +17,30 @@ _OF_SHAPE = ("slip_bias", "torque_offset")
 #: Half a chi-square that an effect of the slip alone must reach on every base curve: p = 6e-5.
 _SURE = 8.0
 
+#: A bias beside noise of the slip: what the smoothed slip misses of the true one looks like it.
+_OF_NOISY_SLIP = Doubt(
+    _OF_SHAPE,
+    "A bias of the slip or of the torque, or what the noise of the slip leaves: the slip that "
+    "adhesion is held against is itself estimated from a noisy signal, and where it bends faster "
+    "than the estimate can follow, the error looks like a bias; it is not counted as an effect. A "
+    "wheel speed with less noise, or a longer log, would tell them apart.",
+)
+
 
 def doubtful(state: Selection) -> tuple[Selection, Sequence[Doubt]]:
-    """Without the effects of slip alone that another base curve makes needless; these as doubts."""
+    """Without the effects of slip alone that another base curve, or noise of the slip, explains.
+
+    These become doubts.
+    """
     doubts = []
     for effect in state.accepted:
         if not _of_slip_alone(state, effect):
             continue
         rest = tuple(other for other in state.accepted if other.name != effect.name)
+        if state.setting.problem.slip_noise is not None and effect.name in _OF_SHAPE:
+            doubts.append(_OF_NOISY_SLIP)
+            state = without(state, rest)
+            continue
         for base, fitted in state.fits.items():
             values = fitted.base_values.tolist()
             less = likeliest(fitted.setting, base, values, parts_of(rest))
