@@ -336,7 +336,9 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
         return best, *next_trial(best, damping), damping
 
     def unfinished(state: tuple) -> Bool[Array, ""]:
-        return (state[2] >= _ARRIVED) & (state[0].steps < _STEPS)
+        # A step cut off at a bound may promise a rise, one of a singular matrix nothing: not there.
+        arrived = (state[2] >= 0) & (state[2] < _ARRIVED)
+        return ~arrived & (state[0].steps < _STEPS)
 
     free = model.free.size
     nothing = Fit(

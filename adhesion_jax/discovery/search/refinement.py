@@ -14,7 +14,6 @@ from adhesion_jax.discovery.effects import (
 from adhesion_jax.discovery.effects.rail_joint import RailJoint
 from adhesion_jax.discovery.effects.shape import ACTS_ON
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
-from adhesion_jax.discovery.effects.wheel_order import WheelOrder
 from adhesion_jax.discovery.fitting import gain, in_order, least_gain
 from adhesion_jax.discovery.library import Entry, column_entries, entry_of
 from adhesion_jax.discovery.problem import Problem, label_of
@@ -126,8 +125,6 @@ def _harmonics(parts: Sequence[Effect], problem: Problem) -> list[Periodic]:
     first = parts[0]
     if isinstance(first, RailJoint) and "position_m" in problem.columns:
         column, frequency, own = "position_m", 1 / float(first.length), 2
-    elif isinstance(first, WheelOrder) and "wheel_angle_rad" in problem.columns:
-        column, frequency, own = "wheel_angle_rad", float(first.order) / 6.283185307179586, 2
     elif isinstance(first, Periodic):
         column, frequency, own = first.column, float(first.frequency), 1
     else:
