@@ -9,8 +9,8 @@ from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Setting,
-    fit_model,
     likeliest,
+    nearly_fitted,
     side_by_side,
     with_own_noise,
 )
@@ -51,7 +51,9 @@ def starts_under(setting: Setting, base: str) -> list[Fitted]:
     """A curve alone under a given noise, from each of its starts."""
     inside = setting.problem.points > 0
     top = float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
-    return side_by_side(lambda start: fit_model(setting, base, start, ()), list(_starts(base, top)))
+    return side_by_side(
+        lambda start: nearly_fitted(setting, base, start, ()), list(_starts(base, top))
+    )
 
 
 def refits(fits: Mapping[str, Fitted], effects: Sequence[Effect]) -> dict[str, Fitted]:

@@ -26,7 +26,7 @@ from adhesion_jax.discovery.screening import compile_changes
 from adhesion_jax.discovery.search.refinement import refined
 from adhesion_jax.discovery.search.second_opinion import second_opinion
 from adhesion_jax.discovery.selection import look_again, search
-from adhesion_jax.discovery.state import Selection, parts_of, settled
+from adhesion_jax.discovery.state import Selection, parts_of, refreshed, settled
 from adhesion_jax.discovery.summary import summarise
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -114,6 +114,7 @@ def discover(
             final = refined(_on_all_runs(again), seed)
             opinion = opinion_of(final, seed)
     doubts = (*doubts, *undecided(final))
+    final = _precise(final)
     plain = _by_least_squares(problem, bases)
     if noise is None and not final.accepted and slip_noise is None:
         # Without an effect the law after is the law before, and only the noise is told better.
@@ -250,6 +251,14 @@ def _by_least_squares(problem: Problem, bases: Sequence[str]) -> Selection:
         for name, fitted in fits.items()
     }
     return Selection(fits, min(fits, key=lambda name: bic(fits[name])), (), ())
+
+
+def _precise(state: Selection) -> Selection:
+    """The chosen curve with its effects, fitted until nothing moves."""
+    near = state.fitted
+    fitted = fit_model(near.setting, near.base, near.base_values.tolist(), near.effects)
+    accepted = refreshed(state.accepted, fitted.effects)
+    return state._replace(fits={**state.fits, near.base: fitted}, accepted=accepted)
 
 
 def _on_all_runs(state: Selection) -> Selection:

@@ -33,6 +33,10 @@ _FOLDS = 40
 #: A direction whose curvature is below this share of the largest is not determined by the data.
 _DETERMINED = 1e-7
 
+#: A fit has arrived where a step promises to lower its loss by no more than the first share; by the
+#: second, where it is only compared with others.
+_PRECISE, _NEAR = 1e-8, 1e-5
+
 #: Noise and fit are found in turns until the half deviance falls by less than this.
 _STANDS = 0.1
 
@@ -86,13 +90,17 @@ class Fitted(NamedTuple):
 
 
 def fit_model(
-    setting: Setting, base: str, base_values: Sequence[float], effects: Sequence[Effect]
+    setting: Setting,
+    base: str,
+    base_values: Sequence[float],
+    effects: Sequence[Effect],
+    near: float = _PRECISE,
 ) -> Fitted:
     """The least squares of a curve with effects, from where its parameters are."""
     effects = in_order(effects)
     size = size_of(base, effects)
     model = pack(base, base_values, effects, (*setting.problem.columns, ""), *size)
-    found = fit(model, setting.problem.data, setting.noise, setting.level)
+    found = fit(model, setting.problem.data, setting.noise, setting.level, np.asarray(near))
     free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
     values = np.asarray(found.values)
     return Fitted(
@@ -111,11 +119,18 @@ def fit_model(
     )
 
 
+def nearly_fitted(
+    setting: Setting, base: str, base_values: Sequence[float], effects: Sequence[Effect]
+) -> Fitted:
+    """The same to about .02 of the log likelihood, which is enough to compare models."""
+    return fit_model(setting, base, base_values, effects, _NEAR)
+
+
 def likeliest(
     setting: Setting, base: str, base_values: Sequence[float], effects: Sequence[Effect]
 ) -> Fitted:
     """The model and its noise of greatest likelihood, found in turns from those given."""
-    return with_own_noise(fit_model(setting, base, base_values, effects))
+    return with_own_noise(nearly_fitted(setting, base, base_values, effects))
 
 
 def with_own_noise(fitted: Fitted) -> Fitted:
@@ -128,9 +143,8 @@ def with_own_noise(fitted: Fitted) -> Fitted:
     # A curve alone has nothing else to follow; what it misses is what is looked for.
     allowed = _MISSED * squares(fitted) if fitted.effects else np.inf
     for _ in range(_TURNS):
-        again = fit_model(
-            own_noise(fitted), fitted.base, fitted.base_values.tolist(), fitted.effects
-        )
+        values = fitted.base_values.tolist()
+        again = nearly_fitted(own_noise(fitted), fitted.base, values, fitted.effects)
         if not again.total < fitted.total or squares(again) > allowed:
             return fitted
         gained, fitted = fitted.total - again.total, again
@@ -277,6 +291,24 @@ def gain(less: Fitted, more: Fitted) -> Gain:
         with np.errstate(over="ignore"):
             error = float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
     return Gain(float(gains.sum()), error)
+
+
+def loss_without(fitted: Fitted, effects: Sequence[Effect]) -> float:
+    """By how much the half deviance would rise without some of its effects, to second order.
+
+    Half Wald's statistic of their strengths, s' (H^-1)_ss^-1 s/2.
+    """
+    gone = [
+        place
+        for slot, effect in enumerate(fitted.effects)
+        if any(effect is one for one in effects)
+        for name, place in effect_places(slot, effect).items()
+        if name in effect.STRENGTHS
+    ]
+    chosen = [fitted.places.index(place) for place in gone]
+    strengths = fitted.values[gone]
+    spread = solve(fitted.hessian.sum(0), np.eye(len(fitted.places)))[np.ix_(chosen, chosen)]
+    return 0.5 * float(strengths @ np.linalg.pinv(spread, hermitian=True) @ strengths)
 
 
 def squares(fitted: Fitted) -> float:

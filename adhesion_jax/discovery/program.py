@@ -50,9 +50,8 @@ def _branches(names: Sequence[str]) -> Array:
     return jnp.asarray([0, *(names.index(name) + 1 if name in names else 0 for name in _NAMES)])
 
 
-#: Levenberg-Marquardt: largest number of steps, and the share of the loss that the next must
-#: promise to lower it by.
-_STEPS, _ARRIVED = 40, 1e-7
+#: Levenberg-Marquardt: largest number of steps.
+_STEPS = 40
 
 #: The damping at first, at least, and at least where a step has failed; the share of what was
 #: promised from which on the loss is taken for quadratic.
@@ -288,10 +287,17 @@ def _with_jacobian(
 
 
 @partial(jax.jit, compiler_options=_QUICKLY)
-def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points"]) -> Fit:
+def fit(
+    model: Model,
+    data: Data,
+    noise: Noise,
+    level: Float[Array, "runs points"],
+    near: Float[Any, ""],
+) -> Fit:
     """Least squares by Levenberg-Marquardt inside the bounds.
 
-    `level` is the adhesion that a random level of a run multiplies.
+    `level` is the adhesion that a random level of a run multiplies. It has arrived where the next
+    step does not promise to lower the loss by more than the share `near` of it.
     """
     runs, points = data.slip.shape
 
@@ -337,7 +343,7 @@ def fit(model: Model, data: Data, noise: Noise, level: Float[Array, "runs points
 
     def unfinished(state: tuple) -> Bool[Array, ""]:
         # A step cut off at a bound may promise a rise, one of a singular matrix nothing: not there.
-        arrived = (state[2] >= 0) & (state[2] < _ARRIVED)
+        arrived = (state[2] >= 0) & (state[2] < near)
         return ~arrived & (state[0].steps < _STEPS)
 
     free = model.free.size

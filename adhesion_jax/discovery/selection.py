@@ -21,6 +21,7 @@ from adhesion_jax.discovery.fitting import (
     gain,
     least_gain,
     likeliest,
+    loss_without,
     side_by_side,
 )
 from adhesion_jax.discovery.law import BASES, kind_of
@@ -58,6 +59,9 @@ _LEAST_GAIN, _SURE = 0.003, 1.28
 
 #: So many columns are looked at in pairs, and so many pairs of a column that was chosen are tried.
 _PAIRED, _WIDER = 8, 3
+
+#: A part is not tried to be left out where the half deviance rises by more, to second order.
+_PLAINLY_NEEDED = 50.0
 
 #: A second effect of a family that gains less than this share of the first refines its form.
 _MATTER_OF_FORM = 0.25
@@ -346,6 +350,10 @@ def _pruned(state: Selection) -> Selection:
     """Backward elimination: what later effects and refinements have made needless goes."""
     while True:
         for rest in _smaller(state):
+            kept = {id(part) for part in parts_of(rest)}
+            gone = [part for part in state.fitted.effects if id(part) not in kept]
+            if loss_without(state.fitted, gone) > _PLAINLY_NEEDED:
+                continue
             less = _refitted(state, parts_of(rest))
             if _is_worth(gain(less, state.fitted), state.fitted):
                 continue

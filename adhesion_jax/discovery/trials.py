@@ -12,9 +12,9 @@ from adhesion_jax.discovery.fitting import (
     Fitted,
     Gain,
     expected_loss,
-    fit_model,
     gain,
     least_gain,
+    nearly_fitted,
     side_by_side,
     squares,
     with_own_noise,
@@ -84,7 +84,7 @@ def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
     def begun(one: tuple[Score, Fitted]) -> Fitted:
         score, start = one
         values = start.base_values.tolist()
-        return fit_model(start.setting, start.base, values, (*start.effects, score.start))
+        return nearly_fitted(start.setting, start.base, values, (*start.effects, score.start))
 
     first = side_by_side(begun, starts)
     gains = [start.total - more.total for (_, start), more in zip(starts, first, strict=True)]
