@@ -106,6 +106,19 @@ class Fit(NamedTuple):
     steps: Int[Array, ""]
 
 
+class _Step(NamedTuple):
+    """A model on its way to the least squares, sums taken over all runs."""
+
+    values: Float[Array, " flat"]
+    loss: Float[Array, ""]
+    gradient: Float[Array, " free"]
+    hessian: Float[Array, "free free"]
+    adhesion: Float[Array, "runs points"]
+    residual: Float[Array, "runs points"]
+    jacobian: Float[Array, "free runs points"]
+    steps: Int[Array, ""]
+
+
 def base_places(base: str) -> range:
     """Where the parameters of a curve stand in `Model.values`."""
     return range(len(BASES[base].free))
@@ -301,9 +314,9 @@ def fit(
     """
     runs, points = data.slip.shape
 
-    def next_trial(best: Fit, damping: Array) -> tuple[Array, Array]:
+    def next_trial(best: _Step, damping: Array) -> tuple[Array, Array]:
         """Where the next step leads, and by which share of the loss it promises to lower it."""
-        at, hessian, gradient = best.values[model.free], best.hessian.sum(0), best.gradient.sum(0)
+        at, hessian, gradient = best.values[model.free], best.hessian, best.gradient
         held = ((at <= model.lower) & (gradient > 0)) | ((at >= model.upper) & (gradient < 0))
         loose = ~held & (jnp.diag(hessian) > 0)
         scale = jnp.where(loose, jnp.diag(hessian), 1.0)
@@ -314,31 +327,30 @@ def fit(
         step = jnp.where(loose, moved - at, 0.0)
         promised = -(step @ gradient + 0.5 * step @ hessian @ step)
         trial = best.values.at[model.free].set(moved).at[-1].set(0.0)
-        return trial, promised / jnp.maximum(jnp.sum(best.loss), 1e-300)
+        return trial, promised / jnp.maximum(best.loss, 1e-300)
 
     # The model is written out once, here: compiling it is what takes time.
     def body(state: tuple) -> tuple:
         best, trial, promised, damping = state
         adhesion, residual, jacobian = _with_jacobian(model, data, noise, trial, level)
-        new = Fit(
+        flat = jacobian.reshape(jacobian.shape[0], -1)
+        new = _Step(
             trial,
-            0.5 * jnp.sum(residual**2, axis=1),
-            best.determinant,
-            jnp.einsum("krt,rt->rk", jacobian, residual),
-            jnp.einsum("krt,lrt->rkl", jacobian, jacobian),
+            0.5 * jnp.sum(residual**2),
+            flat @ residual.ravel(),
+            flat @ flat.T,
             adhesion,
             residual,
             jacobian,
             best.steps,
         )
-        old_loss, new_loss = jnp.sum(best.loss), jnp.sum(new.loss)
-        better = new_loss < old_loss
-        best = jax.tree.map(lambda n, o: jnp.where(better, n, o), new, best)
-        best = best._replace(steps=best.steps + 1)
+        better = new.loss < best.loss
         # Where the loss falls as promised it is as good as quadratic, and needs no damping.
-        kept = (old_loss - new_loss) > _AS_PROMISED * promised * old_loss
+        kept = best.loss - new.loss > _AS_PROMISED * promised * best.loss
         eased = jnp.maximum(damping * jnp.where(kept, 1e-4, 0.2), _LEAST_DAMPING)
         damping = jnp.where(better, eased, jnp.maximum(damping, _RETRIED) * 8)
+        best = jax.tree.map(lambda n, o: jnp.where(better, n, o), new, best)
+        best = best._replace(steps=best.steps + 1)
         return best, *next_trial(best, damping), damping
 
     def unfinished(state: tuple) -> Bool[Array, ""]:
@@ -347,19 +359,30 @@ def fit(
         return ~arrived & (state[0].steps < _STEPS)
 
     free = model.free.size
-    nothing = Fit(
+    nothing = _Step(
         model.values,
-        jnp.full(runs, jnp.inf),
-        determinant(noise, level),
-        jnp.zeros((runs, free)),
-        jnp.zeros((runs, free, free)),
+        jnp.asarray(jnp.inf),
+        jnp.zeros(free),
+        jnp.zeros((free, free)),
         jnp.zeros((runs, points)),
         jnp.zeros((runs, points)),
         jnp.zeros((free, runs, points)),
         jnp.asarray(0),
     )
     start = (nothing, model.values, jnp.asarray(jnp.inf), jnp.asarray(_FIRST_DAMPING))
-    return jax.lax.while_loop(unfinished, body, start)[0]
+    best = jax.lax.while_loop(unfinished, body, start)[0]
+    found = 0.5 * jnp.sum(best.residual**2, axis=1)
+    return Fit(
+        best.values,
+        jnp.where(jnp.isfinite(best.loss), found, jnp.inf),
+        determinant(noise, level),
+        jnp.einsum("krt,rt->rk", best.jacobian, best.residual),
+        jnp.einsum("krt,lrt->rkl", best.jacobian, best.jacobian),
+        best.adhesion,
+        best.residual,
+        best.jacobian,
+        best.steps,
+    )
 
 
 @partial(jax.jit, compiler_options=_QUICKLY)
