@@ -11,6 +11,7 @@ from adhesion_jax.discovery.fitting import (
     Setting,
     likeliest,
     nearly_fitted,
+    precise,
     side_by_side,
     with_own_noise,
 )
@@ -44,7 +45,8 @@ def first_fits(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
     """Each curve alone with its own noise, from the best of its starts in that of the setting."""
     fits = [starts_under(setting, base) for base in bases]
     best = {some[0].base: min(some, key=lambda fitted: fitted.total) for some in fits}
-    return dict(zip(best, side_by_side(with_own_noise, list(best.values())), strict=True))
+    own = side_by_side(with_own_noise, list(best.values()))
+    return dict(zip(best, side_by_side(precise, own), strict=True))
 
 
 def starts_under(setting: Setting, base: str) -> list[Fitted]:

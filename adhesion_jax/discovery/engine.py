@@ -14,7 +14,7 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, starts_under
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, own_noise, squares
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, own_noise, precise, squares
 from adhesion_jax.discovery.judgement import doubtful, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
@@ -255,10 +255,9 @@ def _by_least_squares(problem: Problem, bases: Sequence[str]) -> Selection:
 
 def _precise(state: Selection) -> Selection:
     """The chosen curve with its effects, fitted until nothing moves."""
-    near = state.fitted
-    fitted = fit_model(near.setting, near.base, near.base_values.tolist(), near.effects)
+    fitted = precise(state.fitted)
     accepted = refreshed(state.accepted, fitted.effects)
-    return state._replace(fits={**state.fits, near.base: fitted}, accepted=accepted)
+    return state._replace(fits={**state.fits, fitted.base: fitted}, accepted=accepted)
 
 
 def _on_all_runs(state: Selection) -> Selection:

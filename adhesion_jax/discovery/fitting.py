@@ -35,7 +35,7 @@ _DETERMINED = 1e-7
 
 #: A fit has arrived where a step promises to lower its loss by no more than the first share; by the
 #: second, where it is only compared with others.
-_PRECISE, _NEAR = 1e-8, 1e-5
+_PRECISE, _NEAR = 1e-12, 1e-5
 
 #: Noise and fit are found in turns until the half deviance falls by less than this.
 _STANDS = 0.1
@@ -124,6 +124,11 @@ def nearly_fitted(
 ) -> Fitted:
     """The same to about .02 of the log likelihood, which is enough to compare models."""
     return fit_model(setting, base, base_values, effects, _NEAR)
+
+
+def precise(fitted: Fitted) -> Fitted:
+    """The same model under the same noise, fitted until nothing moves."""
+    return fit_model(fitted.setting, fitted.base, fitted.base_values.tolist(), fitted.effects)
 
 
 def likeliest(

@@ -25,7 +25,7 @@ from adhesion_jax.discovery.screening import SIGNIFICANT, Score
 _CAUSES, _COLUMNS = 6, 5
 
 #: A candidate contends if it gains this share of what the best one gains, before its own noise.
-_CONTENDS = 0.3
+_CONTENDS = 0.1
 
 #: A plain column is preferred to a cause, and two columns to one, only by so many standard errors,
 #: this share of the loss and this share of the gain.
