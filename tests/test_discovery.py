@@ -15,13 +15,14 @@ from adhesion_jax.discovery.fitting import (
     fit_model,
     gain,
     held_out_loss,
+    loss_without,
     own_noise,
     squares,
 )
 from adhesion_jax.discovery.law import BASES, with_effects
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.model.noise import Noise, estimated, white_noise
-from adhesion_jax.discovery.program import whiten
+from adhesion_jax.discovery.program import effect_places, whiten
 from adhesion_jax.discovery.screening import Score
 from adhesion_jax.discovery.simulator import simulate
 from adhesion_jax.discovery.state import Accepted, settled
@@ -266,6 +267,21 @@ def test_the_held_out_loss_is_that_of_refits_without_the_run(setting, fitted):
 def in_blocks(fitted):
     setting = fitted.setting
     return fitted._replace(setting=setting._replace(problem=setting.problem._replace(blocks=True)))
+
+
+def test_the_loss_without_an_effect_is_that_of_its_quadratic(hot, fitted):
+    """By least squares on the linear model in which the effect's strength is held at nothing."""
+    gone = fitted.effects[0]
+    (name,) = gone.STRENGTHS
+    place = fitted.places.index(effect_places(0, gone)[name])
+    inside = hot.points > 0
+    jacobian, residual = fitted.jacobian[:, inside].T, fitted.residual[inside]
+    moved = residual - jacobian[:, place] * fitted.values[fitted.places[place]]
+    others = np.delete(jacobian, place, axis=1)
+    left = moved - others @ np.linalg.lstsq(others, moved, rcond=None)[0]
+    expected = 0.5 * (left @ left - residual @ residual)
+    assert loss_without(fitted, [gone]) == pytest.approx(expected, rel=1e-4)
+    assert expected > 1
 
 
 def test_points_of_blocks_are_predicted_without_themselves(hot, fitted):

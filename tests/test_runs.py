@@ -112,6 +112,25 @@ def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest)
         assert "act in time" in warning
 
 
+def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
+    table = good(400).assign(time_s=0.1 * np.arange(400))
+    found = read_runs([written(tmp_path, table)])
+    time, counted = np.asarray(found.record.conditions["time_s"]), found.rows >= 0
+    assert (counted == np.asarray(found.record.mask)).all()
+    lead = time.shape[1] // 2
+    # Of the first block there is nothing before its first row; the others go on without a gap.
+    assert (time[0, :lead] == 0.0).all()
+    for block in range(1, len(found.names)):
+        rows = np.rint(time[block] / 0.1).astype(int)
+        whole = rows[: lead + counted[block].sum()]
+        assert (np.diff(whole) == 1)[whole[:-1] > 0].all()
+        assert whole[lead] == found.rows[block, lead] == found.rows[block - 1].max() + 1
+        assert not counted[block, :lead].any()
+    # Without a time the order of the rows says nothing of what came before.
+    bare = read_runs([written(tmp_path, good(400))])
+    assert (bare.rows[:, 0] >= 0).all()
+
+
 def test_several_files_never_share_a_run(tmp_path):
     first = written(tmp_path, campaign((6, 4)), "x.csv")
     second = written(tmp_path, campaign((3, 5, 4))[3:], "y.csv")
