@@ -262,8 +262,12 @@ def _predicted(fitted: Fitted) -> np.ndarray:
     values, vectors = np.linalg.eigh(whole * scale[:, None] * scale)
     kept = values > _DETERMINED * values.max(initial=0.0)
     root = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-    shares, axes = np.linalg.eigh(root.T @ fitted.hessian @ root)
-    along = np.einsum("rkl,rk->rl", axes, fitted.gradient @ root)
+    within = root.T @ fitted.hessian @ root
+    # Where one run alone determines a parameter its gradient is nothing at the minimum itself: what
+    # a fit that has only come near leaves of it is taken off, as the last step would.
+    left = np.einsum("rkl,l->rk", within, fitted.gradient.sum(0) @ root)
+    shares, axes = np.linalg.eigh(within)
+    along = np.einsum("rkl,rk->rl", axes, fitted.gradient @ root - left)
     free = 1 - np.clip(shares, 0.0, 1 - 1e-6)
     return fitted.loss + 0.5 * (along**2 / free - np.log(free)).sum(axis=1)
 
