@@ -32,9 +32,9 @@ class RunSet(NamedTuple):
     """The runs of a campaign, side by side.
 
     `record` is [runs, points]; a run is padded at its end with its last row, masked. Blocks of one
-    run in time are led in by the rows before them, masked. Its conditions
-    are the numeric columns without slip ratio, adhesion and force, the `axle` as codes, and the
-    `mode` as +1 traction, -1 braking, 0 coasting.
+    run in time are led in by the rows before them, masked. Its conditions are the numeric columns
+    without slip ratio, adhesion and force, the `axle` as codes, and the `mode` as +1 traction, -1
+    braking, 0 coasting.
     """
 
     record: Record

@@ -89,7 +89,8 @@ def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
     first = side_by_side(begun, starts)
     gains = [start.total - more.total for (_, start), more in zip(starts, first, strict=True)]
     most = max((one for one in gains if np.isfinite(one)), default=0.0)
-    # What gains little under the noise that is there gains no more under its own.
+    # A noise of its own may treble what a cause that acts from run to run gains, but seldom makes
+    # ten times of it: what gains less than a tenth of the best stays under the noise there is.
     contends = [one > _CONTENDS * most for one in gains]
     own = iter(side_by_side(with_own_noise, list(compress(first, contends))))
     last = [next(own) if one else more for one, more in zip(contends, first, strict=True)]

@@ -1,16 +1,15 @@
 """Two columns whose joint influence is more than a plain product."""
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.discovery.effects.base import Columns
 from adhesion_jax.discovery.effects.shape import ShapeTerm
+from adhesion_jax.discovery.effects.two_columns import ENDS, REFERENCES, legendre, pairs
 
 _SOURCE = "mixed terms of any smooth dependence up to the second degree in each column"
 
@@ -38,19 +37,10 @@ class Interaction(ShapeTerm):
             for i in (1, 2)
             for j in (1, 2)
         },
-        **{
-            f"{place}_{end}": Parameter("column", -1e12, 1e12, f"{end} end in the data", _SOURCE)
-            for place in ("first", "second")
-            for end in ("low", "high")
-        },
+        **ENDS,
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k11", "k12", "k21", "k22")
-    REFERENCES: ClassVar[Mapping[str, str]] = {
-        "first_low": "first",
-        "first_high": "first",
-        "second_low": "second",
-        "second_high": "second",
-    }
+    REFERENCES: ClassVar[Mapping[str, str]] = REFERENCES
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
@@ -59,15 +49,4 @@ class Interaction(ShapeTerm):
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence["Interaction"]:
-        ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
-        return [
-            cls(0.02, 0.0, 0.0, 0.0, *ends[one], *ends[other], one, other)
-            for one, other in combinations([name for name, (a, b) in ends.items() if b > a], 2)
-        ]
-
-
-def legendre(
-    column: Float[Array, "..."] | float, low: Scalar, high: Scalar
-) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    place = jnp.clip(2 * (column - low) / (high - low) - 1, -1.0, 1.0)
-    return place, 1.5 * place**2 - 0.5
+        return [cls(0.02, 0.0, 0.0, 0.0, *pair) for pair in pairs(columns)]

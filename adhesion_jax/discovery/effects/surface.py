@@ -1,7 +1,6 @@
 """Two columns beyond the catalogue: a smooth surface over both."""
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import ClassVar
 
 import equinox as eqx
@@ -9,8 +8,8 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.discovery.effects.base import Columns
-from adhesion_jax.discovery.effects.interaction import legendre
 from adhesion_jax.discovery.effects.shape import ShapeTerm
+from adhesion_jax.discovery.effects.two_columns import ENDS, REFERENCES, legendre, pairs
 
 _SOURCE = "any smooth function of two columns up to the second degree"
 
@@ -40,18 +39,9 @@ class Surface(ShapeTerm):
             name: Parameter("1", -9.0, 9.0, f"weight of degrees {name[1]} and {name[2]}", _SOURCE)
             for name in STRENGTHS
         },
-        **{
-            f"{place}_{end}": Parameter("column", -1e12, 1e12, f"{end} end in the data", _SOURCE)
-            for place in ("first", "second")
-            for end in ("low", "high")
-        },
+        **ENDS,
     }
-    REFERENCES: ClassVar[Mapping[str, str]] = {
-        "first_low": "first",
-        "first_high": "first",
-        "second_low": "second",
-        "second_high": "second",
-    }
+    REFERENCES: ClassVar[Mapping[str, str]] = REFERENCES
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
@@ -60,8 +50,4 @@ class Surface(ShapeTerm):
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence["Surface"]:
-        ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
-        return [
-            cls(0.02, 0.02, 0.02, 0.02, 0.02, *ends[one], *ends[other], one, other)
-            for one, other in combinations([name for name, (a, b) in ends.items() if b > a], 2)
-        ]
+        return [cls(0.02, 0.02, 0.02, 0.02, 0.02, *pair) for pair in pairs(columns)]
