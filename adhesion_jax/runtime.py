@@ -11,6 +11,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from importlib.metadata import version
+from itertools import cycle
+from multiprocessing.context import BaseContext
+from multiprocessing.queues import Queue
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -68,6 +71,24 @@ def share_compilations(folder: str) -> None:
     jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def cores_for(workers: int, context: BaseContext) -> Queue:
+    """The core that each worker is to keep to, for `take_core`; none where that is not possible."""
+    cores = context.Queue()
+    if hasattr(os, "sched_getaffinity"):
+        for _, core in zip(range(workers), cycle(sorted(os.sched_getaffinity(0))), strict=False):
+            cores.put(core)
+    return cores
+
+
+def take_core(cores: Queue) -> None:
+    """Keep this process to a core of its own: processes that share all of them wait for threads.
+
+    To be called before jax opens a device, which then starts as many threads as there are cores.
+    """
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {cores.get()})
 
 
 def shared_program(name: bytes, make: Callable[[], jax.stages.Compiled]) -> jax.stages.Compiled:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adhesion_jax.discovery.findings import Proposal
-from adhesion_jax.discovery.fitting import fit_model
+from adhesion_jax.discovery.fitting import nearly_fitted
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.screening import telling
 from adhesion_jax.discovery.state import Selection, parts_of
@@ -35,7 +35,7 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
             continue
         rest = [other for other in state.accepted if other is not effect]
         values = state.fitted.base_values.tolist()
-        less = fit_model(state.setting, state.base, values, parts_of(rest))
+        less = nearly_fitted(state.setting, state.base, values, parts_of(rest))
         others = [
             entry
             for entry in entries

@@ -11,10 +11,18 @@ from threadpoolctl import threadpool_limits
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, starts_under
+from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, own_noise, precise, squares
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Setting,
+    fit_model,
+    nearly_fitted,
+    own_noise,
+    precise,
+    squares,
+)
 from adhesion_jax.discovery.judgement import doubtful, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
@@ -39,6 +47,9 @@ _SEARCHES = 3
 
 #: Effects under which the sum of squared errors is more than so many times larger are none.
 _WORSE = 1.01
+
+#: A base curve whose BIC with the effects is larger by more than this is given up.
+_BEHIND = 100.0
 
 #: Effects whose imperfect form leaves lines in the spectrum of time.
 _LIKE_TORSION = ("slip_noise", "rail_joint", "wheel_order")
@@ -115,14 +126,14 @@ def discover(
             opinion = opinion_of(final, seed)
     doubts = (*doubts, *undecided(final))
     final = _precise(final)
-    plain = _by_least_squares(problem, bases)
+    plain = _by_least_squares(problem, exact)
     if noise is None and not final.accepted and slip_noise is None:
         # Without an effect the law after is the law before, and only the noise is told better.
         alone = plain.fitted._replace(setting=own_noise(plain.fitted))
         final = final._replace(fits={plain.base: alone}, base=plain.base)
     if final.accepted:
         same = final.setting.problem.slip_noise is None
-        bare = plain if same else _by_least_squares(final.setting.problem, bases)
+        bare = plain if same else _by_least_squares(final.setting.problem, fits)
         if squares(final.fitted) > _WORSE * squares(bare.fitted):
             names = " and ".join(effect.name for effect in final.accepted)
             warnings.append(
@@ -234,15 +245,17 @@ def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Ma
     return fits
 
 
-def _by_least_squares(problem: Problem, bases: Sequence[str]) -> Selection:
-    """The best curve without effects, every point alike.
+def _by_least_squares(problem: Problem, fits: Mapping[str, Fitted]) -> Selection:
+    """The best curve without effects, every point alike, each from where it was fitted before.
 
     Where something is missing, noise is no noise, and a fit that allows for it may miss the data.
     """
     adhesion = np.asarray(problem.data.adhesion)
     white = Setting(problem, white_noise(problem.points, float(np.std(adhesion))), adhesion)
-    some = [starts_under(white, base) for base in bases]
-    fits = {each[0].base: min(each, key=lambda fitted: fitted.total) for each in some}
+    fits = {
+        name: nearly_fitted(white, name, fitted.base_values.tolist(), ())
+        for name, fitted in fits.items()
+    }
     # Under one noise for all the likelihood is that of the noise of the best.
     sigma = np.sqrt(min(map(squares, fits.values())) / problem.points.sum())
     best = white._replace(noise=white_noise(problem.points, max(float(sigma), 1e-12)))
@@ -268,6 +281,8 @@ def _on_all_runs(state: Selection) -> Selection:
         noise = setting.noise._replace(weight=setting.problem.points)
         return fitted._replace(setting=setting._replace(noise=noise))
 
-    fits = {name: whole(fitted) for name, fitted in state.fits.items()}
+    # A third more runs do not make a curve the best that is far behind on these.
+    least = bic(state.fitted) + _BEHIND
+    fits = {name: whole(fitted) for name, fitted in state.fits.items() if bic(fitted) <= least}
     final = settled(fits, state.accepted, state.ranking)
     return final._replace(thresholds=state.thresholds)

@@ -57,6 +57,9 @@ _STEPS = 40
 #: promised from which on the loss is taken for quadratic.
 _FIRST_DAMPING, _LEAST_DAMPING, _RETRIED, _AS_PROMISED = 1e-2, 1e-12, 1e-4, 0.9
 
+#: So many steps in succession that bring next to nothing are the end, whatever the next promises.
+_CRAWLING = 3
+
 # Parameters whose derivatives are taken together: these share the transcendental functions.
 _TOGETHER = 8
 
@@ -310,7 +313,8 @@ def fit(
     """Least squares by Levenberg-Marquardt inside the bounds.
 
     `level` is the adhesion that a random level of a run multiplies. It has arrived where the next
-    step does not promise to lower the loss by more than the share `near` of it.
+    step does not promise to lower the loss by more than the share `near` of it, or where several
+    steps in succession have not.
     """
     runs, points = data.slip.shape
 
@@ -331,7 +335,7 @@ def fit(
 
     # The model is written out once, here: compiling it is what takes time.
     def body(state: tuple) -> tuple:
-        best, trial, promised, damping = state
+        best, trial, promised, damping, crawled = state
         adhesion, residual, jacobian = _with_jacobian(model, data, noise, trial, level)
         flat = jacobian.reshape(jacobian.shape[0], -1)
         new = _Step(
@@ -349,14 +353,17 @@ def fit(
         kept = best.loss - new.loss > _AS_PROMISED * promised * best.loss
         eased = jnp.maximum(damping * jnp.where(kept, 1e-4, 0.2), _LEAST_DAMPING)
         damping = jnp.where(better, eased, jnp.maximum(damping, _RETRIED) * 8)
+        little = best.loss - new.loss < near * best.loss
+        crawled = jnp.where(better, jnp.where(little, crawled + 1, 0), crawled)
         best = jax.tree.map(lambda n, o: jnp.where(better, n, o), new, best)
         best = best._replace(steps=best.steps + 1)
-        return best, *next_trial(best, damping), damping
+        return best, *next_trial(best, damping), damping, crawled
 
     def unfinished(state: tuple) -> Bool[Array, ""]:
         # A step cut off at a bound may promise a rise, one of a singular matrix nothing: not there.
-        arrived = (state[2] >= 0) & (state[2] < near)
-        return ~arrived & (state[0].steps < _STEPS)
+        best, _, promised, _, crawled = state
+        arrived = ((promised >= 0) & (promised < near)) | (crawled >= _CRAWLING)
+        return ~arrived & (best.steps < _STEPS)
 
     free = model.free.size
     nothing = _Step(
@@ -369,7 +376,8 @@ def fit(
         jnp.zeros((free, runs, points)),
         jnp.asarray(0),
     )
-    start = (nothing, model.values, jnp.asarray(jnp.inf), jnp.asarray(_FIRST_DAMPING))
+    first = jnp.asarray(_FIRST_DAMPING)
+    start = (nothing, model.values, jnp.asarray(jnp.inf), first, jnp.asarray(0))
     best = jax.lax.while_loop(unfinished, body, start)[0]
     found = 0.5 * jnp.sum(best.residual**2, axis=1)
     return Fit(

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from multiprocessing.queues import Queue
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from adhesion_jax.discovery.library import FAMILIES as EFFECT_FAMILIES
 from adhesion_jax.discovery.planted import BEYOND, PLANTABLE
 from adhesion_jax.discovery.simulated_runs import FAMILIES
 from adhesion_jax.discovery.simulator import FORMS, Campaign, Noise, simulate
-from adhesion_jax.runtime import compilation_folder, share_compilations
+from adhesion_jax.runtime import compilation_folder, cores_for, share_compilations, take_core
 from adhesion_jax.simulation.one_log import one_log
 from adhesion_jax.simulation.random_effect import ACTS_ON, RandomEffect, draw_random_effect
 
@@ -322,13 +323,12 @@ def _mapped(
     if workers == 1:
         yield map(of_task, tasks)
         return
+    spawning = multiprocessing.get_context("spawn")
+    cores = cores_for(workers, spawning)
     with (
         compilation_folder() as folder,
         ProcessPoolExecutor(
-            workers,
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=share_compilations,
-            initargs=(folder,),
+            workers, mp_context=spawning, initializer=_start, initargs=(folder, cores)
         ) as pool,
     ):
         try:
@@ -336,6 +336,11 @@ def _mapped(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _start(folder: str, cores: Queue) -> None:
+    take_core(cores)
+    share_compilations(folder)
 
 
 def right_names(effect: str) -> tuple[str, ...]:

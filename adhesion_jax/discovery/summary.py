@@ -24,7 +24,7 @@ from adhesion_jax.discovery.findings import (
     Interval,
     Opinion,
 )
-from adhesion_jax.discovery.fitting import Fitted, covariance, fit_model, held_out_loss
+from adhesion_jax.discovery.fitting import Fitted, covariance, held_out_loss, nearly_fitted
 from adhesion_jax.discovery.law import BASES, CorrectedLaw, kind_of
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.model.noise import Noise
@@ -240,7 +240,8 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
     whole = float(held_out_loss(state.fitted).sum())
     found = []
     for place, effect in enumerate(state.accepted):
-        some = fit_model(state.setting, state.base, values, parts_of(state.accepted[: place + 1]))
+        first = parts_of(state.accepted[: place + 1])
+        some = nearly_fitted(state.setting, state.base, values, first)
         ratio = float(held_out_loss(some).sum()) / max(whole, 1e-300)
         parameters, units = {}, {}
         for number, part in enumerate(effect.parts):

@@ -13,13 +13,14 @@ from jaxtyping import Array, Bool, Float
 from scipy import stats
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.discovery.bases import bic, first_fits, starts_under
+from adhesion_jax.discovery.bases import bic, first_fits
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.slip_noise import SlipNoise, log_density
 from adhesion_jax.discovery.findings import Interval
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Setting,
+    nearly_fitted,
     noise_of,
     raw_changes,
     squares,
@@ -92,7 +93,7 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     def left(effect: SlipNoise | None) -> float:
         corrected = prepare(record, problem.calendar, problem.blocks, effect)
         setting = Setting(corrected, noise, np.asarray(problem.data.adhesion))
-        return min(squares(start) for start in starts_under(setting, fitted.base))
+        return squares(nearly_fitted(setting, fitted.base, fitted.base_values.tolist(), ()))
 
     # A slip whose acceleration is smooth as well is one of less roughness: adhesion tells.
     rough = float(found.effect.roughness)
