@@ -2,6 +2,8 @@
 
 from itertools import pairwise
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,7 +11,12 @@ from discovery_campaigns import runs_of
 from scipy import stats
 
 from adhesion_jax.discovery.effects import EFFECTS
-from adhesion_jax.discovery.effects.slip_noise import SlipNoise, expected_slip, log_density
+from adhesion_jax.discovery.effects.slip_noise import (
+    SlipNoise,
+    expected_slip,
+    log_density,
+    smoothed_slip,
+)
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.simulation.one_log import one_log
 
@@ -28,7 +35,7 @@ def of_run(function, noise, slip, time, speed):
 
 
 def smoothed(noise, slip=SLIP, time=TIME, speed=SPEED):
-    return of_run(expected_slip, noise, slip, time, speed)
+    return of_run(smoothed_slip, noise, slip, time, speed)
 
 
 def density(noise, slip=SLIP, time=TIME, speed=SPEED):
@@ -50,7 +57,7 @@ def covariances(noise, time=TIME, speed=SPEED):
 
 
 @pytest.mark.parametrize("noise", [NOISE, SPEED_NOISE], ids=["of the slip", "of the speed"])
-def test_the_expected_slip_is_that_of_the_normal_distribution(noise):
+def test_the_smoothed_slip_is_that_of_the_normal_distribution(noise):
     true, error = covariances(noise)
     gain = np.linalg.solve(true + error, true).T
     left = true - gain @ true
@@ -98,6 +105,44 @@ def test_a_larger_noise_is_smoothed_more():
     # Where nothing is known of neighbours the slip is that measured.
     still = smoothed(SlipNoise(sigma=1e-3, roughness=1e4))
     np.testing.assert_allclose(still.slip, SLIP, atol=1e-7)
+
+
+def test_the_expected_slip_is_as_rough_as_is_likely_near_each_point():
+    rougher = [4.0**power for power in (-3, -2, -1, 0, 1)]
+    kinds = [SlipNoise(sigma=NOISE.sigma, roughness=times * NOISE.roughness) for times in rougher]
+    told = np.array([of_run(log_density, kind, SLIP, TIME, SPEED) for kind in kinds])
+    near = np.array([told[:, max(at - 15, 0) : at + 16].sum(axis=1) for at in range(POINTS)])
+    share = np.exp(near - near.max(axis=1, keepdims=True))
+    share /= share.sum(axis=1, keepdims=True)
+    rough = NOISE.roughness * np.sqrt(share @ np.square(rougher))
+    found = of_run(expected_slip, NOISE, SLIP, TIME, SPEED)
+    by_hand = smoothed(eqx.tree_at(lambda kind: kind.roughness, NOISE, jnp.asarray(rough)))
+    np.testing.assert_allclose(found.slip, by_hand.slip, rtol=1e-9)
+    np.testing.assert_allclose(found.variance, by_hand.variance, rtol=1e-7)
+
+
+def test_a_slip_that_is_calm_but_for_events_is_followed_where_it_is_rough():
+    """A bump of .15 within 6 s in 60 s of creep; 200 times with noise of its own."""
+    time, sigma = 0.1 * np.arange(600), 1.5e-3
+    inside = (time > 27) & (time < 33)
+    true = 0.004 + 0.15 * np.where(inside, np.sin(np.pi * (time - 27) / 6) ** 2, 0.0)
+    slips = true + sigma * np.random.default_rng(3).normal(size=(200, time.size))
+
+    def of(function, roughness):
+        noise = SlipNoise(sigma=sigma, roughness=roughness)
+        found = jax.vmap(lambda slip: function(noise, slip, {"time_s": jnp.asarray(time)}))(slips)
+        return np.asarray(found.slip - true) ** 2, np.asarray(found.variance)
+
+    # The roughness of greatest likelihood for the whole lies between those of the two parts.
+    square, known = of(expected_slip, 0.008)
+    assert (square / known)[:, inside].mean() < 1.3
+    assert (square / known)[:, ~inside].mean() < 1.3
+    # The same roughness everywhere is too rough for the creep ...
+    alike, _ = of(smoothed_slip, 0.008)
+    assert square[:, ~inside].mean() < 0.8 * alike[:, ~inside].mean()
+    # ... and what suits the creep misses the event by far more than it claims.
+    smooth, claimed = of(smoothed_slip, 0.002)
+    assert (smooth / claimed)[:, inside].mean() > 5
 
 
 def test_a_straight_course_stays_one():

@@ -6,11 +6,17 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.discovery.effects.base import Columns, Effect
 from adhesion_jax.discovery.effects.history import has_history
+
+#: The slip may be so many times rougher, or smoother, in one part of a run than it is on the whole;
+#: how rough it is at a point is told by this many points on either side of it.
+_ROUGHER = np.array([1 / 64, 1 / 16, 1 / 4, 1.0, 4.0])
+_AROUND = 15
 
 _SOURCE = "Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter 4"
 
@@ -20,8 +26,11 @@ class SlipNoise(Effect):
 
     The true slip is a random walk whose rate is a random walk of intensity `roughness`, the noise
     of the measured one has the standard deviation sigma, or sigma/V where it `falls_with` the
-    vehicle speed V: E[l] is then the smoother of Rauch, Tung and Striebel. Source: regression
-    calibration, Carroll et al. 2006, chapter 4; Rauch, Tung and Striebel 1965, AIAA J. 3:1445.
+    vehicle speed V: E[l] is then the smoother of Rauch, Tung and Striebel. A wheel that slips now
+    and then has a slip that is calm at most times and rough in a slip event: near each point the
+    walk is as rough as makes the measured slips there likely. Source: regression calibration,
+    Carroll et al. 2006, chapter 4; Rauch, Tung and Striebel 1965, AIAA J. 3:1445; noise of several
+    intensities, Bar-Shalom, Li and Kirubarajan 2001, Estimation, chapter 11.6.
     """
 
     sigma: Scalar
@@ -94,7 +103,31 @@ def log_density(
 def expected_slip(
     noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
 ) -> ExpectedSlip:
-    """The smoothed slip of one run in the order of time.
+    """The smoothed slip of one run in the order of time, as rough as it is near each point.
+
+    Of some roughnesses q each has a share w of a point by how likely it makes the measured slips
+    around it, and sum w q^2 is the intensity there.
+    """
+
+    def likely(times: Scalar) -> Array:
+        kind = eqx.tree_at(lambda one: one.roughness, noise, times * noise.roughness)
+        return _around(log_density(kind, slip, conditions))
+
+    times = jnp.asarray(_ROUGHER)
+    share = jax.nn.softmax(jax.vmap(likely)(times), axis=0)
+    rough = noise.roughness * jnp.sqrt(times**2 @ share)
+    return smoothed_slip(eqx.tree_at(lambda one: one.roughness, noise, rough), slip, conditions)
+
+
+def _around(told: Float[Array, " points"]) -> Float[Array, " points"]:
+    """The sums of what is within reach of each point."""
+    return jnp.convolve(told, jnp.ones(2 * _AROUND + 1), mode="full")[_AROUND : _AROUND + told.size]
+
+
+def smoothed_slip(
+    noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
+) -> ExpectedSlip:
+    """The smoothed slip of one run in the order of time, of one roughness or of one for each point.
 
     Where no time passes from one point to the next the second is taken as a repetition, which
     tells nothing new.
@@ -143,10 +176,10 @@ def _filtered(noise: SlipNoise, slip: Float[Array, " points"], conditions: Condi
     step = jnp.diff(time, prepend=time[:1])
     spread = noise.sigma / conditions[noise.falls_with] if noise.falls_with else noise.sigma
     error = jnp.broadcast_to(spread, slip.shape) ** 2 + 1e-16
-    density = jnp.asarray(noise.roughness) ** 2
+    densities = jnp.broadcast_to(noise.roughness, slip.shape) ** 2
 
     def advanced(state: _State, now: tuple) -> tuple[_State, tuple]:
-        dt, measured, variance, counts = now
+        dt, measured, variance, density, counts = now
         ahead = _State(
             state.slip + dt * state.rate,
             state.rate,
@@ -174,5 +207,5 @@ def _filtered(noise: SlipNoise, slip: Float[Array, " points"], conditions: Condi
     # The first point is the start itself, about which nothing was known: it tells nothing.
     start = _State(slip[0], none, one, none, one)
     counts = (step > 0).at[0].set(True)
-    _, (ahead, known, told) = jax.lax.scan(advanced, start, (step, slip, error, counts))
+    _, (ahead, known, told) = jax.lax.scan(advanced, start, (step, slip, error, densities, counts))
     return _Course(ahead, known, step, told.at[0].set(0.0))

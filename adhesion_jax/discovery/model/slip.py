@@ -1,6 +1,5 @@
 """Noise of the slip signal: how large it is, and whether adhesion follows the slip without it."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
@@ -32,9 +31,6 @@ from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
 _FALLS_WITH = ("vehicle_speed_mps", "")
-
-#: Shares of the likeliest roughness of the slip that adhesion is held against.
-_SHARES = (1.0, 0.5, 0.25)
 
 #: Noise of the slip is looked into where the expected slip leaves less than this share of the sum
 #: of squares.
@@ -95,14 +91,7 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
         setting = Setting(corrected, noise, np.asarray(problem.data.adhesion))
         return squares(nearly_fitted(setting, fitted.base, fitted.base_values.tolist(), ()))
 
-    # A slip whose acceleration is smooth as well is one of less roughness: adhesion tells.
-    rough = float(found.effect.roughness)
-    tried = [dataclasses.replace(found.effect, roughness=share * rough) for share in _SHARES]
-    errors = [left(effect) for effect in tried]
-    smallest = int(np.argmin(errors))
-    if errors[smallest] >= _MATTERS * left(None):
-        return None
-    return found._replace(effect=tried[smallest])
+    return found if left(found.effect) < _MATTERS * left(None) else None
 
 
 def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
