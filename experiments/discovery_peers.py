@@ -13,7 +13,8 @@ from tqdm import tqdm
 
 from adhesion_jax import runtime
 from adhesion_jax.discovery.simulated_base import rms
-from adhesion_jax.discovery.study import Discover, removed_share
+from adhesion_jax.discovery.study.judging import removed_share
+from adhesion_jax.discovery.study.running import Discover
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.report.discovery_peers import THIS, draw_peers, peers_text, summarised

@@ -9,14 +9,9 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.discovery.study import (
-    Discover,
-    confusion,
-    rates,
-    run_study,
-    shares,
-    study_tasks,
-)
+from adhesion_jax.discovery.study.rates import confusion, rates, shares
+from adhesion_jax.discovery.study.running import Discover, run_study
+from adhesion_jax.discovery.study.tasks import study_tasks
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.report.discovery_study import (

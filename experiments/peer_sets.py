@@ -11,15 +11,8 @@ import pandas as pd
 from adhesion_jax.discovery.findings import FoundEffect
 from adhesion_jax.discovery.simulated_runs import FAMILIES
 from adhesion_jax.discovery.simulator import FORMS, Noise, simulate
-from adhesion_jax.discovery.study import (
-    blamed,
-    columns_of,
-    counted,
-    is_one_of,
-    make_set,
-    random_tasks,
-    right_names,
-)
+from adhesion_jax.discovery.study.judging import blamed, columns_of, counted, is_one_of, right_names
+from adhesion_jax.discovery.study.tasks import make_set, random_tasks
 from adhesion_jax.errors import InputError
 
 #: What is planted in the simulated sets, in turn; a third of them have nothing hidden.

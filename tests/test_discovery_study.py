@@ -9,18 +9,10 @@ from adhesion_jax.discovery.findings import Doubt, Errors, Findings, FoundEffect
 from adhesion_jax.discovery.library import FAMILIES as FAMILIES_OF
 from adhesion_jax.discovery.simulated_runs import FAMILIES
 from adhesion_jax.discovery.simulator import Noise
-from adhesion_jax.discovery.study import (
-    Task,
-    clopper_pearson,
-    confusion,
-    is_right,
-    make_set,
-    rates,
-    removed_share,
-    run_study,
-    shares,
-    study_tasks,
-)
+from adhesion_jax.discovery.study.judging import is_right, removed_share
+from adhesion_jax.discovery.study.rates import clopper_pearson, confusion, rates, shares
+from adhesion_jax.discovery.study.running import run_study
+from adhesion_jax.discovery.study.tasks import Task, make_set, study_tasks
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.random_effect import RandomEffect
 from experiments.discovery_study import OWN_FILES, study
@@ -306,10 +298,12 @@ def test_workers_give_the_rows_of_one_process():
 
 
 def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("adhesion_jax.discovery.study.FOLLOWED", ("humidity",))
-    monkeypatch.setattr("adhesion_jax.discovery.study.VISIBLE", (0.5, 2.0))
-    monkeypatch.setattr("adhesion_jax.discovery.study.EFFECTS", {"humidity": None, "speed": None})
-    monkeypatch.setattr("adhesion_jax.discovery.study.BEYOND", ())
+    monkeypatch.setattr("adhesion_jax.discovery.study.tasks.FOLLOWED", ("humidity",))
+    monkeypatch.setattr("adhesion_jax.discovery.study.tasks.VISIBLE", (0.5, 2.0))
+    monkeypatch.setattr(
+        "adhesion_jax.discovery.study.tasks.EFFECTS", {"humidity": None, "speed": None}
+    )
+    monkeypatch.setattr("adhesion_jax.discovery.study.tasks.BEYOND", ())
     sizes = {"null": 4, "powers": 1, "seed": 0, "pairs": 1, "random": 6, "logs": 1}
     table = study(sizes, tmp_path, lambda *_: answer(("humidity", "drift")))
     assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES}

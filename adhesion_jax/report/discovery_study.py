@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from adhesion_jax.discovery.study import MISSED, REMOVED
+from adhesion_jax.discovery.study.rates import MISSED, REMOVED
 from adhesion_jax.report.style import line_styles
 
 
