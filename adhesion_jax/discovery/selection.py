@@ -1,6 +1,6 @@
 """Which effects a law lacks: one is accepted at a time, refitted jointly with all the others."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -8,42 +8,36 @@ from scipy import stats
 
 from adhesion_jax.discovery.bases import bic, refits
 from adhesion_jax.discovery.effects import (
-    EFFECTS,
     Covariate,
-    Effect,
     Spline,
     Threshold,
 )
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
-    Fitted,
-    Gain,
     gain,
-    least_gain,
-    likeliest,
-    loss_without,
     side_by_side,
 )
 from adhesion_jax.discovery.law import BASES, kind_of
-from adhesion_jax.discovery.library import Entry, column_entries, entry_of
-from adhesion_jax.discovery.problem import Problem, label_of
+from adhesion_jax.discovery.library import Entry, column_entries
+from adhesion_jax.discovery.problem import label_of
 from adhesion_jax.discovery.scans import SCAN_SIGNIFICANT, waves
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score, screen, seen
 from adhesion_jax.discovery.search.joint import surfaces
+from adhesion_jax.discovery.search.pruning import pruned
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.state import (
     Accepted,
     Selection,
     parts_of,
-    refreshed,
+    refitted,
     settled,
-    without,
 )
 from adhesion_jax.discovery.trials import (
     Trial,
     choose,
     class_of,
     clearly_ahead,
+    is_worth,
     ranked,
     shortlisted,
     tied,
@@ -53,17 +47,9 @@ from adhesion_jax.discovery.trials import (
 
 _ROUNDS = 6
 
-#: An effect is accepted from this share of the loss on, and this many standard errors above zero:
-#: nine times in ten it then predicts runs better that nobody has seen; nineteen times in twenty
-#: where it is a plain column, for which no physics speaks.
-_LEAST_GAIN, _SURE, _SURE_OF_COLUMN = 0.003, 1.28, 1.645
-
 #: So many columns are looked at in pairs, and so many beside a column that was chosen, of which the
 #: most telling pairs are tried.
 _PAIRED, _BESIDE, _WIDER = 8, 20, 3
-
-#: A part is not tried to be left out where the half deviance rises by more, to second order.
-_PLAINLY_NEEDED = 50.0
 
 #: A second effect of a family that gains less than this share of the first refines its form.
 _MATTER_OF_FORM = 0.25
@@ -102,7 +88,7 @@ def search(
         if not first.accepted and number == 0:
             found, chosen_on = _plainer(found, first, entries, seed)
         found = refined(found, seed)
-        state = _pruned(found)
+        state = pruned(found)
         if len(state.accepted) < len(found.accepted):
             break
     return _with_other_formulas(_reconsidered(state, chosen_on, entries, seed), entries)
@@ -166,17 +152,12 @@ def _with_other_formulas(state: Selection, entries: Sequence[Entry]) -> Selectio
             ]
             rest = [part for part in state.fitted.effects if part is not effect.parts[0]]
             models = [(*rest, start) for _, start in kin]
-            fits = side_by_side(partial(_refitted, state), models)
+            fits = side_by_side(partial(refitted, state), models)
             trials = zip(kin, fits, strict=True)
             as_good = [name for (name, _), less in trials if tied(gain(less, state.fitted))]
             effect = effect._replace(members=tuple(dict.fromkeys((*effect.members, *as_good))))
         accepted.append(effect)
     return state._replace(accepted=tuple(accepted))
-
-
-def _refitted(state: Selection, effects: Sequence[Effect]) -> Fitted:
-    """The base curve with other effects."""
-    return likeliest(state.setting, state.base, state.fitted.base_values.tolist(), effects)
 
 
 def look_again(state: Selection, columns: Sequence[str], seed: int) -> Selection:
@@ -291,12 +272,12 @@ def _next(
     worthy = [
         trial
         for trial in trials
-        if _is_worth(gain(now.fitted, trial.fitted), now.fitted, trial.score.entry.generic)
+        if is_worth(gain(now.fitted, trial.fitted), now.fitted, trial.score.entry.generic)
     ]
     chosen = _wider(choose(worthy or trials, now), now, scores, seed)
     gained = gain(now.fitted, chosen.fitted)
     generic = chosen.score.entry.generic
-    accepted = chosen.score.p <= significant and _is_worth(gained, now.fitted, generic)
+    accepted = chosen.score.p <= significant and is_worth(gained, now.fitted, generic)
     members = class_of(trials, chosen, now)
     ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:
@@ -316,12 +297,6 @@ def _accepted(chosen: Trial, members: tuple[str, ...], gained: float) -> Accepte
         chosen.score.p,
         gained,
     )
-
-
-def _is_worth(gained: Gain, fitted: Fitted, generic: bool = False) -> bool:
-    """Whether an effect lowers the loss surely, and by more than a least share of it."""
-    sure = _SURE_OF_COLUMN if generic else _SURE
-    return gained.total > max(sure * gained.error, least_gain(fitted, _LEAST_GAIN))
 
 
 def _joined(
@@ -356,68 +331,3 @@ def _matter_of_form(new: Accepted, old: Accepted, varying: frozenset[str]) -> bo
     if new.family == old.family:
         return new.gain < _MATTER_OF_FORM * old.gain
     return own <= {*old.covariates, *_ALWAYS_THERE} and new.gain < _SMALL_MATTER * old.gain
-
-
-def _pruned(state: Selection) -> Selection:
-    """Backward elimination: what later effects and refinements have made needless goes."""
-    while True:
-        for rest in _smaller(state):
-            kept = {id(part) for part in parts_of(rest)}
-            gone = [part for part in state.fitted.effects if id(part) not in kept]
-            if loss_without(state.fitted, gone) > _PLAINLY_NEEDED:
-                continue
-            less = _refitted(state, parts_of(rest))
-            if _is_worth(gain(less, state.fitted), state.fitted):
-                continue
-            smaller = without(state, rest)
-            whole = _from(smaller.fitted, state)
-            state = smaller if whole is state else whole
-            break
-        else:
-            return state
-
-
-def _from(less: Fitted, state: Selection) -> Selection:
-    """The model refitted from where a part of it alone fits better, if it then does so too."""
-    if less.total >= state.fitted.total:
-        return state
-    values, effects = less.base_values.tolist(), parts_of(state.accepted)
-    again = likeliest(less.setting, less.base, values, effects)
-    if again.total >= less.total:
-        return state
-    accepted = refreshed(state.accepted, again.effects)
-    return state._replace(fits={**state.fits, less.base: again}, base=less.base, accepted=accepted)
-
-
-def _smaller(state: Selection) -> Iterator[tuple[Accepted, ...]]:
-    """The accepted without one of them but the last, or without a part of one but its last."""
-    for effect in state.accepted[:-1]:
-        # A plain form of the same columns explains what a cause does, but it is none.
-        if not effect.generic and any(
-            other.generic and {*effect.covariates} & {*other.covariates} for other in state.accepted
-        ):
-            continue
-        yield tuple(other for other in state.accepted if other is not effect)
-    for effect in state.accepted:
-        if len(effect.parts) < 2:
-            continue
-        for less in _with_a_part_less(effect, state.setting.problem):
-            yield tuple(less if other is effect else other for other in state.accepted)
-
-
-def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[Accepted]:
-    """Where the part goes that named the effect, the last takes its place, if it is a cause."""
-    _, *between, last = effect.parts
-    for part in between:
-        yield effect._replace(parts=tuple(other for other in effect.parts if other is not part))
-    name = kind_of(last)
-    if name in EFFECTS:
-        entry = entry_of(name, (last,), problem)
-        yield effect._replace(
-            name=name,
-            members=(name, *effect.members),
-            family=entry.family,
-            generic=False,
-            covariates=entry.covariates,
-            parts=(last, *between),
-        )

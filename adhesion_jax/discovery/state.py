@@ -6,7 +6,7 @@ from typing import NamedTuple
 from adhesion_jax.discovery.bases import bic, refits
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Fitted, Setting
+from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest
 
 
 class Accepted(NamedTuple):
@@ -72,3 +72,8 @@ def refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[
         found.append(effect._replace(parts=tuple(new[at] for at in range(place, place + count))))
         place += count
     return tuple(found)
+
+
+def refitted(state: Selection, effects: Sequence[Effect]) -> Fitted:
+    """The base curve with other effects."""
+    return likeliest(state.setting, state.base, state.fitted.base_values.tolist(), effects)

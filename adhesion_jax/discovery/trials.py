@@ -21,6 +21,11 @@ from adhesion_jax.discovery.fitting import (
 )
 from adhesion_jax.discovery.screening import SIGNIFICANT, Score
 
+#: An effect is accepted from this share of the loss on, and this many standard errors above zero:
+#: nine times in ten it then predicts runs better that nobody has seen; nineteen times in twenty
+#: where it is a plain column, for which no physics speaks.
+_LEAST_GAIN, _SURE, _SURE_OF_COLUMN = 0.003, 1.28, 1.645
+
 #: How many causes and how many forms of plain columns are refitted in each round.
 _CAUSES, _COLUMNS = 6, 5
 
@@ -167,6 +172,12 @@ def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, .
     if name in _THE_SAME:
         members.update(dict.fromkeys(_THE_SAME))
     return (name, *(member for member in members if member != name))
+
+
+def is_worth(gained: Gain, fitted: Fitted, generic: bool = False) -> bool:
+    """Whether an effect lowers the loss surely, and by more than a least share of it."""
+    sure = _SURE_OF_COLUMN if generic else _SURE
+    return gained.total > max(sure * gained.error, least_gain(fitted, _LEAST_GAIN))
 
 
 def tied(behind: Gain) -> bool:
