@@ -15,8 +15,8 @@ from adhesion_jax.discovery.effects.history import has_history
 
 #: The slip may be so many times rougher, or smoother, in one part of a run than it is on the whole;
 #: how rough it is at a point is told by this many points on either side of it.
-_ROUGHER = np.array([1 / 64, 1 / 16, 1 / 4, 1.0, 4.0])
-_AROUND = 15
+_ROUGHER = 4.0 ** np.arange(-5, 2)
+_AROUND = 12
 
 _SOURCE = "Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter 4"
 
@@ -106,7 +106,7 @@ def expected_slip(
     """The smoothed slip of one run in the order of time, as rough as it is near each point.
 
     Of some roughnesses q each has a share w of a point by how likely it makes the measured slips
-    around it, and sum w q^2 is the intensity there.
+    around it, and exp(sum w ln q) is the intensity there.
     """
 
     def likely(times: Scalar) -> Array:
@@ -115,7 +115,7 @@ def expected_slip(
 
     times = jnp.asarray(_ROUGHER)
     share = jax.nn.softmax(jax.vmap(likely)(times), axis=0)
-    rough = noise.roughness * jnp.sqrt(times**2 @ share)
+    rough = noise.roughness * jnp.exp(jnp.log(times) @ share)
     return smoothed_slip(eqx.tree_at(lambda one: one.roughness, noise, rough), slip, conditions)
 
 
