@@ -43,6 +43,9 @@ _STANDS = 0.1
 #: Under the right noise the sum of squares of a fit is at most this many times that without it.
 _MISSED = 1.1
 
+#: So many neighbouring blocks of one run are one stretch of it.
+_STRETCH = 3
+
 #: Turns of noise and fit, at most.
 _TURNS = 4
 
@@ -300,6 +303,12 @@ def gain(less: Fitted, more: Fitted) -> Gain:
         with np.errstate(over="ignore"):
             error = float(np.sqrt(used.size) * np.std(used, ddof=1)) if used.size > 1 else np.inf
     return Gain(float(gains.sum()), error)
+
+
+def best_stretch(less: Fitted, more: Fitted) -> float:
+    """What `more` gains on `less` where it gains most, in neighbouring blocks of one run."""
+    gains = expected_loss(less) - expected_loss(more)
+    return float(np.convolve(gains, np.ones(_STRETCH)).max())
 
 
 def loss_without(fitted: Fitted, effects: Sequence[Effect]) -> float:

@@ -270,14 +270,12 @@ def _next(
     now = trial_of(state.fitted, scores[0])
     # What would not be accepted cannot stand in the way of what would.
     worthy = [
-        trial
-        for trial in trials
-        if is_worth(gain(now.fitted, trial.fitted), now.fitted, trial.score.entry.generic)
+        trial for trial in trials if is_worth(now.fitted, trial.fitted, trial.score.entry.generic)
     ]
     chosen = _wider(choose(worthy or trials, now), now, scores, seed)
     gained = gain(now.fitted, chosen.fitted)
     generic = chosen.score.entry.generic
-    accepted = chosen.score.p <= significant and is_worth(gained, now.fitted, generic)
+    accepted = chosen.score.p <= significant and is_worth(now.fitted, chosen.fitted, generic)
     members = class_of(trials, chosen, now)
     ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:

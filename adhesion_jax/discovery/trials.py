@@ -11,6 +11,7 @@ from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Gain,
+    best_stretch,
     expected_loss,
     gain,
     least_gain,
@@ -174,10 +175,16 @@ def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, .
     return (name, *(member for member in members if member != name))
 
 
-def is_worth(gained: Gain, fitted: Fitted, generic: bool = False) -> bool:
-    """Whether an effect lowers the loss surely, and by more than a least share of it."""
+def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
+    """Whether an effect lowers the loss surely, and by more than a least share of it.
+
+    In a log of one run it must do so without any one stretch of it as well: what happened once, at
+    one time and place, goes with every column that was different there.
+    """
+    gained = gain(less, more)
+    total = gained.total - best_stretch(less, more) if less.blocks else gained.total
     sure = _SURE_OF_COLUMN if generic else _SURE
-    return gained.total > max(sure * gained.error, least_gain(fitted, _LEAST_GAIN))
+    return total > sure * gained.error and gained.total > least_gain(less, _LEAST_GAIN)
 
 
 def tied(behind: Gain) -> bool:

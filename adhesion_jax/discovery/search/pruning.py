@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from adhesion_jax.discovery.effects import EFFECTS
-from adhesion_jax.discovery.fitting import Fitted, gain, likeliest, loss_without
+from adhesion_jax.discovery.fitting import Fitted, likeliest, loss_without
 from adhesion_jax.discovery.law import kind_of
 from adhesion_jax.discovery.library import entry_of
 from adhesion_jax.discovery.problem import Problem
@@ -30,7 +30,7 @@ def pruned(state: Selection) -> Selection:
             if loss_without(state.fitted, gone) > _PLAINLY_NEEDED:
                 continue
             less = refitted(state, parts_of(rest))
-            if is_worth(gain(less, state.fitted), state.fitted):
+            if is_worth(less, state.fitted):
                 continue
             smaller = without(state, rest)
             whole = _from(smaller.fitted, state)
