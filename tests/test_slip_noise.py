@@ -175,3 +175,14 @@ def test_a_planted_noise_of_the_wheel_speed_is_estimated(planted):
     assert sigma.low < sigma.value < sigma.high
     (kind,) = [part for part in found.law.effects if isinstance(part, EFFECTS["slip_noise"])]
     assert kind.falls_with == "vehicle_speed_mps"
+
+
+def test_what_happened_once_in_a_log_is_told_but_is_no_effect():
+    """A twentieth less adhesion for 18 s of a log of 300 s, in which nothing else is hidden."""
+    campaign = one_log(seed=1)
+    table = campaign.train.copy()
+    table.loc[1200:1379, "adhesion"] *= 0.95
+    found = discover(runs_of(table), base="burckhardt")
+    assert not (*found.effects, *found.unexplained)
+    (doubt,) = found.doubts
+    assert "one stretch of the only run" in doubt.sentence

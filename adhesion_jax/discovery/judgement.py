@@ -17,6 +17,9 @@ _OF_SHAPE = ("slip_bias", "torque_offset")
 #: Half a chi-square that an effect of the slip alone must reach on every base curve: p = 6e-5.
 _SURE = 8.0
 
+#: A gain of so many standard errors is sure, whatever is asked of it besides.
+_SURELY = 1.645
+
 #: A bias beside noise of the slip: what the smoothed slip misses of the true one looks like it.
 _OF_NOISY_SLIP = Doubt(
     _OF_SHAPE,
@@ -84,16 +87,22 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
     if not standing or any(row.decision == "accepted" for row in last):
         return ()
     row = max(standing, key=lambda row: row.gain)
-    return (
-        Doubt(
-            (row.name.split(" (")[0],),
-            f"{row.name} stands out of the residual (adjusted p = {row.p_adjusted:.2g}), but taken "
-            "into the law it does not raise the likelihood of runs left out by enough "
-            f"({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not counted as an "
-            "effect. It may be weak, or stand for something that has no column here; more runs in "
-            "which it varies would tell.",
-        ),
-    )
+    name = row.name.split(" (")[0]
+    seen = f"{row.name} stands out of the residual (adjusted p = {row.p_adjusted:.2g}), but"
+    if state.fitted.blocks and row.gain > _SURELY * row.gain_se:
+        why = (
+            f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "
+            "effect. What happened once goes with every column that was different there; a second "
+            "run of the same line would tell."
+        )
+    else:
+        why = (
+            f"{seen} taken into the law it does not raise the likelihood of runs left out by "
+            f"enough ({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not "
+            "counted as an effect. It may be weak, or stand for something that has no column here; "
+            "more runs in which it varies would tell."
+        )
+    return (Doubt((name,), why),)
 
 
 def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
