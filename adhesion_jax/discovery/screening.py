@@ -25,8 +25,9 @@ _SHARE_LEFT = 0.03
 
 _FLIPS = 1999
 
-#: From this autocorrelation on the residual is also looked at as if its noise were white.
-_COLOURED = 0.15
+#: From this autocorrelation or this scatter of the levels of runs on, the residual is also looked at
+#: as if its noise were white.
+_COLOURED, _SCATTERED = 0.15, 0.025
 
 #: So many entries are taken for real when the null distribution is drawn.
 _PROJECTED = 5
@@ -49,16 +50,18 @@ class Score(NamedTuple):
 def seen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> Sequence[Score]:
     """The scores of all entries in the residual of the model, under its noise and as if white.
 
-    What is missing may itself be what correlates neighbours. A curve fitted to fast changes alone
-    then hides the cause: one that follows the slip late fits a curve without a rise. Each entry
-    counts as it is seen best, and for two looks each p is doubled.
+    What is missing may itself be what correlates neighbours, or what sets runs apart. A curve
+    fitted to fast changes alone then hides the cause: one that follows the slip late fits a curve
+    without a rise; and where the level of each run is free, what acts on whole runs is lost in it.
+    Each entry counts as it is seen best, and for two looks each p is doubled.
     """
     scores = screen(fitted, entries, seed)
-    if float(fitted.setting.noise.autocorrelation) < _COLOURED:
+    noise = fitted.setting.noise
+    if float(noise.autocorrelation) < _COLOURED and float(noise.run_scatter) < _SCATTERED:
         return scores
     best: dict[tuple[str, type, str], Score] = {}
     rank: dict[tuple[str, type, str], int] = {}
-    for look in (scores, screen(_uncoloured(fitted), entries, seed)):
+    for look in (scores, screen(_as_if_white(fitted), entries, seed)):
         for place, score in enumerate(look):
             key = (score.entry.name, type(score.start), score.entry.acts_on)
             rank[key] = min(place, rank.get(key, place))
@@ -71,10 +74,12 @@ def seen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> Sequence[Score]
     ]
 
 
-def _uncoloured(fitted: Fitted) -> Fitted:
-    """The base curve and the effects as if the noise of neighbours were independent."""
+def _as_if_white(fitted: Fitted) -> Fitted:
+    """The base curve and the effects as if all points were independent."""
     setting = fitted.setting
     noise = setting.noise._replace(autocorrelation=np.array(0.0))
+    if float(noise.run_scatter) >= _SCATTERED:
+        noise = noise._replace(run_scatter=np.array(0.0))
     white = Setting(setting.problem, noise, setting.level)
     if not fitted.effects:
         return min(starts_under(white, fitted.base), key=lambda start: start.total)
