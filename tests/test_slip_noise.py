@@ -108,7 +108,7 @@ def test_a_larger_noise_is_smoothed_more():
 
 
 def test_the_expected_slip_is_as_rough_as_is_likely_near_each_point():
-    rougher = [4.0**power for power in (-5, -4, -3, -2, -1, 0, 1)]
+    rougher = [4.0**power for power in range(-5, 2)]
     kinds = [SlipNoise(sigma=NOISE.sigma, roughness=times * NOISE.roughness) for times in rougher]
     told = np.array([of_run(log_density, kind, SLIP, TIME, SPEED) for kind in kinds])
     near = np.array([told[:, max(at - 12, 0) : at + 13].sum(axis=1) for at in range(POINTS)])

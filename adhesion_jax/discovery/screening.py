@@ -25,8 +25,8 @@ _SHARE_LEFT = 0.03
 
 _FLIPS = 1999
 
-#: From this autocorrelation or this scatter of the levels of runs on, the residual is also looked at
-#: as if its noise were white.
+#: From this autocorrelation or this scatter of the levels of runs on, the residual is also looked
+#: at as if its noise were white.
 _COLOURED, _SCATTERED = 0.15, 0.025
 
 #: So many entries are taken for real when the null distribution is drawn.

@@ -1,5 +1,6 @@
 """Noise of the slip signal: how large it is, and whether adhesion follows the slip without it."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
@@ -12,14 +13,13 @@ from jaxtyping import Array, Bool, Float
 from scipy import stats
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.discovery.bases import bic, first_fits
+from adhesion_jax.discovery.bases import bic, first_fits, starts_under
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.slip_noise import SlipNoise, log_density
 from adhesion_jax.discovery.findings import Interval
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Setting,
-    nearly_fitted,
     noise_of,
     raw_changes,
     squares,
@@ -31,6 +31,9 @@ from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
 _FALLS_WITH = ("vehicle_speed_mps", "")
+
+#: Shares of the likeliest roughness of the slip that adhesion is held against.
+_SHARES = (1.0, 0.5, 0.25)
 
 #: Noise of the slip is looked into where the expected slip leaves less than this share of the sum
 #: of squares.
@@ -89,9 +92,17 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     def left(effect: SlipNoise | None) -> float:
         corrected = prepare(record, problem.calendar, problem.blocks, effect)
         setting = Setting(corrected, noise, np.asarray(problem.data.adhesion))
-        return squares(nearly_fitted(setting, fitted.base, fitted.base_values.tolist(), ()))
+        # From anew: the curve at the noisy slip may be far from that at the expected one.
+        return min(squares(start) for start in starts_under(setting, fitted.base))
 
-    return found if left(found.effect) < _MATTERS * left(None) else None
+    # A slip whose acceleration is smooth as well is one of less roughness: adhesion tells.
+    rough = float(found.effect.roughness)
+    tried = [dataclasses.replace(found.effect, roughness=share * rough) for share in _SHARES]
+    errors = [left(effect) for effect in tried]
+    smallest = int(np.argmin(errors))
+    if errors[smallest] >= _MATTERS * left(None):
+        return None
+    return found._replace(effect=tried[smallest])
 
 
 def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
