@@ -11,18 +11,10 @@ from threadpoolctl import threadpool_limits
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits
+from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, starts_under
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
-from adhesion_jax.discovery.fitting import (
-    Fitted,
-    Setting,
-    fit_model,
-    nearly_fitted,
-    own_noise,
-    precise,
-    squares,
-)
+from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, own_noise, precise, squares
 from adhesion_jax.discovery.judgement import doubtful, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
@@ -126,14 +118,14 @@ def discover(
             opinion = opinion_of(final, seed)
     doubts = (*doubts, *undecided(final))
     final = _precise(final)
-    plain = _by_least_squares(problem, exact)
+    plain = _by_least_squares(problem, bases)
     if noise is None and not final.accepted and slip_noise is None:
         # Without an effect the law after is the law before, and only the noise is told better.
         alone = plain.fitted._replace(setting=own_noise(plain.fitted))
         final = final._replace(fits={plain.base: alone}, base=plain.base)
     if final.accepted:
         same = final.setting.problem.slip_noise is None
-        bare = plain if same else _by_least_squares(final.setting.problem, fits)
+        bare = plain if same else _by_least_squares(final.setting.problem, bases)
         if squares(final.fitted) > _WORSE * squares(bare.fitted):
             names = " and ".join(effect.name for effect in final.accepted)
             warnings.append(
@@ -245,17 +237,16 @@ def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Ma
     return fits
 
 
-def _by_least_squares(problem: Problem, fits: Mapping[str, Fitted]) -> Selection:
-    """The best curve without effects, every point alike, each from where it was fitted before.
+def _by_least_squares(problem: Problem, bases: Sequence[str]) -> Selection:
+    """The best curve without effects, every point alike.
 
     Where something is missing, noise is no noise, and a fit that allows for it may miss the data.
     """
     adhesion = np.asarray(problem.data.adhesion)
     white = Setting(problem, white_noise(problem.points, float(np.std(adhesion))), adhesion)
-    fits = {
-        name: nearly_fitted(white, name, fitted.base_values.tolist(), ())
-        for name, fitted in fits.items()
-    }
+    # From anew: where noise has taken the place of what is missing, a fit is no place to start at.
+    some = [starts_under(white, base) for base in bases]
+    fits = {each[0].base: min(each, key=lambda fitted: fitted.total) for each in some}
     # Under one noise for all the likelihood is that of the noise of the best.
     sigma = np.sqrt(min(map(squares, fits.values())) / problem.points.sum())
     best = white._replace(noise=white_noise(problem.points, max(float(sigma), 1e-12)))
