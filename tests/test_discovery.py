@@ -6,7 +6,6 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from adhesion_jax.curves import with_free_values
-from adhesion_jax.discovery import selection
 from adhesion_jax.discovery.bases import first_fits
 from adhesion_jax.discovery.effects import EFFECTS, Covariate
 from adhesion_jax.discovery.fitting import (
@@ -24,6 +23,7 @@ from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.model.noise import Noise, estimated, white_noise
 from adhesion_jax.discovery.program import effect_places, whiten
 from adhesion_jax.discovery.screening import Score
+from adhesion_jax.discovery.search.pruning import pruned
 from adhesion_jax.discovery.simulator import simulate
 from adhesion_jax.discovery.state import Accepted, settled
 from adhesion_jax.discovery.trials import Trial, class_of
@@ -326,11 +326,11 @@ def test_a_column_that_its_cause_makes_needless_gives_it_its_name(hot, setting, 
     )  # fmt: skip
     state = settled(first_fits(setting, ["burckhardt"]), accepted, ())
     assert len(state.fitted.effects) == 3
-    pruned = selection._pruned(state)
-    assert [effect.name for effect in pruned.accepted] == ["lag", "temperature"]
-    assert pruned.accepted[1].members == ("temperature", name)
-    assert not pruned.accepted[1].generic
-    assert squares(pruned.fitted) == pytest.approx(squares(fitted), rel=0.01)
+    left = pruned(state)
+    assert [effect.name for effect in left.accepted] == ["lag", "temperature"]
+    assert left.accepted[1].members == ("temperature", name)
+    assert not left.accepted[1].generic
+    assert squares(left.fitted) == pytest.approx(squares(fitted), rel=0.01)
 
 
 def test_noise_is_recovered_within_its_sampling_error():

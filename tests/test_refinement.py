@@ -13,7 +13,7 @@ from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.search.refinement import _harmonics, forms_of, refined
 from adhesion_jax.discovery.selection import look_again
 from adhesion_jax.discovery.simulator import simulate
-from adhesion_jax.discovery.state import Accepted, Selection, settled
+from adhesion_jax.discovery.state import Accepted, settled
 
 LENGTH = 20.0
 
@@ -129,7 +129,7 @@ def row(name, p, gain, decision="explains less", number=1):
     return Candidate(number, name, 5.0, p, gain, 2.0, decision)
 
 
-def test_what_stood_out_and_was_not_accepted_is_undecided():
+def test_what_stood_out_and_was_not_accepted_is_undecided(quiet):
     rows = (
         row("sanding", 0.001, 50.0, "accepted", number=0),
         row("wind", 0.001, 9.0, number=0),
@@ -138,7 +138,7 @@ def test_what_stood_out_and_was_not_accepted_is_undecided():
         row("delay", 0.002, float("nan"), "less telling"),
         row("curve", 0.2, 8.0, "explains less"),
     )
-    state = Selection({}, "burckhardt", (), rows)
+    state = quiet._replace(ranking=rows)
     (doubt,) = undecided(state)
     assert doubt.names == ("lag",)
     assert "lag stands out" in doubt.sentence

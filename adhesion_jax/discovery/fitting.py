@@ -83,6 +83,11 @@ class Fitted(NamedTuple):
         return self.setting.problem.blocks
 
     @property
+    def log(self) -> bool:
+        """Whether they are blocks of one run in time."""
+        return self.blocks and self.setting.problem.in_time
+
+    @property
     def base_values(self) -> np.ndarray:
         return self.values[list(base_places(self.base))]
 

@@ -89,7 +89,7 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
     row = max(standing, key=lambda row: row.gain)
     name = row.name.split(" (")[0]
     seen = f"{row.name} stands out of the residual (adjusted p = {row.p_adjusted:.2g}), but"
-    if state.fitted.blocks and row.gain > _SURELY * row.gain_se:
+    if state.fitted.log and row.gain > _SURELY * row.gain_se:
         why = (
             f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "
             "effect. What happened once goes with every column that was different there; a second "

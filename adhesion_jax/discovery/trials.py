@@ -178,11 +178,11 @@ def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, .
 def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
     """Whether an effect lowers the loss surely, and by more than a least share of it.
 
-    In a log of one run it must do so without any one stretch of it as well: what happened once, at
-    one time and place, goes with every column that was different there.
+    In a log of one run in time it must do so without any one stretch of it as well: what happened
+    once, at one time and place, goes with every column that was different there.
     """
     gained = gain(less, more)
-    total = gained.total - best_stretch(less, more) if less.blocks else gained.total
+    total = gained.total - best_stretch(less, more) if less.log else gained.total
     sure = _SURE_OF_COLUMN if generic else _SURE
     return total > sure * gained.error and gained.total > least_gain(less, _LEAST_GAIN)
 
