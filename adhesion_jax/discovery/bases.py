@@ -51,11 +51,20 @@ def first_fits(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
 
 def starts_under(setting: Setting, base: str) -> list[Fitted]:
     """A curve alone under a given noise, from each of its starts."""
+    starts = _starts(base, _top(setting))
+    return side_by_side(lambda start: nearly_fitted(setting, base, start, ()), list(starts))
+
+
+def middle_start_under(setting: Setting, base: str, effects: Sequence[Effect]) -> Fitted:
+    """A curve with effects under a given noise, from the middle one of the curve's starts."""
+    starts = _starts(base, _top(setting))
+    return nearly_fitted(setting, base, starts[len(starts) // 2], effects)
+
+
+def _top(setting: Setting) -> float:
+    """About the largest adhesion of the data."""
     inside = setting.problem.points > 0
-    top = float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
-    return side_by_side(
-        lambda start: nearly_fitted(setting, base, start, ()), list(_starts(base, top))
-    )
+    return float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
 
 
 def refits(fits: Mapping[str, Fitted], effects: Sequence[Effect]) -> dict[str, Fitted]:

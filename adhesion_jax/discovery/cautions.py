@@ -115,7 +115,7 @@ def noise_words(state: Selection) -> tuple[str, ...]:
     if noise.run_scatter > 0.002 and runs > 2:
         sentences.append(
             f"Noise: the level of adhesion differs from run to run by "
-            f"{100 * noise.run_scatter:.1f} % for no reason that the columns tell."
+            f"{100 * noise.run_scatter:.1f} % beyond what the effects explain."
         )
     white = fitted.residual[weight]
     if white.size < 50:

@@ -15,7 +15,7 @@ from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, starts_under
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
 from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, own_noise, precise, squares
-from adhesion_jax.discovery.judgement import doubtful, undecided, vetoed
+from adhesion_jax.discovery.judgement import doubtful, of_levels, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
 from adhesion_jax.discovery.model.noise import white_noise
@@ -97,15 +97,15 @@ def discover(
     for _ in range(_SEARCHES):
         state = search(state, entries, seed, progress)
         progress("judging what was found", 0.75)
-        doubts: Sequence[Doubt] = ()
-        if base == "auto" and bases != ("level",):
-            state, doubts = doubtful(state)
         state, rejected = vetoed(state, held_out, seed)
         warnings += [word for word in rejected.values() if word not in warnings]
         if not rejected:
             break
         # What was rejected may have stood in the way of its like.
         entries = tuple(entry for entry in entries if entry.name not in rejected)
+    doubts: Sequence[Doubt] = ()
+    if base == "auto" and bases != ("level",):
+        state, doubts = doubtful(state)
     noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
     line = None if noisy else torsion(state.fitted)
     progress("fitting all runs", 0.85)
@@ -116,7 +116,7 @@ def discover(
         if parts_of(again.accepted) != parts_of(state.accepted):
             final = refined(_on_all_runs(again), seed)
             opinion = opinion_of(final, seed)
-    doubts = (*doubts, *undecided(final))
+    doubts = (*doubts, *undecided(final), *of_levels(final, seed))
     final = _precise(final)
     plain = _by_least_squares(problem, bases)
     if noise is None and not final.accepted and slip_noise is None:

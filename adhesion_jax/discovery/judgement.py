@@ -8,7 +8,9 @@ import numpy as np
 from adhesion_jax.discovery.findings import Doubt
 from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest, noise_of
 from adhesion_jax.discovery.model.noise import determinant
+from adhesion_jax.discovery.problem import label_of
 from adhesion_jax.discovery.screening import SIGNIFICANT, in_noise_units
+from adhesion_jax.discovery.search.run_levels import followed
 from adhesion_jax.discovery.state import Accepted, Selection, parts_of, without
 
 #: Effects of the slip alone: what the wrong base curve leaves looks like one of them.
@@ -19,6 +21,9 @@ _SURE = 8.0
 
 #: A gain of so many standard errors is sure, whatever is asked of it besides.
 _SURELY = 1.645
+
+#: Less scatter of the levels of runs than this share is not looked into.
+_SCATTER = 0.005
 
 #: A bias beside noise of the slip: what the smoothed slip misses of the true one looks like it.
 _OF_NOISY_SLIP = Doubt(
@@ -103,6 +108,36 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
             "more runs in which it varies would tell."
         )
     return (Doubt((name,), why),)
+
+
+def of_levels(state: Selection, seed: int) -> tuple[Doubt, ...]:
+    """The column that what is left of the levels of the runs follows, if there is one."""
+    fitted, problem = state.fitted, state.setting.problem
+    if problem.blocks or float(state.setting.noise.run_scatter) < _SCATTER:
+        return ()
+    weight = np.asarray(state.setting.noise.weight)
+    used = weight.sum(axis=1) > 0
+    law = fitted.adhesion * weight
+    left = (np.asarray(problem.data.adhesion) * weight - law) * law
+    levels = left.sum(axis=1)[used] / (law**2).sum(axis=1)[used]
+    means = (np.asarray(problem.data.columns) * weight).sum(axis=2)[:, used]
+    means = means / weight.sum(axis=1)[used]
+    columns = {
+        label_of(name, problem.measured): means[place] for place, name in enumerate(problem.columns)
+    }
+    found = followed(levels, columns, seed)
+    if found is None or found.p > SIGNIFICANT:
+        return ()
+    return (
+        Doubt(
+            (found.column,),
+            f"What is left of the level of each run follows {found.column}: a smooth function of "
+            f"it explains {100 * found.explained:.0f} % of the variance (adjusted p = "
+            f"{found.p:.2g}). No effect of {found.column} was accepted that also agrees with what "
+            "happens within the runs: it may act in a form that is not in the catalogue, or "
+            "together with an error of the signals.",
+        ),
+    )
 
 
 def _of_slip_alone(state: Selection, effect: Accepted) -> bool:

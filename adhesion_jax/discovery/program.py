@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.curves import Conditions, Curve, with_free_values
 from adhesion_jax.discovery.effects import Effect, ShapeTerm
-from adhesion_jax.discovery.effects.shape import ACTS_ON, fallen
+from adhesion_jax.discovery.effects.shape import ACTS_ON, fallen, prior_precision
 from adhesion_jax.discovery.law import BASES, KINDS
 from adhesion_jax.discovery.model.noise import Noise, determinant, whitened
 
@@ -90,12 +90,14 @@ class Model(NamedTuple):
     free: Int[Any, " free"]  # places in `values`; padded with the last
     lower: Float[Any, " free"]
     upper: Float[Any, " free"]
+    precision: Float[Any, "free free"]  # of the prior of the free parameters, about zero
 
 
 class Fit(NamedTuple):
     """A model at its least squares, and what each run says of its neighbourhood.
 
-    In units of the noise; hessian and gradient are those of half the sum of squares.
+    In units of the noise; hessian and gradient are those of the loss. What the prior adds is shared
+    out to the runs evenly.
     """
 
     values: Float[Array, " flat"]
@@ -149,6 +151,7 @@ def pack(
     values = np.zeros(_BASE_SIZE + slots * _EFFECT_SIZE + 1)
     values[: len(base_values)] = base_values
     kind, column = np.zeros(slots, int), np.zeros((slots, 3), int)
+    precision = np.zeros((free, free))
     places = list(base_places(base))
     described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
     lower, upper = [one.lower for one in described], [one.upper for one in described]
@@ -165,6 +168,9 @@ def pack(
             places.append(place)
             lower.append(effect.PARAMETERS[name].lower)
             upper.append(effect.PARAMETERS[name].upper)
+        if isinstance(effect, ShapeTerm):
+            held = [places.index(effect_places(slot, effect)[name]) for name in effect.STRENGTHS]
+            precision[np.ix_(held, held)] = prior_precision(type(effect))
     padding = free - len(places)
     return Model(
         np.asarray(list(BASES).index(base)),
@@ -174,6 +180,7 @@ def pack(
         np.array([*places, *[values.size - 1] * padding]),
         np.array([*lower, *[0.0] * padding]),
         np.array([*upper, *[0.0] * padding]),
+        precision,
     )
 
 
@@ -338,11 +345,12 @@ def fit(
         best, trial, promised, damping, crawled = state
         adhesion, residual, jacobian = _with_jacobian(model, data, noise, trial, level)
         flat = jacobian.reshape(jacobian.shape[0], -1)
+        pull = model.precision @ trial[model.free]
         new = _Step(
             trial,
-            0.5 * jnp.sum(residual**2),
-            flat @ residual.ravel(),
-            flat @ flat.T,
+            0.5 * (jnp.sum(residual**2) + trial[model.free] @ pull),
+            flat @ residual.ravel() + pull,
+            flat @ flat.T + model.precision,
             adhesion,
             residual,
             jacobian,
@@ -379,13 +387,19 @@ def fit(
     first = jnp.asarray(_FIRST_DAMPING)
     start = (nothing, model.values, jnp.asarray(jnp.inf), first, jnp.asarray(0))
     best = jax.lax.while_loop(unfinished, body, start)[0]
-    found = 0.5 * jnp.sum(best.residual**2, axis=1)
+    some = jnp.any(noise.weight > 0, axis=1)
+    share = some / jnp.maximum(jnp.sum(some), 1)
+    at = best.values[model.free]
+    pull = model.precision @ at
+    found = 0.5 * (jnp.sum(best.residual**2, axis=1) + share * (at @ pull))
+    gradient = jnp.einsum("krt,rt->rk", best.jacobian, best.residual)
+    hessian = jnp.einsum("krt,lrt->rkl", best.jacobian, best.jacobian)
     return Fit(
         best.values,
         jnp.where(jnp.isfinite(best.loss), found, jnp.inf),
         determinant(noise, level),
-        jnp.einsum("krt,rt->rk", best.jacobian, best.residual),
-        jnp.einsum("krt,lrt->rkl", best.jacobian, best.jacobian),
+        gradient + share[:, None] * pull,
+        hessian + share[:, None, None] * model.precision,
         best.adhesion,
         best.residual,
         best.jacobian,

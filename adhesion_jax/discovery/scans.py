@@ -34,6 +34,9 @@ _WAVES = 6
 #: where every run has passed a part of the axis only.
 _AROUND = 50
 
+#: The coherence of a line at a frequency that is given: 4.5e-5 by chance, for it is exponential.
+_LINE = 10.0
+
 #: Neighbouring frequencies whose median is the level that a line must stand out from.
 _NEIGHBOURS = 12
 
@@ -66,7 +69,7 @@ def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Wave]:
         name = effect if effect != "periodic" else f"periodic:{axis}"
         if name in taken or f"periodic:{axis}" in taken:
             continue
-        frequency, p = _coherent(problem, axis, pull, [seed, 13, place])
+        frequency, p = _coherent(problem, axis, pull, axis in _AXES, [seed, 13, place])
         if p > SCAN_SIGNIFICANT:
             continue
         start = _start(axis, effect, frequency)
@@ -102,9 +105,13 @@ def _adjoint(fitted: Fitted) -> np.ndarray:
 
 
 def _coherent(
-    problem: Problem, axis: str, pull: np.ndarray, seed: Sequence[int]
+    problem: Problem, axis: str, pull: np.ndarray, harmonics: bool, seed: Sequence[int]
 ) -> tuple[float, float]:
-    """The frequency of the largest coherence, in waves a unit, and its p."""
+    """The frequency of the largest coherence, in waves a unit, and its p.
+
+    Of a wave that may have `harmonics` the second can stand out most, where the noise is slow: then
+    half of its frequency is told, if there is a line as well.
+    """
     values = np.asarray(problem.data.conditions.get(axis, np.zeros(0)))
     if not values.size or axis in problem.columns:
         values = np.asarray(problem.data.columns[problem.columns.index(axis)])
@@ -138,7 +145,12 @@ def _coherent(
         real, imaginary = some @ normal.real, some @ normal.imag
         largest = (real**2 + imaginary**2).max(axis=1)
         exceeded += int(np.sum(largest >= observed[best]))
-    return float(frequencies[best]), (1 + exceeded) / (1 + _FLIPS)
+    p = (1 + exceeded) / (1 + _FLIPS)
+    half = int(np.argmin(np.abs(frequencies - frequencies[best] / 2)))
+    beside = slice(max(half - 1, 0), half + 2)
+    if harmonics and observed[beside].max() > _LINE and half < best - 1:
+        best = beside.start + int(np.argmax(observed[beside]))
+    return float(frequencies[best]), p
 
 
 class Torsion(NamedTuple):

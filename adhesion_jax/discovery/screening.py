@@ -8,13 +8,20 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jaxtyping import Array, Float
+from scipy import stats
 from scipy.special import gammaln
 
 from adhesion_jax.curves import Scalar
-from adhesion_jax.discovery.bases import starts_under
+from adhesion_jax.discovery.bases import middle_start_under, starts_under
 from adhesion_jax.discovery.effects import Covariate, Effect, ShapeTerm
 from adhesion_jax.discovery.effects.shape import ACTS_ON
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, raw_changes, size_of
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Setting,
+    raw_changes,
+    size_of,
+    with_own_noise,
+)
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import Entry
 from adhesion_jax.discovery.problem import Problem
@@ -47,21 +54,29 @@ class Score(NamedTuple):
     seen_in: Fitted  # the model in whose residual it was seen
 
 
-def seen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> Sequence[Score]:
-    """The scores of all entries in the residual of the model, under its noise and as if white.
+def seen(
+    fits: Mapping[str, Fitted], base: str, entries: Sequence[Entry], seed: int
+) -> Sequence[Score]:
+    """The scores of all entries in the residual of a curve, under its noise and as if white.
 
     What is missing may itself be what correlates neighbours, or what sets runs apart. A curve
     fitted to fast changes alone then hides the cause: one that follows the slip late fits a curve
     without a rise; and where the level of each run is free, what acts on whole runs is lost in it.
-    Each entry counts as it is seen best, and for two looks each p is doubled.
+    And of an effect that may be slow a little says nothing of the whole: it is fitted outright, on
+    any of the curves. Each entry counts as it is seen best, and each p is multiplied by the number
+    of looks.
     """
+    fitted = fits[base]
     scores = screen(fitted, entries, seed)
     noise = fitted.setting.noise
     if float(noise.autocorrelation) < _COLOURED and float(noise.run_scatter) < _SCATTERED:
         return scores
     best: dict[tuple[str, type, str], Score] = {}
     rank: dict[tuple[str, type, str], int] = {}
-    for look in (scores, screen(_as_if_white(fitted), entries, seed)):
+    white = _as_if_white(fitted)
+    every = (scores, screen(white, entries, seed), _outright(fits, fitted, white, entries))
+    looks = [look for look in every if look]
+    for look in looks:
         for place, score in enumerate(look):
             key = (score.entry.name, type(score.start), score.entry.acts_on)
             rank[key] = min(place, rank.get(key, place))
@@ -69,21 +84,43 @@ def seen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> Sequence[Score]
                 best[key] = score
     # The first of either look come first: a z of one is no measure for the other.
     return [
-        best[key]._replace(p=min(2 * best[key].p, 1.0))
+        best[key]._replace(p=min(len(looks) * best[key].p, 1.0))
         for key in sorted(best, key=lambda key: (rank[key], -best[key].z))
     ]
 
 
 def _as_if_white(fitted: Fitted) -> Fitted:
-    """The base curve and the effects as if all points were independent."""
+    """The base curve as if all points were independent."""
     setting = fitted.setting
     noise = setting.noise._replace(autocorrelation=np.array(0.0))
     if float(noise.run_scatter) >= _SCATTERED:
         noise = noise._replace(run_scatter=np.array(0.0))
     white = Setting(setting.problem, noise, setting.level)
-    if not fitted.effects:
-        return min(starts_under(white, fitted.base), key=lambda start: start.total)
-    return fit_model(white, fitted.base, fitted.base_values.tolist(), fitted.effects)
+    return min(starts_under(white, fitted.base), key=lambda start: start.total)
+
+
+def _outright(
+    fits: Mapping[str, Fitted], fitted: Fitted, white: Fitted, entries: Sequence[Entry]
+) -> Sequence[Score]:
+    """Slow effects by likelihood ratios to the curve alone, on whichever curve they fit best.
+
+    p is that of chi-square, times the number of these entries.
+    """
+    slow = [entry for entry in entries if entry.starts[-1].SLOW]
+    found = []
+    for entry in slow:
+        start = entry.starts[-1]
+        trials = [middle_start_under(white.setting, base, (start,)) for base in fits]
+        own = with_own_noise(min(trials, key=lambda trial: trial.total))
+        ratio = 2 * (fitted.total - own.total)
+        freedom = max(len(own.places) - len(fitted.places), 1)
+        if not ratio > 0:
+            continue
+        p = min(1.0, len(slow) * float(stats.chi2.sf(ratio, freedom)))
+        z = float(_as_normal(np.array([ratio]), np.array([freedom]))[0])
+        (effect,) = own.effects
+        found.append(Score(entry, effect, z, p, np.nan, own._replace(effects=())))
+    return sorted(found, key=lambda score: -score.z)
 
 
 def screen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> tuple[Score, ...]:

@@ -51,6 +51,9 @@ _ROUNDS = 6
 #: most telling pairs are tried.
 _PAIRED, _BESIDE, _WIDER = 8, 20, 3
 
+#: Two columns apart do as well as together if they gain this share of it.
+_DOES_AS_WELL = 0.75
+
 #: A second effect of a family that gains less than this share of the first refines its form.
 _MATTER_OF_FORM = 0.25
 
@@ -71,8 +74,11 @@ def search(
     chosen_on = first.base
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
-        look = seen if number == 0 else screen
-        scores = look(state.fitted, _open(entries, state), seed + number)
+        left = _open(entries, state)
+        if state.accepted:
+            scores: Sequence[Score] = screen(state.fitted, left, seed + number)
+        else:
+            scores = seen(state.fits, state.base, left, seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         found = _next(state, scores, SIGNIFICANT, number, seed)
@@ -81,12 +87,13 @@ def search(
             progress("looking for waves and pairs of columns", 0.15 + 0.6 * number / _ROUNDS)
             scanned = _scanned(state, scores, seed + number)
             found = _next(state, scanned, SCAN_SIGNIFICANT, number, seed)
+        if _grown(found, state):
+            found = _separated(found, state, entries, seed)
+        if not first.accepted and number == 0:
+            found, chosen_on = _plainer(found, first, entries, seed)
         if not _grown(found, state):
             state = found
             break
-        found = _separated(found, state, entries, seed)
-        if not first.accepted and number == 0:
-            found, chosen_on = _plainer(found, first, entries, seed)
         found = refined(found, seed)
         state = pruned(found)
         if len(state.accepted) < len(found.accepted):
@@ -104,16 +111,18 @@ def _plainer(
 ) -> tuple[Selection, str]:
     """The first effect chosen anew on a curve that speed does not change, if that is better.
 
-    A curve that itself falls with speed may have absorbed the cause. What was accepted then makes
-    up for what is wrong with the curve, and no later round would find both. Also on which curve
-    the effect was chosen.
+    A curve that itself falls with speed may have absorbed the cause: nothing stands out then, or
+    what was accepted makes up for what is wrong with the curve, and no later round would find both.
+    Also on which curve the effect was chosen.
     """
     plain = {name: fitted for name, fitted in first.fits.items() if not BASES[name].NEEDS}
     if not plain or first.base in plain:
         return found, first.base
     start = first._replace(fits=plain, base=min(plain, key=lambda name: bic(plain[name])))
-    again = _next(start, seen(start.fitted, entries, seed), SIGNIFICANT, 0, seed)
-    if bic(again.fitted) >= bic(found.fitted):
+    again = _next(start, seen(start.fits, start.base, entries, seed), SIGNIFICANT, 0, seed)
+    # Fewer parameters alone are no reason to name an effect where there was none.
+    plainer = not _grown(found, first) and again.fitted.total >= found.fitted.total
+    if plainer or bic(again.fitted) >= bic(found.fitted):
         return found, first.base
     fits = {**first.fits, **again.fits}
     whole = settled(fits, again.accepted, again.ranking)
@@ -250,7 +259,10 @@ def _separated(
         left = [entry for entry in left if entry.covariates != best.score.entry.covariates]
     last = chosen[-1][0]
     joint = trial_of(found.fits[before.base], last.score)
-    if clearly_ahead(last, joint, trial_of(before.fitted, last.score)):
+    if (
+        gain(before.fitted, last.fitted).total < _DOES_AS_WELL * pair.gain
+        or clearly_ahead(last, joint, trial_of(before.fitted, last.score))
+    ):  # fmt: skip
         return found
     state = before
     for trial, members in chosen:
@@ -272,10 +284,12 @@ def _next(
     worthy = [
         trial for trial in trials if is_worth(now.fitted, trial.fitted, trial.score.entry.generic)
     ]
+    # That there is something must be sure of one of them, not of the one that explains it best.
+    sure = any(trial.score.p <= significant for trial in worthy)
     chosen = _wider(choose(worthy or trials, now), now, scores, seed)
     gained = gain(now.fitted, chosen.fitted)
     generic = chosen.score.entry.generic
-    accepted = chosen.score.p <= significant and is_worth(now.fitted, chosen.fitted, generic)
+    accepted = sure and is_worth(now.fitted, chosen.fitted, generic)
     members = class_of(trials, chosen, now)
     ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:

@@ -147,11 +147,8 @@ def _plain(columns: Sequence[Trial], now: Trial) -> Trial:
 def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
     """Whether a candidate is better than a plainer one by more than a matter of form."""
     ahead = gain(plainer.fitted, other.fitted)
-    return ahead.total > max(
-        _COLUMN_ERRORS * ahead.error,
-        least_gain(other.fitted, _COLUMN_LOSS),
-        _COLUMN_GAIN * (now.loss - other.loss),
-    )
+    least = max(least_gain(other.fitted, _COLUMN_LOSS), _COLUMN_GAIN * (now.loss - other.loss))
+    return ahead.total > least and ahead.deviate > _COLUMN_ERRORS
 
 
 def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, ...]:
@@ -182,14 +179,14 @@ def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
     once, at one time and place, goes with every column that was different there.
     """
     gained = gain(less, more)
-    total = gained.total - best_stretch(less, more) if less.log else gained.total
-    sure = _SURE_OF_COLUMN if generic else _SURE
-    return total > sure * gained.error and gained.total > least_gain(less, _LEAST_GAIN)
+    elsewhere = gained.total - (best_stretch(less, more) if less.log else 0.0)
+    sure = gained._replace(total=elsewhere).deviate > (_SURE_OF_COLUMN if generic else _SURE)
+    return sure and gained.total > least_gain(less, _LEAST_GAIN)
 
 
 def tied(behind: Gain) -> bool:
     """Whether it is not decided that a model is behind another."""
-    return behind.total <= max(_CLASS_ERRORS * behind.error, _CLASS_LEAST)
+    return behind.total <= _CLASS_LEAST or behind.deviate <= _CLASS_ERRORS
 
 
 def ranked(
@@ -217,7 +214,9 @@ def ranked(
             decision = "explains less"
         else:
             decision = "not significant" if score.p > SIGNIFICANT else "less telling"
-        rows.append(Candidate(number, _label(score), score.z, score.p, *gained, decision))
+        rows.append(
+            Candidate(number, _label(score), score.z, score.p, gained.total, gained.error, decision)
+        )
     return rows
 
 

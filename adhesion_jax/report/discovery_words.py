@@ -274,8 +274,8 @@ def _scatter(findings: Findings) -> list[str]:
     if findings.effects or findings.unexplained or findings.noise_floor**2 < 2 * sigma**2:
         return []
     return [
-        f"The level of adhesion differs from run to run by {percent(scatter)} for no reason that "
-        "the columns tell, which is more than the noise within the runs"
+        f"The level of adhesion differs from run to run by {percent(scatter)}, which no effect "
+        "explains and which is more than the noise within the runs"
     ]
 
 

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -21,7 +22,8 @@ class Effect(eqx.Module):
     found but the median of a column, so that the law below keeps its meaning.
     NEEDS names the columns without which the effect cannot be evaluated. ORDER sorts the effects
     of a law: those that bend the slip are applied first (0), those of the signals last (2). Only
-    effects of order 0 may bend the slip.
+    effects of order 0 may bend the slip. SLOW: it may be so slow that what a little of it changes
+    says nothing of what it changes in whole.
 
     Conditions are those of one run in the order of time, arrays [points]; effects that act in
     time need `time_s`. Where `time_s` is absent or a scalar, they are in their steady state.
@@ -32,6 +34,7 @@ class Effect(eqx.Module):
     REFERENCES: eqx.AbstractClassVar[Mapping[str, str]]
     NEEDS: eqx.AbstractClassVar[tuple[str, ...]]
     ORDER: eqx.AbstractClassVar[int]
+    SLOW: ClassVar[bool] = False
 
     @abstractmethod
     def before(

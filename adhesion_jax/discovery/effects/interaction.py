@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.discovery.effects.base import Columns
 from adhesion_jax.discovery.effects.shape import ShapeTerm
-from adhesion_jax.discovery.effects.two_columns import ENDS, REFERENCES, legendre, pairs
+from adhesion_jax.discovery.effects.two_columns import ENDS, REFERENCES, at_corners, legendre, pairs
 
 _SOURCE = "mixed terms of any smooth dependence up to the second degree in each column"
 
@@ -46,6 +47,10 @@ class Interaction(ShapeTerm):
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
         v, v2 = legendre(conditions[self.second], self.second_low, self.second_high)
         return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return at_corners((1, 1), (1, 2), (2, 1), (2, 2))
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence["Interaction"]:

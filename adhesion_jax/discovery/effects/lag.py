@@ -28,6 +28,7 @@ class Lag(Effect):
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
     ORDER: ClassVar[int] = 2
+    SLOW: ClassVar[bool] = True
 
     def before(
         self, slip: Float[Array, "*shape"], conditions: Conditions

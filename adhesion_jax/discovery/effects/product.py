@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.discovery.effects.base import Columns
 from adhesion_jax.discovery.effects.shape import ShapeTerm
+from adhesion_jax.discovery.effects.two_columns import at_corners
 
 _SOURCE = "first mixed term of any smooth dependence"
 
@@ -44,6 +45,10 @@ class Product(ShapeTerm):
         first = conditions[self.first] / self.first_scale - self.first_centre
         second = conditions[self.second] / self.second_scale - self.second_centre
         return jnp.asarray(self.k * first * second)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return 1.5**2 * at_corners((1, 1))
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence["Product"]:

@@ -28,6 +28,7 @@ class Relaxation(Effect):
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "time_s")
     ORDER: ClassVar[int] = 2
+    SLOW: ClassVar[bool] = True
 
     def before(
         self, slip: Float[Array, "*shape"], conditions: Conditions

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import ClassVar
 
 import equinox as eqx
@@ -21,6 +22,10 @@ ACTS_ON = ("level", "slip", "fall")
 _SLIPS = np.geomspace(2e-3, 5.0, 12)
 _REACHES = (2.0, 1.2, 1.05)
 
+#: What g is expected to be at any place before there are data, as a standard deviation: a factor of
+#: 4.5. Where no run tells (no slip beyond the peak at some value of a column) g stays near zero.
+_SPREAD = 1.5
+
 
 class ShapeTerm(Effect):
     """A function g of columns that bends the curve mu(l), in one of three ways.
@@ -34,6 +39,11 @@ class ShapeTerm(Effect):
 
     NEEDS: ClassVar[tuple[str, ...]] = ()
     ORDER: ClassVar[int] = 1
+
+    @classmethod
+    @abstractmethod
+    def at_places(cls) -> np.ndarray:
+        """What each strength adds to g at places spread over the columns, [places, strengths]."""
 
     @abstractmethod
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
@@ -56,6 +66,13 @@ class ShapeTerm(Effect):
         conditions: Conditions,
     ) -> Float[Array, "*shape"]:
         return adhesion
+
+
+@cache
+def prior_precision(kind: type[ShapeTerm]) -> np.ndarray:
+    """Of the strengths of a term, [strengths, strengths]: g is N(0, _SPREAD^2) at its places."""
+    places = kind.at_places()
+    return places.T @ places / _SPREAD**2
 
 
 def shaped(

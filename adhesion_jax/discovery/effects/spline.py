@@ -16,6 +16,21 @@ _SOURCE = "Hastie, Tibshirani and Friedman 2009, The Elements of Statistical Lea
 _KNOTS = np.linspace(0.0, 1.0, 6)
 
 
+def _basis(place: Float[Array, "*shape"]) -> Sequence[Float[Array, "*shape"]]:
+    """The five functions beside the constant, each zero in the middle of the range."""
+
+    def cubic(u: Float[Array, "*shape"] | float, j: int) -> Float[Array, "*shape"]:
+        cubes = jnp.maximum(u - _KNOTS[j], 0.0) ** 3 - jnp.maximum(u - _KNOTS[-1], 0.0) ** 3
+        return cubes / (_KNOTS[-1] - _KNOTS[j])
+
+    def basis(u: Float[Array, "*shape"] | float) -> list[Float[Array, "*shape"]]:
+        last = cubic(u, _KNOTS.size - 2)
+        return [jnp.asarray(u), *(cubic(u, j) - last for j in range(_KNOTS.size - 2))]
+
+    u = jnp.clip(place, 0.0, 1.0)
+    return [here - middle for here, middle in zip(basis(u), basis(0.5), strict=True)]
+
+
 class Spline(ShapeTerm):
     """g = s(u), s a natural cubic spline with six knots on u = (z - low)/(high - low).
 
@@ -49,6 +64,10 @@ class Spline(ShapeTerm):
         return jnp.sum(jnp.stack(terms), axis=0)
 
     @classmethod
+    def at_places(cls) -> np.ndarray:
+        return np.stack([np.asarray(part) for part in _basis(jnp.asarray(_KNOTS))], axis=1)
+
+    @classmethod
     def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
         ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
         return [
@@ -56,18 +75,3 @@ class Spline(ShapeTerm):
             for name, (low, high) in ends.items()
             if high > low
         ]
-
-
-def _basis(place: Float[Array, "*shape"]) -> Sequence[Float[Array, "*shape"]]:
-    """The five functions beside the constant, each zero in the middle of the range."""
-
-    def cubic(u: Float[Array, "*shape"] | float, j: int) -> Float[Array, "*shape"]:
-        cubes = jnp.maximum(u - _KNOTS[j], 0.0) ** 3 - jnp.maximum(u - _KNOTS[-1], 0.0) ** 3
-        return cubes / (_KNOTS[-1] - _KNOTS[j])
-
-    def basis(u: Float[Array, "*shape"] | float) -> list[Float[Array, "*shape"]]:
-        last = cubic(u, _KNOTS.size - 2)
-        return [jnp.asarray(u), *(cubic(u, j) - last for j in range(_KNOTS.size - 2))]
-
-    u = jnp.clip(place, 0.0, 1.0)
-    return [here - middle for here, middle in zip(basis(u), basis(0.5), strict=True)]

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.discovery.effects.base import Columns
 from adhesion_jax.discovery.effects.shape import ShapeTerm
-from adhesion_jax.discovery.effects.two_columns import ENDS, REFERENCES, legendre, pairs
+from adhesion_jax.discovery.effects.two_columns import ENDS, REFERENCES, at_corners, legendre, pairs
 
 _SOURCE = "any smooth function of two columns up to the second degree"
 
@@ -47,6 +48,10 @@ class Surface(ShapeTerm):
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
         v, v2 = legendre(conditions[self.second], self.second_low, self.second_high)
         return self.k10 * u + self.k01 * v + self.k20 * u2 + self.k11 * u * v + self.k02 * v2
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return at_corners((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence["Surface"]:

@@ -43,6 +43,10 @@ class Threshold(ShapeTerm):
         return self.k * (step(conditions[self.column]) - step(self.reference))
 
     @classmethod
+    def at_places(cls) -> np.ndarray:
+        return np.linspace(-1.0, 1.0, 6)[:, None]
+
+    @classmethod
     def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
         return [
             cls(0.02, float(centre), 0.08 * float(np.ptp(z)), float(np.median(z)), name)

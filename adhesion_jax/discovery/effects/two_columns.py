@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from itertools import combinations
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Parameter, Scalar
@@ -31,3 +32,10 @@ def pairs(columns: Columns) -> list[tuple[float, float, float, float, str, str]]
     ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
     varying = [name for name, (low, high) in ends.items() if high > low]
     return [(*ends[one], *ends[other], one, other) for one, other in combinations(varying, 2)]
+
+
+def at_corners(*degrees: tuple[int, int]) -> np.ndarray:
+    """P_i(u) P_j(v) for each pair of degrees at u, v = -1, 0, 1, [nine, degrees]."""
+    u, v = (side.ravel() for side in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
+    values = [(np.ones_like(place), place, 1.5 * place**2 - 0.5) for place in (u, v)]
+    return np.stack([values[0][i] * values[1][j] for i, j in degrees], axis=1)

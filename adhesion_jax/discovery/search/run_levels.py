@@ -1,0 +1,53 @@
+"""What is left of the level of every run, held against the columns that differ between runs."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+#: Degree of the polynomial in the rank of a run that a smooth function of a column is taken for.
+_DEGREE = 3
+
+_EXCHANGES = 1999
+
+#: Fewer runs leave too little to a polynomial.
+_FEWEST_RUNS = 10
+
+
+class Followed(NamedTuple):
+    """A column that the levels of the runs follow."""
+
+    column: str
+    explained: float  # share of the variance of the levels, adjusted for the degrees of freedom
+    p: float  # adjusted for all columns
+
+
+def followed(levels: np.ndarray, columns: Mapping[str, np.ndarray], seed: int) -> Followed | None:
+    """The column [runs] that explains most of the variance of the levels [runs], and how surely.
+
+    By least squares on polynomials of the third degree in the ranks of the runs: no form is
+    assumed but that it is smooth, and no run counts for more by lying far out. p is the share of
+    permutations of the levels in which any column explains as much.
+    """
+    runs = levels.size
+    varying = {name: values for name, values in columns.items() if np.unique(values).size > _DEGREE}
+    if runs < _FEWEST_RUNS or not varying or not np.ptp(levels) > 0:
+        return None
+    generator = np.random.default_rng([seed, 29])
+    permuted = np.stack([generator.permutation(levels) for _ in range(_EXCHANGES)], axis=1)
+    trials = np.column_stack([levels, permuted]) - levels.mean()
+    trials /= np.linalg.norm(levels - levels.mean())
+    explained = np.stack([_explained(values, trials) for values in varying.values()])
+    best = int(np.argmax(explained[:, 0]))
+    exceeded = int(np.sum(explained[:, 1:].max(axis=0) >= explained[best, 0]))
+    left = (1 - explained[best, 0]) * (runs - 1) / (runs - 1 - _DEGREE)
+    return Followed(list(varying)[best], float(1 - left), (1 + exceeded) / (1 + _EXCHANGES))
+
+
+def _explained(values: np.ndarray, trials: np.ndarray) -> np.ndarray:
+    """The share of the squares of each trial [runs, trials] that the polynomial explains."""
+    rank = np.unique(values, return_inverse=True)[1].astype(float)
+    place = 2 * rank / rank.max() - 1
+    basis, _ = np.linalg.qr(np.vander(place, _DEGREE + 1))
+    mean = trials.mean(axis=0)
+    return ((basis.T @ trials) ** 2).sum(axis=0) - trials.shape[0] * mean**2
