@@ -98,7 +98,7 @@ def search(
         state = pruned(found)
         if len(state.accepted) < len(found.accepted):
             break
-    return _with_other_formulas(_reconsidered(state, chosen_on, entries, seed), entries)
+    return _with_other_formulas(_reconsidered(state, chosen_on, entries, seed), entries, seed)
 
 
 def _grown(state: Selection, before: Selection) -> bool:
@@ -148,22 +148,21 @@ def _reconsidered(
     return state
 
 
-def _with_other_formulas(state: Selection, entries: Sequence[Entry]) -> Selection:
+def _with_other_formulas(state: Selection, entries: Sequence[Entry], seed: int) -> Selection:
     """Formulas of a family that only with the refinement of its effect do as well, in its class."""
     accepted = []
     for effect in state.accepted:
-        if len(effect.parts) > 1 and not effect.generic:
-            kin = [
-                (entry.name, start)
-                for entry in _open(entries, state)
-                if entry.family == effect.family and not entry.generic
-                for start in entry.starts
-            ]
+        kin = [
+            entry
+            for entry in _open(entries, state)
+            if entry.family == effect.family and not entry.generic
+        ]
+        if kin and len(effect.parts) > 1 and not effect.generic:
             rest = [part for part in state.fitted.effects if part is not effect.parts[0]]
-            models = [(*rest, start) for _, start in kin]
-            fits = side_by_side(partial(refitted, state), models)
-            trials = zip(kin, fits, strict=True)
-            as_good = [name for (name, _), less in trials if tied(gain(less, state.fitted))]
+            scores = screen(refitted(state, rest), kin, seed)
+            fits = side_by_side(partial(refitted, state), [(*rest, one.start) for one in scores])
+            trials = zip(scores, fits, strict=True)
+            as_good = [one.entry.name for one, less in trials if tied(gain(less, state.fitted))]
             effect = effect._replace(members=tuple(dict.fromkeys((*effect.members, *as_good))))
         accepted.append(effect)
     return state._replace(accepted=tuple(accepted))
