@@ -2,6 +2,7 @@ import jax
 import numpy as np
 import pytest
 from discovery_campaigns import SIZE, problem_of
+from scipy import stats
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
@@ -9,6 +10,7 @@ from adhesion_jax.curves import with_free_values
 from adhesion_jax.discovery.bases import first_fits
 from adhesion_jax.discovery.effects import EFFECTS, Covariate
 from adhesion_jax.discovery.fitting import (
+    Gain,
     Setting,
     expected_loss,
     fit_model,
@@ -312,6 +314,29 @@ def test_the_error_of_a_gain_between_blocks_is_the_scatter_of_noise(fitted):
 
     gains = [drawn() for _ in range(800)]
     assert gains[0].error == pytest.approx(np.std([one.total for one in gains]), rel=4 / 40)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("runs", [10, 28])
+def test_a_gain_is_as_sure_as_it_says_though_few_runs_gain_most(runs, sign):
+    """Of campaigns without a gain one in twenty is above 1.645, whichever way the runs are skew."""
+    draw = np.random.default_rng(7)
+    gains = sign * (draw.exponential(size=(8000, runs)) - 1)
+    error = np.sqrt(runs) * gains.std(axis=1, ddof=1)
+    skewness = stats.skew(gains, axis=1) / np.sqrt(runs)
+    given = zip(gains.sum(axis=1), error, skewness, strict=True)
+    sure = np.mean([Gain(*one, freedom=runs - 1).deviate > 1.645 for one in given])
+    student = np.mean(stats.norm.isf(stats.t.sf(gains.sum(axis=1) / error, runs - 1)) > 1.645)
+    # Hall's transformation takes away the term of order 1/sqrt(runs), not all that there is.
+    assert abs(sure - 0.05) < 0.7 * abs(student - 0.05)
+    assert sure == pytest.approx(0.05, abs=0.12 / np.sqrt(runs))
+
+
+def test_without_an_error_a_gain_is_sure_and_without_an_end_to_it_it_is_not():
+    assert Gain(1.0, 0.0).deviate == np.inf
+    assert Gain(0.0, 0.0).deviate == 0.0
+    assert Gain(5.0, np.inf).deviate == 0.0
+    assert Gain(3.0, 1.5).deviate == pytest.approx(2.0)
 
 
 def test_a_column_that_its_cause_makes_needless_gives_it_its_name(hot, setting, fitted):

@@ -252,6 +252,18 @@ def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak(seed):
     assert found.train.after.value == pytest.approx(0.0242, rel=0.06 if seed == 3 else 0.03)
 
 
+def test_a_lag_slower_than_the_slip_is_found_though_a_curve_with_slow_noise_fits_too():
+    """At 1.4 sigma the signal hardly follows the slip, and its score at no lag is nothing."""
+    noise = Noise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)
+    campaign = simulate(
+        ["lag"], seed=367, base="exponential", noise=noise, strength=0.5, form="exact", **SIZE
+    )
+    found = discover(runs_of(campaign.train))
+    assert [effect.name for effect in found.effects] == ["lag"]
+    constant = found.effects[0].parameters["time_constant"]
+    assert constant.low < campaign.parameters["lag"]["time_constant"] < constant.high
+
+
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):
     with pytest.raises(InputError, match=r"^--base pacejka is not known; name one of .*auto\.$"):
         discover(train, base="pacejka")

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from discovery_campaigns import SIZE, problem_of
 from scipy import stats
+from scipy.signal import lfilter
 
 from adhesion_jax.discovery.effects import EFFECTS, Covariate
 from adhesion_jax.discovery.fitting import Setting, covariance, fit_model, likeliest
@@ -151,6 +152,19 @@ def test_a_wave_along_the_track_is_found_at_its_length(null, length):
     assert found_length == pytest.approx(length, abs=3 * error[4])
     assert np.hypot(sine, cosine) == pytest.approx(0.03, abs=3 * max(error[:2]))
     assert waves(joint, [], 0) == []
+
+
+def test_a_wave_is_found_at_its_length_though_its_second_harmonic_stands_out_most(null):
+    """Joints are short: half a wave is as strong as the whole, and slow noise hides the whole."""
+    length = 24.4
+    phase = 2 * np.pi * null["position_m"] / length
+    wave = 1 + 0.03 * np.sin(phase + 0.4) + 0.03 * np.sin(2 * phase + 1.1)
+    draw = np.random.default_rng(5)
+    slow = lfilter([0.004], [1, -0.95], draw.standard_normal((RUNS, POINTS)), axis=1)
+    fitted = started(null.assign(adhesion=null["adhesion"] * wave + slow.ravel()))
+    (start,) = {one.entry.name: one for one in waves(fitted, [], 0)}["rail_joint"].entry.starts
+    track = np.ptp(null["position_m"])
+    assert 1 / float(start.length) == pytest.approx(1 / length, abs=0.5 / track)
 
 
 @pytest.mark.parametrize("frequency", [1.7, 3.2])

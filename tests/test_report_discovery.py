@@ -261,8 +261,8 @@ def test_verdict_of_doubts_and_of_the_second_opinion():
 def test_verdict_of_runs_that_scatter_more_than_their_points():
     noise = {"sigma": 0.005, "autocorrelation": 0.3, "run_scatter": 0.079}
     assert verdict(null()._replace(noise=noise)) == (
-        "No effect is claimed, but the level of adhesion differs from run to run by 7.9 % for no "
-        "reason that the columns tell, which is more than the noise within the runs. "
+        "No effect is claimed, but the level of adhesion differs from run to run by 7.9 %, which "
+        "no effect explains and which is more than the noise within the runs. "
         f"{ERROR_ALONE}"
     )
     calm = {**noise, "sigma": 0.0072}

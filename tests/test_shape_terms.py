@@ -207,6 +207,50 @@ def test_the_compiled_program_predicts_what_the_law_does(setting, base):
     assert np.abs(found - fitted.adhesion).max() > 0.02
 
 
+@pytest.fixture(scope="module")
+def cold():
+    """Runs above the median temperature stay below the peak: of their fall nothing is known."""
+    table = simulate(seed=1, base="burckhardt", **SIZE).train
+    warm = table["temperature_C"] > table["temperature_C"].median()
+    problem = problem_of(table[~(warm & (table["slip_ratio"].abs() > 0.01))])
+    ends = problem.flat["temperature_C"].min(), problem.flat["temperature_C"].max()
+    start = KINDS["spline"](*[0.02] * 5, *ends, column="temperature_C", acts_on="fall")
+    setting = Setting(problem, white_noise(problem.points, 0.01), np.asarray(problem.data.adhesion))
+    return fit_model(setting, "burckhardt", (0.3, 60.0, 0.3), (start,)), start
+
+
+def heights(spline, strengths):
+    """The function of a spline at its six knots."""
+    names = [f"k{place}" for place in range(1, 6)]
+    changed = dataclasses.replace(spline, **dict(zip(names, strengths, strict=True)))
+    at = jnp.linspace(float(spline.low), float(spline.high), 6)
+    return np.asarray(changed.log_factor({"temperature_C": at}))
+
+
+def test_a_fit_with_a_term_is_the_maximum_of_its_posterior(cold):
+    """With N(0, 1.5^2) for the function at each knot, by sums over all points."""
+    fitted, start = cold
+    strengths = fitted.values[list(fitted.places)][3:]
+    basis = np.stack([heights(start, unit) for unit in np.eye(5)], axis=1)
+    precision = basis.T @ basis / 1.5**2
+    jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
+    slope = jacobian @ fitted.residual.ravel()
+    slope[3:] += precision @ strengths
+    hessian = jacobian @ jacobian.T
+    hessian[3:, 3:] += precision
+    half = 0.5 * (fitted.residual**2).sum() + 0.5 * strengths @ precision @ strengths
+    assert fitted.loss.sum() == pytest.approx(half, rel=1e-9)
+    np.testing.assert_allclose(fitted.hessian.sum(0), hessian, rtol=1e-8, atol=1e-6)
+    size = np.sqrt(np.diag(hessian))
+    np.testing.assert_allclose(fitted.gradient.sum(0) / size, slope / size, atol=1e-6)
+    np.testing.assert_allclose(slope / size, 0.0, atol=1e-3)
+
+
+def test_where_nothing_is_known_of_a_function_it_stays_near_none(cold):
+    fitted, start = cold
+    assert np.abs(heights(start, fitted.values[list(fitted.places)][3:])).max() < 2 * 1.5
+
+
 def test_what_a_term_acts_on_is_saved_with_the_law(tmp_path):
     law = CorrectedLaw(
         CURVES["burckhardt"],

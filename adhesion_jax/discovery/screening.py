@@ -32,6 +32,9 @@ _SHARE_LEFT = 0.03
 
 _FLIPS = 1999
 
+#: What is fitted outright may claim with this part of the chance that what is scored may.
+_SPENT = 500
+
 #: From this autocorrelation or this scatter of the levels of runs on, the residual is also looked
 #: at as if its noise were white.
 _COLOURED, _SCATTERED = 0.15, 0.025
@@ -63,8 +66,8 @@ def seen(
     fitted to fast changes alone then hides the cause: one that follows the slip late fits a curve
     without a rise; and where the level of each run is free, what acts on whole runs is lost in it.
     And of an effect that may be slow a little says nothing of the whole: it is fitted outright, on
-    any of the curves. Each entry counts as it is seen best, and each p is multiplied by the number
-    of looks.
+    any of the curves. Each entry counts as it is seen best, and for two looks each p is doubled;
+    the third must be as good as certain, and costs them nothing.
     """
     fitted = fits[base]
     scores = screen(fitted, entries, seed)
@@ -74,8 +77,7 @@ def seen(
     best: dict[tuple[str, type, str], Score] = {}
     rank: dict[tuple[str, type, str], int] = {}
     white = _as_if_white(fitted)
-    every = (scores, screen(white, entries, seed), _outright(fits, fitted, white, entries))
-    looks = [look for look in every if look]
+    looks = (scores, screen(white, entries, seed), _outright(fits, fitted, white, entries))
     for look in looks:
         for place, score in enumerate(look):
             key = (score.entry.name, type(score.start), score.entry.acts_on)
@@ -84,7 +86,7 @@ def seen(
                 best[key] = score
     # The first of either look come first: a z of one is no measure for the other.
     return [
-        best[key]._replace(p=min(len(looks) * best[key].p, 1.0))
+        best[key]._replace(p=min(2 * best[key].p, 1.0))
         for key in sorted(best, key=lambda key: (rank[key], -best[key].z))
     ]
 
@@ -104,7 +106,7 @@ def _outright(
 ) -> Sequence[Score]:
     """Slow effects by likelihood ratios to the curve alone, on whichever curve they fit best.
 
-    p is that of chi-square, times the number of these entries.
+    p is that of chi-square, times the number of these entries and `_SPENT`.
     """
     slow = [entry for entry in entries if entry.starts[-1].SLOW]
     found = []
@@ -116,7 +118,7 @@ def _outright(
         freedom = max(len(own.places) - len(fitted.places), 1)
         if not ratio > 0:
             continue
-        p = min(1.0, len(slow) * float(stats.chi2.sf(ratio, freedom)))
+        p = min(1.0, _SPENT * len(slow) * float(stats.chi2.sf(ratio, freedom)))
         z = float(_as_normal(np.array([ratio]), np.array([freedom]))[0])
         (effect,) = own.effects
         found.append(Score(entry, effect, z, p, np.nan, own._replace(effects=())))

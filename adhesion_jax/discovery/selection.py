@@ -49,7 +49,10 @@ _ROUNDS = 6
 
 #: So many columns are looked at in pairs, and so many beside a column that was chosen, of which the
 #: most telling pairs are tried.
-_PAIRED, _BESIDE, _WIDER = 8, 20, 3
+_PAIRED, _BESIDE, _WIDER = 12, 20, 3
+
+#: A plain curve with an effect must be this much more likely than one that falls by itself.
+_PLAINER = 2.0
 
 #: Two columns apart do as well as together if they gain this share of it.
 _DOES_AS_WELL = 0.75
@@ -74,11 +77,7 @@ def search(
     chosen_on = first.base
     for number in range(_ROUNDS):
         progress(f"looking for effect {number + 1}", 0.1 + 0.6 * number / _ROUNDS)
-        left = _open(entries, state)
-        if state.accepted:
-            scores: Sequence[Score] = screen(state.fitted, left, seed + number)
-        else:
-            scores = seen(state.fits, state.base, left, seed + number)
+        scores = _looked(state, _open(entries, state), seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         found = _next(state, scores, SIGNIFICANT, number, seed)
@@ -120,9 +119,13 @@ def _plainer(
         return found, first.base
     start = first._replace(fits=plain, base=min(plain, key=lambda name: bic(plain[name])))
     again = _next(start, seen(start.fits, start.base, entries, seed), SIGNIFICANT, 0, seed)
-    # Fewer parameters alone are no reason to name an effect where there was none.
-    plainer = not _grown(found, first) and again.fitted.total >= found.fitted.total
-    if plainer or bic(again.fitted) >= bic(found.fitted):
+    if _grown(found, first):
+        better = bic(again.fitted) < bic(found.fitted)
+    else:
+        # Fewer parameters alone are no reason to name an effect where there was none.
+        ahead = found.fitted.total - again.fitted.total
+        better = ahead > _PLAINER and bic(again.fitted) < bic(found.fitted)
+    if not better:
         return found, first.base
     fits = {**first.fits, **again.fits}
     whole = settled(fits, again.accepted, again.ranking)
@@ -197,17 +200,31 @@ def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
     return [entry for entry in entries if entry.name not in taken]
 
 
+def _looked(state: Selection, entries: Sequence[Entry], seed: int) -> Sequence[Score]:
+    """The scores of entries; before anything is known, in every kind of noise."""
+    if state.accepted:
+        return screen(state.fitted, entries, seed)
+    return seen(state.fits, state.base, entries, seed)
+
+
 def _scanned(state: Selection, scores: Sequence[Score], seed: int) -> Sequence[Score]:
-    """Pairs of the most telling columns by score tests, waves by their coherence over runs."""
-    telling = [label for label in _most_telling(scores) if label not in _OF_THE_SLIP]
-    pairs = _open(surfaces(state.setting.problem, telling[:_PAIRED]), state)
-    found = list(screen(state.fitted, pairs, seed)) if pairs else []
+    """Waves by their coherence over runs, then pairs of the most telling columns by score tests.
+
+    Waves come first: how sure they are is told by p alone, and pairs are many.
+    """
     taken = [effect.name for effect in state.accepted]
-    found += [
+    lines = [
         Score(entry, entry.starts[0], float(stats.norm.isf(p)), p, np.nan, state.fitted)
         for entry, p in waves(state.fitted, taken, seed)
     ]
-    return sorted(found, key=lambda score: (score.p, -score.z))
+    telling = [label for label in _most_telling(scores) if label not in _OF_THE_SLIP]
+    pairs = _open(surfaces(state.setting.problem, telling[:_PAIRED]), state)
+    joint = _looked(state, pairs, seed) if pairs else []
+    return [*sorted(lines, key=_by_p), *sorted(joint, key=_by_p)]
+
+
+def _by_p(score: Score) -> tuple[float, float]:
+    return score.p, -score.z
 
 
 def _most_telling(scores: Sequence[Score]) -> Sequence[str]:
@@ -283,8 +300,10 @@ def _next(
     worthy = [
         trial for trial in trials if is_worth(now.fitted, trial.fitted, trial.score.entry.generic)
     ]
-    # That there is something must be sure of one of them, not of the one that explains it best.
-    sure = any(trial.score.p <= significant for trial in worthy)
+    # That there is something must be sure of the columns of one of them, in whatever form; the one
+    # that explains it best may be another.
+    telling = {trial.score.entry.covariates for trial in trials if trial.score.p <= significant}
+    sure = any(trial.score.entry.covariates in telling for trial in worthy)
     chosen = _wider(choose(worthy or trials, now), now, scores, seed)
     gained = gain(now.fitted, chosen.fitted)
     generic = chosen.score.entry.generic
@@ -293,7 +312,10 @@ def _next(
     ranking = (*state.ranking, *ranked(number, scores, trials, now, chosen, members, accepted))
     if not accepted:
         return state._replace(ranking=ranking)
-    return _joined(state, chosen, _accepted(chosen, members, gained.total), ranking)
+    new = _accepted(chosen, members, gained.total)
+    # What was sure is that something was left.
+    new = new._replace(p=min(trial.score.p for trial in trials))
+    return _joined(state, chosen, new, ranking)
 
 
 def _accepted(chosen: Trial, members: tuple[str, ...], gained: float) -> Accepted:
