@@ -321,7 +321,7 @@ def test_the_error_of_a_gain_between_blocks_is_the_scatter_of_noise(fitted):
 def test_a_gain_is_as_sure_as_it_says_though_few_runs_gain_most(runs, sign):
     """Of campaigns without a gain one in twenty is above 1.645, whichever way the runs are skew."""
     draw = np.random.default_rng(7)
-    gains = sign * (draw.exponential(size=(8000, runs)) - 1)
+    gains = sign * (draw.exponential(size=(4000, runs)) - 1)
     error = np.sqrt(runs) * gains.std(axis=1, ddof=1)
     skewness = stats.skew(gains, axis=1) / np.sqrt(runs)
     given = zip(gains.sum(axis=1), error, skewness, strict=True)

@@ -34,12 +34,12 @@ def test_the_column_that_the_levels_follow_is_named_whatever_its_scale():
 
 def test_of_levels_without_a_cause_one_in_a_hundred_follows_a_column():
     found = []
-    for seed in range(300):
+    for seed in range(200):
         draw = np.random.default_rng([2, seed])
         found.append(followed(draw.standard_normal(RUNS), columns_of(draw), seed))
     below = np.mean([one.p <= 0.05 for one in found])
-    # Three standard errors of a share of .05 among 300.
-    assert below == pytest.approx(0.05, abs=3 * np.sqrt(0.05 * 0.95 / 300))
+    # Three standard errors of a share of .05 among 200.
+    assert below == pytest.approx(0.05, abs=3 * np.sqrt(0.05 * 0.95 / 200))
     assert np.mean([one.explained for one in found]) == pytest.approx(0.06, abs=0.06)
 
 

@@ -34,7 +34,7 @@ def followed(levels: np.ndarray, columns: Mapping[str, np.ndarray], seed: int) -
     if runs < _FEWEST_RUNS or not varying or not np.ptp(levels) > 0:
         return None
     generator = np.random.default_rng([seed, 29])
-    permuted = np.stack([generator.permutation(levels) for _ in range(_EXCHANGES)], axis=1)
+    permuted = generator.permuted(np.tile(levels, (_EXCHANGES, 1)), axis=1).T
     trials = np.column_stack([levels, permuted]) - levels.mean()
     trials /= np.linalg.norm(levels - levels.mean())
     explained = np.stack([_explained(values, trials) for values in varying.values()])
