@@ -7,7 +7,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from adhesion_jax.curves import with_free_values
-from adhesion_jax.discovery.bases import first_fits
+from adhesion_jax.discovery.bases import first_fits, fits_alone
 from adhesion_jax.discovery.effects import EFFECTS, Covariate
 from adhesion_jax.discovery.fitting import (
     Gain,
@@ -157,7 +157,7 @@ def scipys(setting, base, effects, start):
 
 @pytest.mark.parametrize("base", [name for name in BASES if name != "level"])
 def test_the_fit_of_a_curve_is_the_minimum_that_scipy_finds(base, setting):
-    fitted = first_fits(setting, [base])[base]
+    fitted = first_fits(fits_alone(setting, [base]))[base]
     own = fitted.setting
     cost, _ = scipys(own, base, (), fitted.base_values)
     assert fitted.loss.sum() == pytest.approx(cost, rel=1e-6)
@@ -349,7 +349,7 @@ def test_a_column_that_its_cause_makes_needless_gives_it_its_name(hot, setting, 
         Accepted(name, (name,), "temperature", True, ("temperature_C",), (column, warm(setting)),
                  0.001, 100.0),
     )  # fmt: skip
-    state = settled(first_fits(setting, ["burckhardt"]), accepted, ())
+    state = settled(first_fits(fits_alone(setting, ["burckhardt"])), accepted, ())
     assert len(state.fitted.effects) == 3
     left = pruned(state)
     assert [effect.name for effect in left.accepted] == ["lag", "temperature"]

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from discovery_campaigns import SIZE, problem_of
 
-from adhesion_jax.discovery.bases import first_fits
+from adhesion_jax.discovery.bases import first_fits, fits_alone
 from adhesion_jax.discovery.effects import Surface
 from adhesion_jax.discovery.fitting import Setting, squares
 from adhesion_jax.discovery.library import library_of
@@ -28,7 +28,7 @@ def null():
 def searched(table):
     problem = problem_of(table)
     setting = Setting(problem, white_noise(problem.points, 0.02), np.asarray(problem.data.adhesion))
-    start = settled(first_fits(setting, ["burckhardt"]), (), ())
+    start = settled(first_fits(fits_alone(setting, ["burckhardt"])), (), ())
     return search(start, library_of(problem), 0, lambda *_: None)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, problem_of
 
-from adhesion_jax.discovery.bases import first_fits
+from adhesion_jax.discovery.bases import first_fits, fits_alone
 from adhesion_jax.discovery.effects import EFFECTS, Covariate, Interaction, Periodic, Spline
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import Setting, squares
@@ -22,7 +22,7 @@ def state_of(table, *accepted, bases=("burckhardt",)):
     problem = problem_of(table)
     adhesion = np.asarray(problem.data.adhesion)
     setting = Setting(problem, white_noise(problem.points, 0.02), adhesion)
-    return settled(first_fits(setting, list(bases)), accepted, ())
+    return settled(first_fits(fits_alone(setting, list(bases))), accepted, ())
 
 
 def taken(name, part, *covariates, family=None, generic=False, gain=100.0):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, problem_of
 
-from adhesion_jax.discovery.bases import first_fits
+from adhesion_jax.discovery.bases import first_fits, fits_alone
 from adhesion_jax.discovery.fitting import Setting
 from adhesion_jax.discovery.judgement import of_levels
 from adhesion_jax.discovery.model.noise import white_noise
@@ -58,7 +58,7 @@ def null():
 def state_of(table):
     problem = problem_of(table)
     setting = Setting(problem, white_noise(problem.points, 0.02), np.asarray(problem.data.adhesion))
-    return settled(first_fits(setting, ["burckhardt"]), (), ())
+    return settled(first_fits(fits_alone(setting, ["burckhardt"])), (), ())
 
 
 def test_levels_that_follow_a_column_are_told_where_no_effect_is_accepted(null):

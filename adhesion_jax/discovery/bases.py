@@ -41,12 +41,16 @@ def _starts(base: str, top: float) -> Sequence[Sequence[float]]:
             return [(top,)]
 
 
-def first_fits(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
-    """Each curve alone with its own noise, from the best of its starts in that of the setting."""
+def fits_alone(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
+    """Each curve alone under a given noise, from the best of its starts."""
     fits = [starts_under(setting, base) for base in bases]
-    best = {some[0].base: min(some, key=lambda fitted: fitted.total) for some in fits}
-    own = side_by_side(with_own_noise, list(best.values()))
-    return dict(zip(best, side_by_side(precise, own), strict=True))
+    return {some[0].base: min(some, key=lambda fitted: fitted.total) for some in fits}
+
+
+def first_fits(alone: Mapping[str, Fitted]) -> dict[str, Fitted]:
+    """Each curve alone with its own noise."""
+    own = side_by_side(with_own_noise, list(alone.values()))
+    return dict(zip(alone, side_by_side(precise, own), strict=True))
 
 
 def starts_under(setting: Setting, base: str) -> list[Fitted]:

@@ -11,10 +11,18 @@ from threadpoolctl import threadpool_limits
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, starts_under
+from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, fits_alone
 from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
-from adhesion_jax.discovery.fitting import Fitted, Setting, fit_model, own_noise, precise, squares
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Setting,
+    fit_model,
+    nearly_fitted,
+    own_noise,
+    precise,
+    squares,
+)
 from adhesion_jax.discovery.judgement import doubtful, of_levels, undecided, vetoed
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import library_of
@@ -82,13 +90,13 @@ def discover(
     problem = prepare(thinned, calendar_of(thinned), runs.blocks)
     held_out = _held_out(problem, seed)
     progress("fitting the base curves", 0.05)
-    fits = _started(problem, held_out, bases)
+    alone, fits = _started(problem, held_out, bases)
     exact = fits
     noise = None
     rough = roughness(thinned, min(exact.values(), key=bic), slip_noise)
     if rough is not None:
         corrected = prepare(thinned, problem.calendar, runs.blocks, rough.effect)
-        expected = _started(corrected, held_out, bases)
+        _, expected = _started(corrected, held_out, bases)
         noise = noise_of_slip(rough, exact, expected)
         if noise is not None or slip_noise is not None:
             fits = expected
@@ -118,14 +126,14 @@ def discover(
             opinion = opinion_of(final, seed)
     doubts = (*doubts, *undecided(final), *of_levels(final, seed))
     final = _precise(final)
-    plain = _by_least_squares(problem, bases)
+    plain = _by_least_squares(problem, alone)
     if noise is None and not final.accepted and slip_noise is None:
         # Without an effect the law after is the law before, and only the noise is told better.
-        alone = plain.fitted._replace(setting=own_noise(plain.fitted))
-        final = final._replace(fits={plain.base: alone}, base=plain.base)
+        own = plain.fitted._replace(setting=own_noise(plain.fitted))
+        final = final._replace(fits={plain.base: own}, base=plain.base)
     if final.accepted:
         same = final.setting.problem.slip_noise is None
-        bare = plain if same else _by_least_squares(final.setting.problem, bases)
+        bare = plain if same else _by_least_squares(final.setting.problem, alone)
         if squares(final.fitted) > _WORSE * squares(bare.fitted):
             names = " and ".join(effect.name for effect in final.accepted)
             warnings.append(
@@ -220,8 +228,12 @@ def opinion_of(state: Selection, seed: int) -> Opinion | None:
     return second_opinion({**features, **own}, residual, runs, tuple(own), seed)
 
 
-def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Mapping[str, Fitted]:
-    """Every base curve alone, each with its own noise, on the runs that are not held out."""
+def _started(
+    problem: Problem, held_out: np.ndarray, bases: Sequence[str]
+) -> tuple[Mapping[str, Fitted], Mapping[str, Fitted]]:
+    """Every base curve alone on the runs that are not held out: every point alike, and each curve
+    with its own noise.
+    """
     weight = np.where(held_out[:, None], 0.0, problem.points)
     adhesion = np.asarray(problem.data.adhesion)
     sigma = 0.1 * float(np.sqrt(np.mean(adhesion[weight > 0] ** 2)))
@@ -232,21 +244,23 @@ def _started(problem: Problem, held_out: np.ndarray, bases: Sequence[str]) -> Ma
     with ThreadPoolExecutor(1) as pool:
         # Compiling the two programs is most of a first search: let them be compiled side by side.
         compiled = pool.submit(compile_changes, white, bases[0])
-        fits = first_fits(white, bases)
+        alone = fits_alone(white, bases)
+        fits = first_fits(alone)
         compiled.result()
-    return fits
+    return alone, fits
 
 
-def _by_least_squares(problem: Problem, bases: Sequence[str]) -> Selection:
-    """The best curve without effects, every point alike.
+def _by_least_squares(problem: Problem, alone: Mapping[str, Fitted]) -> Selection:
+    """The best curve without effects, every point alike, from where each was so on fewer runs.
 
     Where something is missing, noise is no noise, and a fit that allows for it may miss the data.
     """
     adhesion = np.asarray(problem.data.adhesion)
     white = Setting(problem, white_noise(problem.points, float(np.std(adhesion))), adhesion)
-    # From anew: where noise has taken the place of what is missing, a fit is no place to start at.
-    some = [starts_under(white, base) for base in bases]
-    fits = {each[0].base: min(each, key=lambda fitted: fitted.total) for each in some}
+    fits = {
+        name: nearly_fitted(white, name, fitted.base_values.tolist(), ())
+        for name, fitted in alone.items()
+    }
     # Under one noise for all the likelihood is that of the noise of the best.
     sigma = np.sqrt(min(map(squares, fits.values())) / problem.points.sum())
     best = white._replace(noise=white_noise(problem.points, max(float(sigma), 1e-12)))

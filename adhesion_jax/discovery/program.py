@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.curves import Conditions, Curve, with_free_values
 from adhesion_jax.discovery.effects import Effect, ShapeTerm
-from adhesion_jax.discovery.effects.shape import ACTS_ON, fallen, prior_precision
+from adhesion_jax.discovery.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
 from adhesion_jax.discovery.law import BASES, KINDS
 from adhesion_jax.discovery.model.noise import Noise, determinant, whitened
 
@@ -56,6 +56,9 @@ _STEPS = 40
 #: The damping at first, at least, and at least where a step has failed; the share of what was
 #: promised from which on the loss is taken for quadratic.
 _FIRST_DAMPING, _LEAST_DAMPING, _RETRIED, _AS_PROMISED = 1e-2, 1e-12, 1e-4, 0.9
+
+#: In each step so many turns to find which parameters stop at a bound.
+_CUT_OFF = 4
 
 #: So many steps in succession that bring next to nothing are the end, whatever the next promises.
 _CRAWLING = 3
@@ -208,6 +211,7 @@ def _adhesion(
     slip: Array,
     conditions: Conditions,
     columns: Array,
+    peak: Array,
 ) -> Float[Array, " points"]:
     """The prediction of a model for one run, as `law.with_effects` has it for named effects."""
     slots = values[_BASE_SIZE:-1].reshape(kind.size, _EFFECT_SIZE)
@@ -256,43 +260,69 @@ def _adhesion(
         return jax.lax.switch(_branches(_AFTER)[kind[slot]], branches, adhesion)
 
     def curve(slip: Array) -> Array:
-        branches = [
-            partial(
-                lambda slip, curve: with_free_values(curve, values[: len(curve.free)])(
-                    slip, conditions
-                ),
-                curve=curve,
-            )
-            for curve in BASES.values()
-        ]
-        return jax.lax.switch(base, branches, slip)
+        return _curve(base, values, slip, conditions)
 
     level, stretch, fall = jax.lax.fori_loop(0, used, shape, jnp.zeros((3, slip.size)))
     bent = jax.lax.fori_loop(0, used, before, slip) * jnp.exp(stretch)
-    falls = jnp.any((kind > 0) & (column[:, 2] == ACTS_ON.index("fall")))
     adhesion = jax.lax.cond(
-        falls,
-        lambda adhesion: fallen(curve, bent, adhesion, fall),
+        _falls(kind, column),
+        lambda adhesion: fallen(curve, bent, adhesion, fall, peak),
         lambda plain: plain,
         curve(bent),
     )
     return jax.lax.fori_loop(0, used, after, adhesion * jnp.exp(level))
 
 
-def _predict(model: Model, data: Data, values: Array) -> Float[Array, "runs points"]:
-    def run(slip: Array, conditions: Conditions, columns: Array) -> Array:
-        return _adhesion(model.base, values, model.kind, model.column, slip, conditions, columns)
+def _curve(base: Array, values: Array, slip: Array, conditions: Conditions) -> Array:
+    """The curve alone."""
+    branches = [
+        partial(
+            lambda slip, curve: with_free_values(curve, values[: len(curve.free)])(
+                slip, conditions
+            ),
+            curve=curve,
+        )
+        for curve in BASES.values()
+    ]
+    return jax.lax.switch(base, branches, slip)
 
-    return jax.vmap(run, in_axes=(0, 0, 1))(data.slip, data.conditions, data.columns)
+
+def _falls(kind: Array, column: Array) -> Bool[Array, ""]:
+    """Whether a term acts on the fall."""
+    return jnp.any((kind > 0) & (column[:, 2] == ACTS_ON.index("fall")))
+
+
+def _peaks(model: Model, data: Data, values: Array) -> Float[Array, "runs points"]:
+    """Where the curve has its peak, where a term acts on the fall beyond it."""
+    return jax.lax.cond(
+        _falls(model.kind, model.column),
+        lambda slip: peak_slips(
+            lambda slip: _curve(model.base, values, slip, data.conditions), slip
+        ),
+        lambda slip: jnp.full_like(slip, jnp.inf),
+        data.slip,
+    )
+
+
+def _predict(
+    model: Model, data: Data, values: Array, peaks: Float[Array, "runs points"]
+) -> Float[Array, "runs points"]:
+    def run(slip: Array, conditions: Conditions, columns: Array, peak: Array) -> Array:
+        return _adhesion(
+            model.base, values, model.kind, model.column, slip, conditions, columns, peak
+        )
+
+    return jax.vmap(run, in_axes=(0, 0, 1, 0))(data.slip, data.conditions, data.columns, peaks)
 
 
 def _with_jacobian(
     model: Model, data: Data, noise: Noise, values: Array, level: Array
 ) -> tuple[Array, Array, Array]:
     """Prediction, residual, and Jacobian [free, runs, points], the last two in noise units."""
+    peaks = _peaks(model, data, values)
 
     def push(tangent: Array) -> tuple[Array, Array]:
-        adhesion, change = jax.jvp(lambda v: _predict(model, data, v), (values,), (tangent,))
+        adhesion, change = jax.jvp(lambda v: _predict(model, data, v, peaks), (values,), (tangent,))
         return adhesion, whitened(noise, level, change)
 
     def some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -329,20 +359,28 @@ def fit(
         """Where the next step leads, and by which share of the loss it promises to lower it."""
         at, hessian, gradient = best.values[model.free], best.hessian, best.gradient
         held = ((at <= model.lower) & (gradient > 0)) | ((at >= model.upper) & (gradient < 0))
-        loose = ~held & (jnp.diag(hessian) > 0)
-        scale = jnp.where(loose, jnp.diag(hessian), 1.0)
-        matrix = jnp.where(loose[:, None] & loose[None, :], hessian, 0.0)
-        matrix = matrix + jnp.diag(jnp.where(loose, damping * scale, 1.0))
-        step = -jnp.linalg.solve(matrix, jnp.where(loose, gradient, 0.0))
+        damped = hessian + damping * jnp.diag(jnp.diag(hessian))
+
+        def within_bounds(_turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+            """What the last turn cut off at a bound stays there; the others make up for it."""
+            step, loose = found
+            kept = jnp.where(loose, 0.0, step)
+            scale = jnp.where(loose, 1.0, 0.0)
+            matrix = damped * scale[:, None] * scale + jnp.diag(1.0 - scale)
+            step = kept - jnp.linalg.solve(matrix, scale * (gradient + hessian @ kept))
+            moved = jnp.clip(step, model.lower - at, model.upper - at)
+            return moved, loose & (moved == step)
+
+        start = jnp.zeros_like(at), ~held & (jnp.diag(hessian) > 0)
+        step, _ = jax.lax.fori_loop(0, _CUT_OFF, within_bounds, start)
         moved = jnp.clip(at + step, model.lower, model.upper)
-        step = jnp.where(loose, moved - at, 0.0)
         promised = -(step @ gradient + 0.5 * step @ hessian @ step)
         trial = best.values.at[model.free].set(moved).at[-1].set(0.0)
         return trial, promised / jnp.maximum(best.loss, 1e-300)
 
     # The model is written out once, here: compiling it is what takes time.
     def body(state: tuple) -> tuple:
-        best, trial, promised, damping, crawled = state
+        best, trial, promised, damping, least, crawled = state
         adhesion, residual, jacobian = _with_jacobian(model, data, noise, trial, level)
         flat = jacobian.reshape(jacobian.shape[0], -1)
         pull = model.precision @ trial[model.free]
@@ -360,16 +398,19 @@ def fit(
         # Where the loss falls as promised it is as good as quadratic, and needs no damping.
         kept = best.loss - new.loss > _AS_PROMISED * promised * best.loss
         eased = jnp.maximum(damping * jnp.where(kept, 1e-4, 0.2), _LEAST_DAMPING)
-        damping = jnp.where(better, eased, jnp.maximum(damping, _RETRIED) * 8)
+        # After a failure the damping is lowered in small steps only.
+        raised = jnp.maximum(damping, _RETRIED) * 8
+        least = jnp.where(better, 0.5 * least, raised)
+        damping = jnp.where(better, jnp.maximum(eased, least), raised)
         little = best.loss - new.loss < near * best.loss
         crawled = jnp.where(better, jnp.where(little, crawled + 1, 0), crawled)
         best = jax.tree.map(lambda n, o: jnp.where(better, n, o), new, best)
         best = best._replace(steps=best.steps + 1)
-        return best, *next_trial(best, damping), damping, crawled
+        return best, *next_trial(best, damping), damping, least, crawled
 
     def unfinished(state: tuple) -> Bool[Array, ""]:
         # A step cut off at a bound may promise a rise, one of a singular matrix nothing: not there.
-        best, _, promised, _, crawled = state
+        best, _, promised, _, _, crawled = state
         arrived = ((promised >= 0) & (promised < near)) | (crawled >= _CRAWLING)
         return ~arrived & (best.steps < _STEPS)
 
@@ -385,7 +426,10 @@ def fit(
         jnp.asarray(0),
     )
     first = jnp.asarray(_FIRST_DAMPING)
-    start = (nothing, model.values, jnp.asarray(jnp.inf), first, jnp.asarray(0))
+    start = (
+        *(nothing, model.values, jnp.asarray(jnp.inf)),
+        *(first, jnp.asarray(0.0), jnp.asarray(0)),
+    )
     best = jax.lax.while_loop(unfinished, body, start)[0]
     some = jnp.any(noise.weight > 0, axis=1)
     share = some / jnp.maximum(jnp.sum(some), 1)
@@ -410,7 +454,11 @@ def fit(
 @partial(jax.jit, compiler_options=_QUICKLY)
 def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs points"]:
     """What each of the models adds to the prediction `now`."""
-    return jax.lax.map(lambda model: _predict(model, data, model.values) - now, models)
+
+    def change(model: Model) -> Array:
+        return _predict(model, data, model.values, _peaks(model, data, model.values)) - now
+
+    return jax.lax.map(change, models)
 
 
 @jax.jit

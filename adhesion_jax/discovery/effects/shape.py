@@ -84,17 +84,14 @@ def shaped(
     bent = slip * jnp.exp(exponents["slip"]) if "slip" in exponents else slip
     adhesion = curve(bent)
     if "fall" in exponents:
-        adhesion = fallen(curve, bent, adhesion, exponents["fall"])
+        adhesion = fallen(curve, bent, adhesion, exponents["fall"], peak_slips(curve, bent))
     return adhesion * jnp.exp(exponents["level"]) if "level" in exponents else adhesion
 
 
-def fallen(
-    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
-    slip: Float[Array, "*shape"],
-    adhesion: Float[Array, "*shape"],
-    exponent: Float[Array, "..."],
+def peak_slips(
+    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]], like: Float[Array, "*shape"]
 ) -> Float[Array, "*shape"]:
-    """Beyond the peak mu_max - (mu_max - mu) exp(g); a curve without a peak stays as it is.
+    """Where the curve has its peak, of the shape of its conditions; infinity where it has none.
 
     The derivative of mu_max by a parameter is that at the place of the peak, which is itself taken
     as given: there the curve is flat.
@@ -103,20 +100,28 @@ def fallen(
     def seen_at(*places: Array) -> Array:
         return jax.vmap(curve)(jnp.stack(places))
 
-    top = jnp.argmax(seen_at(*(at * jnp.ones_like(slip) for at in _SLIPS)), axis=0)
-    inside = (top > 0) & (top < _SLIPS.size - 1)
-
+    top = jnp.argmax(seen_at(*(at * jnp.ones_like(like) for at in _SLIPS)), axis=0)
     place = jnp.asarray(_SLIPS)[top]
     for reach in _REACHES:
         left, middle, right = seen_at(place / reach, place, place * reach)
         bend = left - 2 * middle + right
         offset = jnp.where(bend < 0, 0.5 * (left - right) / jnp.where(bend < 0, bend, -1.0), 0.0)
         place = place * reach ** jnp.clip(offset, -1.0, 1.0)
-    place = jax.lax.stop_gradient(place)
-    highest = jnp.sign(slip) * curve(place)
-    beyond = inside & (jnp.abs(slip) > place)
+    inside = (top > 0) & (top < _SLIPS.size - 1)
+    return jax.lax.stop_gradient(jnp.where(inside, place, jnp.inf))
+
+
+def fallen(
+    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    slip: Float[Array, "*shape"],
+    adhesion: Float[Array, "*shape"],
+    exponent: Float[Array, "..."],
+    peak: Float[Array, "*shape"],
+) -> Float[Array, "*shape"]:
+    """Beyond the slip of the peak mu_max - (mu_max - mu) exp(g); without a peak as it is."""
+    highest = jnp.sign(slip) * curve(jnp.minimum(peak, _SLIPS[-1]))
     deeper = highest - (highest - adhesion) * jnp.exp(exponent)
-    return jnp.where(beyond, deeper, adhesion)
+    return jnp.where(jnp.abs(slip) > peak, deeper, adhesion)
 
 
 def exponents_of(

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from scipy import stats
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.discovery.bases import bic, first_fits, starts_under
+from adhesion_jax.discovery.bases import bic, first_fits, fits_alone, starts_under
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
 from adhesion_jax.discovery.effects.slip_noise import SlipNoise, log_density
 from adhesion_jax.discovery.findings import Interval
@@ -177,7 +177,7 @@ def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> S
     # As if white: what the slip leaves undone between events would else pass for slow noise.
     pilot = problem._replace(blocks=True, in_time=False)
     for _ in range(_WEIGHTINGS):
-        fits = first_fits(Setting(pilot, noise, adhesion), curves)
+        fits = first_fits(fits_alone(Setting(pilot, noise, adhesion), curves))
         fitted = min(fits.values(), key=lambda fitted: fitted.total)
         extra, shared = _made_of_slip(fitted)
         sigma = float(fitted.setting.noise.sigma)
