@@ -22,7 +22,7 @@ from adhesion_jax.discovery.fitting import (
 )
 from adhesion_jax.discovery.law import BASES, with_effects
 from adhesion_jax.discovery.library import Entry
-from adhesion_jax.discovery.model.noise import Noise, estimated, white_noise
+from adhesion_jax.discovery.model.noise import estimated, white_noise
 from adhesion_jax.discovery.program import effect_places, whiten
 from adhesion_jax.discovery.screening import Score
 from adhesion_jax.discovery.search.pruning import pruned
@@ -34,8 +34,9 @@ SIGMA, CORRELATION, SCATTER = 0.007, 0.4, 0.005
 
 
 def noise_of(weight, sigma=SIGMA, correlation=CORRELATION, scatter=SCATTER):
-    numbers = (np.array(one) for one in (sigma, correlation, scatter))
-    return Noise(weight, *numbers, np.zeros_like(weight), np.zeros_like(weight))
+    return white_noise(weight, sigma)._replace(
+        autocorrelation=np.array(correlation), run_scatter=np.array(scatter)
+    )
 
 
 def roots(level, inside, noise):
@@ -78,7 +79,7 @@ def test_whitening_is_by_the_inverse_of_the_stated_covariance(length):
     level, signals = draw.normal(0.3, 0.1, (3, 7)), draw.normal(size=(40, 3, 7))
     inside = np.arange(7) < np.array([7, length, length])[:, None]
     noise = noise_of(inside.astype(float), 0.02, 0.6, 0.3)
-    found = np.asarray(whiten(noise, level, signals))
+    found = np.asarray(whiten(whitening(noise, level), signals))
     factors = roots(level, inside, noise)
     for signal, measured in zip(signals, found, strict=True):
         expected = [(part**2).sum() for part in white(signal, inside, factors)]
@@ -93,7 +94,7 @@ def test_whitened_noise_is_white():
     noise = noise_of(np.ones((runs, 5)), 0.01, 0.5, 0.05)
     factor = roots(level[:1], np.ones((1, 5), bool), noise)[0]
     drawn = draw.standard_normal((runs, 5)) @ factor.T
-    found = np.asarray(whiten(noise, level, drawn[None]))[0]
+    found = np.asarray(whiten(whitening(noise, level), drawn[None]))[0]
     np.testing.assert_allclose(found.T @ found / runs, np.eye(5), atol=5 * np.sqrt(2 / runs))
 
 

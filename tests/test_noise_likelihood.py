@@ -13,12 +13,14 @@ from statsmodels.tsa.arima.model import ARIMA
 
 from adhesion_jax.discovery.fitting import Setting, fit_model, likeliest, own_noise
 from adhesion_jax.discovery.model.noise import (
+    MODES,
     Noise,
     _half_deviance,
     determinant,
     estimated,
     white_noise,
     whitened,
+    whitening,
 )
 
 RUNS, POINTS = 6, 9
@@ -28,7 +30,7 @@ def noise_of(weight, sigma, autocorrelation, run_scatter, variance=0.0, covarian
     shape = np.shape(weight)
     numbers = (np.array(one) for one in (sigma, autocorrelation, run_scatter))
     extra = (np.broadcast_to(one, shape).astype(float) for one in (variance, covariance))
-    return Noise(np.asarray(weight, float), *numbers, *extra)
+    return Noise(np.asarray(weight, float), *numbers, *extra, np.zeros((*shape, MODES)))
 
 
 def log_densities(noise, level, residual):
@@ -37,10 +39,10 @@ def log_densities(noise, level, residual):
     return -np.asarray(halves(noise, level, residual)) - 0.5 * points * np.log(2 * np.pi)
 
 
-@jax.jit
 def halves(noise, level, residual):
-    white = whitened(noise, level, residual)
-    return 0.5 * (white**2).sum(axis=1) + determinant(noise, level)
+    whole = whitening(noise, level)
+    white = np.asarray(jax.jit(whitened)(whole, residual))
+    return 0.5 * (white**2).sum(axis=1) + determinant(whole)
 
 
 @pytest.fixture(scope="module")
@@ -142,15 +144,23 @@ def test_a_chain_has_the_product_of_its_conditional_densities(inside, drawn, une
     np.testing.assert_allclose(log_densities(noise, level, residual), expected, rtol=1e-10)
 
 
+@pytest.mark.parametrize("slow", [False, True], ids=["fast", "with slow modes"])
 @pytest.mark.parametrize("run_scatter", [0.0, 0.05, 2.0])
-def test_a_chain_with_levels_of_runs_has_its_normal_density(inside, drawn, uneven, run_scatter):
+def test_a_chain_with_levels_of_runs_has_its_normal_density(
+    inside, drawn, uneven, run_scatter, slow
+):
     level, residual = drawn
     noise = noise_of(inside, 0.03, 0.6, run_scatter, *uneven)
     own, neighbours = 0.03**2 + uneven[0], 0.6 * 0.03**2 + uneven[1]
+    if slow:
+        noise = noise._replace(modes=0.05 * np.random.default_rng(3).normal(size=noise.modes.shape))
     expected = []
     for row, there in enumerate(inside):
         covariance = markov_covariance(there, own[row], neighbours[row])
-        expected.append(dense(noise, level[row], there, covariance, residual[row]))
+        modes = noise.modes[row, there]
+        expected.append(
+            dense(noise, level[row], there, covariance + modes @ modes.T, residual[row])
+        )
     np.testing.assert_allclose(log_densities(noise, level, residual), expected, rtol=1e-10)
     # What is searched is the same likelihood.
     points = inside.sum()

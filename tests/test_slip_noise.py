@@ -18,6 +18,7 @@ from adhesion_jax.discovery.effects.slip_noise import (
     smoothed_slip,
 )
 from adhesion_jax.discovery.engine import discover
+from adhesion_jax.discovery.model.slip import error_covariances
 from adhesion_jax.simulation.one_log import one_log
 
 POINTS = 12
@@ -69,6 +70,8 @@ def test_the_smoothed_slip_is_that_of_the_normal_distribution(noise):
     np.testing.assert_allclose(found.variance, np.diag(left), rtol=1e-3, atol=1e-10)
     np.testing.assert_allclose(found.covariance[1:], np.diag(left, 1), rtol=1e-3, atol=1e-10)
     assert float(found.covariance[0]) == 0
+    runs = jax.tree.map(lambda values: np.asarray(values)[None], found)
+    np.testing.assert_allclose(*error_covariances(runs), left, rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("noise", [NOISE, SPEED_NOISE], ids=["of the slip", "of the speed"])

@@ -11,7 +11,13 @@ from scipy import stats
 
 from adhesion_jax.discovery.effects import Effect
 from adhesion_jax.discovery.law import BASES
-from adhesion_jax.discovery.model.noise import Noise, estimated
+from adhesion_jax.discovery.model.noise import (
+    Noise,
+    determinant,
+    estimated,
+    made_of_slip,
+    whitening,
+)
 from adhesion_jax.discovery.problem import Problem
 from adhesion_jax.discovery.program import (
     PROBES,
@@ -109,7 +115,8 @@ def fit_model(
     effects = in_order(effects)
     size = size_of(base, effects)
     model = pack(base, base_values, effects, (*setting.problem.columns, ""), *size)
-    found = fit(model, setting.problem.data, setting.noise, setting.level, np.asarray(near))
+    white = whitening(setting.noise, setting.level)
+    found = fit(model, setting.problem.data, white, np.asarray(near))
     free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
     values = np.asarray(found.values)
     return Fitted(
@@ -119,7 +126,7 @@ def fit_model(
         values,
         tuple(np.asarray(model.free)[:free].tolist()),
         np.asarray(found.loss),
-        np.asarray(found.determinant),
+        determinant(white),
         np.asarray(found.gradient)[:, :free],
         np.asarray(found.hessian)[:, :free, :free],
         np.asarray(found.adhesion),
@@ -359,7 +366,7 @@ def squares(fitted: Fitted) -> float:
     """Sum of squared errors of adhesion, each point for as much as the noise of its slip leaves."""
     noise = fitted.setting.noise
     error = (fitted.adhesion - np.asarray(fitted.setting.problem.data.adhesion)) * noise.weight
-    return float((np.asarray(error) ** 2 / (1 + noise.variance / noise.sigma**2)).sum())
+    return float((np.asarray(error) ** 2 / (1 + made_of_slip(noise) / noise.sigma**2)).sum())
 
 
 def steps_without(fitted: Fitted, folds: Sequence[np.ndarray]) -> np.ndarray:

@@ -2,19 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.discovery.findings import Doubt
 from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest, noise_of
-from adhesion_jax.discovery.model.noise import determinant
+from adhesion_jax.discovery.model.noise import determinant, whitening
 from adhesion_jax.discovery.problem import label_of
 from adhesion_jax.discovery.screening import SIGNIFICANT, in_noise_units
 from adhesion_jax.discovery.search.run_levels import followed
 from adhesion_jax.discovery.state import Accepted, Selection, parts_of, without
-
-#: Effects of the slip alone: what the wrong base curve leaves looks like one of them.
-_OF_SHAPE = ("slip_bias", "torque_offset")
+from adhesion_jax.discovery.trials import OF_SIGNALS
 
 #: Half a chi-square that an effect of the slip alone must reach on every base curve: p = 6e-5.
 _SURE = 8.0
@@ -27,7 +24,7 @@ _SCATTER = 0.005
 
 #: A bias beside noise of the slip: what the smoothed slip misses of the true one looks like it.
 _OF_NOISY_SLIP = Doubt(
-    _OF_SHAPE,
+    OF_SIGNALS,
     "A bias of the slip or of the torque, or what the noise of the slip leaves: the slip that "
     "adhesion is held against is itself estimated from a noisy signal, and where it bends faster "
     "than the estimate can follow, the error looks like a bias; it is not counted as an effect. A "
@@ -45,7 +42,7 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[Doubt]]:
         if not _of_slip_alone(state, effect):
             continue
         rest = tuple(other for other in state.accepted if other.name != effect.name)
-        if state.setting.problem.slip_noise is not None and effect.name in _OF_SHAPE:
+        if state.setting.problem.slip_noise is not None and effect.name in OF_SIGNALS:
             doubts.append(_OF_NOISY_SLIP)
             state = without(state, rest)
             continue
@@ -61,14 +58,14 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[Doubt]]:
 
 def _doubt(name: str, base: str, other: str) -> Doubt:
     """An effect that improves one curve and hardly another, and what would tell."""
-    names = _OF_SHAPE if name in _OF_SHAPE else (name,)
-    what = "A bias of the slip or of the torque" if name in _OF_SHAPE else f"An effect of {name}"
+    names = OF_SIGNALS if name in OF_SIGNALS else (name,)
+    what = "A bias of the slip or of the torque" if name in OF_SIGNALS else f"An effect of {name}"
     but = "too little to be sure" if base == other else f"hardly that of {other}"
     tell = (
         "Runs in traction and in braking, and runs with slips near zero, would tell them apart: "
         "a bias moves the two branches of the curve against each other at zero slip, a shape does "
         "not."
-        if name in _OF_SHAPE
+        if name in OF_SIGNALS
         else "Runs of the same slips at different speeds would tell them apart."
     )
     return Doubt(
@@ -141,7 +138,7 @@ def of_levels(state: Selection, seed: int) -> tuple[Doubt, ...]:
 
 
 def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
-    if effect.name in _OF_SHAPE:
+    if effect.name in OF_SIGNALS:
         return True
     varying = state.setting.problem.varying
     return (
@@ -211,5 +208,5 @@ def _losses(fitted: Fitted, held_out: np.ndarray) -> np.ndarray:
     setting = Setting(problem, noise, fitted.adhesion)
     white = in_noise_units(setting, residual[None])[0]
     return 0.5 * (white**2).sum(axis=1) + np.asarray(
-        determinant(setting.noise, jnp.asarray(setting.level))
+        determinant(whitening(setting.noise, setting.level))
     )

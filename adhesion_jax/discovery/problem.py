@@ -50,7 +50,7 @@ class Problem(NamedTuple):
     measured: frozenset[str]  # columns as given
     units: np.ndarray  # [runs, points]: the numbers of stretches that are taken for independent
     slip_noise: SlipNoise | None  # what the slip has been corrected for
-    slip_errors: tuple[np.ndarray, np.ndarray]  # its variance, and covariance with the point before
+    expected: ExpectedSlip  # that slip, with its errors, arrays [runs, points]
     terms: dict[
         tuple[object, ...], np.ndarray
     ]  # filled as they are asked for: functions of the columns
@@ -75,11 +75,11 @@ def prepare(
     """The problem of a campaign, arrays [runs, points], with its slip corrected for a noise."""
     points = np.asarray(record.mask, float)
     slip, adhesion = np.asarray(record.slip), np.asarray(record.adhesion)
-    errors = np.zeros_like(slip), np.zeros_like(slip)
+    nothing = np.zeros((*slip.shape, 2, 2))
+    expected = ExpectedSlip(slip, nothing, nothing)
     if slip_noise is not None:
-        expected = expected_slips(slip_noise, record)
-        slip = np.asarray(expected.slip)
-        errors = np.asarray(expected.variance), np.asarray(expected.covariance)
+        expected = jax.tree.map(np.asarray, expected_slips(slip_noise, record))
+        slip = expected.slip
         record = record._replace(slip=jnp.asarray(slip))
     whole = dict(conditions_of(record, calendar))
     if blocks and "time_s" not in record.conditions:
@@ -113,7 +113,7 @@ def prepare(
         measured,
         _units(points, blocks and in_time),
         slip_noise,
-        errors,
+        expected,
         {},
     )
 

@@ -19,7 +19,7 @@ from adhesion_jax.curves import Conditions, Curve, with_free_values
 from adhesion_jax.discovery.effects import Effect, ShapeTerm
 from adhesion_jax.discovery.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
 from adhesion_jax.discovery.law import BASES, KINDS
-from adhesion_jax.discovery.model.noise import Noise, determinant, whitened
+from adhesion_jax.discovery.model.noise import Whitening, whitened
 
 #: `changes` takes this many models at a time, so that every campaign uses the same program.
 PROBES = 16
@@ -105,7 +105,6 @@ class Fit(NamedTuple):
 
     values: Float[Array, " flat"]
     loss: Float[Array, " runs"]  # half the sum of squares of each run
-    determinant: Float[Array, " runs"]  # half the log determinant of the noise of each run
     gradient: Float[Array, "runs free"]
     hessian: Float[Array, "runs free free"]
     adhesion: Float[Array, "runs points"]  # as predicted
@@ -316,14 +315,14 @@ def _predict(
 
 
 def _with_jacobian(
-    model: Model, data: Data, noise: Noise, values: Array, level: Array
+    model: Model, data: Data, white: Whitening, values: Array
 ) -> tuple[Array, Array, Array]:
     """Prediction, residual, and Jacobian [free, runs, points], the last two in noise units."""
     peaks = _peaks(model, data, values)
 
     def push(tangent: Array) -> tuple[Array, Array]:
         adhesion, change = jax.jvp(lambda v: _predict(model, data, v, peaks), (values,), (tangent,))
-        return adhesion, whitened(noise, level, change)
+        return adhesion, whitened(white, change)
 
     def some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
         first = turn * _TOGETHER
@@ -336,20 +335,19 @@ def _with_jacobian(
     free = jnp.sum(model.free != values.size - 1)
     nothing = jnp.zeros_like(data.slip), jnp.zeros((model.free.size, *data.slip.shape))
     adhesion, jacobian = jax.lax.fori_loop(0, -(-free // _TOGETHER), some, nothing)
-    return adhesion, whitened(noise, level, adhesion - data.adhesion), jacobian
+    return adhesion, whitened(white, adhesion - data.adhesion), jacobian
 
 
 @partial(jax.jit, compiler_options=_QUICKLY)
 def fit(
     model: Model,
     data: Data,
-    noise: Noise,
-    level: Float[Array, "runs points"],
+    white: Whitening,
     near: Float[Any, ""],
 ) -> Fit:
     """Least squares by Levenberg-Marquardt inside the bounds.
 
-    `level` is the adhesion that a random level of a run multiplies. It has arrived where the next
+    It has arrived where the next
     step does not promise to lower the loss by more than the share `near` of it, or where several
     steps in succession have not.
     """
@@ -381,7 +379,7 @@ def fit(
     # The model is written out once, here: compiling it is what takes time.
     def body(state: tuple) -> tuple:
         best, trial, promised, damping, least, crawled = state
-        adhesion, residual, jacobian = _with_jacobian(model, data, noise, trial, level)
+        adhesion, residual, jacobian = _with_jacobian(model, data, white, trial)
         flat = jacobian.reshape(jacobian.shape[0], -1)
         pull = model.precision @ trial[model.free]
         new = _Step(
@@ -431,7 +429,7 @@ def fit(
         *(first, jnp.asarray(0.0), jnp.asarray(0)),
     )
     best = jax.lax.while_loop(unfinished, body, start)[0]
-    some = jnp.any(noise.weight > 0, axis=1)
+    some = jnp.any(white.weight > 0, axis=1)
     share = some / jnp.maximum(jnp.sum(some), 1)
     at = best.values[model.free]
     pull = model.precision @ at
@@ -441,7 +439,6 @@ def fit(
     return Fit(
         best.values,
         jnp.where(jnp.isfinite(best.loss), found, jnp.inf),
-        determinant(noise, level),
         gradient + share[:, None] * pull,
         hessian + share[:, None, None] * model.precision,
         best.adhesion,
@@ -463,7 +460,7 @@ def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs 
 
 @jax.jit
 def whiten(
-    noise: Noise, level: Float[Array, "runs points"], signals: Float[Array, "signals runs points"]
+    white: Whitening, signals: Float[Array, "signals runs points"]
 ) -> Float[Array, "signals runs points"]:
     """Signals in units of the noise, uncorrelated."""
-    return jax.vmap(lambda signal: whitened(noise, level, signal))(signals)
+    return jax.vmap(lambda signal: whitened(white, signal))(signals)

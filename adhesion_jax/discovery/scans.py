@@ -97,7 +97,7 @@ def _adjoint(fitted: Fitted) -> np.ndarray:
     """[runs, points]: the sensitivity of the fit to a relative change of adhesion at each point."""
     noise = fitted.setting.noise
     weight = np.asarray(noise.weight)
-    carry, spread = (np.asarray(part) for part in chain(noise))
+    carry, spread = chain(noise)
     fresh = -fitted.residual / spread
     back = fresh.copy()
     back[:, :-1] -= carry[:, 1:] * fresh[:, 1:]

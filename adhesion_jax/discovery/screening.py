@@ -24,6 +24,7 @@ from adhesion_jax.discovery.fitting import (
 )
 from adhesion_jax.discovery.law import BASES
 from adhesion_jax.discovery.library import Entry
+from adhesion_jax.discovery.model.noise import whitening
 from adhesion_jax.discovery.problem import Problem
 from adhesion_jax.discovery.program import PROBES, changes, pack, whiten, words_of
 
@@ -320,13 +321,13 @@ def telling(fitted: Fitted, probes: Sequence[Effect]) -> tuple[np.ndarray, np.nd
 
 def in_noise_units(setting: Setting, signals: np.ndarray) -> np.ndarray:
     """Signals [signals, runs, points], whitened."""
-    found = np.empty(signals.shape)
+    found, white = np.empty(signals.shape), whitening(setting.noise, setting.level)
     for first in range(0, len(signals), PROBES):
         some = signals[first : first + PROBES]
         # One program whatever the number of signals.
         padded = np.zeros((1 if len(signals) == 1 else PROBES, *some.shape[1:]))
         padded[: len(some)] = some
-        whole = whiten(setting.noise, setting.level, padded)
+        whole = whiten(white, padded)
         found[first : first + PROBES] = np.asarray(whole)[: len(some)]
     return found
 

@@ -33,6 +33,7 @@ from adhesion_jax.discovery.state import (
     settled,
 )
 from adhesion_jax.discovery.trials import (
+    OF_SIGNALS,
     Trial,
     choose,
     class_of,
@@ -119,12 +120,14 @@ def _plainer(
         return found, first.base
     start = first._replace(fits=plain, base=min(plain, key=lambda name: bic(plain[name])))
     again = _next(start, seen(start.fits, start.base, entries, seed), SIGNIFICANT, 0, seed)
-    if _grown(found, first):
+    # An error of the signals beside noise of the slip will be no more than a doubt.
+    noisy = first.setting.problem.slip_noise is not None
+    if _grown(found, first) and not (noisy and found.accepted[-1].name in OF_SIGNALS):
         better = bic(again.fitted) < bic(found.fitted)
     else:
         # Fewer parameters alone are no reason to name an effect where there was none.
-        ahead = found.fitted.total - again.fitted.total
-        better = ahead > _PLAINER and bic(again.fitted) < bic(found.fitted)
+        ahead = first.fitted.total - again.fitted.total
+        better = ahead > _PLAINER and bic(again.fitted) < bic(first.fitted)
     if not better:
         return found, first.base
     fits = {**first.fits, **again.fits}

@@ -52,8 +52,8 @@ _ALIKE = 0.5
 #: A likelihood ratio below exp(2) decides nothing, however small the gain.
 _CLASS_LEAST = 2.0
 
-#: For Burckhardt's curve no data separate these two, for the others hardly any.
-_THE_SAME = ("slip_bias", "torque_offset")
+#: Errors of the signals: for Burckhardt's curve no data separate the two, for others hardly any.
+OF_SIGNALS = ("slip_bias", "torque_offset")
 
 
 class Trial(NamedTuple):
@@ -167,8 +167,8 @@ def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, .
         if trial is chosen or (alike and tied(behind) and behind.total <= allowed):
             members[trial.score.entry.name] = None
     name = chosen.score.entry.name
-    if name in _THE_SAME:
-        members.update(dict.fromkeys(_THE_SAME))
+    if name in OF_SIGNALS:
+        members.update(dict.fromkeys(OF_SIGNALS))
     return (name, *(member for member in members if member != name))
 
 

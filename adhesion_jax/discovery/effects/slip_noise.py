@@ -1,7 +1,7 @@
 """The slip signal is noisy: its neighbours in time know the slip better than it does itself."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -67,11 +67,24 @@ class SlipNoise(Effect):
 
 
 class ExpectedSlip(NamedTuple):
-    """The slip of one run given all of its measured slips."""
+    """The slip of a run, or of each of some, given all of its measured slips."""
 
-    slip: Float[Array, " points"]
-    variance: Float[Array, " points"]  # of the true slip about it
-    covariance: Float[Array, " points"]  # with the error of the point before; 0 at the first
+    slip: Float[Any, "*runs points"]
+    errors: Float[Any, "*runs points two two"]  # covariance of the true slip and its rate about it
+    gains: Float[
+        Any, "*runs points two two"
+    ]  # what of the next point's error is in that of a point
+
+    @property
+    def variance(self) -> Float[Any, "*runs points"]:
+        """Of the slip."""
+        return self.errors[..., 0, 0]
+
+    @property
+    def covariance(self) -> Float[Any, "*runs points"]:
+        """Of the slip with that of the point before; 0 at the first."""
+        both = (self.gains[..., :-1, :, :] @ self.errors[..., 1:, :, :])[..., 0, 0]
+        return jnp.concatenate([jnp.zeros_like(both[..., :1]), both], axis=-1)
 
 
 class _State(NamedTuple):
@@ -156,17 +169,15 @@ def smoothed_slip(
             before.shared + a * c * u + (a * d + b * c) * v + b * d * w,
             before.of_rate + c * c * u + 2 * c * d * v + d * d * w,
         )
-        both = later.of_slip * a + later.shared * b
-        return better, (better.slip, better.of_slip, both)
+        return better, (better, jnp.array([[a, b], [c, d]]))
 
     last = jax.tree.map(lambda states: states[-1], course.known)
-    _, (slips, variances, covariances) = jax.lax.scan(
-        smoothed, last, (known, ahead, course.step[1:]), reverse=True
-    )
+    _, (states, gains) = jax.lax.scan(smoothed, last, (known, ahead, course.step[1:]), reverse=True)
+    states = jax.tree.map(jnp.append, states, last)
+    of_slip, of_rate = jnp.maximum(states.of_slip, 0.0), jnp.maximum(states.of_rate, 0.0)
+    rows = [jnp.stack([of_slip, states.shared], -1), jnp.stack([states.shared, of_rate], -1)]
     return ExpectedSlip(
-        jnp.append(slips, last.slip),
-        jnp.maximum(jnp.append(variances, last.of_slip), 0.0),
-        jnp.concatenate([jnp.zeros(1), covariances]),
+        states.slip, jnp.stack(rows, -2), jnp.concatenate([gains, jnp.zeros((1, 2, 2))])
     )
 
 

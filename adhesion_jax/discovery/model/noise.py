@@ -2,18 +2,22 @@
 
 The error of adhesion at point t of a run is e(t) + g(t) d(t) + u(t) a: e is AR(1) noise of
 standard deviation sigma, d what is unknown of the slip with g the slope of the curve there, and a
-a factor of the run on the predicted adhesion u, of standard deviation run_scatter. The first two
-are taken as a Markov chain: each point is conditioned on the one before. That is exact for AR(1)
-noise and for independent errors of the slip, and keeps variances and the covariances of neighbours
-where both act together.
+a factor of the run on the predicted adhesion u, of standard deviation run_scatter. What is slow in
+g d is a few modes of independent sizes. The rest of it and e are taken as a Markov chain: each
+point is conditioned on the one before. That is exact for AR(1) noise and for independent errors of
+the slip, and keeps variances and the covariances of neighbours where both act together.
 """
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 from scipy.optimize import minimize
+
+#: The slow part of what the slip makes of adhesion is so many modes of each run.
+MODES = 16
 
 #: Largest autocorrelation that is considered: noise beyond it is a drift.
 _MOST = 0.995
@@ -36,60 +40,102 @@ class Noise(NamedTuple):
     sigma: Float[Any, ""]
     autocorrelation: Float[Any, ""]
     run_scatter: Float[Any, ""]
-    variance: Float[Any, "runs points"]  # of g d
-    covariance: Float[Any, "runs points"]  # of g d with that of the point before
+    variance: Float[Any, "runs points"]  # of g d, beside its modes
+    covariance: Float[Any, "runs points"]  # of g d with that of the point before, likewise
+    modes: Float[Any, "runs points modes"]  # of g d: their covariance is modes modes'
 
 
 def white_noise(points: np.ndarray, sigma: float) -> Noise:
     """No correlation, no scatter of the runs, exact slip."""
+    size, no = np.array(sigma), np.array(0.0)
     nothing = np.zeros_like(points)
-    return Noise(
-        points, np.array(sigma), np.array(0.0), np.array(0.0), nothing, np.zeros_like(points)
-    )
+    modes = np.zeros((*points.shape, MODES))
+    return Noise(points, size, no, no, nothing, nothing, modes)
+
+
+def made_of_slip(noise: Noise) -> np.ndarray:
+    """The variance of what errors of the slip make of adhesion, [runs, points]."""
+    return np.asarray(noise.variance + (noise.modes**2).sum(axis=2))
+
+
+class Whitening(NamedTuple):
+    """L^-1, with L L' the covariance of the noise of each run.
+
+    The innovations of the chain have the covariance I + V V', whose inverse root is I - V X V':
+    with V'V = Q D Q', X = Q diag(f) Q' and f = 1/(r (1 + r)), r the root of 1 + D.
+    """
+
+    weight: Float[Any, "runs points"]
+    carry: Float[Any, "runs points"]
+    spread: Float[Any, "runs points"]
+    columns: Float[Any, "runs points columns"]  # V: the level of the run, then the modes
+    inner: Float[Any, "runs columns columns"]  # X
+    growth: Float[Any, " runs"]  # half the log determinant of I + V V'
+    slow: Bool[Any, ""]  # whether there are modes
+
+
+def whitening(noise: Noise, level: np.ndarray) -> Whitening:
+    """What whitens signals of runs whose random level multiplies `level`, [runs, points]."""
+    carry, spread = chain(noise)
+    slow = bool(noise.modes.any())
+    modes = noise.modes if slow else noise.modes[:, :, :0]
+    signals = np.concatenate([(noise.run_scatter * level)[:, :, None], modes], axis=2)
+    fresh = signals.copy()
+    fresh[:, 1:] -= carry[:, 1:, None] * signals[:, :-1]
+    fresh = np.where(noise.weight[:, :, None] > 0, fresh / spread[:, :, None], 0.0)
+    values, vectors = np.linalg.eigh(fresh.mT @ fresh)
+    values = np.maximum(values, 0.0)
+    root = np.sqrt(1 + values)
+    runs, count = values.shape
+    columns = np.zeros((*noise.weight.shape, 1 + MODES))
+    columns[:, :, :count] = fresh
+    inner = np.zeros((runs, 1 + MODES, 1 + MODES))
+    inner[:, :count, :count] = (vectors / (root * (1 + root))[:, None]) @ vectors.mT
+    growth = 0.5 * np.log1p(values).sum(axis=1)
+    return Whitening(noise.weight, carry, spread, columns, inner, growth, np.array(slow))
 
 
 def whitened(
-    noise: Noise, level: Float[Array, "runs points"], signal: Float[Array, "runs points"]
+    whitening: Whitening, signal: Float[Array, "runs points"]
 ) -> Float[Array, "runs points"]:
-    """L^-1 signal with L L' the covariance of the noise of each run; 0 where nothing counts."""
-    carry, spread = chain(noise)
-    direction = _innovations(noise, carry, spread, level)
-    # The covariance I + s^2 u u' has the inverse root I - (1 - 1/sqrt(1 + s^2 |u|^2)) e e'.
-    size = jnp.sum(direction**2, axis=1, keepdims=True)
-    shrink = 1 - 1 / jnp.sqrt(1 + noise.run_scatter**2 * size)
-    white = _innovations(noise, carry, spread, signal)
-    along = jnp.sum(white * direction, axis=1, keepdims=True)
-    return white - shrink * along * direction / jnp.maximum(size, 1e-300)
+    """L^-1 signal; 0 where nothing counts."""
+    weight, carry, spread, columns, inner, _, slow = whitening
+    white = _innovations(weight, carry, spread, signal)
+
+    def of_all(white: Array) -> Array:
+        along = jnp.einsum("rpk,rp->rk", columns, white)
+        return white - jnp.einsum("rpk,rkl,rl->rp", columns, inner, along)
+
+    def of_level(white: Array) -> Array:
+        direction = columns[:, :, 0]
+        along = inner[:, 0, 0] * jnp.sum(white * direction, axis=1)
+        return white - along[:, None] * direction
+
+    return jax.lax.cond(slow, of_all, of_level, white)
 
 
-def determinant(noise: Noise, level: Float[Array, "runs points"]) -> Float[Array, " runs"]:
-    """Half the log determinant of the covariance of each run."""
-    carry, spread = chain(noise)
-    direction = _innovations(noise, carry, spread, level)
-    size = jnp.sum(direction**2, axis=1)
-    logs = jnp.where(noise.weight > 0, jnp.log(spread), 0.0)
-    return logs.sum(axis=1) + 0.5 * jnp.log1p(noise.run_scatter**2 * size)
+def determinant(whitening: Whitening) -> np.ndarray:
+    """Half the log determinant of the covariance of each run, [runs]."""
+    logs = np.where(whitening.weight > 0, np.log(whitening.spread), 0.0)
+    return logs.sum(axis=1) + whitening.growth
 
 
-def chain(noise: Noise) -> tuple[Array, Array]:
+def chain(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
     """What a point takes over from the one before, and the spread of what is new in it."""
     own = noise.sigma**2 + noise.variance
     both = (noise.weight[:, 1:] > 0) & (noise.weight[:, :-1] > 0)
     shared = noise.autocorrelation * noise.sigma**2 + noise.covariance[:, 1:]
-    shared = jnp.where(both, shared, 0.0)
-    carry = shared / own[:, :-1]
-    fresh = own[:, 1:] - carry * shared
-    spread = jnp.sqrt(jnp.maximum(fresh, 1e-9 * own[:, 1:]))
-    first = jnp.sqrt(own[:, :1])
-    return (
-        jnp.concatenate([jnp.zeros_like(first), carry], axis=1),
-        jnp.concatenate([first, spread], axis=1),
-    )
+    shared = np.where(both, shared, 0.0)
+    carry, spread = np.zeros_like(own), np.sqrt(own)
+    carry[:, 1:] = shared / own[:, :-1]
+    fresh = own[:, 1:] - carry[:, 1:] * shared
+    spread[:, 1:] = np.sqrt(np.maximum(fresh, 1e-9 * own[:, 1:]))
+    return carry, spread
 
 
-def _innovations(noise: Noise, carry: Array, spread: Array, signal: Array) -> Array:
+def _innovations(weight: Array, carry: Array, spread: Array, signal: Array) -> Array:
     before = jnp.concatenate([signal[:, :1], signal[:, :-1]], axis=1)
-    return jnp.where(noise.weight > 0, (signal - carry * before) / spread, 0.0)
+    return jnp.where(weight > 0, (signal - carry * before) / spread, 0.0)
 
 
 def estimated(
@@ -106,7 +152,7 @@ def estimated(
     long_enough = inside.sum() > _SHORT * max(int(inside.any(1).sum()), 1)
     in_order = in_order and bool(long_enough)
     by_run = by_run and int(inside.any(1).sum()) > 2
-    if start.variance.any():
+    if start.variance.any() or start.modes.any():
         return _with_slip(start, residual, level, in_order, by_run)
     sums = _sums(start.weight, residual, level)
     lows, highs = np.array([0.0, 0.0]), np.array([_MOST * in_order, 1.0 * by_run])
@@ -206,7 +252,8 @@ def _with_slip(
         return _half_deviance(noise_at(at), residual, level)
 
     inside = start.weight > 0
-    calm = residual[inside & (start.variance <= np.median(start.variance[inside]))]
+    extra = made_of_slip(start)
+    calm = residual[inside & (extra <= np.median(extra[inside]))]
     first = np.log(max(float(np.sqrt(np.mean(calm**2))), 1e-12))
     begun = np.array([first, -1.0, -6.0])
     known = float(start.sigma) > 0 and float(start.autocorrelation) > 0
@@ -219,12 +266,12 @@ def _with_slip(
                 np.log(max(float(start.run_scatter), 1e-4)),
             ]
         )
-    simplex = begun + np.vstack([np.zeros(3), np.diag([0.3, 1.0, 1.0])])
     found = minimize(
         loss,
         begun,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 3e-3, "fatol": 1e-2, "maxfev": 160},
+        method="L-BFGS-B",
+        bounds=[(None, None), (-8.0, 8.0), (-12.0, 2.0)],
+        options={"ftol": 1e-7, "gtol": 1e-2, "eps": 1e-4},
     )
     return noise_at(found.x)
 
@@ -238,14 +285,15 @@ def _half_deviance(noise: Noise, residual: np.ndarray, level: np.ndarray) -> flo
     carry = shared / own[:, :-1]
     spread = own.copy()
     spread[:, 1:] = np.maximum(own[:, 1:] - carry * shared, 1e-9 * own[:, 1:])
-    error, direction = residual.copy(), level.copy()
+    modes = noise.modes[:, :, : noise.modes.shape[2] * bool(noise.modes.any())]
+    columns = np.concatenate([(noise.run_scatter * level)[:, :, None], modes], axis=2)
+    error, later = residual.copy(), columns.copy()
     error[:, 1:] -= carry * residual[:, :-1]
-    direction[:, 1:] -= carry * level[:, :-1]
+    later[:, 1:] -= carry[:, :, None] * columns[:, :-1]
     precision = np.where(inside, 1 / spread, 0.0)
-    size = (direction**2 * precision).sum(1)
-    along = (error * direction * precision).sum(1)
-    squares = (error**2 * precision).sum() - (
-        noise.run_scatter**2 * along**2 / (1 + noise.run_scatter**2 * size)
-    ).sum()
-    logs = np.log(spread[inside]).sum() + np.log1p(noise.run_scatter**2 * size).sum()
-    return 0.5 * float(squares + logs)
+    weighed = later * precision[:, :, None]
+    size = np.eye(columns.shape[2]) + weighed.mT @ later
+    along = (weighed * error[:, :, None]).sum(axis=1)
+    explained = (along * np.linalg.solve(size, along[:, :, None])[:, :, 0]).sum()
+    logs = np.log(spread[inside]).sum() + np.linalg.slogdet(size)[1].sum()
+    return 0.5 * float((error**2 * precision).sum() - explained + logs)

@@ -1,7 +1,7 @@
 """Noise of the slip signal: how large it is, and whether adhesion follows the slip without it."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
@@ -11,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy import stats
+from scipy.linalg import eigh
 
 from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.bases import bic, first_fits, fits_alone, starts_under
 from adhesion_jax.discovery.effects.slip_bias import SlipBias
-from adhesion_jax.discovery.effects.slip_noise import SlipNoise, log_density
+from adhesion_jax.discovery.effects.slip_noise import ExpectedSlip, SlipNoise, log_density
 from adhesion_jax.discovery.findings import Interval
 from adhesion_jax.discovery.fitting import (
     Fitted,
@@ -24,7 +25,7 @@ from adhesion_jax.discovery.fitting import (
     raw_changes,
     squares,
 )
-from adhesion_jax.discovery.model.noise import Noise, determinant, white_noise
+from adhesion_jax.discovery.model.noise import MODES, Noise, determinant, white_noise, whitening
 from adhesion_jax.discovery.problem import Problem, prepare
 from adhesion_jax.discovery.screening import in_noise_units
 from adhesion_jax.records import Record
@@ -185,15 +186,56 @@ def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> S
         noise = fitted.setting.noise._replace(
             weight=fitted_to * kept, variance=extra * kept, covariance=shared * kept
         )
+    noise = _with_modes(noise, fitted, kept)
     return Setting(problem._replace(points=problem.points * kept), noise, adhesion)
+
+
+def _with_modes(noise: Noise, fitted: Fitted, kept: np.ndarray) -> Noise:
+    """The noise, where what the errors of the slip make of adhesion is slow as well.
+
+    Of the covariance g(s) C(s, t) g(t) of a run, the modes of largest variance are taken apart.
+    """
+    slope = _slope(fitted) * kept
+    modes, fast, shared = np.zeros((*slope.shape, MODES)), slope * 0.0, slope * 0.0
+    for run, errors in enumerate(error_covariances(fitted.setting.problem.expected)):
+        whole = slope[run, :, None] * errors * slope[run]
+        most = min(MODES, len(whole))
+        values, vectors = eigh(whole, subset_by_index=[len(whole) - most, len(whole) - 1])
+        modes[run, :, :most] = vectors * np.sqrt(np.maximum(values, 0.0))
+        rest = whole - modes[run] @ modes[run].T
+        fast[run] = np.maximum(np.diag(rest), 0.0)
+        shared[run, 1:] = np.diag(rest, 1)
+    return noise._replace(variance=fast, covariance=shared, modes=modes)
+
+
+def error_covariances(expected: ExpectedSlip) -> Iterator[np.ndarray]:
+    """Of each run, the covariances of the errors of its expected slip, [points, points].
+
+    What is not known of slip and rate is a Markov chain against time: the covariance of the errors
+    at s and at t > s is G(s) ... G(t - 1) P(t).
+    """
+    for gains, errors in zip(np.asarray(expected.gains), np.asarray(expected.errors), strict=True):
+        found = np.zeros((len(errors), len(errors)))
+        shared = errors
+        for apart in range(len(errors)):
+            if apart:
+                shared = gains[:-apart] @ shared[1:]
+            place = np.arange(len(shared))
+            found[place, place + apart] = found[place + apart, place] = shared[:, 0, 0]
+        yield found
 
 
 def _made_of_slip(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
     """What errors of the slip make of adhesion: variance, and covariance with the point before."""
-    variance, covariance = fitted.setting.problem.slip_errors
-    slope = raw_changes(fitted, [SlipBias(bias=_NUDGE)])[0] / _NUDGE
+    expected, slope = fitted.setting.problem.expected, _slope(fitted)
     last = np.concatenate([slope[:, :1], slope[:, :-1]], axis=1)
-    return slope**2 * variance, slope * last * covariance
+    shared = np.asarray(slope * last * expected.covariance)
+    return slope**2 * np.asarray(expected.variance), shared
+
+
+def _slope(fitted: Fitted) -> np.ndarray:
+    """Of the adhesion of a model by the slip, [runs, points]."""
+    return raw_changes(fitted, [SlipBias(bias=_NUDGE)])[0] / _NUDGE
 
 
 def noise_of_slip(
@@ -210,13 +252,15 @@ def noise_of_slip(
     error = expected.adhesion - np.asarray(problem.data.adhesion)
     noise = noise_of(
         problem,
-        expected.setting.noise._replace(weight=weight, variance=variance, covariance=covariance),
+        white_noise(weight, float(expected.setting.noise.sigma))._replace(
+            variance=variance, covariance=covariance
+        ),
         error,
         expected.adhesion,
     )
     setting = Setting(problem, noise, expected.adhesion)
     white = in_noise_units(setting, error[None])[0]
-    half_deviance = 0.5 * (white**2).sum() + determinant(noise, jnp.asarray(setting.level)).sum()
+    half_deviance = 0.5 * (white**2).sum() + determinant(whitening(noise, setting.level)).sum()
     p = float(stats.chi2.sf(2 * max(measured.total - float(half_deviance), 0.0), 2))
     if p > _SURE:
         return None
