@@ -30,7 +30,7 @@ def noise_of(weight, sigma, autocorrelation, run_scatter, variance=0.0, covarian
     shape = np.shape(weight)
     numbers = (np.array(one) for one in (sigma, autocorrelation, run_scatter))
     extra = (np.broadcast_to(one, shape).astype(float) for one in (variance, covariance))
-    return Noise(np.asarray(weight, float), *numbers, *extra, np.zeros((*shape, MODES)))
+    return Noise(np.asarray(weight, float), *numbers, *extra, np.zeros((*shape, 0)))
 
 
 def log_densities(noise, level, residual):
@@ -153,7 +153,8 @@ def test_a_chain_with_levels_of_runs_has_its_normal_density(
     noise = noise_of(inside, 0.03, 0.6, run_scatter, *uneven)
     own, neighbours = 0.03**2 + uneven[0], 0.6 * 0.03**2 + uneven[1]
     if slow:
-        noise = noise._replace(modes=0.05 * np.random.default_rng(3).normal(size=noise.modes.shape))
+        draw = np.random.default_rng(3)
+        noise = noise._replace(modes=0.05 * draw.normal(size=(*inside.shape, MODES)))
     expected = []
     for row, there in enumerate(inside):
         covariance = markov_covariance(there, own[row], neighbours[row])

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.optimize import minimize
 
-#: The slow part of what the slip makes of adhesion is so many modes of each run.
+#: The slow part of what the slip makes of adhesion is so many modes of each run at most.
 MODES = 16
 
 #: Largest autocorrelation that is considered: noise beyond it is a drift.
@@ -49,8 +49,7 @@ def white_noise(points: np.ndarray, sigma: float) -> Noise:
     """No correlation, no scatter of the runs, exact slip."""
     size, no = np.array(sigma), np.array(0.0)
     nothing = np.zeros_like(points)
-    modes = np.zeros((*points.shape, MODES))
-    return Noise(points, size, no, no, nothing, nothing, modes)
+    return Noise(points, size, no, no, nothing, nothing, np.zeros((*points.shape, 0)))
 
 
 def made_of_slip(noise: Noise) -> np.ndarray:
@@ -77,9 +76,7 @@ class Whitening(NamedTuple):
 def whitening(noise: Noise, level: np.ndarray) -> Whitening:
     """What whitens signals of runs whose random level multiplies `level`, [runs, points]."""
     carry, spread = chain(noise)
-    slow = bool(noise.modes.any())
-    modes = noise.modes if slow else noise.modes[:, :, :0]
-    signals = np.concatenate([(noise.run_scatter * level)[:, :, None], modes], axis=2)
+    signals = np.concatenate([(noise.run_scatter * level)[:, :, None], noise.modes], axis=2)
     fresh = signals.copy()
     fresh[:, 1:] -= carry[:, 1:, None] * signals[:, :-1]
     fresh = np.where(noise.weight[:, :, None] > 0, fresh / spread[:, :, None], 0.0)
@@ -92,7 +89,7 @@ def whitening(noise: Noise, level: np.ndarray) -> Whitening:
     inner = np.zeros((runs, 1 + MODES, 1 + MODES))
     inner[:, :count, :count] = (vectors / (root * (1 + root))[:, None]) @ vectors.mT
     growth = 0.5 * np.log1p(values).sum(axis=1)
-    return Whitening(noise.weight, carry, spread, columns, inner, growth, np.array(slow))
+    return Whitening(noise.weight, carry, spread, columns, inner, growth, np.array(count > 1))
 
 
 def whitened(
@@ -152,7 +149,7 @@ def estimated(
     long_enough = inside.sum() > _SHORT * max(int(inside.any(1).sum()), 1)
     in_order = in_order and bool(long_enough)
     by_run = by_run and int(inside.any(1).sum()) > 2
-    if start.variance.any() or start.modes.any():
+    if start.variance.any() or start.modes.size:
         return _with_slip(start, residual, level, in_order, by_run)
     sums = _sums(start.weight, residual, level)
     lows, highs = np.array([0.0, 0.0]), np.array([_MOST * in_order, 1.0 * by_run])
@@ -285,8 +282,7 @@ def _half_deviance(noise: Noise, residual: np.ndarray, level: np.ndarray) -> flo
     carry = shared / own[:, :-1]
     spread = own.copy()
     spread[:, 1:] = np.maximum(own[:, 1:] - carry * shared, 1e-9 * own[:, 1:])
-    modes = noise.modes[:, :, : noise.modes.shape[2] * bool(noise.modes.any())]
-    columns = np.concatenate([(noise.run_scatter * level)[:, :, None], modes], axis=2)
+    columns = np.concatenate([(noise.run_scatter * level)[:, :, None], noise.modes], axis=2)
     error, later = residual.copy(), columns.copy()
     error[:, 1:] -= carry * residual[:, :-1]
     later[:, 1:] -= carry[:, :, None] * columns[:, :-1]

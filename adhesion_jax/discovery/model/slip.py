@@ -46,6 +46,9 @@ _SURE = 1e-4
 #: How often slope and weights are found in turns, and the change of slip that shows the slope.
 _WEIGHTINGS, _NUDGE = 4, 1e-6
 
+#: What the slip makes of adhesion is slow where a mode has this share of the variance of a point.
+_LEAST_MODE = 0.1
+
 #: The share of the points that is kept whatever the noise of their slip.
 _LEAST_KEPT = 0.1
 
@@ -196,16 +199,19 @@ def _with_modes(noise: Noise, fitted: Fitted, kept: np.ndarray) -> Noise:
     Of the covariance g(s) C(s, t) g(t) of a run, the modes of largest variance are taken apart.
     """
     slope = _slope(fitted) * kept
+    least = _LEAST_MODE * float(noise.sigma) ** 2
     modes, fast, shared = np.zeros((*slope.shape, MODES)), slope * 0.0, slope * 0.0
     for run, errors in enumerate(error_covariances(fitted.setting.problem.expected)):
         whole = slope[run, :, None] * errors * slope[run]
         most = min(MODES, len(whole))
         values, vectors = eigh(whole, subset_by_index=[len(whole) - most, len(whole) - 1])
-        modes[run, :, :most] = vectors * np.sqrt(np.maximum(values, 0.0))
+        # The largest first.
+        modes[run, :, :most] = (vectors * np.sqrt(np.where(values > least, values, 0.0)))[:, ::-1]
         rest = whole - modes[run] @ modes[run].T
         fast[run] = np.maximum(np.diag(rest), 0.0)
         shared[run, 1:] = np.diag(rest, 1)
-    return noise._replace(variance=fast, covariance=shared, modes=modes)
+    some = int(modes.any(axis=(0, 1)).sum())
+    return noise._replace(variance=fast, covariance=shared, modes=modes[:, :, :some])
 
 
 def error_covariances(expected: ExpectedSlip) -> Iterator[np.ndarray]:
