@@ -195,6 +195,19 @@ def test_the_fit_with_effects_is_the_minimum_that_scipy_finds(setting, fitted):
     np.testing.assert_allclose((free_of(fitted) - values) / error, 0.0, atol=0.01)
 
 
+def test_a_fit_that_meets_a_bound_is_the_minimum_inside_it(setting):
+    data = setting.problem.data
+    rising = np.asarray(data.adhesion) * (1 + 8 * np.abs(data.slip))
+    problem = setting.problem._replace(data=data._replace(adhesion=rising))
+    own, start = setting._replace(problem=problem), (0.3, 60.0, 0.3)
+    effects = (warm(own),)
+    fitted = fit_model(own, "burckhardt", start, effects)
+    low, high = box("burckhardt", effects)
+    assert np.any((free_of(fitted) == low) | (free_of(fitted) == high))
+    cost, _ = scipys(own, "burckhardt", effects, np.array([*start, 1e-3]))
+    assert fitted.loss.sum() == pytest.approx(cost, rel=1e-6)
+
+
 def test_loss_gradient_and_hessian_are_those_of_each_run(setting, fitted):
     parts, _ = residual_of(setting, "burckhardt", fitted.effects)
     at = free_of(fitted)
