@@ -115,7 +115,7 @@ def draw_random(path: Path, sets: pd.DataFrame) -> None:
         axes.axhline(REMOVED, color="0.5", linewidth=0.8, linestyle="--")
         axes.set(
             xscale="log",
-            ylim=(-0.12, 1.05),
+            ylim=(-0.12, max(1.05, float(chosen["removed"].max()) + 0.03)),
             title=f"{title}: {(removed >= REMOVED).sum()} of {len(removed)} above .9",
         )
         axes.grid(color="0.9")
