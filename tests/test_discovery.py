@@ -22,7 +22,7 @@ from adhesion_jax.discovery.fitting import (
 )
 from adhesion_jax.discovery.law import BASES, with_effects
 from adhesion_jax.discovery.library import Entry
-from adhesion_jax.discovery.model.noise import estimated, white_noise
+from adhesion_jax.discovery.model.noise import estimated, white_noise, whitening
 from adhesion_jax.discovery.program import effect_places, whiten
 from adhesion_jax.discovery.screening import Score
 from adhesion_jax.discovery.search.pruning import pruned
