@@ -282,6 +282,11 @@ def test_ten_rows_are_needed_in_all(tmp_path):
     assert "empty.csv cannot be used: there is a header but no point" in refused(paths[0], empty)
 
 
+def test_runs_of_one_row_each_are_no_runs(tmp_path):
+    path = written(tmp_path, campaign((1,) * 12))
+    assert "each of the 12 runs has one row (a run is a sweep of several" in refused(path)
+
+
 def test_time_does_not_run_back_within_a_run(tmp_path):
     table = campaign()
     assert "time_s decreases in row 8" in refused(written(tmp_path, table.drop(columns="run")))

@@ -206,6 +206,11 @@ def _refuse_useless(
             f"({grouping.names[length.argmax()]}) has {length.max()} rows (cut that run into "
             "several in the column run)"
         ]
+    elif length.size > 1 and length.max() == 1:
+        faults = [
+            f"each of the {length.size} runs has one row (a run is a sweep of several; without the "
+            "column run all rows are one run)"
+        ]
     else:
         faults = adhesion_faults(table[slip], table["adhesion"])
     if faults:
