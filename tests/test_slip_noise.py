@@ -10,6 +10,8 @@ import pytest
 from discovery_campaigns import runs_of
 from scipy import stats
 
+from adhesion_jax.discovery.bases import first_fits, fits_alone
+from adhesion_jax.discovery.conditions import Calendar
 from adhesion_jax.discovery.effects import EFFECTS
 from adhesion_jax.discovery.effects.slip_noise import (
     SlipNoise,
@@ -18,7 +20,10 @@ from adhesion_jax.discovery.effects.slip_noise import (
     smoothed_slip,
 )
 from adhesion_jax.discovery.engine import discover
-from adhesion_jax.discovery.model.slip import error_covariances
+from adhesion_jax.discovery.fitting import Setting
+from adhesion_jax.discovery.model.noise import made_of_slip, white_noise
+from adhesion_jax.discovery.model.slip import error_covariances, felt_in_adhesion, roughness
+from adhesion_jax.discovery.problem import prepare
 from adhesion_jax.simulation.one_log import one_log
 
 POINTS = 12
@@ -178,6 +183,32 @@ def test_a_planted_noise_of_the_wheel_speed_is_estimated(planted):
     assert sigma.low < sigma.value < sigma.high
     (kind,) = [part for part in found.law.effects if isinstance(part, EFFECTS["slip_noise"])]
     assert kind.falls_with == "vehicle_speed_mps"
+
+
+def test_what_the_slip_leaves_of_a_log_is_white_once_it_is_whitened():
+    """The true curve leaves the noise of adhesion, .008, and the errors of the expected slip."""
+    campaign = one_log(seed=72, wheel_speed_noise=0.01)
+    runs = runs_of(campaign.train)
+    exact = prepare(runs.record, Calendar("time_s", 0.0, 300.0), runs.blocks)
+    adhesion = np.asarray(exact.data.adhesion)
+
+    def fitted(setting):
+        return first_fits(fits_alone(setting, ["burckhardt"]))["burckhardt"]
+
+    rough = roughness(
+        runs.record, fitted(Setting(exact, white_noise(exact.points, 0.02), adhesion)), None
+    )
+    noisy = prepare(runs.record, exact.calendar, runs.blocks, rough.effect)
+    found = fitted(felt_in_adhesion(noisy, white_noise(exact.points, 0.02), ["burckhardt"]))
+    noise = found.setting.noise
+    assert float(noise.sigma) == pytest.approx(0.008, rel=0.04)
+    # Of sums over 25 neighbours; 2.5 to 4 where errors of the slip are known one neighbour far.
+    left = found.residual[noise.weight > 0]
+    sums = left[: left.size // 25 * 25].reshape(-1, 25).sum(axis=1)
+    assert (sums**2).mean() / 25 == pytest.approx(1.0, abs=4 * np.sqrt(2 / sums.size))
+    nearest = noise._replace(modes=noise.modes[:, :, :0], variance=made_of_slip(noise))
+    plain = fitted(found.setting._replace(noise=nearest))
+    assert plain.total > found.total + 30
 
 
 def test_what_happened_once_in_a_log_is_told_but_is_no_effect():

@@ -347,9 +347,8 @@ def fit(
 ) -> Fit:
     """Least squares by Levenberg-Marquardt inside the bounds.
 
-    It has arrived where the next
-    step does not promise to lower the loss by more than the share `near` of it, or where several
-    steps in succession have not.
+    It has arrived where the next step does not promise to lower the loss by more than the share
+    `near` of it, or where several steps in succession have not.
     """
     runs, points = data.slip.shape
 

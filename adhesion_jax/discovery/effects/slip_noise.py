@@ -70,10 +70,8 @@ class ExpectedSlip(NamedTuple):
     """The slip of a run, or of each of some, given all of its measured slips."""
 
     slip: Float[Any, "*runs points"]
-    errors: Float[Any, "*runs points two two"]  # covariance of the true slip and its rate about it
-    gains: Float[
-        Any, "*runs points two two"
-    ]  # what of the next point's error is in that of a point
+    errors: Float[Any, "*runs points two two"]  # of slip and rate: the covariance
+    gains: Float[Any, "*runs points two two"]  # what a point has of the errors of the next
 
     @property
     def variance(self) -> Float[Any, "*runs points"]:
