@@ -1,7 +1,7 @@
 """Fitting a curve with effects to a campaign, and what its runs say of models not fitted."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeVar
 
@@ -186,8 +186,9 @@ def own_noise(fitted: Fitted) -> Setting:
 
 def noise_of(problem: Problem, start: Noise, residual: np.ndarray, level: np.ndarray) -> Noise:
     """The noise of greatest likelihood for a residual of a campaign, with what `start` fixes."""
-    in_order = problem.in_time or not problem.blocks
-    return estimated(start, residual, level, in_order, not problem.blocks)
+    in_order = (problem.in_time or not problem.blocks) and not problem.even
+    by_run = not (problem.blocks or problem.even)
+    return estimated(start, residual, level, in_order, by_run)
 
 
 def raw_changes(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
@@ -223,10 +224,18 @@ def packed(
 
 
 def size_of(base: str, effects: Sequence[Effect]) -> tuple[int, int]:
-    """The smallest program that such a model fits into."""
-    parameters = len(BASES[base].free) + sum(len(effect_places(0, effect)) for effect in effects)
-    fitting = (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1])
-    return next(fitting, _SIZES[-1])
+    """The smallest program that such a model fits into; there is one where there is room."""
+    return next(_sizes(len(BASES[base].free), effects))
+
+
+def has_room(effects: Sequence[Effect], new: Effect) -> bool:
+    """Whether a program has room for one effect more, whatever the base curve."""
+    return any(_sizes(max(len(curve.free) for curve in BASES.values()), (*effects, new)))
+
+
+def _sizes(free: int, effects: Sequence[Effect]) -> Iterator[tuple[int, int]]:
+    parameters = free + sum(len(effect_places(0, effect)) for effect in effects)
+    return (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1])
 
 
 def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -4,8 +4,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from adhesion_jax.discovery.bases import bic
+from adhesion_jax.discovery.effects import Effect
+from adhesion_jax.discovery.effects.falling_friction import FallingFriction
 from adhesion_jax.discovery.findings import Doubt
-from adhesion_jax.discovery.fitting import Fitted, Setting, likeliest, noise_of
+from adhesion_jax.discovery.fitting import (
+    Fitted,
+    Setting,
+    likeliest,
+    nearly_fitted,
+    noise_of,
+    side_by_side,
+    with_own_noise,
+)
+from adhesion_jax.discovery.law import BASES
+from adhesion_jax.discovery.library import entry_of
 from adhesion_jax.discovery.model.noise import determinant, whitening
 from adhesion_jax.discovery.problem import label_of
 from adhesion_jax.discovery.screening import SIGNIFICANT, in_noise_units
@@ -15,6 +28,12 @@ from adhesion_jax.discovery.trials import OF_SIGNALS
 
 #: Half a chi-square that an effect of the slip alone must reach on every base curve: p = 6e-5.
 _SURE = 8.0
+
+#: An effect is as good as a curve that has it where it gains this share of what the curve does.
+_AS_GOOD = 0.75
+
+#: What curves that fall with slip velocity have in them.
+_FALLING = "falling_friction"
 
 #: A gain of so many standard errors is sure, whatever is asked of it besides.
 _SURELY = 1.645
@@ -72,6 +91,41 @@ def _doubt(name: str, base: str, other: str) -> Doubt:
         names,
         f"{what}, or another shape of the curve: {name} would improve the fit of {base}, but "
         f"{but}; it is not counted as an effect. {tell}",
+    )
+
+
+def of_curve(state: Selection) -> tuple[Doubt, ...]:
+    """That a curve was chosen which falls with slip velocity, where falling friction is as good.
+
+    Then friction falls in the curve, or as an effect on another curve.
+    """
+    plain = [fitted for name, fitted in state.fits.items() if not BASES[name].NEEDS]
+    falls = entry_of(_FALLING, FallingFriction.starts({}), state.setting.problem)
+    if not BASES[state.base].NEEDS or not plain:
+        return ()
+    if any(effect.family == falls.family for effect in state.accepted):
+        return ()
+    other = min(plain, key=bic)
+    values, own = other.base_values.tolist(), parts_of(state.accepted)
+
+    def with_fall(start: Effect) -> Fitted:
+        return nearly_fitted(other.setting, other.base, values, (*own, start))
+
+    best = min(side_by_side(with_fall, falls.starts), key=lambda fitted: fitted.total)
+    lacking = other.total - state.fitted.total
+    gained = other.total - with_own_noise(best).total
+    if lacking < _SURE or gained < _AS_GOOD * lacking:
+        return ()
+    return (
+        Doubt(
+            (_FALLING,),
+            f"Friction falls with the slip velocity, in the curve or as an effect: {state.base}, "
+            f"which was chosen, falls by itself. Its log likelihood is {lacking:.2g} above that of "
+            f"{other.base} alone, and {lacking - gained:.2g} above that of {other.base} with "
+            f"{_FALLING}. It is not counted as an effect, for the curve has it; --base "
+            f"{other.base} searches for it as one. Runs of the same slips at different speeds "
+            "would tell them apart.",
+        ),
     )
 
 

@@ -47,6 +47,7 @@ class Problem(NamedTuple):
     constant: frozenset[str]
     blocks: bool  # contiguous blocks of one run, which have no level of their own
     in_time: bool  # whether the order of the points of a run is that of time
+    even: bool  # whether every point counts alike: the noise has no correlation and no levels
     measured: frozenset[str]  # columns as given
     units: np.ndarray  # [runs, points]: the numbers of stretches that are taken for independent
     slip_noise: SlipNoise | None  # what the slip has been corrected for
@@ -110,6 +111,7 @@ def prepare(
         frozenset(constant),
         blocks,
         in_time,
+        False,
         measured,
         _units(points, blocks and in_time),
         slip_noise,

@@ -18,6 +18,7 @@ from adhesion_jax.discovery.effects.shape import ACTS_ON
 from adhesion_jax.discovery.fitting import (
     Fitted,
     Setting,
+    has_room,
     raw_changes,
     size_of,
     with_own_noise,
@@ -135,7 +136,12 @@ def screen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> tuple[Score, 
     really there would else be taken for noise), and the largest z over the library is compared: p
     is adjusted for everything that was looked at.
     """
-    starts = [(entry, start) for entry in entries for start in entry.starts]
+    starts = [
+        (entry, start)
+        for entry in entries
+        for start in entry.starts
+        if has_room(fitted.effects, start)
+    ]
     probes, owner = [], []
     for place, (_, start) in enumerate(starts):
         for strength in start.STRENGTHS:

@@ -15,6 +15,7 @@ from adhesion_jax.discovery.effects import (
 from adhesion_jax.discovery.findings import Candidate
 from adhesion_jax.discovery.fitting import (
     gain,
+    has_room,
     side_by_side,
 )
 from adhesion_jax.discovery.law import BASES, kind_of
@@ -219,6 +220,7 @@ def _scanned(state: Selection, scores: Sequence[Score], seed: int) -> Sequence[S
     lines = [
         Score(entry, entry.starts[0], float(stats.norm.isf(p)), p, np.nan, state.fitted)
         for entry, p in waves(state.fitted, taken, seed)
+        if has_room(state.fitted.effects, entry.starts[0])
     ]
     telling = [label for label in _most_telling(scores) if label not in _OF_THE_SLIP]
     pairs = _open(surfaces(state.setting.problem, telling[:_PAIRED]), state)

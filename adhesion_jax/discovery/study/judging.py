@@ -111,7 +111,8 @@ def judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, obje
     # [hidden, claims]
     names = [[_stands_for(task, one, claim, counted(claim)) for claim in claims] for one in hidden]
     named = [
-        any(hits) or _is_doubted(one, findings) for one, hits in zip(hidden, names, strict=True)
+        any(hits) or (one in _OFFSETS and _is_doubted(one, findings))
+        for one, hits in zip(hidden, names, strict=True)
     ]
     before, after = (
         (findings.test.before.value, findings.test.after.value)
@@ -125,11 +126,13 @@ def judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, obje
         "claims": len(claims),
         "first": claims[0].name if claims else "nothing",
         "reported": "|".join(claim.name for claim in reported),
+        "doubts": "|".join(name for doubt in findings.doubts for name in doubt.names),
         "reported_acts_on": "|".join(claim.acts_on for claim in reported),
         "detected": bool(claims),
         "first_right": bool(claims)
         and any(_stands_for(task, one, claims[0], [claims[0].name]) for one in hidden),
         "in_class": any(named),
+        "doubted": any(_is_doubted(one, findings) for one in hidden),
         "all_named": bool(named) and all(named),
         "extra": any(not any(hits[place] for hits in names) for place in range(len(claims))),
         "class_size": float(np.mean([len(counted(claim)) for claim in claims]))
@@ -151,10 +154,8 @@ def _stands_for(task: Task, hidden: str, claim: FoundEffect, names: Sequence[str
 
 
 def _is_doubted(effect: str, findings: Findings) -> bool:
-    """Whether a doubt about the shape of the curve names a planted offset."""
-    return effect in _OFFSETS and any(
-        is_right(effect, name) for doubt in findings.doubts for name in doubt.names
-    )
+    """Whether a doubt names what was planted."""
+    return any(is_right(effect, name) for doubt in findings.doubts for name in doubt.names)
 
 
 def removed_share(before: float, after: float, noise: float) -> float:

@@ -109,8 +109,13 @@ def _log_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
     for kind, same in logs[null].groupby("form", sort=False):
         yield _Hits("log", f"nothing: {kind}", np.nan, "claimed", same["detected"])
     for planted, same in logs[~null].groupby("planted", sort=False):
-        for quantity, column in (("named", "all_named"), ("extra", "extra")):
-            yield _Hits("log", str(planted), np.nan, quantity, same[column])
+        said = {
+            "named": same["all_named"],
+            "named_or_doubted": same["all_named"] | same["doubted"],
+            "extra": same["extra"],
+        }
+        for quantity, hits in said.items():
+            yield _Hits("log", str(planted), np.nan, quantity, hits)
 
 
 def random_groups(sets: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
