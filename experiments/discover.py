@@ -71,7 +71,7 @@ def main(
     with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
 
         def progress(words: str, share: float) -> None:
-            bar.set_description(words)
+            bar.set_description_str(words)
             bar.update(100 * share - bar.n)
 
         progress("reading", 0.0)

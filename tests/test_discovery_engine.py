@@ -2,6 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from discovery_campaigns import SIZE, runs_of
+from scipy.optimize import least_squares
 
 from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.discovery.engine import discover
@@ -167,6 +168,12 @@ def test_progress_never_goes_back(two):
     assert all(words for words, _ in told)
 
 
+def test_progress_never_goes_back_where_a_search_begins_again(noisy_load):
+    shares = []
+    discover(runs_of(noisy_load), progress=lambda _, share: shares.append(share))
+    assert shares == sorted(shares)
+
+
 def test_a_column_that_is_absent_is_named(campaign):
     hidden = campaign.train.drop(columns="relative_humidity_pct")
     found = discover(runs_of(hidden), base="kiencke")
@@ -177,6 +184,53 @@ def test_a_column_that_is_absent_is_named(campaign):
     assert "temperature_C" not in absent
     assert any("humidity (needs the column relative_humidity_pct" in text
                for text in found.untested)  # fmt: skip
+
+
+def fitted_rms(table):
+    """What Burckhardt's curve by least squares leaves of a table."""
+    slip, adhesion = table["slip_ratio"].to_numpy(), table["adhesion"].to_numpy()
+
+    def left(c):
+        size = np.abs(slip)
+        return np.sign(slip) * (c[0] * -np.expm1(-c[1] * size) - c[2] * size) - adhesion
+
+    return rms(least_squares(left, [0.4, 60.0, 0.4], x_scale=[0.1, 10.0, 0.1], xtol=1e-12).fun)
+
+
+def only_slip_and_adhesion(table):
+    return table[["run", "slip_ratio", "adhesion"]]
+
+
+def one_time(table):
+    return table.assign(time_s=0.0)
+
+
+def two_stamps_alike(table):
+    time = table["time_s"].to_numpy(copy=True)
+    time[5] = time[4]
+    return table.assign(time_s=time)
+
+
+def since_an_age(table):
+    return table.assign(time_s=table["time_s"] + 1e15)
+
+
+def huge_and_tiny_columns(table):
+    wave = np.sin(np.arange(len(table)))
+    return table.assign(huge=1e100 * wave, tiny=1e-100 * wave)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [only_slip_and_adhesion, one_time, two_stamps_alike, since_an_age, huge_and_tiny_columns],
+)
+def test_odd_tables_are_searched_as_others_are(change):
+    table = simulate(seed=2, base="burckhardt", **SIZE).train
+    found = discover(runs_of(change(table)), base="burckhardt")
+    assert found.effects == found.unexplained == ()
+    # Burckhardt's curve by least squares, .00703, whatever is beside slip and adhesion.
+    left = fitted_rms(table)
+    assert found.train.after.value == pytest.approx(left, rel=1e-6)
 
 
 def test_noise_in_the_slip_is_no_delay():
@@ -203,6 +257,26 @@ def test_load_is_found_where_it_moves_adhesion_by_more_than_any_noise():
     assert found.effects[0].p_adjusted <= 0.01
     assert found.validation.removed.value > 0.85
     assert found.train.removed.value > 0.85
+
+
+@pytest.fixture(scope="module")
+def noisy_load():
+    """Adhesion by the load of the run; the noise of a load sensor, which adhesion is divided by."""
+    table = simulate(seed=5, base="burckhardt", **SIZE).train.drop(columns=["sanding"])
+    rng = np.random.default_rng(3)
+    runs = table["run"].unique()
+    load = dict(zip(runs, rng.permutation(np.geomspace(18e3, 108e3, runs.size)), strict=True))
+    true = table["run"].map(load)
+    error = 1 + 0.05 * rng.standard_normal(len(table))
+    adhesion = table["adhesion"] * (true / 45e3) ** -0.3 / error
+    return table.assign(normal_load_N=true * error, adhesion=adhesion)
+
+
+def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs(noisy_load):
+    found = discover(runs_of(noisy_load))
+    assert "normal_load_N" in found.effects[0].covariates
+    assert found.train.removed.value > 0.85
+    assert found.validation.removed.value > 0.85
 
 
 def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):

@@ -7,9 +7,11 @@ from discovery_campaigns import SIZE, problem_of
 from adhesion_jax.discovery.bases import first_fits, fits_alone
 from adhesion_jax.discovery.effects import EFFECTS, Covariate, Interaction, Periodic, Spline
 from adhesion_jax.discovery.findings import Candidate
-from adhesion_jax.discovery.fitting import Setting, squares
-from adhesion_jax.discovery.judgement import doubtful, undecided
+from adhesion_jax.discovery.fitting import Setting, has_room, squares
+from adhesion_jax.discovery.judgement import doubtful, of_curve, undecided
+from adhesion_jax.discovery.library import entry_of
 from adhesion_jax.discovery.model.noise import white_noise
+from adhesion_jax.discovery.screening import screen
 from adhesion_jax.discovery.search.refinement import _harmonics, forms_of, refined
 from adhesion_jax.discovery.selection import look_again
 from adhesion_jax.discovery.simulator import simulate
@@ -123,6 +125,40 @@ def test_a_form_that_is_right_is_left_as_it_is(null):
     wave = np.sin(2 * np.pi * null["position_m"] / LENGTH)
     state = state_of(null.assign(adhesion=null["adhesion"] * (1 + 0.06 * wave)), joint())
     assert refined(state, seed=0) is state
+
+
+def test_a_model_that_fills_its_program_grows_no_further(quiet):
+    problem = quiet.setting.problem
+    entries = [entry_of("humidity", EFFECTS["humidity"].starts(problem.flat), problem)]
+    (wave,) = joint().parts
+    line = Covariate(0.1, 0.0, 1.0, column="position_m", acts_on="level")
+    # Twelve effects are the most, and 64 parameters: five are the curve's and five a wave's.
+    assert has_room([line] * 11, line)
+    assert not has_room([line] * 12, line)
+    assert has_room([wave] * 10, wave)
+    assert not has_room([wave] * 11, wave)
+    assert screen(quiet.fitted, entries, seed=0)
+    assert screen(quiet.fitted._replace(effects=(line,) * 12), entries, seed=0) == ()
+
+
+BOTH = ("burckhardt", "polach-falling")
+
+
+def test_a_curve_that_falls_where_friction_does_so_on_another_is_a_doubt(null):
+    slip_velocity = null["slip_ratio"].abs() * null["vehicle_speed_mps"]
+    table = null.assign(adhesion=null["adhesion"] * (0.6 + 0.4 * np.exp(-0.6 * slip_velocity)))
+    state = state_of(table, bases=BOTH)._replace(base="polach-falling")
+    (doubt,) = of_curve(state)
+    assert doubt.names == ("falling_friction",)
+    assert "above that of burckhardt alone" in doubt.sentence
+    # It is an effect where the curve does not fall, and none twice.
+    assert of_curve(state._replace(base="burckhardt")) == ()
+    told = taken("falling_friction", EFFECTS["falling_friction"](0.4, 0.6), family="slip velocity")
+    assert of_curve(state._replace(accepted=(told,))) == ()
+
+
+def test_a_curve_that_could_fall_and_does_not_is_no_doubt(null):
+    assert of_curve(state_of(null, bases=BOTH)._replace(base="polach-falling")) == ()
 
 
 def row(name, p, gain, decision="explains less", number=1):

@@ -66,6 +66,18 @@ def _silent(_words: str, _share: float) -> None:
     """Where nobody looks."""
 
 
+def _onwards(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
+    """The same, told the largest share so far where a search begins again."""
+    reached = 0.0
+
+    def onwards(words: str, share: float) -> None:
+        nonlocal reached
+        reached = max(reached, share)
+        progress(words, reached)
+
+    return onwards
+
+
 # The matrices are small: threads of the linear algebra, or of trees, wait more than they work.
 @threadpool_limits.wrap(limits=1)
 def discover(
@@ -86,6 +98,7 @@ def discover(
     `progress` is told what is done, and which share of the whole that is.
     """
     began = time.perf_counter()
+    progress = _onwards(progress)
     bases = _bases(runs, base)
     whole = with_run_order(runs)
     warnings = list(runs.warnings)
@@ -126,13 +139,12 @@ def discover(
         if parts_of(again.accepted) != parts_of(state.accepted):
             final = refined(_on_all_runs(again), seed)
             opinion = opinion_of(final, seed)
-    doubts = (*doubts, *undecided(final), *of_levels(final, seed))
     final = _precise(final)
+    doubts = (*doubts, *undecided(final), *of_levels(final, seed))
     plain = _by_least_squares(problem, alone)
     if noise is None and not final.accepted and slip_noise is None:
         # Without an effect the law after is the law before, and only the noise is told better.
-        own = plain.fitted._replace(setting=own_noise(plain.fitted))
-        final = final._replace(fits={plain.base: own}, base=plain.base)
+        final = final._replace(fits={plain.base: _with_noise_left(plain.fitted)}, base=plain.base)
     if final.accepted:
         same = final.setting.problem.slip_noise is None
         bare = plain if same else _by_least_squares(final.setting.problem, alone)
@@ -316,9 +328,18 @@ def _by_least_squares(problem: Problem, alone: Mapping[str, Fitted]) -> Selectio
     return Selection(fits, min(fits, key=lambda name: bic(fits[name])), (), ())
 
 
+def _with_noise_left(fitted: Fitted) -> Fitted:
+    """The same law with the noise that it leaves, whichever it was fitted under."""
+    problem = fitted.setting.problem._replace(even=False)
+    uneven = fitted._replace(setting=fitted.setting._replace(problem=problem))
+    return fitted._replace(setting=own_noise(uneven))
+
+
 def _precise(state: Selection) -> Selection:
     """The chosen curve with its effects, fitted until nothing moves."""
     fitted = precise(state.fitted)
+    if fitted.setting.problem.even:
+        fitted = _with_noise_left(fitted)
     accepted = refreshed(state.accepted, fitted.effects)
     return state._replace(fits={**state.fits, fitted.base: fitted}, accepted=accepted)
 
