@@ -1,0 +1,1 @@
+"""The traction loop: plants, and what is put around them."""

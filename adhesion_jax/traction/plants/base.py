@@ -1,0 +1,120 @@
+"""What a plant is: a train on its wheels, driven by the torque of its motors."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.surface import Surface
+
+GRAVITY = 9.81
+
+#: Resistance opposes motion; below this speed in m/s it is proportional to it and vanishes at rest.
+_AT_REST = 0.01
+
+S = TypeVar("S")
+
+
+class Quantity(NamedTuple):
+    """A parameter of a plant: unit, bounds and meaning."""
+
+    unit: str
+    lower: float
+    upper: float
+    meaning: str
+
+
+class Held(NamedTuple):
+    """What stays the same during a step."""
+
+    command: Float[Array, " axles"]  # torque of each motor in N m
+    surface: Surface
+    slope: Float[Array, ""]  # of the track, as an angle in rad; positive uphill
+
+
+class Powers(NamedTuple):
+    """In W, of the whole train: what the motors put in, and where it goes."""
+
+    motor: Float[Array, ""]
+    slip: Float[Array, ""]
+    gear: Float[Array, ""]
+    shaft: Float[Array, ""]  # what the damping of an elastic axle takes
+    resistance: Float[Array, ""]
+    slope: Float[Array, ""]
+
+
+#: What every plant has.
+DRIVE: Mapping[str, Quantity] = {
+    "torque_limit": Quantity("N m", 0.0, 1e6, "largest torque of a motor"),
+    "power_limit": Quantity("W", 0.0, 1e8, "largest power of a motor"),
+    "torque_lag": Quantity("s", 0.0, 10.0, "time constant of the torque; 0 for none"),
+    "dead_time": Quantity("s", 0.0, 10.0, "from a command to its first effect"),
+}
+
+
+class Plant(eqx.Module):
+    """The equations of motion of a train; its fields are its parameters, which PARAMETERS describe.
+
+    Plants are given and give arrays [axles] for what each axle has.
+    """
+
+    PARAMETERS: ClassVar[Mapping[str, Quantity]]
+    PER_AXLE: ClassVar[tuple[str, ...]]  # parameters that may differ from axle to axle
+
+    torque_limit: eqx.AbstractVar[Float[Array, ""]]
+    power_limit: eqx.AbstractVar[Float[Array, ""]]
+    torque_lag: eqx.AbstractVar[Float[Array, ""]]
+
+    @abstractmethod
+    def init(self, motor_speed: Float[Array, " axles"], train_speed: Float[Array, ""]) -> Any:
+        """The state at these speeds, in rad/s and m/s, without torque or twist."""
+
+    @abstractmethod
+    def derivative(self, state: Any, held: Held) -> Any:
+        """Of each number of the state, per second."""
+
+    @abstractmethod
+    def motor_speed(self, state: Any) -> Float[Array, " axles"]:
+        """Of each motor in rad/s."""
+
+    @abstractmethod
+    def slip_velocity(self, state: Any) -> Float[Array, "*contacts"]:
+        """Of each contact of wheel and rail in m/s: circumferential speed less train speed."""
+
+    @abstractmethod
+    def energy(self, state: Any) -> Float[Array, ""]:
+        """Kinetic and elastic energy of the whole train in J."""
+
+    @abstractmethod
+    def powers(self, state: Any, held: Held) -> Powers:
+        """The energy changes by `motor` less all others."""
+
+
+def limited(
+    plant: Plant, command: Float[Array, " axles"], motor_speed: Float[Array, " axles"]
+) -> Float[Array, " axles"]:
+    """The command within the limits of torque and power: |T| <= min(T_max, P_max/|w|)."""
+    by_power = plant.power_limit / jnp.maximum(jnp.abs(motor_speed), 1e-9)
+    most = jnp.minimum(plant.torque_limit, by_power)
+    return jnp.clip(command, -most, most)
+
+
+def lagging(plant: Plant, torque: Float[Array, " axles"], command: Float[Array, " axles"]) -> Array:
+    """dT/dt = (T_cmd - T)/lag; without a lag the torque is the command, which `held_by` sets."""
+    lags = plant.torque_lag > 0
+    return jnp.where(lags, (command - torque) / jnp.where(lags, plant.torque_lag, 1.0), 0.0)
+
+
+def held_by(
+    plant: Plant, torque: Float[Array, " axles"], command: Float[Array, " axles"]
+) -> Float[Array, " axles"]:
+    """The torque from which a command on begins to act."""
+    return jnp.where(plant.torque_lag > 0, torque, command)
+
+
+def against_motion(force: Float[Array, ""], train_speed: Float[Array, ""]) -> Float[Array, ""]:
+    """A resistance with the sign of the speed, proportional to it near rest."""
+    return force * jnp.clip(train_speed / _AT_REST, -1.0, 1.0)

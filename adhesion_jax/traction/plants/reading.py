@@ -1,0 +1,139 @@
+"""A plant from a TOML file of its parameters: each with value and unit, tag and source."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from adhesion_jax.errors import InputError
+from adhesion_jax.traction.plants import MODELS
+from adhesion_jax.traction.plants.base import Plant, Quantity
+
+#: What is said of a parameter.
+_KEYS = ("value", "unit", "tag", "source")
+
+#: Where a value comes from.
+TAGS: Mapping[str, str] = {
+    "P": "printed in the source",
+    "D": "derived from what is printed",
+    "C": "found elsewhere",
+    "K": "commonly quoted, not confirmed",
+    "A": "assumed",
+}
+
+
+class Given(NamedTuple):
+    """A parameter as a file gives it."""
+
+    value: tuple[float, ...]
+    unit: str
+    tag: str
+    source: str
+
+
+class PlantFile(NamedTuple):
+    """A plant and what is known of its parameters."""
+
+    title: str
+    plant: Plant
+    given: Mapping[str, Given]
+
+
+def shipped() -> Mapping[str, Path]:
+    """The sets of parameters that come with the package, by name."""
+    folder = Path(str(files("adhesion_jax.traction.plants")))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def read_plant(path: Path) -> PlantFile:
+    """The plant of a file. InputError, a sentence that names file and parameter, if it has none."""
+    table = _toml(path)
+    model = str(table.get("model", ""))
+    if model not in MODELS:
+        raise InputError(f"{path}: the model {model!r} is not known; name {' or '.join(MODELS)}.")
+    kind = MODELS[model]
+    parameters = table.get("parameters")
+    if not isinstance(parameters, dict):
+        raise InputError(f"{path} has no [parameters]; give a table for each of {model}.")
+    for key in {*table} - {"model", "title", "parameters"}:
+        raise InputError(f"{path}: {key} is not known; a plant has model, title and parameters.")
+    for name in parameters:
+        if name not in kind.PARAMETERS:
+            close = get_close_matches(name, kind.PARAMETERS, n=1)
+            meant = f"did you mean {close[0]}" if close else f"{model} has {_listed(kind)}"
+            raise InputError(f"{path}: parameter {name} is not known; {meant}.")
+    for name, quantity in kind.PARAMETERS.items():
+        if name not in parameters:
+            raise InputError(
+                f"{path} lacks the parameter {name} ({quantity.meaning}); give it a value and the "
+                f"unit {quantity.unit}."
+            )
+    given = {
+        name: _given(path, name, parameters[name], quantity)
+        for name, quantity in kind.PARAMETERS.items()
+    }
+    return PlantFile(str(table.get("title", path.stem)), _plant(path, kind, given), given)
+
+
+def _toml(path: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read ({error}); name a TOML file.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is no TOML file: {error}.") from None
+
+
+def _listed(kind: type[Plant]) -> str:
+    return ", ".join(kind.PARAMETERS)
+
+
+def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
+    if not isinstance(table, dict) or "value" not in table or "unit" not in table:
+        raise InputError(
+            f"{path}: parameter {name} needs a value and a unit, such as value = 1.0 and unit = "
+            f'"{quantity.unit}".'
+        )
+    for key in {*table} - {*_KEYS}:
+        raise InputError(f"{path}: parameter {name} has {key}; it may have {', '.join(_KEYS)}.")
+    if table["unit"] != quantity.unit:
+        raise InputError(
+            f"{path}: parameter {name} is given in {table['unit']!r}; it must be in "
+            f"{quantity.unit!r}."
+        )
+    values = table["value"] if isinstance(table["value"], list) else [table["value"]]
+    for value in values:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not quantity.lower <= value <= quantity.upper:
+            raise InputError(
+                f"{path}: parameter {name} is {value!r}; it must be a number from "
+                f"{quantity.lower:g} to {quantity.upper:g} {quantity.unit}."
+            )
+    if not values:
+        raise InputError(f"{path}: parameter {name} has no value; give at least one number.")
+    tag, source = str(table.get("tag", "")), str(table.get("source", ""))
+    if tag and tag not in TAGS:
+        raise InputError(f"{path}: parameter {name} has the tag {tag}; use {', '.join(TAGS)}.")
+    return Given(tuple(map(float, values)), quantity.unit, tag, source)
+
+
+def _plant(path: Path, kind: type[Plant], given: Mapping[str, Given]) -> Plant:
+    """The parameters of axles as arrays of the same length, the others as scalars."""
+    axles = math.lcm(1, *(len(given[name].value) for name in kind.PER_AXLE))
+    numbers = {}
+    for name, parameter in given.items():
+        count = len(parameter.value)
+        if name in kind.PER_AXLE and count in (1, axles):
+            numbers[name] = jnp.asarray(np.broadcast_to(parameter.value, axles))
+        elif name not in kind.PER_AXLE and count == 1:
+            numbers[name] = jnp.asarray(parameter.value[0])
+        else:
+            right = f"one value or {axles}, one an axle" if name in kind.PER_AXLE else "one value"
+            raise InputError(f"{path}: parameter {name} has {count} values; give {right}.")
+    return kind(**numbers)

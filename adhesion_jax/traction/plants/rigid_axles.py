@@ -1,0 +1,136 @@
+"""Axles that do not twist, each with a motor and a gear: the plants of Fang et al. and of HXD1F."""
+
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.plants.base import (
+    DRIVE,
+    GRAVITY,
+    Held,
+    Plant,
+    Powers,
+    Quantity,
+    against_motion,
+    lagging,
+)
+
+
+class RigidState(NamedTuple):
+    """Speeds in rad/s and m/s, torque in N m."""
+
+    motor_speed: Float[Array, " axles"]
+    train_speed: Float[Array, ""]
+    torque: Float[Array, " axles"]
+
+
+class _Motion(NamedTuple):
+    """What follows from a state."""
+
+    force: Float[Array, " axles"]  # at the rail, N
+    angular: Float[Array, " axles"]  # acceleration of the motor, rad/s^2
+    wheel_torque: Float[Array, " axles"]  # that the gear hands to the wheelset, N m
+    gear_torque: Float[Array, " axles"]  # that the motor hands to the gear, N m
+
+
+class RigidAxles(Plant):
+    """Jm dw = T - T_g, Jw dw/i = T_w - r F, M dV = n sum F - R(V) - M g sin(slope).
+
+    w is the speed of the motor, i the gear ratio, v_s = r w/i - V, F = mu(v_s) W g. The gear hands
+    on T_w = i eta T_g where the motor drives the wheel and T_w = i T_g/eta where the wheel drives
+    the motor, so that its loss is never negative: which of them, the sign of (Jw T/(i Jm) + r F) w
+    tells without eta. R = M (a + b V + c V^2) with V in km/h. Each axle stands for n alike.
+
+    After Fang et al. 2018, Energies 11, Eq. 1 to 3, which have the loss in the load alone, and
+    "Optimal Utilization of Adhesion Force ...", J. Adv. Transport. 2019, 6270515.
+    """
+
+    wheel_radius: Float[Array, " axles"]
+    axle_load: Float[Array, " axles"]
+    gear_ratio: Float[Array, ""]
+    gear_efficiency: Float[Array, ""]
+    motor_inertia: Float[Array, ""]
+    wheelset_inertia: Float[Array, ""]
+    train_mass: Float[Array, ""]
+    axles_alike: Float[Array, ""]
+    resistance_a: Float[Array, ""]
+    resistance_b: Float[Array, ""]
+    resistance_c: Float[Array, ""]
+    torque_limit: Float[Array, ""]
+    power_limit: Float[Array, ""]
+    torque_lag: Float[Array, ""]
+    dead_time: Float[Array, ""]
+
+    PER_AXLE: ClassVar[tuple[str, ...]] = ("wheel_radius", "axle_load")
+    PARAMETERS: ClassVar[Mapping[str, Quantity]] = {
+        "wheel_radius": Quantity("m", 0.1, 2.0, "radius of the wheels of each axle"),
+        "axle_load": Quantity("kg", 1.0, 1e5, "mass that each axle bears"),
+        "gear_ratio": Quantity("1", 0.1, 100.0, "motor speed over wheel speed"),
+        "gear_efficiency": Quantity("1", 0.1, 1.0, "of the gear"),
+        "motor_inertia": Quantity("kg m^2", 1e-3, 1e5, "of motor and pinion"),
+        "wheelset_inertia": Quantity("kg m^2", 1e-3, 1e5, "of wheels, axle and wheel of the gear"),
+        "train_mass": Quantity("kg", 1.0, 1e9, "of the train, or of its share of these axles"),
+        "axles_alike": Quantity("1", 1.0, 1000.0, "axles that each axle stands for"),
+        "resistance_a": Quantity("N/kg", 0.0, 1.0, "running resistance at rest"),
+        "resistance_b": Quantity("N/kg/(km/h)", 0.0, 1.0, "its growth with speed"),
+        "resistance_c": Quantity("N/kg/(km/h)^2", 0.0, 1.0, "its growth with the squared speed"),
+        **DRIVE,
+    }
+
+    def init(
+        self, motor_speed: Float[Array, " axles"], train_speed: Float[Array, ""]
+    ) -> RigidState:
+        return RigidState(motor_speed, train_speed, jnp.zeros_like(motor_speed))
+
+    def derivative(self, state: RigidState, held: Held) -> RigidState:
+        motion = self._motion(state, held)
+        pull = self.axles_alike * jnp.sum(motion.force)
+        against = self._resistance(state.train_speed)
+        downhill = self.train_mass * GRAVITY * jnp.sin(held.slope)
+        return RigidState(
+            motion.angular,
+            (pull - against - downhill) / self.train_mass,
+            lagging(self, state.torque, held.command),
+        )
+
+    def motor_speed(self, state: RigidState) -> Float[Array, " axles"]:
+        return state.motor_speed
+
+    def slip_velocity(self, state: RigidState) -> Float[Array, " axles"]:
+        return self.wheel_radius * state.motor_speed / self.gear_ratio - state.train_speed
+
+    def energy(self, state: RigidState) -> Float[Array, ""]:
+        inertia = self.motor_inertia + self.wheelset_inertia / self.gear_ratio**2
+        turning = 0.5 * inertia * jnp.sum(state.motor_speed**2)
+        return self.axles_alike * turning + 0.5 * self.train_mass * state.train_speed**2
+
+    def powers(self, state: RigidState, held: Held) -> Powers:
+        motion = self._motion(state, held)
+        into = motion.gear_torque - motion.wheel_torque / self.gear_ratio
+        return Powers(
+            motor=self.axles_alike * jnp.sum(state.torque * state.motor_speed),
+            slip=self.axles_alike * jnp.sum(motion.force * self.slip_velocity(state)),
+            gear=self.axles_alike * jnp.sum(into * state.motor_speed),
+            shaft=jnp.zeros(()),
+            resistance=self._resistance(state.train_speed) * state.train_speed,
+            slope=self.train_mass * GRAVITY * jnp.sin(held.slope) * state.train_speed,
+        )
+
+    def _motion(self, state: RigidState, held: Held) -> _Motion:
+        adhesion = held.surface(self.slip_velocity(state), state.train_speed)
+        force = adhesion * self.axle_load * GRAVITY
+        load = self.wheel_radius * force
+        inertia = self.wheelset_inertia / self.gear_ratio
+        handed = (inertia * state.torque / self.motor_inertia + load) * state.motor_speed
+        efficiency = jnp.where(handed >= 0, self.gear_efficiency, 1 / self.gear_efficiency)
+        through = self.gear_ratio * efficiency
+        angular = (state.torque - load / through) / (self.motor_inertia + inertia / through)
+        wheel_torque = inertia * angular + load
+        return _Motion(force, angular, wheel_torque, wheel_torque / through)
+
+    def _resistance(self, train_speed: Float[Array, ""]) -> Float[Array, ""]:
+        speed = 3.6 * jnp.abs(train_speed)
+        each = self.resistance_a + speed * (self.resistance_b + speed * self.resistance_c)
+        return against_motion(self.train_mass * each, train_speed)
