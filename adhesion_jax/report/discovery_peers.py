@@ -123,8 +123,8 @@ def draw_peers(path: Path, rows: pd.DataFrame) -> None:
     axes.grid(axis="y", color="0.9")
     axes.set(
         xlim=(-0.33, 1.08),
-        xlabel="share of the removable squared error removed on held-out runs (1); "
-        "left edge: -.3 or less",
+        xlabel="share of the removable squared error removed\n"
+        "on held-out runs (1); left edge: -.3 or less",
         ylabel="set: planted effects",
     )
     figure.legend(loc="outside upper center", ncols=len(methods))
