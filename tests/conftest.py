@@ -17,6 +17,10 @@ settings.load_profile("repeatable")
 _LEVEL = "--xla_backend_optimization_level=0"
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_LEVEL}".strip()
 
+# There are as many workers as cores: more threads than that wait for each other by turning.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
 
 

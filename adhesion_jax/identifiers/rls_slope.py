@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
 from adhesion_jax.identifiers.online import over_fresh_samples
+from adhesion_jax.optim.recursive_slope import slope_step
 from adhesion_jax.records import Known, Record
 from adhesion_jax.scenarios import Scenario
 
@@ -100,24 +101,21 @@ class RecursiveSlope(Identifier):
         y = jnp.where(first, 0.0, rise * (adhesion - state.adhesion))
         phi = jnp.where(first, 0.0, rise * (slip_velocity - state.slip_velocity))
 
-        scale = 1 + phi**2 * state.p
-        gain = state.p * phi / scale
-        innovation = y - state.theta * phi
-        theta = state.theta + gain * innovation
-        kappa = 1 / (1 + self.gamma * phi**2)
+        found = slope_step(state.theta, state.p, y, phi, self.gamma)
+        gain, innovation = found.gain, found.innovation
 
         # The noise of y is rise (e - u), e that of the sample; that of the innovation, less d phi.
-        kept, keep = 1 / scale, 1 - share
+        kept, keep = 1 / found.scale, 1 - share
         uu, ud, dd = state.uu, state.ud, state.dd
         unit = rise**2 * (1 + uu) + phi**2 * dd + 2 * rise * phi * ud
         taken = SlopeState(
             time=time,
             adhesion=state.adhesion + span * y,
             slip_velocity=state.slip_velocity + span * phi,
-            theta=theta,
-            p=state.p / (scale * kappa),
-            kappa=kappa,
-            residual=y - theta * phi,
+            theta=found.theta,
+            p=found.p,
+            kappa=found.kappa,
+            residual=y - found.theta * phi,
             uu=keep**2 * uu + share**2,
             ud=keep * (kept * ud - gain * rise * uu) + share * gain * rise,
             dd=kept**2 * dd - 2 * kept * gain * rise * ud + (gain * rise) ** 2 * (1 + uu),

@@ -5,9 +5,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Law
+from adhesion_jax.curves.base import SLIP_LIMIT, Peak
 
 #: Below this speed in m/s a slip ratio is taken as if the train had it: a ratio has no bound there.
 _SLOWEST = 0.5
+
+#: Largest slip velocity in m/s that a peak is looked for at.
+SLIP_VELOCITY_LIMIT = 5.0
 
 
 class Surface(eqx.Module):
@@ -23,5 +27,17 @@ class Surface(eqx.Module):
     def __call__(
         self, slip_velocity: Float[Array, "*contacts"], train_speed: Float[Array, ""]
     ) -> Float[Array, "*contacts"]:
-        per = jnp.maximum(jnp.abs(train_speed), _SLOWEST) if self.in_ratio else 1.0
+        per = _per(train_speed) if self.in_ratio else 1.0
         return self.law(slip_velocity / per, {"vehicle_speed_mps": train_speed})
+
+    def peak(self, train_speed: Float[Array, ""]) -> Peak:
+        """The largest adhesion in traction, and the slip velocity that it needs."""
+        conditions = {"vehicle_speed_mps": train_speed}
+        if not self.in_ratio:
+            return self.law.peak(conditions, SLIP_VELOCITY_LIMIT)
+        found = self.law.peak(conditions, SLIP_LIMIT)
+        return found._replace(slip=found.slip * _per(train_speed))
+
+
+def _per(train_speed: Float[Array, ""]) -> Float[Array, ""]:
+    return jnp.maximum(jnp.abs(train_speed), _SLOWEST)

@@ -218,6 +218,21 @@ def test_a_plant_of_ones_own_is_read_from_its_file(tmp_path):
     assert {given.tag for given in read_plant(path).given.values()} <= {*TAGS}
 
 
+def test_a_plant_may_be_like_one_that_ships(tmp_path):
+    path = tmp_path / "light.toml"
+    path.write_text('like = "hxd1f"\n[parameters.axle_load]\nvalue = 25000.0\nunit = "kg"\n')
+    found, base = read_plant(path), read_plant(shipped()["hxd1f"])
+    assert found.plant.axle_load.tolist() == [25000.0]
+    assert found.given["axle_load"].source == ""
+    assert {**found.given, "axle_load": None} == {**base.given, "axle_load": None}
+    path.write_text('like = "hxd2"\n')
+    with pytest.raises(InputError, match=r"like 'hxd2' is not known; name fang2018 or"):
+        read_plant(path)
+    path.write_text('like = "hxd1f"\nmodel = "rigid-axles"\n')
+    with pytest.raises(InputError, match="has both like and model"):
+        read_plant(path)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -231,7 +246,11 @@ def test_a_plant_of_ones_own_is_read_from_its_file(tmp_path):
         ("value = 30000.0", "mass = 30000.0", "axle_load needs a value and a unit"),
         ('tag = "P"', 'tag = "X"', "axle_load has the tag X"),
         ('model = "rigid-axles"', 'model = "monorail"', "the model 'monorail' is not known"),
-        ('title = "', 'name = "', "name is not known; a plant has model, title and parameters"),
+        (
+            'title = "',
+            'name = "',
+            "name is not known; a plant has model or like, title and parameters",
+        ),
         ("[parameters.train_mass]", "[parameters.train_mass", "is no TOML file"),
     ],
 )

@@ -58,15 +58,20 @@ DRIVE: Mapping[str, Quantity] = {
 class Plant(eqx.Module):
     """The equations of motion of a train; its fields are its parameters, which PARAMETERS describe.
 
-    Plants are given and give arrays [axles] for what each axle has.
+    Plants are given and give arrays [axles] for what each axle has. A state has the fields
+    `train_speed` and `torque`. What control is told of a train is a plant too: its properties and
+    the methods that take no state are what observers and controllers compute with.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Quantity]]
     PER_AXLE: ClassVar[tuple[str, ...]]  # parameters that may differ from axle to axle
 
+    gear_ratio: eqx.AbstractVar[Float[Array, ""]]
+    axles_alike: eqx.AbstractVar[Float[Array, ""]]
     torque_limit: eqx.AbstractVar[Float[Array, ""]]
     power_limit: eqx.AbstractVar[Float[Array, ""]]
     torque_lag: eqx.AbstractVar[Float[Array, ""]]
+    dead_time: eqx.AbstractVar[Float[Array, ""]]
 
     @abstractmethod
     def init(self, motor_speed: Float[Array, " axles"], train_speed: Float[Array, ""]) -> Any:
@@ -85,12 +90,49 @@ class Plant(eqx.Module):
         """Of each contact of wheel and rail in m/s: circumferential speed less train speed."""
 
     @abstractmethod
+    def force(self, state: Any, held: Held) -> Float[Array, "*contacts"]:
+        """At the rail in N, of each contact of one axle of those that are alike."""
+
+    @abstractmethod
     def energy(self, state: Any) -> Float[Array, ""]:
         """Kinetic and elastic energy of the whole train in J."""
 
     @abstractmethod
     def powers(self, state: Any, held: Held) -> Powers:
         """The energy changes by `motor` less all others."""
+
+    @property
+    @abstractmethod
+    def inertia(self) -> Float[Array, " axles"]:
+        """J in J dw = T - T_L at the motor of an axle in traction, kg m^2."""
+
+    @property
+    @abstractmethod
+    def radius(self) -> Float[Array, " axles"]:
+        """Of the wheel that the motor's speed tells of, m."""
+
+    @abstractmethod
+    def adhesion_of(self, load: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        """The adhesion at which the rail loads the motor with T_L, in N m; odd."""
+
+    @abstractmethod
+    def load_of(self, adhesion: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        """The inverse of `adhesion_of`."""
+
+    @abstractmethod
+    def acceleration(
+        self, adhesion: Float[Array, " axles"], train_speed: Float[Array, ""]
+    ) -> Float[Array, ""]:
+        """Of the train on level track, m/s^2."""
+
+    def circumferential(self, motor_speed: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        """Speed of the wheel at its rim in m/s."""
+        return self.radius * motor_speed / self.gear_ratio
+
+    def adhesion(self, state: Any, held: Held) -> Float[Array, " axles"]:
+        """Of each axle: the mean of its contacts."""
+        found = held.surface(self.slip_velocity(state), state.train_speed)
+        return jnp.mean(found.reshape(-1, found.shape[-1]), axis=0)
 
 
 def limited(

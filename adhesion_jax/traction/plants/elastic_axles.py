@@ -94,7 +94,7 @@ class ElasticAxles(Plant):
         return ElasticState(wheel, wheel, nothing, train_speed, nothing)
 
     def derivative(self, state: ElasticState, held: Held) -> ElasticState:
-        right, left = self._forces(state, held)
+        right, left = self.force(state, held)
         driven = self.gear_ratio * self._efficiency(state) * state.torque
         shaft = self.shaft_stiffness * state.twist
         shaft = shaft + self.shaft_damping * (state.right - state.left)
@@ -115,6 +115,10 @@ class ElasticAxles(Plant):
         right = self.radius_right * state.right - state.train_speed
         return jnp.stack([right, self.radius_left * state.left - state.train_speed])
 
+    def force(self, state: ElasticState, held: Held) -> Float[Array, "sides axles"]:
+        adhesion = held.surface(self.slip_velocity(state), state.train_speed)
+        return adhesion * self.wheel_load * GRAVITY
+
     def energy(self, state: ElasticState) -> Float[Array, ""]:
         turning = self._beside_gear * state.right**2 + self.wheel_inertia * state.left**2
         twisted = self.shaft_stiffness * state.twist**2
@@ -122,7 +126,7 @@ class ElasticAxles(Plant):
         return 0.5 * self.axles_alike * jnp.sum(turning + twisted) + moving
 
     def powers(self, state: ElasticState, held: Held) -> Powers:
-        forces = self._forces(state, held)
+        forces = self.force(state, held)
         motor = state.torque * self.motor_speed(state)
         damped = self.shaft_damping * jnp.sum((state.right - state.left) ** 2)
         return Powers(
@@ -135,6 +139,32 @@ class ElasticAxles(Plant):
         )
 
     @property
+    def inertia(self) -> Float[Array, " axles"]:
+        wheelset = self._beside_gear + self.wheel_inertia
+        return jnp.broadcast_to(wheelset / self.gear_ratio**2, self.wheel_load.shape)
+
+    @property
+    def radius(self) -> Float[Array, " axles"]:
+        return self.radius_right
+
+    def adhesion_of(self, load: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        return load / self._load_per_adhesion
+
+    def load_of(self, adhesion: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        return adhesion * self._load_per_adhesion
+
+    def acceleration(
+        self, adhesion: Float[Array, " axles"], train_speed: Float[Array, ""]
+    ) -> Float[Array, ""]:
+        pull = 2 * self.axles_alike * jnp.sum(adhesion * self.wheel_load * GRAVITY)
+        return (pull - self._resistance(train_speed)) / self.dynamic_mass
+
+    @property
+    def _load_per_adhesion(self) -> Float[Array, " axles"]:
+        both = (self.radius_right + self.radius_left) * self.wheel_load * GRAVITY
+        return both / (self.gear_ratio * self.gear_efficiency)
+
+    @property
     def _beside_gear(self) -> Float[Array, ""]:
         own = self.gear_inertia + self.wheel_inertia + self.axle_inertia + self.brake_inertia
         return self.gear_ratio**2 * self.motor_inertia + own
@@ -143,10 +173,6 @@ class ElasticAxles(Plant):
         """Of the gear: where the wheel drives the motor, the motor feels less than it brakes."""
         drives = state.torque * state.right >= 0
         return jnp.where(drives, self.gear_efficiency, 1 / self.gear_efficiency)
-
-    def _forces(self, state: ElasticState, held: Held) -> Float[Array, "sides axles"]:
-        adhesion = held.surface(self.slip_velocity(state), state.train_speed)
-        return adhesion * self.wheel_load * GRAVITY
 
     def _resistance(self, train_speed: Float[Array, ""]) -> Float[Array, ""]:
         speed, tonnes = 3.6 * jnp.abs(train_speed), self.static_mass / 1000

@@ -52,8 +52,11 @@ def shipped() -> Mapping[str, Path]:
 
 
 def read_plant(path: Path) -> PlantFile:
-    """The plant of a file. InputError, a sentence that names file and parameter, if it has none."""
-    table = _toml(path)
+    """The plant of a file; with `like`, a shipped plant but for what the file gives.
+
+    InputError, a sentence that names file and parameter, if it has none.
+    """
+    table = _with_what_it_is_like(path, _toml(path))
     model = str(table.get("model", ""))
     if model not in MODELS:
         raise InputError(f"{path}: the model {model!r} is not known; name {' or '.join(MODELS)}.")
@@ -62,7 +65,9 @@ def read_plant(path: Path) -> PlantFile:
     if not isinstance(parameters, dict):
         raise InputError(f"{path} has no [parameters]; give a table for each of {model}.")
     for key in {*table} - {"model", "title", "parameters"}:
-        raise InputError(f"{path}: {key} is not known; a plant has model, title and parameters.")
+        raise InputError(
+            f"{path}: {key} is not known; a plant has model or like, title and parameters."
+        )
     for name in parameters:
         if name not in kind.PARAMETERS:
             close = get_close_matches(name, kind.PARAMETERS, n=1)
@@ -88,6 +93,22 @@ def _toml(path: Path) -> Mapping[str, Any]:
         raise InputError(f"{path} cannot be read ({error}); name a TOML file.") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is no TOML file: {error}.") from None
+
+
+def _with_what_it_is_like(path: Path, table: Mapping[str, Any]) -> Mapping[str, Any]:
+    if "like" not in table:
+        return table
+    name = table["like"]
+    if name not in shipped():
+        raise InputError(f"{path}: like {name!r} is not known; name {' or '.join(shipped())}.")
+    if "model" in table:
+        raise InputError(f"{path} has both like and model; a plant like {name} has its model.")
+    base = _with_what_it_is_like(shipped()[name], _toml(shipped()[name]))
+    own = table.get("parameters", {})
+    if not isinstance(own, dict):
+        raise InputError(f"{path} has no [parameters]; give a table for each that differs.")
+    rest = {key: value for key, value in table.items() if key not in ("like", "parameters")}
+    return {**base, **rest, "parameters": {**base["parameters"], **own}}
 
 
 def _listed(kind: type[Plant]) -> str:

@@ -42,6 +42,8 @@ class RigidAxles(Plant):
     on T_w = i eta T_g where the motor drives the wheel and T_w = i T_g/eta where the wheel drives
     the motor, so that its loss is never negative: which of them, the sign of (Jw T/(i Jm) + r F) w
     tells without eta. R = M (a + b V + c V^2) with V in km/h. Each axle stands for n alike.
+    An axle bears Q_j = W_j g - t_j F, F the force of all axles of its unit (a locomotive): what
+    the leading axles lose by the moment of the tractive force, the last gain.
 
     After Fang et al. 2018, Energies 11, Eq. 1 to 3, which have the loss in the load alone, and
     "Optimal Utilization of Adhesion Force ...", J. Adv. Transport. 2019, 6270515.
@@ -55,6 +57,8 @@ class RigidAxles(Plant):
     wheelset_inertia: Float[Array, ""]
     train_mass: Float[Array, ""]
     axles_alike: Float[Array, ""]
+    load_transfer: Float[Array, " axles"]
+    axles_in_unit: Float[Array, ""]
     resistance_a: Float[Array, ""]
     resistance_b: Float[Array, ""]
     resistance_c: Float[Array, ""]
@@ -63,7 +67,7 @@ class RigidAxles(Plant):
     torque_lag: Float[Array, ""]
     dead_time: Float[Array, ""]
 
-    PER_AXLE: ClassVar[tuple[str, ...]] = ("wheel_radius", "axle_load")
+    PER_AXLE: ClassVar[tuple[str, ...]] = ("wheel_radius", "axle_load", "load_transfer")
     PARAMETERS: ClassVar[Mapping[str, Quantity]] = {
         "wheel_radius": Quantity("m", 0.1, 2.0, "radius of the wheels of each axle"),
         "axle_load": Quantity("kg", 1.0, 1e5, "mass that each axle bears"),
@@ -73,6 +77,8 @@ class RigidAxles(Plant):
         "wheelset_inertia": Quantity("kg m^2", 1e-3, 1e5, "of wheels, axle and wheel of the gear"),
         "train_mass": Quantity("kg", 1.0, 1e9, "of the train, or of its share of these axles"),
         "axles_alike": Quantity("1", 1.0, 1000.0, "axles that each axle stands for"),
+        "load_transfer": Quantity("1", -1.0, 1.0, "load an axle loses per force of its unit"),
+        "axles_in_unit": Quantity("1", 1.0, 1000.0, "axles that share a frame, in their order"),
         "resistance_a": Quantity("N/kg", 0.0, 1.0, "running resistance at rest"),
         "resistance_b": Quantity("N/kg/(km/h)", 0.0, 1.0, "its growth with speed"),
         "resistance_c": Quantity("N/kg/(km/h)^2", 0.0, 1.0, "its growth with the squared speed"),
@@ -101,6 +107,17 @@ class RigidAxles(Plant):
     def slip_velocity(self, state: RigidState) -> Float[Array, " axles"]:
         return self.wheel_radius * state.motor_speed / self.gear_ratio - state.train_speed
 
+    def force(self, state: RigidState, held: Held) -> Float[Array, " axles"]:
+        adhesion = held.surface(self.slip_velocity(state), state.train_speed)
+        at_rest = adhesion * self.axle_load * GRAVITY
+        if len(self.axle_load) == 1:
+            return at_rest / (1 + adhesion * self.load_transfer)
+        unit = jnp.arange(len(self.axle_load)) // self.axles_in_unit
+        together = unit[:, None] == unit
+        of_unit = jnp.sum(together * at_rest, axis=1)
+        of_unit = of_unit / (1 + jnp.sum(together * adhesion * self.load_transfer, axis=1))
+        return at_rest - adhesion * self.load_transfer * of_unit
+
     def energy(self, state: RigidState) -> Float[Array, ""]:
         inertia = self.motor_inertia + self.wheelset_inertia / self.gear_ratio**2
         turning = 0.5 * inertia * jnp.sum(state.motor_speed**2)
@@ -118,9 +135,34 @@ class RigidAxles(Plant):
             slope=self.train_mass * GRAVITY * jnp.sin(held.slope) * state.train_speed,
         )
 
+    @property
+    def inertia(self) -> Float[Array, " axles"]:
+        wheelset = self.wheelset_inertia / (self.gear_ratio**2 * self.gear_efficiency)
+        return jnp.broadcast_to(self.motor_inertia + wheelset, self.axle_load.shape)
+
+    @property
+    def radius(self) -> Float[Array, " axles"]:
+        return self.wheel_radius
+
+    def adhesion_of(self, load: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        return load / self._load_per_adhesion(load)
+
+    def load_of(self, adhesion: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        return adhesion * self._load_per_adhesion(adhesion)
+
+    def acceleration(
+        self, adhesion: Float[Array, " axles"], train_speed: Float[Array, ""]
+    ) -> Float[Array, ""]:
+        pull = self.axles_alike * jnp.sum(adhesion * self.axle_load * GRAVITY)
+        return (pull - self._resistance(train_speed)) / self.train_mass
+
+    def _load_per_adhesion(self, sign: Float[Array, " axles"]) -> Float[Array, " axles"]:
+        """T_L = r F/(i eta) in traction, r F eta/i in braking."""
+        efficiency = jnp.where(sign >= 0, self.gear_efficiency, 1 / self.gear_efficiency)
+        return self.wheel_radius * self.axle_load * GRAVITY / (self.gear_ratio * efficiency)
+
     def _motion(self, state: RigidState, held: Held) -> _Motion:
-        adhesion = held.surface(self.slip_velocity(state), state.train_speed)
-        force = adhesion * self.axle_load * GRAVITY
+        force = self.force(state, held)
         load = self.wheel_radius * force
         inertia = self.wheelset_inertia / self.gear_ratio
         handed = (inertia * state.torque / self.motor_inertia + load) * state.motor_speed

@@ -1,0 +1,49 @@
+"""The adaptive robust re-adhesion controller of Uyulan et al. 2018."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.controllers.base import Controller, Scalar, following
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Reference, Signals
+
+
+class AdaptiveRobustState(NamedTuple):
+    bound: Float[Array, " axles"]  # kappa^
+
+
+class AdaptiveRobust(Controller):
+    """T = -k0 e - kappa^ phi sat(e/layer), e = v_s - v*, phi = 1 + p |V| + q V^2 + |dv*|,
+    dkappa^ = sigma |e| phi outside the layer (Eq. 25, 28 and 29).
+
+    sat, a straight line within +- layer, and the rest there stand for the paper's sign: kappa^
+    would grow for ever by the chattering. p and q are not printed.
+    """
+
+    gain: Scalar  # k0, N s
+    adaptation: Scalar  # sigma
+    linear: Scalar  # p, s/m
+    square: Scalar  # q, s^2/m^2
+    layer: Scalar  # m/s
+
+    def init(self, nominal: Plant, signals: Signals) -> AdaptiveRobustState:
+        return AdaptiveRobustState(jnp.zeros_like(signals.slip))
+
+    def update(
+        self,
+        state: AdaptiveRobustState,
+        nominal: Plant,
+        signals: Signals,
+        reference: Reference | None,
+        period: float,
+    ) -> tuple[AdaptiveRobustState, Float[Array, " axles"]]:
+        asked = following(reference)
+        error = signals.slip - asked.slip
+        speed = signals.train_speed
+        size = 1 + self.linear * jnp.abs(speed) + self.square * speed**2 + jnp.abs(asked.rate)
+        torque = -self.gain * error - state.bound * size * jnp.clip(error / self.layer, -1.0, 1.0)
+        outside = jnp.abs(error) > self.layer
+        growth = self.adaptation * jnp.abs(error) * size * outside
+        return AdaptiveRobustState(state.bound + period * growth), torque

@@ -1,0 +1,50 @@
+"""The controller of the HXD1F paper: an asymmetric barrier Lyapunov function."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.controllers.base import (
+    Controller,
+    Scalar,
+    direction,
+    following,
+    torque_for,
+)
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Reference, Signals
+
+#: The error counts as no nearer to the end of its interval than this share of it.
+_NEAREST = 0.95
+
+
+class Barrier(Controller):
+    """T = T_L + (i J/r)[dV + dv* - k z/(1 - z^2/k_z^2)], z = v_s - v*, k_z = kb for z > 0, else ka.
+
+    Without noise, lag or limits z stays in (-ka, kb) (Theorem 7). The equations are reconstructed:
+    the source's are lost in print. Source: "Optimal Utilization of Adhesion Force ...", J. Adv.
+    Transport. 2019, 6270515.
+    """
+
+    gain: Scalar  # k, 1/s
+    below: Scalar  # ka, m/s
+    above: Scalar  # kb, m/s
+    least: Scalar  # torque, as a share of the largest
+
+    def init(self, nominal: Plant, signals: Signals) -> tuple[()]:
+        return ()
+
+    def update(
+        self,
+        state: tuple[()],
+        nominal: Plant,
+        signals: Signals,
+        reference: Reference | None,
+        period: float,
+    ) -> tuple[tuple[()], Float[Array, " axles"]]:
+        asked, sign = following(reference), direction(signals)
+        error = sign * (signals.slip - asked.slip)
+        share = error / jnp.where(error > 0, self.above, self.below)
+        share = jnp.clip(share, -_NEAREST, _NEAREST)
+        wanted = asked.rate - sign * self.gain * error / (1 - share**2)
+        torque = sign * torque_for(nominal, signals, wanted)
+        return state, sign * jnp.maximum(torque, self.least * nominal.torque_limit)

@@ -1,0 +1,62 @@
+"""What a controller is: it commands the torque of each motor at every control sample."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Reference, Signals
+
+Scalar = float | Float[Array, "..."]
+
+
+class Controller(eqx.Module):
+    """Its fields are settings; numbers among them may differ without a new compilation.
+
+    One that follows a slip goes with a seeker; another is a whole law by itself. What it commands
+    is lowered to the driver's demand and kept within the limits of the drive by the loop.
+    """
+
+    FOLLOWS: ClassVar[bool] = True  # whether it follows the slip that a seeker asks for
+
+    @abstractmethod
+    def init(self, nominal: Plant, signals: Signals) -> Any:
+        """The state before the first control sample."""
+
+    @abstractmethod
+    def update(
+        self,
+        state: Any,
+        nominal: Plant,
+        signals: Signals,
+        reference: Reference | None,
+        period: float,
+    ) -> tuple[Any, Float[Array, " axles"]]:
+        """At a control sample, one `period` in s after the last: the torques in N m."""
+
+
+def direction(signals: Signals) -> Float[Array, " axles"]:
+    """1 in traction, -1 in braking: laws are written for traction, in braking all signs turn."""
+    return jnp.where(signals.demand < 0, -1.0, 1.0)
+
+
+def torque_for(
+    nominal: Plant, signals: Signals, acceleration: Float[Array, " axles"]
+) -> Float[Array, " axles"]:
+    """The torque at which slip changes at a rate in m/s^2: T_L + (i J/r)(dv_s + dV).
+
+    dV is the acceleration of the train that the adhesion observed gives it.
+    """
+    train = nominal.acceleration(signals.adhesion, signals.train_speed)
+    turning = nominal.gear_ratio * nominal.inertia / nominal.radius
+    return signals.load + turning * (acceleration + train)
+
+
+def following(reference: Reference | None) -> Reference:
+    """The reference of a controller that has a seeker, as the loop sees to."""
+    if reference is None:
+        raise TypeError("a controller that follows a slip was given no reference")
+    return reference

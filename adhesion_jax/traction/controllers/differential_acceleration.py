@@ -1,0 +1,94 @@
+"""Differential acceleration control: the torque drops when a wheel gains on the train."""
+
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from adhesion_jax.traction.controllers.base import Controller, Scalar, direction
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Reference, Signals
+
+_RAISING, _UNLOADING, _HOLDING, _RECOVERING = 0, 1, 2, 3
+
+
+class DifferentialAccelerationState(NamedTuple):
+    phase: Int[Array, " axles"]
+    torque: Float[Array, " axles"]  # in the driver's direction, N m
+    at_trip: Float[Array, " axles"]  # N m
+    held: Float[Array, " axles"]  # s
+    rim: Float[Array, " axles"]  # speed of the wheel at its rim at the last sample, m/s
+    gaining: Float[Array, " axles"]  # wheel acceleration less that of the train, filtered, m/s^2
+
+
+class DifferentialAcceleration(Controller):
+    """The torque rises along a ramp until d = dv_wheel - dV, filtered, exceeds `trip`; it is
+    unloaded until d < -`released`, held for a time at least and until |d| < `calm`, and recovers,
+    at `haste` times the ramp, to min(`back` T_trip, max(T, T_L)), from where the ramp goes on.
+
+    The HXD1F paper compares with this method and gives none of its numbers: all are assumed.
+    """
+
+    FOLLOWS: ClassVar[bool] = False
+
+    ramp: Scalar  # N m/s
+    trip: Scalar  # m/s^2
+    released: Scalar  # m/s^2
+    calm: Scalar  # m/s^2
+    unloading: Scalar  # shares of the largest torque in a second
+    hold: Scalar  # s
+    haste: Scalar
+    back: Scalar
+    least: Scalar  # torque, as a share of the largest
+    filter_time: Scalar  # s
+
+    def init(self, nominal: Plant, signals: Signals) -> DifferentialAccelerationState:
+        none = jnp.zeros_like(signals.slip)
+        rim = nominal.circumferential(signals.motor_speed)
+        return DifferentialAccelerationState(
+            jnp.zeros_like(none, dtype=int), none, none, none, rim, none
+        )
+
+    def update(
+        self,
+        state: DifferentialAccelerationState,
+        nominal: Plant,
+        signals: Signals,
+        reference: Reference | None,
+        period: float,
+    ) -> tuple[DifferentialAccelerationState, Float[Array, " axles"]]:
+        sign = direction(signals)
+        rim = nominal.circumferential(signals.motor_speed)
+        train = nominal.acceleration(signals.adhesion, signals.train_speed)
+        gaining = sign * ((rim - state.rim) / period - train)
+        share = -jnp.expm1(-period / jnp.asarray(self.filter_time))
+        gaining = state.gaining + share * (gaining - state.gaining)
+
+        load = sign * signals.load
+        goal = jnp.minimum(self.back * state.at_trip, jnp.maximum(state.torque, load))
+        trips = (gaining > self.trip) & ((state.phase == _RAISING) | (state.phase == _RECOVERING))
+        rests = (state.phase == _UNLOADING) & (gaining < -self.released)
+        calms = (state.phase == _HOLDING) & (state.held >= self.hold)
+        calms = calms & (jnp.abs(gaining) < self.calm)
+        there = (state.phase == _RECOVERING) & (state.torque >= goal)
+        phase = jnp.where(there, _RAISING, state.phase)
+        phase = jnp.where(calms, _RECOVERING, phase)
+        phase = jnp.where(rests, _HOLDING, phase)
+        phase = jnp.where(trips, _UNLOADING, phase)
+
+        rising = period * self.ramp
+        torque = state.torque + jnp.where(phase == _RAISING, rising, 0.0)
+        recovered = jnp.minimum(state.torque + self.haste * rising, jnp.maximum(goal, state.torque))
+        torque = jnp.where(phase == _RECOVERING, recovered, torque)
+        unloaded = state.torque - period * self.unloading * nominal.torque_limit
+        torque = jnp.where(phase == _UNLOADING, unloaded, torque)
+        torque = jnp.clip(torque, self.least * nominal.torque_limit, jnp.abs(signals.demand))
+        moved = DifferentialAccelerationState(
+            phase,
+            torque,
+            jnp.where(trips, state.torque, state.at_trip),
+            jnp.where(phase == _HOLDING, state.held + period, 0.0),
+            rim,
+            gaining,
+        )
+        return moved, sign * torque

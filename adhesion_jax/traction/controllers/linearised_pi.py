@@ -1,0 +1,51 @@
+"""Proportional and integral control of slip after feedback linearisation."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.controllers.base import (
+    Controller,
+    Scalar,
+    direction,
+    following,
+    torque_for,
+)
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Reference, Signals
+
+
+class LinearisedPIState(NamedTuple):
+    integral: Float[Array, " axles"]  # of the error, m
+
+
+class LinearisedPI(Controller):
+    """T = T_L + (i J/r)(dV + dv* - k z - k_i int z dt), z = v_s - v*.
+
+    The integral stands still while the torque would leave [least, 1] of the largest.
+    """
+
+    gain: Scalar  # k, 1/s
+    integral_gain: Scalar  # k_i, 1/s^2
+    least: Scalar  # torque, as a share of the largest
+
+    def init(self, nominal: Plant, signals: Signals) -> LinearisedPIState:
+        return LinearisedPIState(jnp.zeros_like(signals.slip))
+
+    def update(
+        self,
+        state: LinearisedPIState,
+        nominal: Plant,
+        signals: Signals,
+        reference: Reference | None,
+        period: float,
+    ) -> tuple[LinearisedPIState, Float[Array, " axles"]]:
+        asked, sign = following(reference), direction(signals)
+        error = signals.slip - asked.slip
+        wanted = asked.rate - self.gain * error - self.integral_gain * state.integral
+        torque = sign * torque_for(nominal, signals, wanted)
+        least = self.least * nominal.torque_limit
+        within = (torque >= least) & (torque <= nominal.torque_limit)
+        integral = state.integral + jnp.where(within, period * error, 0.0)
+        return LinearisedPIState(integral), sign * jnp.maximum(torque, least)

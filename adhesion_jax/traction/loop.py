@@ -1,0 +1,345 @@
+"""The traction loop: a plant, its sensors, an observer, a seeker and a controller, in time.
+
+A run is a scan over samples of the metrics; in each of them over control samples; in each of
+those over steps of the plant, in which the command is held.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from adhesion_jax.errors import InputError
+from adhesion_jax.metrics import closed_loop
+from adhesion_jax.metrics.closed_loop import Sample, Totals
+from adhesion_jax.traction.controllers import Controller
+from adhesion_jax.traction.driver import BRAKING, DONE, Driver, lowered
+from adhesion_jax.traction.integration import RK4_STABLE, rates, rk4
+from adhesion_jax.traction.observers import Observer
+from adhesion_jax.traction.plants.base import Held, Plant, held_by, limited
+from adhesion_jax.traction.rails import Rails
+from adhesion_jax.traction.seekers import Seeker
+from adhesion_jax.traction.sensors import Sensed, Sensors
+from adhesion_jax.traction.signals import Measured, Signals
+
+#: Time between two samples of the metrics in s, or the control period where that is longer.
+SAMPLE = 1e-3
+
+
+T = TypeVar("T")
+
+
+class Loop(eqx.Module):
+    """All that a run is made of; `nominal` is the plant as control knows it.
+
+    Numbers among its fields may differ from run to run without a new compilation.
+    """
+
+    plant: Plant
+    nominal: Plant
+    rails: Rails
+    driver: Driver
+    sensors: Sensors
+    observer: Observer
+    seeker: Seeker | None
+    controller: Controller
+    train_speed: Float[Array, ""]  # at first, m/s
+    slip: Float[Array, " axles"]  # at first, m/s
+    slope: Float[Array, ""]  # of the track, as an angle in rad; positive uphill
+
+
+class Timing(NamedTuple):
+    """The step of the plant in s, and what is counted in what."""
+
+    step: float
+    control: int  # steps in a control period
+    sample: int  # control periods in a sample of the metrics
+    samples: int  # in the run
+    measured: int  # steps from a sample of the sensors to the next
+    dead: int  # control periods from a command to its effect
+
+    @property
+    def control_period(self) -> float:
+        return self.control * self.step
+
+    @property
+    def sample_period(self) -> float:
+        return self.sample * self.control_period
+
+
+class Trace(NamedTuple):
+    """What is drawn of a run: [samples, ...]."""
+
+    time: Float[Array, ""]
+    sample: Sample
+    command: Float[Array, " axles"]
+    motor_speed: Float[Array, " axles"]
+    rim_speed: Float[Array, " axles"]
+    controller: Any  # the state of the controller
+
+
+class _State(NamedTuple):
+    plant: Any
+    sensed: Sensed
+    observer: Any
+    seeker: Any
+    controller: Any
+    mode: Int[Array, ""]
+    steps: Int[Array, ""]
+    waiting: Float[Array, "dead axles"]  # commands on their way
+    command: Float[Array, " axles"]
+    asked: Float[Array, " axles"]
+    totals: Any  # Totals, once the first sample is taken
+
+
+def timing(loop: Loop, step: float, period: float, duration: float) -> Timing:
+    """The grid of a run. InputError where times do not divide, or the step is above a limit."""
+    limit, by = largest_step(loop)
+    if not 0 < step <= limit:
+        raise InputError(
+            f"--step {step:g} s is not possible: {by} allows at most {limit:.3g} s; give less."
+        )
+    control = _whole(period, step, "the control period", "steps")
+    sample = max(round(SAMPLE / (control * step)), 1)
+    measured = 1
+    if loop.sensors.period:
+        measured = _whole(loop.sensors.period, step, "the sampling period of the sensors", "steps")
+        if control % measured and measured % control:
+            raise InputError(
+                f"the sampling period of the sensors, {loop.sensors.period:g} s, neither divides "
+                f"nor is a multiple of the control period of {period:g} s; give one that does."
+            )
+    dead = 0
+    if float(loop.plant.dead_time) > 0:
+        dead = _whole(float(loop.plant.dead_time), period, "the dead time", "control periods")
+    samples = _whole(duration, sample * control * step, "the duration", "samples")
+    return Timing(step, control, sample, samples, measured, dead)
+
+
+def _whole(time: float, unit: float, what: str, units: str) -> int:
+    count = round(time / unit)
+    if count < 1 or abs(count * unit - time) > 1e-9 * max(time, unit):
+        raise InputError(
+            f"{what} of {time:g} s is no whole number of {units} of {unit:g} s; give a multiple."
+        )
+    return count
+
+
+def largest_step(loop: Loop) -> tuple[float, str]:
+    """The largest step of the plant in s, and what it is due to."""
+    fastest = 0.0
+    speed = jnp.maximum(loop.train_speed, 1.0)
+    # At no slip at all the sign of an odd law has no slope.
+    rolling = _motor_speed(loop.plant, speed, jnp.full_like(loop.slip, 1e-6))
+    state = loop.plant.init(rolling, speed)
+    for number in range(loop.rails.segments):
+        surface = loop.rails.surface(jnp.asarray(number))
+        held = Held(jnp.zeros_like(loop.slip), surface, loop.slope)
+        found = rates(lambda state, held=held: loop.plant.derivative(state, held), state)
+        fastest = max(fastest, float(abs(found).max()))
+    by_plant = RK4_STABLE / fastest if fastest > 0 else jnp.inf
+    by_observer = loop.observer.largest_step(loop.nominal)
+    if by_observer < by_plant:
+        return by_observer, "the observer, which is integrated by explicit Euler,"
+    return by_plant, "the plant, which is integrated by RK4,"
+
+
+def check(loop: Loop) -> None:
+    """InputError where a seeker and a controller do not go together."""
+    if loop.controller.FOLLOWS and loop.seeker is None:
+        raise InputError("the controller follows a slip and has no seeker; name one.")
+    if loop.seeker is not None and not loop.controller.FOLLOWS:
+        raise InputError("the controller is a whole law, which follows no seeker; name no seeker.")
+
+
+def run(loop: Loop, grid: Timing, key: PRNGKeyArray) -> Totals:
+    """The totals of one run."""
+    return _through(loop, grid, key, _nothing)[0]
+
+
+def trace(loop: Loop, grid: Timing, key: PRNGKeyArray) -> Trace:
+    """One run as it goes, a row a sample of the metrics."""
+    return _through(loop, grid, key, _seen)[1]
+
+
+def _nothing(loop: Loop, grid: Timing, state: _State, sample: Sample) -> None:
+    """What is kept of each sample of a run that is not drawn."""
+
+
+def _seen(loop: Loop, grid: Timing, state: _State, sample: Sample) -> Trace:
+    motor = loop.plant.motor_speed(state.plant)
+    rim = loop.plant.circumferential(motor)
+    time = state.steps * grid.step
+    return Trace(time, sample, state.command, motor, rim, state.controller)
+
+
+def _through(
+    loop: Loop, grid: Timing, key: PRNGKeyArray, keep: Callable[[Loop, Timing, _State, Sample], T]
+) -> tuple[Totals, T]:
+    """The totals of a run, and what is kept of its samples."""
+
+    def controlled(_: Int[Array, ""], state: _State) -> _State:
+        return _control(loop, grid, state, jax.random.fold_in(key, state.steps))
+
+    def one(state: _State, number: Int[Array, ""]) -> tuple[_State, T]:
+        sample = _sample(loop, state)
+        kept = keep(loop, grid, state, sample)
+        totals = closed_loop.add(state.totals, sample, number, grid.sample_period)
+        state = state._replace(totals=totals)
+        return jax.lax.fori_loop(0, grid.sample, controlled, state), kept
+
+    state, kept = jax.lax.scan(one, _start(loop, grid), jnp.arange(grid.samples))
+    return state.totals, kept
+
+
+def _motor_speed(
+    plant: Plant, train_speed: Float[Array, ""], slip: Float[Array, " axles"]
+) -> Float[Array, " axles"]:
+    return plant.gear_ratio * (train_speed + slip) / plant.radius
+
+
+def _start(loop: Loop, grid: Timing) -> _State:
+    motor = _motor_speed(loop.plant, loop.train_speed, loop.slip)
+    plant = loop.plant.init(motor, loop.train_speed)
+    sensed = loop.sensors.init(loop.nominal, motor, loop.train_speed)
+    none = jnp.zeros_like(motor)
+    mode = loop.driver.update(jnp.zeros((), dtype=int), loop.train_speed)
+    state = _State(
+        plant,
+        sensed,
+        loop.observer.init(loop.nominal, _measured(loop, sensed, none)),
+        None,
+        None,
+        mode,
+        jnp.zeros((), dtype=int),
+        jnp.zeros((grid.dead, motor.size)),
+        none,
+        jnp.full_like(none, jnp.nan),
+        None,
+    )
+    signals = _signals(loop, grid, state)
+    seeker = None if loop.seeker is None else loop.seeker.init(loop.nominal, signals)
+    state = state._replace(seeker=seeker, controller=loop.controller.init(loop.nominal, signals))
+    totals = closed_loop.start(_sample(loop, state), loop.rails.segments, grid.sample_period)
+    return state._replace(totals=totals)
+
+
+def _measured(loop: Loop, sensed: Sensed, load: Float[Array, " axles"]) -> Measured:
+    """What the sensors give, and the true load only to the observer that says it is told."""
+    told = load if loop.observer.TOLD_LOAD else None
+    return Measured(sensed.motor_speed, sensed.train_speed, sensed.slip, told)
+
+
+def _segment(loop: Loop, state: _State) -> Int[Array, ""]:
+    return loop.rails.segment(state.steps, state.plant.train_speed, state.mode == BRAKING)
+
+
+def _held(loop: Loop, state: _State, command: Float[Array, " axles"]) -> Held:
+    return Held(command, loop.rails.surface(_segment(loop, state)), loop.slope)
+
+
+def _optimum(loop: Loop, state: _State) -> tuple[Float[Array, " axles"], Float[Array, " axles"]]:
+    """Slip and adhesion of the peak that each axle could have now, the slip with its sign."""
+    peak = loop.rails.surface(_segment(loop, state)).peak(state.plant.train_speed)
+    sign = jnp.where(state.mode == BRAKING, -1.0, 1.0)
+    shape = state.command.shape
+    return jnp.broadcast_to(sign * peak.slip, shape), jnp.broadcast_to(peak.adhesion, shape)
+
+
+def _signals(loop: Loop, grid: Timing, state: _State) -> Signals:
+    load = loop.observer.load(state.observer, loop.nominal)
+    told = loop.seeker is not None and loop.seeker.TOLD_OPTIMUM
+    return Signals(
+        time=state.steps * grid.step,
+        demand=jnp.broadcast_to(loop.driver.demand(state.mode), load.shape),
+        motor_speed=state.sensed.motor_speed,
+        train_speed=state.sensed.train_speed,
+        slip=state.sensed.slip,
+        torque=state.plant.torque,
+        load=load,
+        adhesion=loop.nominal.adhesion_of(load),
+        slip_beside=loop.observer.slip(state.observer),
+        optimum=_optimum(loop, state)[0] if told else None,
+    )
+
+
+def _sample(loop: Loop, state: _State) -> Sample:
+    held = _held(loop, state, state.command)
+    plant = loop.plant
+    slip, largest = _optimum(loop, state)
+    force = plant.force(state.plant, held)
+    lost = force * plant.slip_velocity(state.plant)
+    load = loop.observer.load(state.observer, loop.nominal)
+    rim = plant.circumferential(plant.motor_speed(state.plant))
+    return Sample(
+        segment=_segment(loop, state),
+        counts=state.mode != DONE,
+        direction=jnp.where(state.mode == BRAKING, -1.0, 1.0),
+        slip=rim - state.plant.train_speed,
+        optimum=slip,
+        adhesion=plant.adhesion(state.plant, held),
+        largest=largest,
+        observed=loop.nominal.adhesion_of(load),
+        asked=state.asked,
+        torque=state.plant.torque,
+        slip_power=plant.axles_alike * jnp.sum(lost),
+        pull=plant.axles_alike * jnp.sum(force),
+        train_speed=state.plant.train_speed,
+    )
+
+
+def _control(loop: Loop, grid: Timing, state: _State, key: PRNGKeyArray) -> _State:
+    """One control sample, and the steps of the plant until the next."""
+    count = max(grid.control // grid.measured, 1)
+    drawn = loop.sensors.draw(key, count, state.command.size)
+    mode = loop.driver.update(state.mode, state.plant.train_speed)
+    sensed = _sensed(loop, grid, state, state.steps % grid.measured == 0, drawn[0])
+    state = state._replace(mode=mode, sensed=sensed)
+
+    signals = _signals(loop, grid, state)
+    seeker, reference, asked = state.seeker, None, state.asked
+    if loop.seeker is not None:
+        seeker, reference = loop.seeker.update(
+            state.seeker, loop.nominal, signals, grid.control_period
+        )
+        asked = reference.slip
+    controller, wanted = loop.controller.update(
+        state.controller, loop.nominal, signals, reference, grid.control_period
+    )
+    waiting = jnp.concatenate([state.waiting, lowered(signals.demand, wanted)[None]])
+    state = state._replace(seeker=seeker, controller=controller, waiting=waiting[1:], asked=asked)
+    acting = waiting[0]
+
+    def stepped(index: Int[Array, ""], state: _State) -> _State:
+        if grid.measured < grid.control:
+            later = (index % grid.measured == 0) & (index > 0)
+            noise = jax.lax.dynamic_index_in_dim(drawn, index // grid.measured, keepdims=False)
+            state = state._replace(sensed=_sensed(loop, grid, state, later, noise))
+        return _stepped(loop, grid, state, acting)
+
+    return jax.lax.fori_loop(0, grid.control, stepped, state)
+
+
+def _sensed(
+    loop: Loop, grid: Timing, state: _State, fresh: Bool[Array, ""], drawn: Float[Array, " speeds"]
+) -> Sensed:
+    speeds = (loop.plant.motor_speed(state.plant), state.plant.train_speed)
+    return loop.sensors.sample(state.sensed, loop.nominal, speeds, fresh, drawn, grid.step)
+
+
+def _stepped(loop: Loop, grid: Timing, state: _State, acting: Float[Array, " axles"]) -> _State:
+    """One step of the plant and of the observer beside it."""
+    plant = loop.plant
+    command = limited(plant, acting, plant.motor_speed(state.plant))
+    held = _held(loop, state, command)
+    before = state.plant._replace(torque=held_by(plant, state.plant.torque, command))
+    load = loop.nominal.load_of(plant.adhesion(before, held))
+    measured = _measured(loop, state.sensed, load)
+    observer = loop.observer.update(
+        state.observer, loop.nominal, measured, before.torque, grid.step
+    )
+    after = rk4(lambda one: plant.derivative(one, held), before, grid.step)
+    return state._replace(plant=after, observer=observer, steps=state.steps + 1, command=command)

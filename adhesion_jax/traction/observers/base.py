@@ -1,0 +1,49 @@
+"""What an observer is: it tells the load of the motor, and so the adhesion, from speed and torque.
+
+One is a module whose fields are its settings, numbers or arrays [axles] that may differ without
+a new compilation. It is asked at every step of the plant.
+"""
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Measured
+
+Scalar = float | Float[Array, "..."]
+
+
+class Observer(eqx.Module):
+    """J dw = T - T_L at the motor of each axle; adhesion is that of the load T_L."""
+
+    TOLD_LOAD: ClassVar[bool] = False  # whether it is given the true load: a yardstick, no observer
+
+    @abstractmethod
+    def init(self, nominal: Plant, measured: Measured) -> Any:
+        """The state at the first measurement, without load."""
+
+    @abstractmethod
+    def update(
+        self,
+        state: Any,
+        nominal: Plant,
+        measured: Measured,
+        torque: Float[Array, " axles"],
+        step: float,
+    ) -> Any:
+        """The state a step of the plant later, by explicit Euler."""
+
+    @abstractmethod
+    def load(self, state: Any, nominal: Plant) -> Float[Array, " axles"]:
+        """The load of each motor, N m."""
+
+    @abstractmethod
+    def slip(self, state: Any) -> Float[Array, " axles"]:
+        """The slip measured, in m/s, with the lag of the load as far as that is a linear one."""
+
+    @abstractmethod
+    def largest_step(self, nominal: Plant) -> float:
+        """The step in seconds beyond which explicit Euler is not stable."""

@@ -1,0 +1,60 @@
+"""The full-dimension state observer with a double pole, after Fang et al. 2018, Eq. 7 and 8."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.observers.base import Observer, Scalar
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Measured
+
+
+class FullDimensionState(NamedTuple):
+    speed: Float[Array, " axles"]  # rad/s
+    load: Float[Array, " axles"]  # N m
+    slip: Float[Array, " axles"]  # m/s, through the same low-pass
+    slip_rate: Float[Array, " axles"]
+
+
+class FullDimension(Observer):
+    """dw^ = 2 p (w^ - w) + (T - T_L^)/J, dT_L^ = J p^2 (w^ - w), p < 0 in 1/s.
+
+    T_L^ is T_L through p^2/(s - p)^2, so that a step is followed to 2 % after 5.83/|p|; the slip
+    passes the same filter.
+    """
+
+    pole: Scalar
+
+    def init(self, nominal: Plant, measured: Measured) -> FullDimensionState:
+        none = jnp.zeros_like(measured.motor_speed)
+        return FullDimensionState(measured.motor_speed, none, measured.slip, none)
+
+    def update(
+        self,
+        state: FullDimensionState,
+        nominal: Plant,
+        measured: Measured,
+        torque: Float[Array, " axles"],
+        step: float,
+    ) -> FullDimensionState:
+        ahead = state.speed - measured.motor_speed
+        turning = 2 * self.pole * ahead + (torque - state.load) / nominal.inertia
+        behind = measured.slip - state.slip
+        bending = self.pole**2 * behind + 2 * self.pole * state.slip_rate
+        return FullDimensionState(
+            state.speed + step * turning,
+            state.load + step * nominal.inertia * self.pole**2 * ahead,
+            state.slip + step * state.slip_rate,
+            state.slip_rate + step * bending,
+        )
+
+    def load(self, state: FullDimensionState, nominal: Plant) -> Float[Array, " axles"]:
+        return state.load
+
+    def slip(self, state: FullDimensionState) -> Float[Array, " axles"]:
+        return state.slip
+
+    def largest_step(self, nominal: Plant) -> float:
+        return 2 / float(np.max(np.abs(self.pole)))

@@ -1,0 +1,63 @@
+"""The nonsingular terminal sliding mode observer of the HXD1F paper, Eq. 20."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.observers.base import Observer, Scalar
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Measured
+
+
+class TerminalSlidingState(NamedTuple):
+    speed: Float[Array, " axles"]  # rad/s
+    push: Float[Array, " axles"]  # u, rad/s^2
+    error: Float[Array, " axles"]  # at the step before, rad/s
+    slip: Float[Array, " axles"]  # m/s
+
+
+class TerminalSliding(Observer):
+    """dw^ = T/J + u, T_L = -J u; e = w - w^, s = lambda e + |de/dt|^(5/3) sgn(de/dt)/beta,
+    du/dt = (3/5) lambda beta |de/dt|^(1/3) sgn(de/dt) + K sgn s.
+
+    de/dt is the backward difference over a step, and u is taken at its end: w^ by the u before it
+    chatters at the step. The equations are reconstructed: the source's
+    are lost in print. Source: "Optimal Utilization of Adhesion Force ...", J. Adv. Transport.
+    2019, 6270515.
+    """
+
+    surface_gain: Scalar  # lambda, of e
+    rate_gain: Scalar  # beta
+    switching_gain: Scalar  # K, rad/s^3
+
+    def init(self, nominal: Plant, measured: Measured) -> TerminalSlidingState:
+        none = jnp.zeros_like(measured.motor_speed)
+        return TerminalSlidingState(measured.motor_speed, none, none, measured.slip)
+
+    def update(
+        self,
+        state: TerminalSlidingState,
+        nominal: Plant,
+        measured: Measured,
+        torque: Float[Array, " axles"],
+        step: float,
+    ) -> TerminalSlidingState:
+        error = measured.motor_speed - state.speed
+        rate = (error - state.error) / step
+        root = jnp.sign(rate) * jnp.abs(rate) ** (1 / 3)
+        surface = self.surface_gain * error + rate * root**2 / self.rate_gain
+        pushing = 0.6 * self.surface_gain * self.rate_gain * root
+        pushing = pushing + self.switching_gain * jnp.sign(surface)
+        push = state.push + step * pushing
+        speed = state.speed + step * (torque / nominal.inertia + push)
+        return TerminalSlidingState(speed, push, error, measured.slip)
+
+    def load(self, state: TerminalSlidingState, nominal: Plant) -> Float[Array, " axles"]:
+        return -nominal.inertia * state.push
+
+    def slip(self, state: TerminalSlidingState) -> Float[Array, " axles"]:
+        return state.slip
+
+    def largest_step(self, nominal: Plant) -> float:
+        return 2e-4  # measured: at twice this step the sliding mode is lost

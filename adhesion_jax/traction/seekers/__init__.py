@@ -1,0 +1,24 @@
+"""Seekers of the best slip by name: one method a file."""
+
+from collections.abc import Mapping
+
+from adhesion_jax.traction.seekers.base import Seeker
+from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
+from adhesion_jax.traction.seekers.extremum import SlidingExtremum
+from adhesion_jax.traction.seekers.gradient import PrintedGradient, RepairedGradient
+from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
+
+#: Those that may be named, with settings.
+SEEKERS: Mapping[str, Seeker] = {
+    "true-optimum": TrueOptimum(),
+    "constant-slip": ConstantSlip(slip=0.1),
+    "gradient-uyulan2018": PrintedGradient(
+        gamma=0.65, threshold=1e-4, switch=10.0, start=1.20986, gain=400.0
+    ),
+    "gradient": RepairedGradient(
+        gamma=0.05, memory=0.3, limit=20.0, start=0.05, lowest=0.005, highest=2.0
+    ),
+    "sliding-extremum": SlidingExtremum(
+        speed=0.4, rise=0.5, width=0.08, start=0.01, lowest=0.005, highest=0.6, tracker=60.0
+    ),
+}

@@ -1,0 +1,28 @@
+"""What a seeker is: it asks for a slip velocity, from what is observed of the rail."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import Reference, Signals
+
+Scalar = float | Float[Array, "..."]
+
+
+class Seeker(eqx.Module):
+    """Its fields are settings; numbers among them may differ without a new compilation."""
+
+    TOLD_OPTIMUM: ClassVar[bool] = False  # whether it is given the optimum: a yardstick, no seeker
+
+    @abstractmethod
+    def init(self, nominal: Plant, signals: Signals) -> Any:
+        """The state before the first control sample."""
+
+    @abstractmethod
+    def update(
+        self, state: Any, nominal: Plant, signals: Signals, period: float
+    ) -> tuple[Any, Reference]:
+        """At a control sample, one `period` in s after the last: the slip asked for."""

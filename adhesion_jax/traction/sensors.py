@@ -1,0 +1,92 @@
+"""How speeds are measured: sampled and held, with noise, pulses, bias and a wrong radius."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from adhesion_jax.traction.plants.base import Plant
+
+
+class Noise(NamedTuple):
+    """Standard deviations of white noise in the speeds of motor and train, in rad/s and m/s."""
+
+    motor: Float[Array, ""] | float
+    train: Float[Array, ""] | float
+
+
+class Sensors(eqx.Module):
+    """`period` is the time from a sample to the next in s, 0 for the step of the plant.
+
+    `pulses` counts the pulses of the encoder in a turn of the motor, 0 for one without steps: the
+    speed is the angle in whole pulses gone since the last sample, over the period.
+    `train_bias` in m/s is added to the speed of the train; `radius_error` is the share by which
+    the radius that slip is computed with is too large.
+    """
+
+    noise: Noise | None = None
+    train_bias: Float[Array, ""] | float = 0.0
+    radius_error: Float[Array, ""] | float = 0.0
+    period: float = eqx.field(default=0.0, static=True)
+    pulses: int = eqx.field(default=0, static=True)
+
+    def draw(self, key: PRNGKeyArray, samples: int, axles: int) -> Float[Array, "samples speeds"]:
+        """The noise of some samples, in units of its standard deviations; the train's stands last.
+
+        Without noise nothing is drawn.
+        """
+        if self.noise is None:
+            return jnp.zeros((samples, axles + 1))
+        return jax.random.normal(key, (samples, axles + 1))
+
+    def init(
+        self, nominal: Plant, motor_speed: Float[Array, " axles"], train_speed: Float[Array, ""]
+    ) -> "Sensed":
+        """The sensors at rest on the true speeds; the first sample is taken at once."""
+        slip = nominal.circumferential(motor_speed) - train_speed
+        return Sensed(motor_speed, train_speed, slip, *[jnp.zeros_like(motor_speed)] * 2)
+
+    def sample(
+        self,
+        sensed: "Sensed",
+        nominal: Plant,
+        speeds: tuple[Float[Array, " axles"], Float[Array, ""]],
+        fresh: Bool[Array, ""],
+        drawn: Float[Array, " speeds"],
+        step: float,
+    ) -> "Sensed":
+        """With the true speeds sampled, where a sample is due."""
+        motor_speed, train_speed = speeds
+        counted = sensed.counted
+        if self.pulses:
+            count = jnp.floor(self.pulses * sensed.turned / (2 * jnp.pi))
+            since = 2 * jnp.pi * (count - counted) / self.pulses
+            # The first sample has no pulses behind it, and takes the speed as it is.
+            first = sensed.turned == 0
+            motor_speed = jnp.where(first, motor_speed, since / max(self.period, step))
+            counted = count
+        if self.noise is not None:
+            motor_speed = motor_speed + self.noise.motor * drawn[:-1]
+            train_speed = train_speed + self.noise.train * drawn[-1]
+        train_speed = train_speed + self.train_bias
+        rim = (1 + self.radius_error) * nominal.circumferential(motor_speed)
+        taken = Sensed(motor_speed, train_speed, rim - train_speed, sensed.turned, counted)
+        return jax.tree.map(lambda new, old: jnp.where(fresh, new, old), taken, sensed)
+
+    def turn(self, sensed: "Sensed", motor_speed: Float[Array, " axles"], step: float) -> "Sensed":
+        """After the motor has turned for a step of the plant."""
+        if not self.pulses:
+            return sensed
+        return sensed._replace(turned=sensed.turned + step * motor_speed)
+
+
+class Sensed(NamedTuple):
+    """What was measured last: rad/s, m/s and m/s; the angle turned in rad and its pulses."""
+
+    motor_speed: Float[Array, " axles"]
+    train_speed: Float[Array, ""]
+    slip: Float[Array, " axles"]
+    turned: Float[Array, " axles"]
+    counted: Float[Array, " axles"]

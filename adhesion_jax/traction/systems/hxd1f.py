@@ -1,0 +1,53 @@
+"""The HXD1F of "Optimal Utilization of Adhesion Force ...", J. Adv. Transport. 2019, 6270515."""
+
+from adhesion_jax.traction.controllers import CONTROLLERS
+from adhesion_jax.traction.controllers.sliding_mode import SlidingMode
+from adhesion_jax.traction.driver import Driver
+from adhesion_jax.traction.observers import OBSERVERS
+from adhesion_jax.traction.observers.full_dimension import FullDimension
+from adhesion_jax.traction.rails import by_time
+from adhesion_jax.traction.seekers import SEEKERS
+from adhesion_jax.traction.sensors import Noise
+from adhesion_jax.traction.systems.base import Case, System, exponential
+
+STEP = 1e-4
+
+#: Peaks of .36, .20 and .10 (assumed) at .20 and .08 (printed) and .05 m/s (assumed).
+SURFACES = {
+    "dry": exponential(3.2666, 7.2592, 1.2580),
+    "wet": exponential(8.1666, 18.1479, 0.6989),
+    "snow": exponential(13.0665, 29.0366, 0.3494),
+}
+
+_RAILS = by_time([*SURFACES.values()], [0.0, 5.0, 10.0], STEP)
+_TERMINAL = OBSERVERS["terminal-sliding"]
+_EXTREMUM, _TRUE = SEEKERS["sliding-extremum"], SEEKERS["true-optimum"]
+_BARRIER, _SLIDING = CONTROLLERS["barrier"], CONTROLLERS["sliding-mode"]
+_THIN_LAYER = SlidingMode(gain=1500.0, layer=0.02, least=-0.3)
+
+_METHODS = (
+    ("SMES, NTSMO, ABLF", _TERMINAL, _EXTREMUM, _BARRIER, 0.0),
+    ("the same, speed held 1 ms", _TERMINAL, _EXTREMUM, _BARRIER, 1e-3),
+    ("SMES, full dimension -233, ABLF", FullDimension(-233.0), _EXTREMUM, _BARRIER, 0.0),
+    ("DAC", _TERMINAL, None, CONTROLLERS["differential-acceleration"], 0.0),
+    ("SMES, NTSMO, sliding mode", _TERMINAL, _EXTREMUM, _SLIDING, 0.0),
+    ("SMES, NTSMO, layer of .02 m/s", _TERMINAL, _EXTREMUM, _THIN_LAYER, 0.0),
+    ("SMES, NTSMO, layer of .05 m/s", _TERMINAL, _EXTREMUM, CONTROLLERS["sliding-mode-layer"], 0.0),
+    ("SMES, NTSMO, PI", _TERMINAL, _EXTREMUM, CONTROLLERS["linearised-pi"], 0.0),
+    ("true optimum, NTSMO, ABLF", _TERMINAL, _TRUE, _BARRIER, 0.0),
+    ("true optimum, full dimension -150, ABLF", FullDimension(-150.0), _TRUE, _BARRIER, 0.0),
+)
+
+SYSTEM = System(
+    title="Extremum seeking with a sliding mode and a barrier controller, HXD1F 2019",
+    plant="hxd1f",
+    step=STEP,
+    control_period=1e-3,
+    duration=15.0,
+    train_speed=5.0,
+    slip=0.0,
+    slope=0.0,
+    driver=Driver(traction=13e3),
+    noise=Noise(motor=0.02, train=5e-3),
+    cases=[Case("dry, wet, snow", name, (*SURFACES,), _RAILS, *parts) for name, *parts in _METHODS],
+)
