@@ -259,7 +259,9 @@ def test_torque_varies_with_the_sign_and_not_with_a_layer():
     assert varied["sliding-mode-layer"] == pytest.approx(varied["barrier"], rel=0.5)
 
 
-@pytest.mark.parametrize(("lag", "above", "holds"), [(2e-3, 0.10, True), (1e-2, 0.2, False)])
+@pytest.mark.parametrize(
+    ("lag", "above", "holds"), [(2e-3, 0.10, True), (1e-2, 0.2, False), (1e-2, 0.22, True)]
+)
 def test_the_interval_of_the_barrier_holds_where_the_lag_lets_it(lag, above, holds):
     plant = dataclasses.replace(plant_of("hxd1f"), torque_lag=jnp.asarray(lag))
     loop = loop_of("hxd1f", "SMES, NTSMO, ABLF")
