@@ -3,6 +3,7 @@
 import os
 from tempfile import TemporaryDirectory
 
+import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
@@ -22,6 +23,15 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def programs_of_this_module():
+    """Let go of what a module compiled: a process can map memory only so many times."""
+    yield
+    import jax  # which reads the environment that is set here
+
+    jax.clear_caches()
 
 
 def pytest_configure(config):
