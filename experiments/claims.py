@@ -12,6 +12,7 @@ from tqdm import tqdm
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
 from adhesion_jax.claims.fang2018 import slope_claims, slope_config
+from adhesion_jax.claims.fang2018_control import control_claims
 from adhesion_jax.claims.he2018_consistency import (
     consistency_claims,
     consistency_fits,
@@ -30,6 +31,7 @@ from adhesion_jax.claims.he2018_tracking import (
     scatter_claims,
     tracking_claims,
 )
+from adhesion_jax.claims.hxd1f import hxd1f_claims
 from adhesion_jax.claims.qian2024 import (
     FACTORS,
     factorial_claims,
@@ -40,11 +42,20 @@ from adhesion_jax.claims.qian2024 import (
     variants,
 )
 from adhesion_jax.claims.tiled import tile_count
+from adhesion_jax.claims.uyulan2018 import uyulan_claims
+from adhesion_jax.commands.command import output_directory, run
 from adhesion_jax.files import staged, write_table
 from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.report import claims as report
 from adhesion_jax.scenarios import Options
-from experiments.command import output_directory, run
+
+#: The claims on traction control, and the units of work of each.
+CONTROL = {
+    "Uyulan 2018": uyulan_claims,
+    "Fang 2018, control": control_claims,
+    "HXD1F 2019": hxd1f_claims,
+}
+CONTROL_UNITS = 6 + 2 + 12
 
 
 def configs(runs: int, seed: int) -> tuple[Config, Config]:
@@ -70,6 +81,7 @@ def main(runs: int, seed: int, out: Path) -> None:
     steps = sum(map(progress_steps, (experiment_1, experiment_2, readings, slope)))
     steps += 2 * tile_count(runs)
     steps += sum(progress_steps(part, variants()) for part in factorial_configs(runs, seed))
+    steps += CONTROL_UNITS
     figures = ("generations", "consistency", "factorial")
     own = ("claims.csv", *(f"claims_{name}.png" for name in figures))
     with staged(directory, own) as stage:
@@ -99,6 +111,8 @@ def main(runs: int, seed: int, out: Path) -> None:
             factorial = factorial_table(runs, seed, stage_of("factorial"))
             found += factorial_claims(factorial)
             found += slope_claims(slope, stage_of("Fang 2018"))
+            for words, claims in CONTROL.items():
+                found += claims(stage_of(words))
         table = report.claims_table(found)
         write_table(stage / "claims.csv", table)
         report.generations(

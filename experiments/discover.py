@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
+from adhesion_jax.commands.command import output_directory, run
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED
 from adhesion_jax.data.runs import matching, read_runs
@@ -15,7 +16,6 @@ from adhesion_jax.discovery.simulator import simulate, write_campaign
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.report.discovery import DISCOVERY_FILES, printed, write_discovery
-from experiments.command import output_directory, run
 
 
 @click.command()

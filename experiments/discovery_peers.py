@@ -12,13 +12,13 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
+from adhesion_jax.commands.command import output_directory, run
 from adhesion_jax.discovery.simulated_base import rms
 from adhesion_jax.discovery.study.judging import removed_share
 from adhesion_jax.discovery.study.running import Discover
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.report.discovery_peers import THIS, draw_peers, peers_text, summarised
-from experiments.command import output_directory, run
 from experiments.discovery_tables import discover_tables
 from experiments.peer_features import fit_base, in_runs
 from experiments.peer_methods import PEERS, predicted

@@ -9,6 +9,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
+from adhesion_jax.commands.command import output_directory, run
 from adhesion_jax.discovery.study.rates import confusion, rates, shares
 from adhesion_jax.discovery.study.running import Discover, run_study
 from adhesion_jax.discovery.study.tasks import study_tasks
@@ -20,7 +21,6 @@ from adhesion_jax.report.discovery_study import (
     draw_random,
     study_text,
 )
-from experiments.command import output_directory, run
 from experiments.discovery_tables import discover_tables
 
 OWN_FILES = (

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
+from adhesion_jax.commands.command import output_directory, run
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED, check_curve, read_measured, to_record
 from adhesion_jax.errors import InputError
@@ -13,7 +14,6 @@ from adhesion_jax.identifiers.measured import fit_all, missing_columns
 from adhesion_jax.identifiers.residual import residual_structure
 from adhesion_jax.report.measured import curve_rows, printed_table, verdict
 from adhesion_jax.report.measured_figure import draw_measured
-from experiments.command import output_directory, run
 
 
 @click.command()

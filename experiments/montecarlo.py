@@ -25,6 +25,7 @@ from adhesion_jax.campaign.config import (
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaigns
 from adhesion_jax.campaign.rows import row_columns
 from adhesion_jax.campaign.store import EstimateWriter, read_estimates
+from adhesion_jax.commands.command import FiniteRange, output_directory, run
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
@@ -34,7 +35,6 @@ from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
 from adhesion_jax.scenarios.growing import GrowingSequence
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.scenarios.stream import Stream
-from experiments.command import FiniteRange, output_directory, run
 
 
 def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:

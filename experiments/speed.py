@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.tiles import TILE, draw_tile, identify_tile
+from adhesion_jax.commands.command import output_directory, run
 from adhesion_jax.files import staged, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION
@@ -21,7 +22,6 @@ from adhesion_jax.records import Record
 from adhesion_jax.report.figures import speed_bars
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
-from experiments.command import output_directory, run
 
 #: The peer: scipy's vectorised differential evolution at the settings of `ml-de`, all generations.
 PEER = "scipy-de"

@@ -14,6 +14,7 @@ import pytest
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
+from adhesion_jax.commands.command import run
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.polach import Polach, PolachFalling
 from adhesion_jax.discovery.conditions import Calendar
@@ -28,7 +29,6 @@ from adhesion_jax.report import figures
 from adhesion_jax.runtime import compilation_folder
 from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
 from experiments import montecarlo
-from experiments.command import run
 
 DRY = Burckhardt(c1=0.8287, c2=45.45, c3=0.4)
 STRENGTH = -0.2

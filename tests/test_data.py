@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from adhesion_jax.commands.command import run
 from adhesion_jax.data import SHIPPED, read_measured, to_record
 from adhesion_jax.data.columns import COLUMNS, LABELS
 from adhesion_jax.errors import InputError
-from experiments.command import run
 from experiments.identify import main
 
 

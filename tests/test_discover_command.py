@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from discovery_campaigns import SIZE
 
+from adhesion_jax.commands.command import run
 from adhesion_jax.discovery.law import load_law
 from adhesion_jax.discovery.simulator import simulate
 from adhesion_jax.report.discovery import DISCOVERY_FILES
-from experiments.command import run
 from experiments.discover import main
 
 

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 from scipy.optimize import least_squares
 
+from adhesion_jax.commands.command import run
 from adhesion_jax.curves import CURVES, physical_box
 from adhesion_jax.data import SHIPPED, read_measured, to_record
 from adhesion_jax.errors import InputError
@@ -18,7 +19,6 @@ from adhesion_jax.identifiers.measured import confidence_band, fit_all, fit_meas
 from adhesion_jax.identifiers.residual import residual_structure
 from adhesion_jax.records import Record
 from adhesion_jax.report.measured import reasons
-from experiments.command import run
 from experiments.identify import main
 
 SPEED = 10.0

@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
+from adhesion_jax.commands.command import run
 from adhesion_jax.identifiers import IDENTIFIERS
 from experiments import speed
-from experiments.command import run
 from experiments.montecarlo import main
 
 COLUMNS = [

@@ -1,9 +1,6 @@
 """A Monte Carlo campaign: every identifier on the same runs, tile by tile, on all cores."""
 
-import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,6 +11,7 @@ import pandas as pd
 from scipy.special import stdtrit
 
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
+from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.campaign.rows import (
     bands_table,
     estimate_rows,
@@ -34,7 +32,7 @@ from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import Tracking
 from adhesion_jax.optim.box import on_bound
-from adhesion_jax.runtime import CORES, compilation_folder, share_compilations
+from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import Group, Scenario
 
 #: The method whose objective every other is held against.
@@ -84,7 +82,8 @@ def run_campaigns(
     the configurations are looked up in `identifiers`.
     """
     work = [unit for config in configs for unit in _work(config, identifiers)]
-    with _mapped(identify_tile, work, workers) as results:
+    tiles = len({tile for _, tile, _, _ in work})
+    with mapped(identify_tile, work, min(workers, tiles)) as results:
         return [_gathered(config, results, keep, progress, identifiers) for config in configs]
 
 
@@ -197,37 +196,6 @@ def _methods(
     first_of_form = {jax.tree.structure(identifiers[name]): name for name in reversed(methods)}
     firsts = [name for name in methods if name in first_of_form.values()]
     return (*firsts, *(name for name in methods if name not in firsts))
-
-
-@contextmanager
-def _mapped(
-    function: Callable[..., TileResult],
-    work: list[tuple[Config, int, str, Identifier]],
-    workers: int,
-) -> Iterator[Iterator[TileResult]]:
-    """The results in the order of the work, from as many processes as there is work for.
-
-    Processes, because two threads that run compiled loops in one process can wait for each
-    other for ever, and spawned, because a fork of a process in which jax runs is not safe.
-    """
-    tiles = len({tile for _, tile, _, _ in work})
-    if min(workers, tiles) == 1:
-        yield (function(*unit) for unit in work)
-        return
-    with (
-        compilation_folder() as folder,
-        ProcessPoolExecutor(
-            min(workers, tiles),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=share_compilations,
-            initargs=(folder,),
-        ) as pool,
-    ):
-        try:
-            yield pool.map(function, *zip(*work, strict=True))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def _truth(scenario: Scenario, bound: np.ndarray) -> Truth:

@@ -44,3 +44,19 @@ def verdict_equal(ours: float, error: float, expected: float) -> str:
         return CANNOT_BE_CHECKED
     agrees = abs(ours - expected) <= STANDARD_ERRORS * error
     return REPRODUCED if agrees else NOT_REPRODUCED
+
+
+#: A number without noise agrees with a printed one within this share of it; with one that was read
+#: off a figure or is told as "about", within the second.
+PRINTED, READ_OFF = 0.01, 0.10
+
+
+def verdict_near(ours: float, expected: float, share: float) -> str:
+    """Whether a number that has no Monte Carlo error is that of the paper, to a share of it."""
+    if np.isnan(ours):
+        return NOT_REPRODUCED
+    return verdict_if(abs(ours - expected) <= share * abs(expected))
+
+
+def verdict_if(holds: bool) -> str:
+    return REPRODUCED if holds else NOT_REPRODUCED

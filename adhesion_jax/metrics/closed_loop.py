@@ -14,9 +14,16 @@ SETTLED = 2.0
 #: at least this share of the largest adhesion.
 STRETCH, SHARE_OF_SAMPLES, SHARE_OF_PEAK = 0.3, 0.95, 0.95
 
+#: Slip has run away where, settled, it is this many times that of the largest adhesion.
+RUNAWAY = 10.0
+
+#: A train that never was faster than this in m/s stood still; one slower than its negative rolls
+#: back.
+STANDSTILL = 0.01
+
 
 class Sample(NamedTuple):
-    """What is true and what is known at one moment; means over the axles where there are several.
+    """What is true and what is known at one moment.
 
     In braking slip, adhesion and torque are negative, and so is the slip of the optimum.
     """
@@ -36,17 +43,14 @@ class Sample(NamedTuple):
     train_speed: Float[Array, ""]  # m/s
 
 
-class Totals(NamedTuple):
-    """Sums and extremes [segments] over the samples of a run, and what the next sample needs."""
+class Sums(NamedTuple):
+    """What adds up [segments] over the samples of a run; squares are means over the axles."""
 
     samples: Float[Array, " segments"]
     utilised: Float[Array, " segments"]
-    overshoot: Float[Array, " segments"]
-    reached: Float[Array, " segments"]  # s; NaN: not yet
     slip_energy: Float[Array, " segments"]
     useful_work: Float[Array, " segments"]
     torque_variation: Float[Array, " segments"]
-    torque_largest: Float[Array, " segments"]
     jerk_squares: Float[Array, " segments"]
     tracking_squares: Float[Array, " segments"]
     estimation_squares: Float[Array, " segments"]
@@ -58,8 +62,18 @@ class Totals(NamedTuple):
     settled_utilised: Float[Array, " segments"]
     settled_tracking_squares: Float[Array, " segments"]
     settled_estimation_squares: Float[Array, " segments"]
-    largest_slip: Float[Array, ""]  # of the run, m/s
-    lowest_speed: Float[Array, ""]  # of the run, m/s
+    runaway_samples: Float[Array, " segments"]
+
+
+class Totals(NamedTuple):
+    """Sums and extremes [segments] over the samples of a run, and what the next sample needs."""
+
+    sums: Sums
+    overshoot: Float[Array, " segments"]
+    torque_largest: Float[Array, " segments"]
+    slowest: Float[Array, " segments"]  # speed of the train, m/s
+    fastest: Float[Array, " segments"]
+    reached: Float[Array, " segments"]  # s; NaN: not yet
     age: Int[Array, ""]  # samples since the segment began
     last: Sample
     acceleration: Float[Array, ""]  # of the train, m/s^2
@@ -69,16 +83,16 @@ class Totals(NamedTuple):
 def start(first: Sample, segments: int, period: float) -> Totals:
     """Nothing counted yet; `period` is the time from a sample to the next, in s."""
     none = jnp.zeros(segments)
-    zero = jnp.zeros(())
-    counted = dict.fromkeys(Totals._fields[:19], none)
-    counted |= {"overshoot": none - jnp.inf, "reached": none + jnp.nan}
     return Totals(
-        **counted,
-        largest_slip=zero,
-        lowest_speed=first.train_speed,
+        sums=Sums(*[none] * len(Sums._fields)),
+        overshoot=none - jnp.inf,
+        torque_largest=none,
+        slowest=none + jnp.inf,
+        fastest=none - jnp.inf,
+        reached=none + jnp.nan,
         age=jnp.zeros((), dtype=int),
         last=first,
-        acceleration=zero,
+        acceleration=jnp.zeros(()),
         near=jnp.zeros(max(round(STRETCH / period), 1), dtype=bool),
     )
 
@@ -88,17 +102,17 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
     last = totals.last
     same = (sample.segment == last.segment) & (number > 0)
     age = jnp.where(same, totals.age + 1, 0)
-    here = (jnp.arange(totals.samples.size) == sample.segment) & sample.counts
-    settled = here & (age * period >= SETTLED)
+    here = (jnp.arange(totals.overshoot.size) == sample.segment) & sample.counts
+    settled = age * period >= SETTLED
 
-    share = sample.direction * sample.adhesion / sample.largest
-    utilised = jnp.mean(share)
+    utilised = jnp.mean(sample.direction * sample.adhesion / sample.largest)
     tracking = jnp.mean((sample.slip - sample.optimum) ** 2)
     asks = jnp.all(jnp.isfinite(sample.asked))
     estimation = jnp.where(asks, jnp.mean((sample.asked - sample.slip) ** 2), 0.0)
     acceleration = jnp.where(number > 0, (sample.train_speed - last.train_speed) / period, 0.0)
     jerk = jnp.where(number > 1, (acceleration - totals.acceleration) / period, 0.0)
     moved = jnp.where(number > 0, jnp.mean(jnp.abs(sample.torque - last.torque)), 0.0)
+    ran_away = jnp.any(jnp.abs(sample.slip) > RUNAWAY * jnp.abs(sample.optimum))
 
     # A ring of flags: what leaves the stretch is what stood where the new one goes.
     near = jnp.where(same, totals.near, False)
@@ -108,39 +122,40 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
     began = (age + 1 - near.size) * period
     fills = here & held & jnp.isnan(totals.reached)
 
-    def summed(total: Array, what: Array | float, where: Array = here) -> Array:
-        return total + jnp.where(where, what, 0.0)
+    def if_settled(what: Array) -> Array:
+        return jnp.where(settled, what, 0.0)
 
-    over = sample.direction * (sample.slip - sample.optimum)
-    slip = jnp.mean(sample.slip)
+    one = jnp.ones(())
+    more = Sums(
+        samples=one,
+        utilised=utilised,
+        slip_energy=period * sample.slip_power,
+        useful_work=period * sample.pull * sample.train_speed,
+        torque_variation=moved,
+        jerk_squares=jerk**2,
+        tracking_squares=tracking,
+        estimation_squares=estimation,
+        adhesion_squares=jnp.mean((sample.observed - sample.adhesion) ** 2),
+        asked_samples=one * asks,
+        settled_asked_samples=if_settled(one * asks),
+        settled_samples=if_settled(one),
+        settled_slip=if_settled(jnp.mean(sample.slip)),
+        settled_utilised=if_settled(utilised),
+        settled_tracking_squares=if_settled(tracking),
+        settled_estimation_squares=if_settled(estimation),
+        runaway_samples=if_settled(one * ran_away),
+    )
+    over = jnp.max(sample.direction * (sample.slip - sample.optimum))
+    torque, speed = jnp.max(jnp.abs(sample.torque)), sample.train_speed
     return Totals(
-        samples=summed(totals.samples, 1.0),
-        utilised=summed(totals.utilised, utilised),
-        overshoot=jnp.where(here, jnp.maximum(totals.overshoot, jnp.max(over)), totals.overshoot),
-        reached=jnp.where(fills, began, totals.reached),
-        slip_energy=summed(totals.slip_energy, period * jnp.abs(sample.slip_power)),
-        useful_work=summed(totals.useful_work, period * sample.pull * sample.train_speed),
-        torque_variation=summed(totals.torque_variation, moved),
+        sums=jax.tree.map(lambda sum_, new: sum_ + jnp.where(here, new, 0.0), totals.sums, more),
+        overshoot=jnp.where(here, jnp.maximum(totals.overshoot, over), totals.overshoot),
         torque_largest=jnp.where(
-            here,
-            jnp.maximum(totals.torque_largest, jnp.max(jnp.abs(sample.torque))),
-            totals.torque_largest,
+            here, jnp.maximum(totals.torque_largest, torque), totals.torque_largest
         ),
-        jerk_squares=summed(totals.jerk_squares, jerk**2),
-        tracking_squares=summed(totals.tracking_squares, tracking),
-        estimation_squares=summed(totals.estimation_squares, estimation),
-        adhesion_squares=summed(
-            totals.adhesion_squares, jnp.mean((sample.observed - sample.adhesion) ** 2)
-        ),
-        asked_samples=summed(totals.asked_samples, 1.0 * asks),
-        settled_asked_samples=summed(totals.settled_asked_samples, 1.0 * asks, settled),
-        settled_samples=summed(totals.settled_samples, 1.0, settled),
-        settled_slip=summed(totals.settled_slip, slip, settled),
-        settled_utilised=summed(totals.settled_utilised, utilised, settled),
-        settled_tracking_squares=summed(totals.settled_tracking_squares, tracking, settled),
-        settled_estimation_squares=summed(totals.settled_estimation_squares, estimation, settled),
-        largest_slip=jnp.maximum(totals.largest_slip, jnp.max(jnp.abs(sample.slip))),
-        lowest_speed=jnp.minimum(totals.lowest_speed, sample.train_speed),
+        slowest=jnp.where(here, jnp.minimum(totals.slowest, speed), totals.slowest),
+        fastest=jnp.where(here, jnp.maximum(totals.fastest, speed), totals.fastest),
+        reached=jnp.where(fills, began, totals.reached),
         age=age,
         last=sample,
         acceleration=acceleration,
@@ -166,32 +181,55 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "adhesion_rms": ("1", "adhesion observed less adhesion"),
     "slip_settled": ("m/s", "mean slip from 2 s after the switch on"),
     "utilisation_settled": ("1", "utilisation from 2 s after the switch on"),
+    "ran_away": ("1", "share of the runs in which slip, settled, exceeds ten times the best"),
+    "rolled_back": ("1", "share of the runs in which the train rolls back"),
+    "stood": ("1", "share of the runs in which the train never moves"),
 }
 
 
 def figures(totals: Totals, period: float) -> dict[str, Float[Array, " segments"]]:
     """The figures of FIGURES for each segment of a run; NaN where a segment has no sample."""
-    samples = jnp.where(totals.samples > 0, totals.samples, jnp.nan)
-    settled = jnp.where(totals.settled_samples > 0, totals.settled_samples, jnp.nan)
-    asked = jnp.where(totals.asked_samples > 0, totals.asked_samples, jnp.nan)
-    settled_asked = totals.settled_asked_samples
-    settled_asked = jnp.where(settled_asked > 0, settled_asked, jnp.nan)
-    work = jnp.abs(totals.useful_work)
+    sums = totals.sums
+
+    def mean(total: Array, count: Array) -> Array:
+        return total / jnp.where(count > 0, count, jnp.nan)
+
+    def root(squares: Array, count: Array) -> Array:
+        return jnp.sqrt(mean(squares, count))
+
+    def where_seen(what: Array) -> Array:
+        return jnp.where(sums.samples > 0, what, jnp.nan)
+
     return {
-        "utilisation": totals.utilised / samples,
-        "overshoot": jnp.where(jnp.isnan(samples), jnp.nan, totals.overshoot),
+        "utilisation": mean(sums.utilised, sums.samples),
+        "overshoot": where_seen(totals.overshoot),
         "t95": totals.reached,
-        "never95": jnp.where(jnp.isnan(samples), jnp.nan, 1.0 * jnp.isnan(totals.reached)),
-        "slip_energy": totals.slip_energy * samples / samples,
-        "slip_energy_share": totals.slip_energy / jnp.where(work > 0, work, jnp.nan),
-        "torque_variation": totals.torque_variation / (1e3 * period * samples),
-        "torque_largest": totals.torque_largest / 1e3 * samples / samples,
-        "jerk_rms": jnp.sqrt(totals.jerk_squares / samples),
-        "tracking_rms": jnp.sqrt(totals.tracking_squares / samples),
-        "tracking_rms_settled": jnp.sqrt(totals.settled_tracking_squares / settled),
-        "estimation_rms": jnp.sqrt(totals.estimation_squares / asked),
-        "estimation_rms_settled": jnp.sqrt(totals.settled_estimation_squares / settled_asked),
-        "adhesion_rms": jnp.sqrt(totals.adhesion_squares / samples),
-        "slip_settled": totals.settled_slip / settled,
-        "utilisation_settled": totals.settled_utilised / settled,
+        "never95": where_seen(jnp.isnan(totals.reached)),
+        "slip_energy": where_seen(sums.slip_energy),
+        "slip_energy_share": mean(sums.slip_energy, jnp.abs(sums.useful_work)),
+        "torque_variation": mean(sums.torque_variation, 1e3 * period * sums.samples),
+        "torque_largest": where_seen(totals.torque_largest / 1e3),
+        "jerk_rms": root(sums.jerk_squares, sums.samples),
+        "tracking_rms": root(sums.tracking_squares, sums.samples),
+        "tracking_rms_settled": root(sums.settled_tracking_squares, sums.settled_samples),
+        "estimation_rms": root(sums.estimation_squares, sums.asked_samples),
+        "estimation_rms_settled": root(sums.settled_estimation_squares, sums.settled_asked_samples),
+        "adhesion_rms": root(sums.adhesion_squares, sums.samples),
+        "slip_settled": mean(sums.settled_slip, sums.settled_samples),
+        "utilisation_settled": mean(sums.settled_utilised, sums.settled_samples),
+        "ran_away": where_seen(sums.runaway_samples > 0),
+        "rolled_back": where_seen(totals.slowest < -STANDSTILL),
+        "stood": where_seen(jnp.maximum(totals.fastest, -totals.slowest) < STANDSTILL),
     }
+
+
+def whole(totals: Totals) -> Totals:
+    """The totals of a run whose segments are taken as one; its t95 is that of the first."""
+    return totals._replace(
+        sums=jax.tree.map(lambda sum_: jnp.sum(sum_, keepdims=True), totals.sums),
+        overshoot=jnp.max(totals.overshoot, keepdims=True),
+        torque_largest=jnp.max(totals.torque_largest, keepdims=True),
+        slowest=jnp.min(totals.slowest, keepdims=True),
+        fastest=jnp.max(totals.fastest, keepdims=True),
+        reached=totals.reached[:1],
+    )

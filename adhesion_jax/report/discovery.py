@@ -9,13 +9,14 @@ import pandas as pd
 from adhesion_jax.discovery.findings import Candidate, Errors, Findings, FoundEffect, Opinion
 from adhesion_jax.discovery.law import FORMAT, save_law
 from adhesion_jax.files import write_metadata, write_table
+from adhesion_jax.report.discovery_content import page
 from adhesion_jax.report.discovery_figures import FIGURES, draw_discovery
-from adhesion_jax.report.discovery_html import discovery_html
 from adhesion_jax.report.discovery_markdown import aligned, discovery_markdown
 from adhesion_jax.report.discovery_tables import effects_table, errors_table, ranking
 from adhesion_jax.report.discovery_words import candidates
 from adhesion_jax.report.discovery_words import verdict as verdict
 from adhesion_jax.report.page import Table
+from adhesion_jax.report.page_html import page_html
 
 #: The files of a discovery; those that do not apply are not written.
 DISCOVERY_FILES = (
@@ -35,7 +36,7 @@ def write_discovery(folder: Path, findings: Findings) -> None:
     """Every file of DISCOVERY_FILES that applies."""
     draw_discovery(folder, findings)
     pictures = {name: (folder / name).read_bytes() for name in FIGURES if (folder / name).is_file()}
-    (folder / "report.html").write_text(discovery_html(findings, pictures), encoding="utf-8")
+    (folder / "report.html").write_text(page_html(page(findings), pictures), encoding="utf-8")
     (folder / "report.md").write_text(discovery_markdown(findings), encoding="utf-8")
     write_metadata(folder / "report.json", report_json(findings))
     save_law(folder / "law.json", findings.law)

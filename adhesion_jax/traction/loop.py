@@ -4,8 +4,7 @@ A run is a scan over samples of the metrics; in each of them over control sample
 those over steps of the plant, in which the command is held.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -27,9 +26,6 @@ from adhesion_jax.traction.signals import Measured, Signals
 
 #: Time between two samples of the metrics in s, or the control period where that is longer.
 SAMPLE = 1e-3
-
-
-T = TypeVar("T")
 
 
 class Loop(eqx.Module):
@@ -157,42 +153,50 @@ def check(loop: Loop) -> None:
 
 def run(loop: Loop, grid: Timing, key: PRNGKeyArray) -> Totals:
     """The totals of one run."""
-    return _through(loop, grid, key, _nothing)[0]
+    return _advanced(loop, grid, key, _start(loop, grid), jnp.asarray(0), grid.samples).totals
 
 
-def trace(loop: Loop, grid: Timing, key: PRNGKeyArray) -> Trace:
-    """One run as it goes, a row a sample of the metrics."""
-    return _through(loop, grid, key, _seen)[1]
+def trace(loop: Loop, grid: Timing, key: PRNGKeyArray, every: int = 1) -> tuple[Totals, Trace]:
+    """One run as it goes: its totals, and a row for every so many samples of the metrics.
+
+    `every` divides the samples of the run.
+    """
+
+    def row(state: _State, number: Int[Array, ""]) -> tuple[_State, Trace]:
+        seen = _seen(loop, grid, state)
+        return _advanced(loop, grid, key, state, number * every, every), seen
+
+    state, rows = jax.lax.scan(row, _start(loop, grid), jnp.arange(grid.samples // every))
+    return state.totals, rows
 
 
-def _nothing(loop: Loop, grid: Timing, state: _State, sample: Sample) -> None:
-    """What is kept of each sample of a run that is not drawn."""
-
-
-def _seen(loop: Loop, grid: Timing, state: _State, sample: Sample) -> Trace:
-    motor = loop.plant.motor_speed(state.plant)
-    rim = loop.plant.circumferential(motor)
-    time = state.steps * grid.step
-    return Trace(time, sample, state.command, motor, rim, state.controller)
-
-
-def _through(
-    loop: Loop, grid: Timing, key: PRNGKeyArray, keep: Callable[[Loop, Timing, _State, Sample], T]
-) -> tuple[Totals, T]:
-    """The totals of a run, and what is kept of its samples."""
+def _advanced(
+    loop: Loop, grid: Timing, key: PRNGKeyArray, state: _State, first: Int[Array, ""], count: int
+) -> _State:
+    """The state after some samples of the metrics, the first of which has that number."""
 
     def controlled(_: Int[Array, ""], state: _State) -> _State:
         return _control(loop, grid, state, jax.random.fold_in(key, state.steps))
 
-    def one(state: _State, number: Int[Array, ""]) -> tuple[_State, T]:
-        sample = _sample(loop, state)
-        kept = keep(loop, grid, state, sample)
-        totals = closed_loop.add(state.totals, sample, number, grid.sample_period)
-        state = state._replace(totals=totals)
-        return jax.lax.fori_loop(0, grid.sample, controlled, state), kept
+    def one(index: Int[Array, ""], state: _State) -> _State:
+        totals = closed_loop.add(
+            state.totals, _sample(loop, state), first + index, grid.sample_period
+        )
+        return jax.lax.fori_loop(0, grid.sample, controlled, state._replace(totals=totals))
 
-    state, kept = jax.lax.scan(one, _start(loop, grid), jnp.arange(grid.samples))
-    return state.totals, kept
+    return jax.lax.fori_loop(0, count, one, state)
+
+
+def _seen(loop: Loop, grid: Timing, state: _State) -> Trace:
+    motor = loop.plant.motor_speed(state.plant)
+    return Trace(
+        time=state.steps * grid.step,
+        sample=_sample(loop, state),
+        command=state.command,
+        motor_speed=motor,
+        rim_speed=loop.plant.circumferential(motor),
+        controller=state.controller,
+    )
 
 
 def _motor_speed(
@@ -342,4 +346,7 @@ def _stepped(loop: Loop, grid: Timing, state: _State, acting: Float[Array, " axl
         state.observer, loop.nominal, measured, before.torque, grid.step
     )
     after = rk4(lambda one: plant.derivative(one, held), before, grid.step)
-    return state._replace(plant=after, observer=observer, steps=state.steps + 1, command=command)
+    sensed = loop.sensors.turn(state.sensed, plant.motor_speed(state.plant), grid.step)
+    return state._replace(
+        plant=after, sensed=sensed, observer=observer, steps=state.steps + 1, command=command
+    )

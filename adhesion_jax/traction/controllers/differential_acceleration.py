@@ -66,7 +66,8 @@ class DifferentialAcceleration(Controller):
 
         load = sign * signals.load
         goal = jnp.minimum(self.back * state.at_trip, jnp.maximum(state.torque, load))
-        trips = (gaining > self.trip) & ((state.phase == _RAISING) | (state.phase == _RECOVERING))
+        # While it holds, too: a rail that gets worse then would not be noticed.
+        trips = (gaining > self.trip) & (state.phase != _UNLOADING)
         rests = (state.phase == _UNLOADING) & (gaining < -self.released)
         calms = (state.phase == _HOLDING) & (state.held >= self.hold)
         calms = calms & (jnp.abs(gaining) < self.calm)

@@ -1,18 +1,18 @@
 """A published control system: what runs on which plant, over which rails."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from adhesion_jax.curves import Exponential
-from adhesion_jax.traction.controllers import Controller
+from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.loop import Loop
-from adhesion_jax.traction.observers import Observer
+from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
-from adhesion_jax.traction.seekers import Seeker
+from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.sensors import Noise, Sensors
 from adhesion_jax.traction.surface import Surface
 
@@ -34,16 +34,49 @@ class System(NamedTuple):
     """What all cases of a paper share."""
 
     title: str
+    source: str
     plant: str  # name of the parameters that ship
     step: float  # of the plant, s
-    control_period: float  # s
+    control_period: float | None  # s; None: every step of the plant
     duration: float  # s
     train_speed: float  # at first, m/s
     slip: float  # at first, m/s
     slope: float  # of the track, rad
     driver: Driver
-    noise: Noise
-    cases: Sequence[Case]
+    noise: Noise  # of the runs with noise: assumed, no paper has any
+    cases: Callable[[float], Sequence[Case]]  # on a grid of steps in s; the paper's own come first
+    repairs: Sequence[str]  # where the equations here are not the printed ones
+    assumptions: Sequence[str]  # what the paper does not tell, beside the parameters of the plant
+
+
+#: The name of a seeker that is not there.
+NO_SEEKER = "none"
+
+
+def with_parts(
+    cases: Sequence[Case], observer: str | None, seeker: str | None, controller: str | None
+) -> Sequence[Case]:
+    """The first case of each scenario with the parts that are named; all cases if none is.
+
+    A controller that is a whole law takes the place of the seeker too.
+    """
+    if observer is seeker is controller is None:
+        return cases
+    named = {"observer": observer, "seeker": seeker, "controller": controller}
+    method = ", ".join(f"{part} {name}" for part, name in named.items() if name is not None)
+    found = []
+    for case in {case.scenario: case for case in reversed(cases)}.values():
+        parts = case._replace(method=method)
+        if observer is not None:
+            parts = parts._replace(observer=OBSERVERS[observer])
+        if controller is not None:
+            parts = parts._replace(controller=CONTROLLERS[controller])
+        if seeker is not None:
+            parts = parts._replace(seeker=None if seeker == NO_SEEKER else SEEKERS[seeker])
+        elif not parts.controller.FOLLOWS:
+            parts = parts._replace(seeker=None)
+        found.append(parts)
+    return found[::-1]
 
 
 def built(system: System, case: Case, plant: Plant, noisy: bool = False) -> Loop:

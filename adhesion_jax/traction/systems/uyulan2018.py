@@ -2,15 +2,18 @@
 
 import math
 
+from jaxtyping import Array, Float
+
 from adhesion_jax.traction.controllers import CONTROLLERS
+from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.observers import OBSERVERS
+from adhesion_jax.traction.plants.base import GRAVITY
+from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.sensors import Noise
 from adhesion_jax.traction.systems.base import Case, System, exponential
-
-STEP = 1e-4
 
 #: As printed in the second appendix.
 SURFACES = {
@@ -30,30 +33,89 @@ PRINTED = {
     ("dry", "wet", "very low"): (0.1870, 0.1248),
 }
 
+#: The best slips that the text of section 5 prints, m/s.
+PRINTED_BEST_SLIP = {"dry": 1.1841, "wet": 1.1852, "low": 1.1864, "very low": 1.3272}
+
+#: The coefficient of the resistance at rest, as printed, N.
+_RESISTANCE = 1109.8
+
 _METHODS = (
     ("true optimum", SEEKERS["true-optimum"]),
     ("as printed", SEEKERS["gradient-uyulan2018"]),
 )
 
 
-def _case(names: tuple[str, ...], method: str, seeker: Seeker) -> Case:
+#: When a surface may change, s.
+STARTS = (0.0, 10.0, 20.0)
+
+
+def _case(names: tuple[str, ...], method: str, seeker: Seeker, step: float) -> Case:
     # Every ten seconds a switch: from the second rail to itself, where a column has only two.
     three = (*names, names[-1])[:3]
-    rails = by_time([SURFACES[name] for name in three], [0.0, 10.0, 20.0], STEP)
+    rails = by_time([SURFACES[name] for name in three], STARTS, step)
     observer, controller = OBSERVERS["super-twisting"], CONTROLLERS["adaptive-robust"]
     return Case("-".join(names), method, three, rails, observer, seeker, controller)
 
 
+def _cases(step: float) -> list[Case]:
+    return [_case(names, *method, step) for names in PRINTED for method in _METHODS]
+
+
+def lyapunov(
+    controller: AdaptiveRobust,
+    plant: ElasticAxles,
+    bound: Float[Array, "*rows axles"],
+    error: Float[Array, "*rows axles"],
+    largest: Float[Array, "*rows axles"],
+) -> Float[Array, "*rows axles"]:
+    """L = e^2/2 + (kappa - lam kappa^)^2/(2 sigma lam), in m^2/s^2 (Eq. 31).
+
+    `error` is slip less its reference, `bound` the adapted gain kappa^, `largest` mu_max.
+    lam = r i/J_W is what torque does to the slip of a wheel. kappa is the gain that holds slip
+    against adhesion and resistance: r (2 W g mu_max r (1/J_W + 1/J_dyn) + r R_0/J_dyn) with
+    J_dyn = m_dyn r^2. Eq. 30 lacks the first r.
+    """
+    radius, inertia = plant.radius, plant.gear_ratio**2 * plant.inertia
+    of_train = plant.dynamic_mass * radius**2
+    effect = radius * plant.gear_ratio / inertia
+    pull = 2 * plant.wheel_load * GRAVITY * largest * radius
+    needed = pull * (1 / inertia + 1 / of_train) + radius * _RESISTANCE / of_train
+    gap = radius * needed - effect * bound
+    return error**2 / 2 + gap**2 / (2 * controller.adaptation * effect)
+
+
 SYSTEM = System(
     title="Optimal slip seeking with an adaptive robust controller, Uyulan et al. 2018",
+    source="Uyulan, Gokasan and Bogosyan 2018, J. Mod. Transport., 10.1007/s40534-018-0158-x",
     plant="uyulan2018",
-    step=STEP,
-    control_period=STEP,  # the paper has no control period
+    step=1e-4,
+    control_period=None,  # the paper has none
     duration=30.0,
     train_speed=10.5,
     slip=50 * 0.31 - 10.5,
     slope=math.radians(6.5),
     driver=Driver(traction=17.67e3),
     noise=Noise(motor=0.02, train=5e-3),
-    cases=[_case(names, method, seeker) for names in PRINTED for method, seeker in _METHODS],
+    cases=_cases,
+    repairs=(
+        "The torque path has no gear efficiency: Eq. 1 to 3, 14, 15 and 20 have none, and only the "
+        "dynamic mass has .98.",
+        "Eq. 14 and 15 agree only if the inertia is that of both wheels, 1748 kg m^2, which stands "
+        "for J_w in Eq. 20.",
+        "The stiffness and the damping of the axle are in N m/rad and N m s/rad; they are printed "
+        "in N/m and N s/m.",
+        "The estimation error of Eq. 36 mixes rad/s with m/s; it is taken as slip less the slip "
+        "sought.",
+        "The sign of Eq. 25 is a straight line within .05 m/s, and the gain adapts outside it "
+        "alone: with a sign it grows for ever.",
+        "The rolling resistance is not added to the Davis formula, which has it.",
+    ),
+    assumptions=(
+        "The torque limit of 17.67 kN m is fitted to the first tracking error of Table 1; the "
+        "other five are a check, the first is none.",
+        "The gains p = .0154 s/m and q = .00467 s^2/m^2 are the ratios of the resistance's "
+        "coefficients; the paper prints none.",
+        "The slope of the adhesion is limited to 1 s/m, and the seeker starts at 1.20986 m/s.",
+        "The mean slip ratio in the dynamic mass (Eq. 17) is taken as zero.",
+    ),
 )

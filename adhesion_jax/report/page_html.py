@@ -1,12 +1,11 @@
-"""A discovery as one page that needs nothing beside it."""
+"""A report as one page that needs nothing beside it."""
 
 import base64
 from collections.abc import Mapping
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from adhesion_jax.discovery.findings import Findings
-from adhesion_jax.report.discovery_content import page
+from adhesion_jax.report.page import Page
 
 #: Everything is escaped: names of columns come from the users' files.
 _TEMPLATES = Environment(
@@ -18,8 +17,7 @@ _TEMPLATES = Environment(
 )
 
 
-def discovery_html(findings: Findings, pictures: Mapping[str, bytes]) -> str:
+def page_html(page: Page, pictures: Mapping[str, bytes]) -> str:
     """The whole report; `pictures` holds the PNG of each figure by the name of its file."""
     inline = {name: base64.b64encode(drawn).decode() for name, drawn in pictures.items()}
-    template = _TEMPLATES.get_template("discovery.html")
-    return template.render(page=page(findings), pictures=inline)
+    return _TEMPLATES.get_template("page.html").render(page=page, pictures=inline)

@@ -1,0 +1,39 @@
+"""Units of work mapped over processes."""
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from adhesion_jax.runtime import compilation_folder, share_compilations
+
+T = TypeVar("T")
+
+
+@contextmanager
+def mapped(
+    function: Callable[..., T], work: Sequence[tuple[Any, ...]], workers: int
+) -> Iterator[Iterator[T]]:
+    """`function(*unit)` of each unit, in the order of the work, from as many processes as asked.
+
+    Processes, because two threads that run compiled loops in one process can wait for each
+    other for ever, and spawned, because a fork of a process in which jax runs is not safe.
+    """
+    if workers == 1:
+        yield (function(*unit) for unit in work)
+        return
+    with (
+        compilation_folder() as folder,
+        ProcessPoolExecutor(
+            workers,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=share_compilations,
+            initargs=(folder,),
+        ) as pool,
+    ):
+        try:
+            yield pool.map(function, *zip(*work, strict=True))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -1,0 +1,152 @@
+"""Run a published traction control system on its plant and judge it."""
+
+import time
+from pathlib import Path
+
+import click
+import pandas as pd
+from tqdm import tqdm
+
+from adhesion_jax import runtime
+from adhesion_jax.campaign.traction import judge, units
+from adhesion_jax.commands.command import FiniteRange, output_directory
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged, write_metadata, write_table
+from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.traction import SUBJECTS
+from adhesion_jax.report.traction.operating_point import (
+    animate_operating_point,
+    draw_operating_point,
+)
+from adhesion_jax.report.traction.page import traction_page
+from adhesion_jax.report.traction.panels import draw
+from adhesion_jax.report.traction.runs import Drawing, Shown
+from adhesion_jax.traction.controllers import CONTROLLERS
+from adhesion_jax.traction.loop import check, timing
+from adhesion_jax.traction.observers import OBSERVERS
+from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
+from adhesion_jax.traction.seekers import SEEKERS
+from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.traction.systems.base import NO_SEEKER, built, with_parts
+
+_POINT = "operating_point"
+_POINT_CAPTION = "The operating point over the adhesion curves while the surface changes."
+
+#: All that the command may write, of whichever system.
+OWN_FILES = (
+    *("table.csv", "metrics.csv", "metadata.json", "report.html"),
+    *(f"{_POINT}.png", f"{_POINT}.gif"),
+    *(f"{name}.png" for subject in SUBJECTS.values() for name in subject.captions),
+)
+
+
+@click.command()
+@click.option("--system", "name", type=click.Choice([*SYSTEMS]), required=True)
+@click.option("--plant", "plant_name", help="A TOML file, or the name of a plant that ships.")
+@click.option("--observer", type=click.Choice([*OBSERVERS]), help="Instead of the paper's.")
+@click.option("--seeker", type=click.Choice([NO_SEEKER, *SEEKERS]), help="Instead of the paper's.")
+@click.option("--controller", type=click.Choice([*CONTROLLERS]), help="Instead of the paper's.")
+@click.option("--runs", type=click.IntRange(min=0), default=32, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
+@click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
+@click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
+@click.option("--out", type=click.Path(path_type=Path), help="(out/traction-SYSTEM)")
+def main(
+    name: str,
+    plant_name: str | None,
+    observer: str | None,
+    seeker: str | None,
+    controller: str | None,
+    runs: int,
+    seed: int,
+    step: float | None,
+    animate: bool,
+    out: Path | None,
+) -> None:
+    """Run a published control system on its plant: its table, its figures and its metrics.
+
+    Every scenario of the paper runs once without noise, and so many times with noise. With an
+    observer, a seeker or a controller named, it takes the place of the paper's own.
+    """
+    began = time.perf_counter()
+    system, subject = SYSTEMS[name], SUBJECTS[name]
+    plant = _plant(plant_name or system.plant)
+    step = step or system.step
+    cases = with_parts(system.cases(step), observer, seeker, controller)
+    grids = []
+    for case in cases:
+        loop = built(system, case, plant.plant)
+        check(loop)
+        grids.append(timing(loop, step, system.control_period or step, system.duration))
+    directory = output_directory(out or Path("out") / f"traction-{name}")
+    with staged(directory, OWN_FILES) as stage:
+        with tqdm(total=units(system, cases, plant.plant, grids, runs), unit="unit") as bar:
+
+            def progress(method: str) -> None:
+                bar.set_description(method)
+                bar.update()
+
+            judged = judge(system, cases, plant.plant, grids, runs, seed, progress)
+        table = subject.table(judged.metrics)
+        write_table(stage / "table.csv", table)
+        write_table(stage / "metrics.csv", judged.metrics)
+        shown = [Shown(*pair) for pair in zip(cases, judged.traces, strict=True)]
+        captions = {}
+        for figure, panels in subject.figures(Drawing(shown, plant.plant)).items():
+            if panels:
+                draw(stage / f"{figure}.png", panels)
+                captions[f"{figure}.png"] = subject.captions[figure]
+        draw_operating_point(stage / f"{_POINT}.png", shown[0])
+        captions[f"{_POINT}.png"] = _POINT_CAPTION
+        if animate:
+            animate_operating_point(stage / f"{_POINT}.gif", shown[0])
+        page = traction_page(system, plant, table, judged.metrics, captions, runs)
+        pictures = {picture: (stage / picture).read_bytes() for picture in captions}
+        (stage / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+        seconds = time.perf_counter() - began
+        write_metadata(
+            stage / "metadata.json",
+            {
+                "system": name,
+                "source": system.source,
+                "plant": plant.title,
+                "parameters": {key: given._asdict() for key, given in plant.given.items()},
+                "observer": observer,
+                "seeker": seeker,
+                "controller": controller,
+                "runs": runs,
+                "seed": seed,
+                "step_s": step,
+                "control_period_s": system.control_period or step,
+                "plant_steps": judged.steps,
+                "plant_steps_per_cpu_second": judged.steps / judged.seconds,
+                "seconds": seconds,
+                "compile_cpu_seconds": judged.compile_seconds,
+                "run_cpu_seconds": judged.seconds,
+                **runtime.describe(),
+            },
+        )
+    click.echo(_aligned(table))
+    rate = judged.steps / judged.seconds / 1e6
+    click.echo(
+        f"\n{judged.steps:.3g} plant steps in {judged.seconds:.0f} CPU-seconds "
+        f"({rate:.1f} million a CPU-second), compiled in {judged.compile_seconds:.0f} s; "
+        f"written to {directory} in {seconds:.0f} s"
+    )
+
+
+def _plant(name: str) -> PlantFile:
+    """Of a file, or of the name of one that ships."""
+    known = shipped()
+    if name in known:
+        return read_plant(known[name])
+    if not Path(name).is_file():
+        raise InputError(
+            f"--plant {name} is neither a file nor a plant that ships; name a TOML file or "
+            f"{', '.join(known)}."
+        )
+    return read_plant(Path(name))
+
+
+def _aligned(table: pd.DataFrame) -> str:
+    return table.to_string(index=False, float_format=lambda x: f"{x:.4g}", na_rep="")

@@ -1,0 +1,121 @@
+"""The page on a traction system: what was found, what the paper has, and what was assumed."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.campaign.traction import NOISY, QUIET, WHOLE
+from adhesion_jax.metrics.closed_loop import FIGURES
+from adhesion_jax.report.page import Block, Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.traction.plants.reading import TAGS, PlantFile
+from adhesion_jax.traction.systems.base import System
+
+#: The figures of a segment that the page shows; metrics.csv has them all.
+_SHOWN = ("utilisation", "t95", "tracking_rms", "slip_energy_share", "torque_variation")
+
+
+def traction_page(
+    system: System,
+    plant: PlantFile,
+    table: pd.DataFrame,
+    metrics: pd.DataFrame,
+    captions: Mapping[str, str],
+    runs: int,
+) -> Page:
+    """`captions` are those of the pictures that were drawn, by the names of their files."""
+    sections = [
+        Section("Beside the paper", [Paragraph(_beside(system)), _as_table(table)]),
+        Section("Every method, without noise", [_metrics_table(metrics, QUIET)]),
+    ]
+    if runs:
+        noise = system.noise
+        words = (
+            f"Means over {runs} runs with noise of {noise.motor:g} rad/s in the speed of the "
+            f"motor and of {noise.train:g} m/s in that of the train, with their standard errors."
+        )
+        sections.append(Section("With noise", [Paragraph(words), _metrics_table(metrics, NOISY)]))
+    pictures: list[Block] = [Picture(name, caption) for name, caption in captions.items()]
+    sections.append(Section("Figures", pictures))
+    sections.append(Section("What was repaired", [Items(system.repairs)]))
+    sections.append(Section("What was assumed", [Items(system.assumptions), *_parameters(plant)]))
+    meanings = [[name, unit, words] for name, (unit, words) in FIGURES.items()]
+    sections.append(
+        Section("Columns of metrics.csv", [Table(("column", "unit", "meaning"), meanings)])
+    )
+    return Page(system.title, _verdict(metrics), sections)
+
+
+def _verdict(metrics: pd.DataFrame) -> str:
+    """The best method by utilisation of the whole run, and what did not go regularly."""
+    rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
+    means = rows.groupby("method", sort=False)["utilisation"].mean().sort_values()
+    shares = [f"{method} {100 * mean:.1f} %" for method, mean in means.items()]
+    words = f"Of the adhesion there is, {shares[-1]} is used without noise"
+    words += f", the least by {shares[0]}." if len(shares) > 1 else "."
+    told = rows[rows["status"] != "regular"]
+    for _, row in told.drop_duplicates(["method", "status"]).iterrows():
+        words += f" {row['method']}: {row['status']}."
+    return words
+
+
+def _beside(system: System) -> str:
+    return (
+        f"Each row is a run without noise on the plant of {system.source}. Columns whose names "
+        "begin with paper hold what it prints."
+    )
+
+
+def _as_table(table: pd.DataFrame) -> Table:
+    numbers = [str(name) for name in table if pd.api.types.is_numeric_dtype(table[name])]
+    return Table([*table], [[*map(_cell, row)] for row in table.to_numpy(dtype=object)], numbers)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}" if np.isfinite(value) else ""
+    return str(value)
+
+
+def _metrics_table(metrics: pd.DataFrame, noise: str) -> Table:
+    rows = metrics[metrics["noise"] == noise]
+    names = ["scenario", "method", "segment"]
+    cells = [
+        [
+            *(str(row[name]) for name in names),
+            *(_pair(row[name], row[f"{name}_se"]) for name in _SHOWN),
+            str(row["status"]),
+        ]
+        for _, row in rows.iterrows()
+    ]
+    headings = [f"{name} ({FIGURES[name][0]})" for name in _SHOWN]
+    return Table(
+        [*names, *headings, "status"], cells, headings, f"{len(cells)} rows: methods and segments"
+    )
+
+
+def _pair(value: float, error: float) -> str:
+    if not np.isfinite(value):
+        return ""
+    return f"{value:.4g} ± {error:.1g}" if np.isfinite(error) else f"{value:.4g}"
+
+
+def _parameters(plant: PlantFile) -> Sequence[Block]:
+    rows = [
+        [
+            name,
+            ", ".join(f"{value:.6g}" for value in given.value),
+            given.unit,
+            TAGS.get(given.tag, ""),
+            given.source,
+        ]
+        for name, given in plant.given.items()
+    ]
+    counted = {
+        words: sum(given.tag == tag for given in plant.given.values())
+        for tag, words in TAGS.items()
+    }
+    told = ", ".join(f"{count} {words}" for words, count in counted.items() if count)
+    words = f"Parameters of the plant ({plant.title}): {told}." if told else "No tags are given."
+    headings = ("parameter", "value", "unit", "where from", "source")
+    return [Paragraph(words), Table(headings, rows, ("value",))]

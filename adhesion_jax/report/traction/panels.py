@@ -1,0 +1,80 @@
+"""Figures as data: panels with lines and with the numbers that a paper prints."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from adhesion_jax.report.style import light_frame, line_styles
+
+#: The colour of what a paper prints; in grey it is told apart by its marker or by its dots.
+_PUBLISHED = "#7A0019"
+
+
+class Line(NamedTuple):
+    label: str
+    x: ArrayLike
+    y: ArrayLike
+
+
+class Mark(NamedTuple):
+    """A published number: a point, or a dotted line where one of the two is not told."""
+
+    label: str
+    x: float | None = None
+    y: float | None = None
+
+
+class Panel(NamedTuple):
+    title: str
+    x_label: str
+    y_label: str
+    lines: Sequence[Line]
+    marks: Sequence[Mark] = ()
+    limits: tuple[float, float] | None = None  # of y
+
+
+def draw(path: Path, panels: Sequence[Panel], columns: int = 3) -> None:
+    """The panels in a grid, with one legend for all; a label has one style in all of them."""
+    columns = min(columns, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(4.3 * max(columns, 1.4), 3.1 * rows + 0.8), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes[len(panels) :]:
+        axis.set_axis_off()
+    labels = dict.fromkeys(line.label for panel in panels for line in panel.lines)
+    styles = line_styles(list(labels))
+    for axis, panel in zip(axes, panels, strict=False):
+        draw_lines(axis, panel.lines, styles)
+        _mark(axis, panel.marks)
+        axis.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+        if panel.limits is not None:
+            axis.set_ylim(*panel.limits)
+        light_frame(axis)
+    found = [axis.get_legend_handles_labels() for axis in axes]
+    legend = {label: handle for pair in found for handle, label in zip(*pair, strict=True)}
+    figure.legend(
+        list(legend.values()), list(legend), loc="outside lower center", ncols=4, fontsize=9
+    )
+    figure.savefig(path, dpi=110)
+
+
+def draw_lines(axis: Axes, lines: Sequence[Line], styles: Mapping[str, Mapping[str, Any]]) -> None:
+    """Each in the colour and the dashes of its label."""
+    for line in lines:
+        style = {key: styles[line.label][key] for key in ("color", "linestyle")}
+        axis.plot(np.asarray(line.x), np.asarray(line.y), label=line.label, lw=1.3, **style)
+
+
+def _mark(axis: Axes, marks: Sequence[Mark]) -> None:
+    for mark in marks:
+        if mark.x is None and mark.y is not None:
+            axis.axhline(mark.y, color=_PUBLISHED, ls=":", lw=1.4, label=mark.label)
+        elif mark.y is None and mark.x is not None:
+            axis.axvline(mark.x, color=_PUBLISHED, ls=":", lw=1.4, label=mark.label)
+        elif mark.x is not None and mark.y is not None:
+            axis.plot(mark.x, mark.y, "*", color=_PUBLISHED, markersize=11, label=mark.label)

@@ -1,0 +1,137 @@
+"""What is drawn of the runs of any system."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from adhesion_jax.report.traction.panels import Line, Mark, Panel
+from adhesion_jax.traction.loop import Trace
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.surface import Surface
+from adhesion_jax.traction.systems.base import Case
+
+Array = NDArray[np.float64]
+
+TIME = "time (s)"
+
+
+class Shown(NamedTuple):
+    """A case, and its run without noise."""
+
+    case: Case
+    trace: Trace
+
+
+class Drawing(NamedTuple):
+    """What the figures of a system are made of."""
+
+    shown: Sequence[Shown]
+    plant: Plant
+
+
+class Unit(NamedTuple):
+    """Of speeds in a figure: its name, and how many of it are 1 m/s."""
+
+    name: str
+    per_mps: float
+
+    def of(self, speed: ArrayLike) -> Array:
+        return self.per_mps * np.asarray(speed)
+
+
+MPS, KMH = Unit("m/s", 1.0), Unit("km/h", 3.6)
+
+
+def by_method(shown: Sequence[Shown], *methods: str) -> list[Shown]:
+    """The runs of these methods, in their order; those of the first method where there are none."""
+    found = [one for method in methods for one in shown if one.case.method == method]
+    return found or [one for one in shown if one.case.method == shown[0].case.method]
+
+
+def mean_of_axles(values: jax.Array) -> Array:
+    return np.asarray(values).mean(axis=-1)
+
+
+def surfaces(one: Shown) -> Mapping[str, Surface]:
+    """The rails of a case by their names, each once."""
+    return {
+        name: one.case.rails.surface(jnp.asarray(number))
+        for number, name in enumerate(one.case.segments)
+    }
+
+
+def curves(
+    found: Mapping[str, Surface], train_speed: float, highest: float, unit: Unit = MPS
+) -> list[Line]:
+    """Adhesion over slip velocities up to the highest, which is in the unit."""
+    slips = np.linspace(0.0, highest, 300)
+    return [
+        Line(name, slips, adhesion(surface, slips / unit.per_mps, train_speed))
+        for name, surface in found.items()
+    ]
+
+
+def adhesion(surface: Surface, slips: ArrayLike, train_speed: float) -> Array:
+    """At slip velocities in m/s."""
+    return np.asarray(surface(jnp.asarray(slips), jnp.asarray(train_speed)))
+
+
+def speeds(one: Shown, title: str, unit: Unit = MPS) -> Panel:
+    rows = one.trace
+    lines = [
+        Line("wheel at the rim", rows.time, unit.of(mean_of_axles(rows.rim_speed))),
+        Line("train", rows.time, unit.of(rows.sample.train_speed)),
+    ]
+    return Panel(title, TIME, f"speed ({unit.name})", lines)
+
+
+def slips(
+    one: Shown,
+    title: str,
+    marks: Sequence[Mark],
+    unit: Unit = MPS,
+    limits: tuple[float, float] | None = None,
+) -> Panel:
+    rows = one.trace
+    lines = [
+        Line("slip", rows.time, unit.of(mean_of_axles(rows.sample.slip))),
+        Line("best slip", rows.time, unit.of(mean_of_axles(rows.sample.optimum))),
+    ]
+    return Panel(title, TIME, f"slip velocity ({unit.name})", lines, marks, limits)
+
+
+def adhesions(one: Shown, title: str) -> Panel:
+    rows = one.trace
+    lines = [
+        Line("adhesion", rows.time, mean_of_axles(rows.sample.adhesion)),
+        Line("largest", rows.time, mean_of_axles(rows.sample.largest)),
+    ]
+    return Panel(title, TIME, "adhesion (1)", lines)
+
+
+def observed(one: Shown, title: str) -> Panel:
+    rows = one.trace
+    lines = [
+        Line("observed", rows.time, mean_of_axles(rows.sample.observed)),
+        Line("true", rows.time, mean_of_axles(rows.sample.adhesion)),
+    ]
+    return Panel(title, TIME, "adhesion (1)", lines)
+
+
+def torques(one: Shown, title: str, marks: Sequence[Mark] = ()) -> Panel:
+    rows = one.trace
+    lines = [Line("torque of a motor", rows.time, mean_of_axles(rows.sample.torque) / 1e3)]
+    return Panel(title, TIME, "torque (kN m)", lines, marks)
+
+
+def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: Unit = MPS) -> Panel:
+    """The operating point in traction over the adhesion curves."""
+    rows = one.trace.sample
+    driven = np.asarray(rows.counts) & (np.asarray(rows.direction) > 0)
+    slip = unit.of(mean_of_axles(rows.slip))[driven]
+    track = Line("operating point", slip, mean_of_axles(rows.adhesion)[driven])
+    return Panel(title, f"slip velocity ({unit.name})", "adhesion (1)", [*lines, track])

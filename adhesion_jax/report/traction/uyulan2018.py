@@ -1,0 +1,125 @@
+"""Table 1 and figures 4 to 10 of Uyulan et al. 2018 beside ours."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.campaign.traction import QUIET, WHOLE
+from adhesion_jax.report.traction.panels import Line, Mark, Panel
+from adhesion_jax.report.traction.runs import (
+    TIME,
+    Drawing,
+    Shown,
+    adhesion,
+    adhesions,
+    by_method,
+    curves,
+    mean_of_axles,
+    over_curves,
+    slips,
+    speeds,
+    surfaces,
+    torques,
+)
+from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
+from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
+from adhesion_jax.traction.systems.uyulan2018 import PRINTED, PRINTED_BEST_SLIP, lyapunov
+
+#: Speed of the train at which the curves are drawn, m/s; the surfaces do not depend on it.
+_SPEED = 10.0
+
+
+def table(metrics: pd.DataFrame) -> pd.DataFrame:
+    """Tracking with the true optimum, and the estimate of the printed seeker less the slip."""
+    rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
+    found = []
+    for names, (tracking, estimation) in PRINTED.items():
+        scenario = "-".join(names)
+        these = rows[rows["scenario"] == scenario]
+        found.append(
+            {
+                "scenario": scenario,
+                "tracking_rms": these["tracking_rms"].iloc[0],
+                "estimation_rms": these["estimation_rms"].iloc[-1],
+                "paper_tracking_rms": tracking,
+                "paper_estimation_rms": estimation,
+            }
+        )
+    return pd.DataFrame(found)
+
+
+def figures(drawing: Drawing) -> Mapping[str, Sequence[Panel]]:
+    shown = by_method(drawing.shown, "true optimum")
+    sought = {one.case.scenario: one for one in by_method(drawing.shown, "as printed")}
+    return {
+        "fig_04_surfaces": [_surfaces(shown)],
+        "fig_05_speeds": [speeds(one, one.case.scenario) for one in shown],
+        "fig_06_adhesion": [adhesions(one, one.case.scenario) for one in shown],
+        "fig_07_torque": [torques(one, one.case.scenario, [Mark("20 s", x=20.0)]) for one in shown],
+        "fig_08_slip": [_slip(one, sought[one.case.scenario]) for one in shown],
+        "fig_09_map": [
+            over_curves(one, one.case.scenario, curves(surfaces(one), _SPEED, 5.0)) for one in shown
+        ],
+        "fig_10_lyapunov": _lyapunov(shown, drawing),
+    }
+
+
+CAPTIONS: Mapping[str, str] = {
+    "fig_04_surfaces": "Figure 4: adhesion over slip velocity on the four surfaces. Stars mark the "
+    "best slip that the paper prints, which lies to the left of the peaks of its curves.",
+    "fig_05_speeds": "Figure 5: speed of the wheels at the rim and of the train.",
+    "fig_06_adhesion": "Figure 6: adhesion, and the largest that the surface has.",
+    "fig_07_torque": "Figure 7: torque of a motor; the paper has a saturation at 20 s.",
+    "fig_08_slip": "Figure 8: slip with the true optimum as reference, and slip with the seeker as "
+    "the paper prints it. Dotted: the best slips that the paper prints. The start at 5 m/s is cut.",
+    "fig_09_map": "Figure 9: the operating point over the adhesion curves.",
+    "fig_10_lyapunov": "Figure 10: the Lyapunov function, and how fast it changes.",
+}
+
+
+def _surfaces(shown: Sequence[Shown]) -> Panel:
+    found = {name: surface for one in shown for name, surface in surfaces(one).items()}
+    marks = [
+        Mark("paper's best slip", slip, float(adhesion(found[name], slip, _SPEED)))
+        for name, slip in PRINTED_BEST_SLIP.items()
+        if name in found
+    ]
+    lines = curves(found, _SPEED, 5.0)
+    return Panel("adhesion of the surfaces", "slip velocity (m/s)", "adhesion (1)", lines, marks)
+
+
+def _slip(one: Shown, sought: Shown) -> Panel:
+    names = dict.fromkeys(one.case.segments)
+    marks = [
+        Mark("paper's best slip", y=PRINTED_BEST_SLIP[name])
+        for name in names
+        if name in PRINTED_BEST_SLIP
+    ]
+    panel = slips(one, one.case.scenario, marks, limits=(0.0, 3.0))
+    slip = mean_of_axles(sought.trace.sample.slip)
+    return panel._replace(
+        lines=[*panel.lines, Line("slip, seeker as printed", sought.trace.time, slip)]
+    )
+
+
+def _lyapunov(shown: Sequence[Shown], drawing: Drawing) -> list[Panel]:
+    """Of the paper's controller alone: the function is about its adaptation."""
+    falling, rate = [], []
+    for one in shown:
+        controller, plant = one.case.controller, drawing.plant
+        if not isinstance(controller, AdaptiveRobust) or not isinstance(plant, ElasticAxles):
+            continue
+        rows = one.trace
+        error = rows.sample.slip - rows.sample.optimum
+        bound = rows.controller.bound
+        values = mean_of_axles(lyapunov(controller, plant, bound, error, rows.sample.largest))
+        falling.append(Line(one.case.scenario, rows.time, values))
+        step = np.diff(np.asarray(rows.time))
+        rate.append(Line(one.case.scenario, np.asarray(rows.time)[1:], np.diff(values) / step))
+    if not falling:
+        return []
+    return [
+        Panel("Lyapunov function", TIME, "L (m²/s²)", falling),
+        Panel("its rate of change", TIME, "dL/dt (m²/s³)", rate, limits=(-5.0, 1.0)),
+    ]

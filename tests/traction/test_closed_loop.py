@@ -1,0 +1,153 @@
+"""The figures of a run, reduced sample by sample, against the same from all samples at once."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from adhesion_jax.metrics.closed_loop import FIGURES, RUNAWAY, Sample, add, figures, start, whole
+
+PERIOD = 0.01
+
+
+def samples_of(rows, segments, seed=0, **given):
+    """Random samples [rows] on some segments one after the other, with what is given instead."""
+    random = np.random.default_rng(seed)
+    axles = 2
+    columns = {
+        "segment": np.repeat(np.arange(segments), rows // segments),
+        "counts": np.ones(rows, dtype=bool),
+        "direction": np.ones(rows),
+        "slip": random.uniform(0.0, 0.4, (rows, axles)),
+        "optimum": np.full((rows, axles), 0.2),
+        "adhesion": random.uniform(0.0, 0.3, (rows, axles)),
+        "largest": np.full((rows, axles), 0.3),
+        "observed": random.uniform(0.0, 0.3, (rows, axles)),
+        "asked": random.uniform(0.0, 0.4, (rows, axles)),
+        "torque": random.uniform(0.0, 9e3, (rows, axles)),
+        "slip_power": random.uniform(0.0, 1e4, rows),
+        "pull": random.uniform(0.0, 1e5, rows),
+        "train_speed": 5 + np.cumsum(random.normal(size=rows)) * 0.01,
+    }
+    return Sample(**{name: jnp.asarray(x) for name, x in (columns | given).items()})
+
+
+def totals_of(samples, segments):
+    def one(totals, row):
+        number, sample = row
+        return add(totals, sample, number, PERIOD), None
+
+    first = jax.tree.map(lambda x: x[0], samples)
+    rows = jnp.arange(len(samples.segment))
+    return jax.lax.scan(one, start(first, segments, PERIOD), (rows, samples))[0]
+
+
+def brute(samples, segment):
+    """The figures of one segment, from all of its samples."""
+    x = Sample(*map(np.asarray, samples))
+    here = np.nonzero((x.segment == segment) & x.counts)[0]
+    settled = here[(np.arange(len(here)) * PERIOD) >= 2.0]
+    acceleration = np.concatenate([[0.0], np.diff(x.train_speed)]) / PERIOD
+    jerk = np.concatenate([[0.0, 0.0], np.diff(acceleration[1:])]) / PERIOD
+    moved = np.concatenate([[0.0], np.abs(np.diff(x.torque, axis=0)).mean(axis=1)])
+    share = (x.direction[:, None] * x.adhesion / x.largest).mean(axis=1)
+
+    def rms(values):
+        return np.sqrt(np.mean(values**2))
+
+    stretch = 30
+    reached = np.nan
+    for begin in range(len(here) - stretch + 1):
+        if np.mean(share[here[begin : begin + stretch]] >= 0.95) >= 0.95:
+            reached = begin * PERIOD
+            break
+    slip_energy = PERIOD * x.slip_power[here].sum()
+    work = abs(PERIOD * (x.pull * x.train_speed)[here].sum())
+    return {
+        "utilisation": share[here].mean(),
+        "overshoot": (x.direction[:, None] * (x.slip - x.optimum))[here].max(),
+        "t95": reached,
+        "never95": float(np.isnan(reached)),
+        "slip_energy": slip_energy,
+        "slip_energy_share": slip_energy / work if work > 0 else np.nan,
+        "torque_variation": moved[here].sum() / 1e3 / (PERIOD * len(here)),
+        "torque_largest": np.abs(x.torque[here]).max() / 1e3,
+        "jerk_rms": rms(jerk[here]),
+        "tracking_rms": rms((x.slip - x.optimum)[here]),
+        "tracking_rms_settled": rms((x.slip - x.optimum)[settled]),
+        "estimation_rms": rms((x.asked - x.slip)[here]),
+        "estimation_rms_settled": rms((x.asked - x.slip)[settled]),
+        "adhesion_rms": rms((x.observed - x.adhesion)[here]),
+        "slip_settled": x.slip[settled].mean(),
+        "utilisation_settled": share[settled].mean(),
+        "ran_away": float((np.abs(x.slip) > RUNAWAY * np.abs(x.optimum))[settled].any()),
+        "rolled_back": float(x.train_speed[here].min() < -0.01),
+        "stood": float(np.abs(x.train_speed[here]).max() < 0.01),
+    }
+
+
+def near_the_peak(rows, begins, falls=()):
+    """Adhesion below .95 of the largest before a row and at some rows, above it elsewhere."""
+    share = np.where(np.arange(rows) < begins, 0.5, 0.97)
+    share[list(falls)] = 0.9
+    return 0.3 * np.broadcast_to(share[:, None], (rows, 2))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"adhesion": near_the_peak(900, 77, (80, 110))},  # two of any thirty are too many
+        {"adhesion": near_the_peak(900, 77, (90,))},
+        {"adhesion": near_the_peak(900, 299)},  # which the switch at row 300 cuts off
+        {"slip": np.where(np.arange(900)[:, None] == 250, 3.0, np.full((900, 2), 0.2))},
+        {"slip": np.where(np.arange(900)[:, None] == 50, 3.0, np.full((900, 2), 0.2))},
+        {"train_speed": np.linspace(1.0, -1.0, 900)},
+        {"train_speed": np.zeros(900)},
+        {"direction": -np.ones(900), "optimum": np.full((900, 2), -0.2)},
+    ],
+)
+def test_figures_are_those_of_all_samples_at_once(given):
+    samples = samples_of(900, 3, **given)
+    found = figures(totals_of(samples, 3), PERIOD)
+    assert set(found) == set(FIGURES)
+    for segment in range(3):
+        expected = brute(samples, segment)
+        for name, figure in found.items():
+            np.testing.assert_allclose(
+                figure[segment], expected[name], rtol=1e-9, atol=1e-12, err_msg=name
+            )
+
+
+def test_t95_begins_with_its_stretch():
+    samples = samples_of(900, 3, adhesion=near_the_peak(900, 77, (90,)))
+    found = figures(totals_of(samples, 3), PERIOD)
+    # The fall at row 90 is the one sample of thirty that may be below.
+    assert float(found["t95"][0]) == pytest.approx(0.77)
+    assert found["t95"][1:].tolist() == [0.0, 0.0]
+
+
+def test_the_whole_run_is_one_segment():
+    samples = samples_of(900, 3)
+    found = figures(whole(totals_of(samples, 3)), PERIOD)
+    one = samples._replace(segment=jnp.zeros(900, dtype=int))
+    expected = brute(one, 0)
+    for name in ("utilisation", "overshoot", "slip_energy_share", "tracking_rms", "jerk_rms"):
+        np.testing.assert_allclose(found[name], [expected[name]], rtol=1e-9, err_msg=name)
+
+
+def test_a_segment_that_is_not_reached_has_no_figures():
+    samples = samples_of(300, 1)
+    found = figures(totals_of(samples, 2), PERIOD)
+    assert all(np.isnan(figure[1]) for figure in found.values())
+    assert np.isfinite(found["utilisation"][0])
+
+
+def test_after_the_driver_is_done_nothing_counts():
+    samples = samples_of(600, 1, counts=np.arange(600) < 300)
+    found = figures(totals_of(samples, 1), PERIOD)
+    np.testing.assert_allclose(found["utilisation"][0], brute(samples, 0)["utilisation"])
+    no_seeker = samples_of(600, 1, asked=np.full((600, 2), np.nan))
+    found = figures(totals_of(no_seeker, 1), PERIOD)
+    assert np.isnan(found["estimation_rms"][0])
+    assert np.isfinite(found["tracking_rms"][0])
