@@ -4,11 +4,17 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.queues import Queue
 from typing import Any, TypeVar
 
-from adhesion_jax.runtime import compilation_folder, share_compilations
+from adhesion_jax.runtime import compilation_folder, cores_for, share_compilations, take_core
 
 T = TypeVar("T")
+
+
+def _start(folder: str, cores: Queue) -> None:
+    take_core(cores)
+    share_compilations(folder)
 
 
 @contextmanager
@@ -18,18 +24,18 @@ def mapped(
     """`function(*unit)` of each unit, in the order of the work, from as many processes as asked.
 
     Processes, because two threads that run compiled loops in one process can wait for each
-    other for ever, and spawned, because a fork of a process in which jax runs is not safe.
+    other for ever, and spawned, because a fork of a process in which jax runs is not safe. They
+    share what they compile.
     """
     if workers == 1:
         yield (function(*unit) for unit in work)
         return
+    spawning = multiprocessing.get_context("spawn")
+    cores = cores_for(workers, spawning)
     with (
         compilation_folder() as folder,
         ProcessPoolExecutor(
-            workers,
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=share_compilations,
-            initargs=(folder,),
+            workers, mp_context=spawning, initializer=_start, initargs=(folder, cores)
         ) as pool,
     ):
         try:

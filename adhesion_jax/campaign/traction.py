@@ -22,9 +22,10 @@ from adhesion_jax.traction.loop import Loop, Timing, Trace, run, trace
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
 
-#: Runs of a tile, which is always computed whole: the result of a run then depends on its number
-#: alone, not on how many there are.
-TILE = 32
+#: A tile has a multiple of so many runs, and at most so many: few lose time by the calls of each
+#: step, more by leaving the cache. There is no matrix product or sum over runs in a loop, so that
+#: the result of a run does not depend on the runs beside it, to the bit.
+_LEAST, _MOST = 32, 512
 
 #: A run that is drawn has at most this many rows.
 _ROWS = 3000
@@ -56,13 +57,13 @@ class Judged(NamedTuple):
 
 
 class _Unit(NamedTuple):
-    """Work of one process: cases of one form without noise, or a tile of the runs of a case."""
+    """Work of one process: cases of one form without noise, or some noisy runs of a case."""
 
     loops: tuple[Loop, ...]
     grid: Timing
     seed: int
     scenario: str
-    tile: int | None
+    runs: range | None
 
 
 class _Result(NamedTuple):
@@ -96,12 +97,12 @@ def judge(
             seconds += result.seconds
             compile_seconds += result.compile_seconds
             steps += len(next(iter(result.figures.values()))) * _steps(unit.grid)
-            if unit.tile is None:
+            if unit.runs is None:
                 for lane, case in enumerate(members):
                     tally[case, QUIET] = _moments(result.figures, slice(lane, lane + 1))
                     traces[case] = jax.tree.map(lambda x, i=lane: x[i], result.trace)
             else:
-                part = _moments(result.figures, slice(0, min(TILE, runs - unit.tile * TILE)))
+                part = _moments(result.figures, slice(0, runs - unit.runs.start))
                 key = members[0], NOISY
                 tally[key] = tally[key].plus(part) if key in tally else part
             progress(cases[members[0]].method)
@@ -143,9 +144,15 @@ def _work(
         found.append((_Unit(loops, grids[members[0]], seed, "", None), tuple(members)))
     for number, case in enumerate(cases):
         loop = built(system, case, plant, noisy=True)
-        for tile in range(-(-runs // TILE)):
+        for tile in _tiles(runs):
             found.append((_Unit((loop,), grids[number], seed, case.scenario, tile), (number,)))
     return found
+
+
+def _tiles(runs: int) -> list[range]:
+    """Equal ones, of which the last may go beyond the runs."""
+    size = min(-(-runs // _LEAST) * _LEAST, _MOST)
+    return [range(first, first + size) for first in range(0, runs, size or 1)]
 
 
 def _steps(grid: Timing) -> int:
@@ -153,11 +160,10 @@ def _steps(grid: Timing) -> int:
 
 
 def _judged(
-    loops: tuple[Loop, ...], grid: Timing, seed: int, scenario: str, tile: int | None
+    loops: tuple[Loop, ...], grid: Timing, seed: int, scenario: str, runs: range | None
 ) -> _Result:
-    drawn = tile is None
-    runs = jnp.arange(len(loops)) if tile is None else jnp.arange(TILE) + tile * TILE
-    keys = noise_keys(seed, scenario, runs)
+    drawn = runs is None
+    keys = noise_keys(seed, scenario, jnp.asarray(range(len(loops)) if runs is None else runs))
     stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
     began = time.perf_counter()
     compiled = _compiled(jax.tree.structure((stacked, keys)), _kinds((stacked, keys)), grid, drawn)
@@ -218,7 +224,7 @@ def _every(grid: Timing) -> int:
 
 def _figures(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
     """Of each segment, and last of the whole run."""
-    parts = (totals, closed_loop.whole(totals))
+    parts = (closed_loop.by_segment(totals), closed_loop.whole(totals))
     found = [closed_loop.figures(part, grid.sample_period) for part in parts]
     return {name: jnp.concatenate([1.0 * part[name] for part in found]) for name in FIGURES}
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt64
 
 #: Tracking and estimation are also told without this time after a switch, in s.
 SETTLED = 2.0
@@ -13,6 +13,9 @@ SETTLED = 2.0
 #: t95 is the start of the first stretch of this length in s in which this share of the samples has
 #: at least this share of the largest adhesion.
 STRETCH, SHARE_OF_SAMPLES, SHARE_OF_PEAK = 0.3, 0.95, 0.95
+
+#: Flags in a word.
+_BITS = 64
 
 #: Slip has run away where, settled, it is this many times that of the largest adhesion.
 RUNAWAY = 10.0
@@ -43,58 +46,95 @@ class Sample(NamedTuple):
     train_speed: Float[Array, ""]  # m/s
 
 
-class Sums(NamedTuple):
-    """What adds up [segments] over the samples of a run; squares are means over the axles."""
+class Segment(NamedTuple):
+    """Sums and extremes over the samples of a segment; squares are means over the axles."""
 
-    samples: Float[Array, " segments"]
-    utilised: Float[Array, " segments"]
-    slip_energy: Float[Array, " segments"]
-    useful_work: Float[Array, " segments"]
-    torque_variation: Float[Array, " segments"]
-    jerk_squares: Float[Array, " segments"]
-    tracking_squares: Float[Array, " segments"]
-    estimation_squares: Float[Array, " segments"]
-    adhesion_squares: Float[Array, " segments"]
-    asked_samples: Float[Array, " segments"]
-    settled_asked_samples: Float[Array, " segments"]
-    settled_samples: Float[Array, " segments"]
-    settled_slip: Float[Array, " segments"]
-    settled_utilised: Float[Array, " segments"]
-    settled_tracking_squares: Float[Array, " segments"]
-    settled_estimation_squares: Float[Array, " segments"]
-    runaway_samples: Float[Array, " segments"]
+    samples: Float[Array, "..."]
+    utilised: Float[Array, "..."]
+    slip_energy: Float[Array, "..."]
+    useful_work: Float[Array, "..."]
+    torque_variation: Float[Array, "..."]
+    jerk_squares: Float[Array, "..."]
+    tracking_squares: Float[Array, "..."]
+    estimation_squares: Float[Array, "..."]
+    adhesion_squares: Float[Array, "..."]
+    asked_samples: Float[Array, "..."]
+    settled_asked_samples: Float[Array, "..."]
+    settled_samples: Float[Array, "..."]
+    settled_slip: Float[Array, "..."]
+    settled_utilised: Float[Array, "..."]
+    settled_tracking_squares: Float[Array, "..."]
+    settled_estimation_squares: Float[Array, "..."]
+    runaway_samples: Float[Array, "..."]
+    overshoot: Float[Array, "..."]  # the largest
+    torque_largest: Float[Array, "..."]
+    fastest: Float[Array, "..."]  # speed of the train, m/s
+    slowest: Float[Array, "..."]
+    reached: Float[Array, "..."]  # s; infinite: not yet
+
+
+#: What is not added up.
+_LARGEST, _LEAST = ("overshoot", "torque_largest", "fastest"), ("slowest", "reached")
 
 
 class Totals(NamedTuple):
-    """Sums and extremes [segments] over the samples of a run, and what the next sample needs."""
+    """What is kept of a run.
 
-    sums: Sums
-    overshoot: Float[Array, " segments"]
-    torque_largest: Float[Array, " segments"]
-    slowest: Float[Array, " segments"]  # speed of the train, m/s
-    fastest: Float[Array, " segments"]
-    reached: Float[Array, " segments"]  # s; NaN: not yet
+    A segment each has scalars of its own: arrays [segments] would take five times as long, since
+    so short an axis keeps the compiler from working on several runs at once.
+    """
+
+    segments: tuple[Segment, ...]
     age: Int[Array, ""]  # samples since the segment began
     last: Sample
     acceleration: Float[Array, ""]  # of the train, m/s^2
-    near: Bool[Array, " stretch"]  # whether each sample of the last stretch was near the peak
+    near: tuple[UInt64[Array, ""], ...]  # a bit for each sample of the last stretch, latest first
+    near_count: Int[Array, ""]  # of those in this segment
 
 
 def start(first: Sample, segments: int, period: float) -> Totals:
     """Nothing counted yet; `period` is the time from a sample to the next, in s."""
-    none = jnp.zeros(segments)
+    nothing = {name: jnp.asarray(_neutral(name)) for name in Segment._fields}
     return Totals(
-        sums=Sums(*[none] * len(Sums._fields)),
-        overshoot=none - jnp.inf,
-        torque_largest=none,
-        slowest=none + jnp.inf,
-        fastest=none - jnp.inf,
-        reached=none + jnp.nan,
+        segments=(Segment(**nothing),) * segments,
         age=jnp.zeros((), dtype=int),
         last=first,
         acceleration=jnp.zeros(()),
-        near=jnp.zeros(max(round(STRETCH / period), 1), dtype=bool),
+        near=(jnp.zeros((), dtype=jnp.uint64),) * -(-_stretch(period) // _BITS),
+        near_count=jnp.zeros((), dtype=int),
     )
+
+
+def _neutral(name: str) -> float:
+    """What changes nothing where it is joined."""
+    return -jnp.inf if name in _LARGEST else jnp.inf if name in _LEAST else 0.0
+
+
+def _joined(name: str, one: Array, other: Array) -> Array:
+    if name in _LARGEST:
+        return jnp.maximum(one, other)
+    return jnp.minimum(one, other) if name in _LEAST else one + other
+
+
+def _stretch(period: float) -> int:
+    """Its samples."""
+    return max(round(STRETCH / period), 1)
+
+
+def _shifted(
+    words: tuple[UInt64[Array, ""], ...], newest: Bool[Array, ""], length: int
+) -> tuple[tuple[UInt64[Array, ""], ...], Bool[Array, ""]]:
+    """Flags with one more before them, and the one of `length` that has no place any more.
+
+    They are bits of words: an array of flags would be copied whole at every sample.
+    """
+    word, bit = divmod(length - 1, _BITS)
+    oldest = (words[word] >> bit) & 1
+    carried, shifted = newest.astype(jnp.uint64), []
+    for one in words:
+        shifted.append((one << 1) | carried)
+        carried = one >> (_BITS - 1)
+    return tuple(shifted), oldest.astype(bool)
 
 
 def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -> Totals:
@@ -102,7 +142,6 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
     last = totals.last
     same = (sample.segment == last.segment) & (number > 0)
     age = jnp.where(same, totals.age + 1, 0)
-    here = (jnp.arange(totals.overshoot.size) == sample.segment) & sample.counts
     settled = age * period >= SETTLED
 
     utilised = jnp.mean(sample.direction * sample.adhesion / sample.largest)
@@ -114,19 +153,18 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
     moved = jnp.where(number > 0, jnp.mean(jnp.abs(sample.torque - last.torque)), 0.0)
     ran_away = jnp.any(jnp.abs(sample.slip) > RUNAWAY * jnp.abs(sample.optimum))
 
-    # A ring of flags: what leaves the stretch is what stood where the new one goes.
-    near = jnp.where(same, totals.near, False)
-    place = number % near.size
-    near = jax.lax.dynamic_update_index_in_dim(near, utilised >= SHARE_OF_PEAK, place, 0)
-    held = (jnp.sum(near) >= SHARE_OF_SAMPLES * near.size) & (age + 1 >= near.size)
-    began = (age + 1 - near.size) * period
-    fills = here & held & jnp.isnan(totals.reached)
+    stretch = _stretch(period)
+    is_near = utilised >= SHARE_OF_PEAK
+    near, oldest = _shifted(totals.near, is_near, stretch)
+    leaves = (age >= stretch) & oldest
+    count = jnp.where(same, totals.near_count, 0) + is_near - leaves
+    held = (count >= SHARE_OF_SAMPLES * stretch) & (age + 1 >= stretch)
 
     def if_settled(what: Array) -> Array:
         return jnp.where(settled, what, 0.0)
 
     one = jnp.ones(())
-    more = Sums(
+    found = Segment(
         samples=one,
         utilised=utilised,
         slip_energy=period * sample.slip_power,
@@ -144,22 +182,29 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
         settled_tracking_squares=if_settled(tracking),
         settled_estimation_squares=if_settled(estimation),
         runaway_samples=if_settled(one * ran_away),
+        overshoot=jnp.max(sample.direction * (sample.slip - sample.optimum)),
+        torque_largest=jnp.max(jnp.abs(sample.torque)),
+        fastest=sample.train_speed,
+        slowest=sample.train_speed,
+        reached=jnp.where(held, (age + 1 - stretch) * period, jnp.inf),
     )
-    over = jnp.max(sample.direction * (sample.slip - sample.optimum))
-    torque, speed = jnp.max(jnp.abs(sample.torque)), sample.train_speed
+
+    def after(segment: Segment, index: int) -> Segment:
+        here = (sample.segment == index) & sample.counts
+        return Segment(
+            *(
+                _joined(name, had, jnp.where(here, new, _neutral(name)))
+                for name, had, new in zip(Segment._fields, segment, found, strict=True)
+            )
+        )
+
     return Totals(
-        sums=jax.tree.map(lambda sum_, new: sum_ + jnp.where(here, new, 0.0), totals.sums, more),
-        overshoot=jnp.where(here, jnp.maximum(totals.overshoot, over), totals.overshoot),
-        torque_largest=jnp.where(
-            here, jnp.maximum(totals.torque_largest, torque), totals.torque_largest
-        ),
-        slowest=jnp.where(here, jnp.minimum(totals.slowest, speed), totals.slowest),
-        fastest=jnp.where(here, jnp.maximum(totals.fastest, speed), totals.fastest),
-        reached=jnp.where(fills, began, totals.reached),
+        segments=tuple(after(segment, index) for index, segment in enumerate(totals.segments)),
         age=age,
         last=sample,
         acceleration=acceleration,
         near=near,
+        near_count=count,
     )
 
 
@@ -187,9 +232,28 @@ FIGURES: Mapping[str, tuple[str, str]] = {
 }
 
 
-def figures(totals: Totals, period: float) -> dict[str, Float[Array, " segments"]]:
-    """The figures of FIGURES for each segment of a run; NaN where a segment has no sample."""
-    sums = totals.sums
+def by_segment(totals: Totals) -> Segment:
+    """Arrays [segments]."""
+    return jax.tree.map(lambda *each: jnp.stack(each), *totals.segments)
+
+
+def whole(totals: Totals) -> Segment:
+    """Arrays [1] of the run as one segment; its t95 is that of the first."""
+    segments = by_segment(totals)
+    reached = segments.reached[:1]
+    joined = segments._replace(
+        **{
+            name: (jnp.max if name in _LARGEST else jnp.min if name in _LEAST else jnp.sum)(
+                values, keepdims=True
+            )
+            for name, values in segments._asdict().items()
+        }
+    )
+    return joined._replace(reached=reached)
+
+
+def figures(of: Segment, period: float) -> dict[str, Float[Array, " segments"]]:
+    """The figures of FIGURES from arrays [segments]; NaN where a segment has no sample."""
 
     def mean(total: Array, count: Array) -> Array:
         return total / jnp.where(count > 0, count, jnp.nan)
@@ -198,38 +262,27 @@ def figures(totals: Totals, period: float) -> dict[str, Float[Array, " segments"
         return jnp.sqrt(mean(squares, count))
 
     def where_seen(what: Array) -> Array:
-        return jnp.where(sums.samples > 0, what, jnp.nan)
+        return jnp.where(of.samples > 0, what, jnp.nan)
 
+    never = jnp.isinf(of.reached)
     return {
-        "utilisation": mean(sums.utilised, sums.samples),
-        "overshoot": where_seen(totals.overshoot),
-        "t95": totals.reached,
-        "never95": where_seen(jnp.isnan(totals.reached)),
-        "slip_energy": where_seen(sums.slip_energy),
-        "slip_energy_share": mean(sums.slip_energy, jnp.abs(sums.useful_work)),
-        "torque_variation": mean(sums.torque_variation, 1e3 * period * sums.samples),
-        "torque_largest": where_seen(totals.torque_largest / 1e3),
-        "jerk_rms": root(sums.jerk_squares, sums.samples),
-        "tracking_rms": root(sums.tracking_squares, sums.samples),
-        "tracking_rms_settled": root(sums.settled_tracking_squares, sums.settled_samples),
-        "estimation_rms": root(sums.estimation_squares, sums.asked_samples),
-        "estimation_rms_settled": root(sums.settled_estimation_squares, sums.settled_asked_samples),
-        "adhesion_rms": root(sums.adhesion_squares, sums.samples),
-        "slip_settled": mean(sums.settled_slip, sums.settled_samples),
-        "utilisation_settled": mean(sums.settled_utilised, sums.settled_samples),
-        "ran_away": where_seen(sums.runaway_samples > 0),
-        "rolled_back": where_seen(totals.slowest < -STANDSTILL),
-        "stood": where_seen(jnp.maximum(totals.fastest, -totals.slowest) < STANDSTILL),
+        "utilisation": mean(of.utilised, of.samples),
+        "overshoot": where_seen(of.overshoot),
+        "t95": jnp.where(never, jnp.nan, of.reached),
+        "never95": where_seen(never),
+        "slip_energy": where_seen(of.slip_energy),
+        "slip_energy_share": mean(of.slip_energy, jnp.abs(of.useful_work)),
+        "torque_variation": mean(of.torque_variation, 1e3 * period * of.samples),
+        "torque_largest": where_seen(of.torque_largest / 1e3),
+        "jerk_rms": root(of.jerk_squares, of.samples),
+        "tracking_rms": root(of.tracking_squares, of.samples),
+        "tracking_rms_settled": root(of.settled_tracking_squares, of.settled_samples),
+        "estimation_rms": root(of.estimation_squares, of.asked_samples),
+        "estimation_rms_settled": root(of.settled_estimation_squares, of.settled_asked_samples),
+        "adhesion_rms": root(of.adhesion_squares, of.samples),
+        "slip_settled": mean(of.settled_slip, of.settled_samples),
+        "utilisation_settled": mean(of.settled_utilised, of.settled_samples),
+        "ran_away": where_seen(of.runaway_samples > 0),
+        "rolled_back": where_seen(of.slowest < -STANDSTILL),
+        "stood": where_seen(jnp.maximum(of.fastest, -of.slowest) < STANDSTILL),
     }
-
-
-def whole(totals: Totals) -> Totals:
-    """The totals of a run whose segments are taken as one; its t95 is that of the first."""
-    return totals._replace(
-        sums=jax.tree.map(lambda sum_: jnp.sum(sum_, keepdims=True), totals.sums),
-        overshoot=jnp.max(totals.overshoot, keepdims=True),
-        torque_largest=jnp.max(totals.torque_largest, keepdims=True),
-        slowest=jnp.min(totals.slowest, keepdims=True),
-        fastest=jnp.max(totals.fastest, keepdims=True),
-        reached=totals.reached[:1],
-    )

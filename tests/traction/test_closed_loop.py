@@ -5,7 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from adhesion_jax.metrics.closed_loop import FIGURES, RUNAWAY, Sample, add, figures, start, whole
+from adhesion_jax.metrics.closed_loop import (
+    FIGURES,
+    RUNAWAY,
+    Sample,
+    add,
+    by_segment,
+    figures,
+    start,
+    whole,
+)
 
 PERIOD = 0.01
 
@@ -109,7 +118,7 @@ def near_the_peak(rows, begins, falls=()):
 )
 def test_figures_are_those_of_all_samples_at_once(given):
     samples = samples_of(900, 3, **given)
-    found = figures(totals_of(samples, 3), PERIOD)
+    found = figures(by_segment(totals_of(samples, 3)), PERIOD)
     assert set(found) == set(FIGURES)
     for segment in range(3):
         expected = brute(samples, segment)
@@ -121,7 +130,7 @@ def test_figures_are_those_of_all_samples_at_once(given):
 
 def test_t95_begins_with_its_stretch():
     samples = samples_of(900, 3, adhesion=near_the_peak(900, 77, (90,)))
-    found = figures(totals_of(samples, 3), PERIOD)
+    found = figures(by_segment(totals_of(samples, 3)), PERIOD)
     # The fall at row 90 is the one sample of thirty that may be below.
     assert float(found["t95"][0]) == pytest.approx(0.77)
     assert found["t95"][1:].tolist() == [0.0, 0.0]
@@ -138,16 +147,16 @@ def test_the_whole_run_is_one_segment():
 
 def test_a_segment_that_is_not_reached_has_no_figures():
     samples = samples_of(300, 1)
-    found = figures(totals_of(samples, 2), PERIOD)
+    found = figures(by_segment(totals_of(samples, 2)), PERIOD)
     assert all(np.isnan(figure[1]) for figure in found.values())
     assert np.isfinite(found["utilisation"][0])
 
 
 def test_after_the_driver_is_done_nothing_counts():
     samples = samples_of(600, 1, counts=np.arange(600) < 300)
-    found = figures(totals_of(samples, 1), PERIOD)
+    found = figures(by_segment(totals_of(samples, 1)), PERIOD)
     np.testing.assert_allclose(found["utilisation"][0], brute(samples, 0)["utilisation"])
     no_seeker = samples_of(600, 1, asked=np.full((600, 2), np.nan))
-    found = figures(totals_of(no_seeker, 1), PERIOD)
+    found = figures(by_segment(totals_of(no_seeker, 1)), PERIOD)
     assert np.isnan(found["estimation_rms"][0])
     assert np.isfinite(found["tracking_rms"][0])

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from adhesion_jax.errors import InputError
-from adhesion_jax.metrics.closed_loop import figures, whole
+from adhesion_jax.metrics.closed_loop import by_segment, figures, whole
 from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.loop import check, largest_step, run, timing, trace
@@ -237,13 +237,13 @@ def test_uyulan_tracks_as_printed():
     error = float(figures(whole(totals), 1e-3)["tracking_rms"][0])
     assert error == pytest.approx(0.1874, rel=0.01)
     # At 20 s nothing saturates.
-    assert float(totals.torque_largest[2]) < 1.9e3
+    assert float(totals.segments[2].torque_largest) < 1.9e3
 
 
 def test_hxd1f_seeks_as_its_paper_says():
     loop = loop_of("hxd1f", "SMES, NTSMO, ABLF")
     grid = grid_of("hxd1f", loop)
-    found = figures(_run(loop, grid, KEY), grid.sample_period)
+    found = figures(by_segment(_run(loop, grid, KEY)), grid.sample_period)
     np.testing.assert_allclose(found["utilisation"], [0.89, 0.954, 0.93], atol=0.01)
     np.testing.assert_allclose(found["t95"][:2], [0.87, 0.52], atol=0.02)
     assert np.isnan(found["t95"][2])
@@ -257,7 +257,9 @@ def test_torque_varies_with_the_sign_and_not_with_a_layer():
             loop, controller=CONTROLLERS[name], observer=OBSERVERS["true-load"]
         )
         grid = grid_of("hxd1f", loop, 3.0)
-        varied[name] = figures(_run(loop, grid, KEY), grid.sample_period)["torque_variation"][0]
+        varied[name] = figures(by_segment(_run(loop, grid, KEY)), grid.sample_period)[
+            "torque_variation"
+        ][0]
     assert varied["sliding-mode"] > 20 * varied["barrier"]
     assert varied["sliding-mode-layer"] == pytest.approx(varied["barrier"], rel=0.5)
 
@@ -285,7 +287,7 @@ def test_runs_are_the_same_alone_and_together():
     for one, other in zip(together, alone, strict=True):
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             np.testing.assert_allclose(np.asarray(a)[3], b, rtol=1e-6, atol=1e-9)
-    assert len(set(np.asarray(together.sums.utilised)[:, 0])) == 5
+    assert len(set(np.asarray(together.segments[0].utilised))) == 5
 
 
 def test_settings_may_differ_without_a_new_compilation():
@@ -406,12 +408,13 @@ def test_all_that_accept_each_other_run(observer, seeker, controller, name):
     check(loop)
     grid = timing(loop, 2e-4, 1e-3, 1.0)
     totals = _many(loop, grid, jax.random.split(KEY, 2))
-    seen = totals.sums.samples > 0
-    extremes = (totals.overshoot, totals.torque_largest, totals.slowest, totals.fastest)
-    assert all(bool(jnp.all(jnp.isfinite(x))) for x in totals.sums)
-    assert all(bool(jnp.all(jnp.isfinite(jnp.where(seen, x, 0.0)))) for x in extremes)
-    assert float(totals.torque_largest.max()) <= float(loop.plant.torque_limit) * (1 + 1e-12)
-    assert float(totals.sums.samples.sum()) == 2 * grid.samples
+    found = by_segment(totals)
+    seen = found.samples > 0
+    assert float(found.samples.sum()) == 2 * grid.samples
+    for name, values in found._asdict().items():
+        finite = jnp.isfinite(values) | (name == "reached")
+        assert bool(jnp.all(finite | ~seen)), name
+    assert float(found.torque_largest.max()) <= float(loop.plant.torque_limit) * (1 + 1e-12)
 
 
 def test_eight_axles_that_are_alike_move_as_one():
@@ -421,7 +424,7 @@ def test_eight_axles_that_are_alike_move_as_one():
     alike = dataclasses.replace(eight, load_transfer=jnp.zeros(8))
     grid = grid_of("hxd1f", built(system, case, one), 1.0)
     single, all_alike = (
-        figures(_run(built(system, case, plant), grid, KEY), grid.sample_period)
+        figures(by_segment(_run(built(system, case, plant), grid, KEY)), grid.sample_period)
         for plant in (one, alike)
     )
     for name in ("utilisation", "slip_energy", "torque_largest", "tracking_rms"):

@@ -1,21 +1,16 @@
 """A study run: one row a set, in one process or in several."""
 
-import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from functools import partial
-from multiprocessing.queues import Queue
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.discovery.findings import Findings
 from adhesion_jax.discovery.simulator import Campaign
 from adhesion_jax.discovery.study.judging import judged
 from adhesion_jax.discovery.study.tasks import Task, make_set
-from adhesion_jax.runtime import compilation_folder, cores_for, share_compilations, take_core
 
 #: What is studied: training table, test table or none, and seed to findings.
 Discover = Callable[[pd.DataFrame, pd.DataFrame | None, int], Findings]
@@ -33,43 +28,11 @@ def run_study(
     for the times the rows are the same, in the order of the tasks.
     """
     rows = []
-    with _mapped(tasks, discover, workers) as results:
+    with mapped(_row, [(discover, task) for task in tasks], workers) as results:
         for task, row in zip(tasks, results, strict=True):
             rows.append(row)
             progress(task.part)
     return pd.DataFrame(rows)
-
-
-@contextmanager
-def _mapped(
-    tasks: Sequence[Task], discover: Discover, workers: int
-) -> Iterator[Iterator[dict[str, object]]]:
-    """The rows in the order of the tasks, from processes that share what they compile.
-
-    Spawned, because a fork of a process in which jax runs is not safe.
-    """
-    of_task = partial(_row, discover)
-    if workers == 1:
-        yield map(of_task, tasks)
-        return
-    spawning = multiprocessing.get_context("spawn")
-    cores = cores_for(workers, spawning)
-    with (
-        compilation_folder() as folder,
-        ProcessPoolExecutor(
-            workers, mp_context=spawning, initializer=_start, initargs=(folder, cores)
-        ) as pool,
-    ):
-        try:
-            yield pool.map(of_task, tasks)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _start(folder: str, cores: Queue) -> None:
-    take_core(cores)
-    share_compilations(folder)
 
 
 def _row(discover: Discover, task: Task) -> dict[str, object]:

@@ -127,7 +127,7 @@ class Plant(eqx.Module):
 
     def circumferential(self, motor_speed: Float[Array, " axles"]) -> Float[Array, " axles"]:
         """Speed of the wheel at its rim in m/s."""
-        return self.radius * motor_speed / self.gear_ratio
+        return self.radius / self.gear_ratio * motor_speed
 
     def adhesion(self, state: Any, held: Held) -> Float[Array, " axles"]:
         """Of each axle: the mean of its contacts."""
@@ -147,7 +147,7 @@ def limited(
 def lagging(plant: Plant, torque: Float[Array, " axles"], command: Float[Array, " axles"]) -> Array:
     """dT/dt = (T_cmd - T)/lag; without a lag the torque is the command, which `held_by` sets."""
     lags = plant.torque_lag > 0
-    return jnp.where(lags, (command - torque) / jnp.where(lags, plant.torque_lag, 1.0), 0.0)
+    return jnp.where(lags, 1 / jnp.where(lags, plant.torque_lag, 1.0), 0.0) * (command - torque)
 
 
 def held_by(
@@ -159,4 +159,4 @@ def held_by(
 
 def against_motion(force: Float[Array, ""], train_speed: Float[Array, ""]) -> Float[Array, ""]:
     """A resistance with the sign of the speed, proportional to it near rest."""
-    return force * jnp.clip(train_speed / _AT_REST, -1.0, 1.0)
+    return force * jnp.clip(train_speed * (1 / _AT_REST), -1.0, 1.0)

@@ -97,7 +97,7 @@ class RigidAxles(Plant):
         downhill = self.train_mass * GRAVITY * jnp.sin(held.slope)
         return RigidState(
             motion.angular,
-            (pull - against - downhill) / self.train_mass,
+            (pull - against - downhill) * (1 / self.train_mass),
             lagging(self, state.torque, held.command),
         )
 
@@ -105,7 +105,7 @@ class RigidAxles(Plant):
         return state.motor_speed
 
     def slip_velocity(self, state: RigidState) -> Float[Array, " axles"]:
-        return self.wheel_radius * state.motor_speed / self.gear_ratio - state.train_speed
+        return self.wheel_radius / self.gear_ratio * state.motor_speed - state.train_speed
 
     def force(self, state: RigidState, held: Held) -> Float[Array, " axles"]:
         adhesion = held.surface(self.slip_velocity(state), state.train_speed)
@@ -165,12 +165,20 @@ class RigidAxles(Plant):
         force = self.force(state, held)
         load = self.wheel_radius * force
         inertia = self.wheelset_inertia / self.gear_ratio
-        handed = (inertia * state.torque / self.motor_inertia + load) * state.motor_speed
-        efficiency = jnp.where(handed >= 0, self.gear_efficiency, 1 / self.gear_efficiency)
-        through = self.gear_ratio * efficiency
-        angular = (state.torque - load / through) / (self.motor_inertia + inertia / through)
+        handed = (inertia / self.motor_inertia * state.torque + load) * state.motor_speed
+        # Divisions are of parameters alone: those of arrays [runs, axles] would cost as much as
+        # the exponentials.
+        driving = 1 / (self.gear_ratio * self.gear_efficiency)
+        driven = self.gear_efficiency / self.gear_ratio
+        through = jnp.where(handed >= 0, driving, driven)
+        turned = jnp.where(
+            handed >= 0,
+            1 / (self.motor_inertia + inertia * driving),
+            1 / (self.motor_inertia + inertia * driven),
+        )
+        angular = (state.torque - load * through) * turned
         wheel_torque = inertia * angular + load
-        return _Motion(force, angular, wheel_torque, wheel_torque / through)
+        return _Motion(force, angular, wheel_torque, wheel_torque * through)
 
     def _resistance(self, train_speed: Float[Array, ""]) -> Float[Array, ""]:
         speed = 3.6 * jnp.abs(train_speed)
