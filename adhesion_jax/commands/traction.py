@@ -20,7 +20,7 @@ from adhesion_jax.report.traction.operating_point import (
 )
 from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
-from adhesion_jax.report.traction.runs import Drawing, Shown
+from adhesion_jax.report.traction.runs import Drawing, shown
 from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.loop import check, timing
 from adhesion_jax.traction.observers import OBSERVERS
@@ -90,16 +90,16 @@ def main(
         table = subject.table(judged.metrics)
         write_table(stage / "table.csv", table)
         write_table(stage / "metrics.csv", judged.metrics)
-        shown = [Shown(*pair) for pair in zip(cases, judged.traces, strict=True)]
+        runs_shown = [shown(*pair) for pair in zip(cases, judged.traces, strict=True)]
         captions = {}
-        for figure, panels in subject.figures(Drawing(shown, plant.plant)).items():
+        for figure, panels in subject.figures(Drawing(runs_shown, plant.plant)).items():
             if panels:
                 draw(stage / f"{figure}.png", panels)
                 captions[f"{figure}.png"] = subject.captions[figure]
-        draw_operating_point(stage / f"{_POINT}.png", shown[0])
+        draw_operating_point(stage / f"{_POINT}.png", runs_shown[0])
         captions[f"{_POINT}.png"] = _POINT_CAPTION
         if animate:
-            animate_operating_point(stage / f"{_POINT}.gif", shown[0])
+            animate_operating_point(stage / f"{_POINT}.gif", runs_shown[0])
         page = traction_page(system, plant, table, judged.metrics, captions, runs)
         pictures = {picture: (stage / picture).read_bytes() for picture in captions}
         (stage / "report.html").write_text(page_html(page, pictures), encoding="utf-8")

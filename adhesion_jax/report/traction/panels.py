@@ -38,9 +38,9 @@ class Panel(NamedTuple):
     limits: tuple[float, float] | None = None  # of y
 
 
-def draw(path: Path, panels: Sequence[Panel], columns: int = 3) -> None:
+def draw(path: Path, panels: Sequence[Panel]) -> None:
     """The panels in a grid, with one legend for all; a label has one style in all of them."""
-    columns = min(columns, len(panels))
+    columns = 2 if len(panels) == 4 else min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(4.3 * max(columns, 1.4), 3.1 * rows + 0.8), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()

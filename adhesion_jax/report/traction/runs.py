@@ -26,6 +26,12 @@ class Shown(NamedTuple):
     trace: Trace
 
 
+def shown(case: Case, trace: Trace) -> Shown:
+    """Without the rows after the driver is done."""
+    counts = np.asarray(trace.sample.counts)
+    return Shown(case, jax.tree.map(lambda x: x[counts], trace))
+
+
 class Drawing(NamedTuple):
     """What the figures of a system are made of."""
 

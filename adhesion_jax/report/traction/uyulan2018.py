@@ -74,7 +74,8 @@ CAPTIONS: Mapping[str, str] = {
     "fig_08_slip": "Figure 8: slip with the true optimum as reference, and slip with the seeker as "
     "the paper prints it. Dotted: the best slips that the paper prints. The start at 5 m/s is cut.",
     "fig_09_map": "Figure 9: the operating point over the adhesion curves.",
-    "fig_10_lyapunov": "Figure 10: the Lyapunov function, and how fast it changes.",
+    "fig_10_lyapunov": "Figure 10: the Lyapunov function, and how fast it changes. The largest "
+    "adhesion of the surface is in it: it jumps when the rail changes.",
 }
 
 

@@ -44,8 +44,9 @@ class SlidingExtremum(Seeker):
         # In braking all signs turn.
         sign = jnp.where(signals.demand < 0, -1.0, 1.0)
         error = sign * signals.adhesion - state.level
-        # sgn sin(pi s/beta) is the parity of the cell of s, which costs no sine.
-        climbing = self.speed * jnp.where(jnp.floor(error / self.width) % 2 == 0, 1.0, -1.0)
+        # sgn sin(pi s/beta) is the parity of the cell of s, and 0 at the start; it costs no sine.
+        parity = jnp.where(jnp.floor(error / self.width) % 2 == 0, 1.0, -1.0)
+        climbing = jnp.where(error == 0, 0.0, self.speed * parity)
         asked = jnp.clip(state.asked + period * climbing, self.lowest, self.highest)
         # Over a period the tracker's answer to what it is given is exact.
         behind = state.slip - asked
