@@ -55,7 +55,7 @@ CONTROL = {
     "Fang 2018, control": control_claims,
     "HXD1F 2019": hxd1f_claims,
 }
-CONTROL_UNITS = 6 + 2 + 12
+CONTROL_UNITS = 6 + 2 + 11
 
 
 def configs(runs: int, seed: int) -> tuple[Config, Config]:

@@ -59,7 +59,7 @@ def _slips(quiet: Quiet) -> list[Claim]:
                 verdict_near(ours, printed, READ_OFF),
                 f"K2 = 18000 N m gives {_kmh(quiet, _LARGE_GAIN, road):.2f} km/h, and with a best "
                 f"slip of road 2 of 6.4 km/h, which is not printed, "
-                f"{_kmh(quiet, _SHIFTED, road):.2f} km/h; so does no K2 near 7000.",
+                f"{_kmh(quiet, _SHIFTED, road):.2f} km/h.",
             )
         )
     return found

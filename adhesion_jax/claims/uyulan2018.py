@@ -182,8 +182,11 @@ def _convergence(quiet: Quiet) -> list[Claim]:
         ("with the true optimum as reference", _TRUE),
         ("with the seeker as printed", _SEEKER),
     ):
-        worst = max(
-            quiet.figure(method, "tracking_rms_settled", segment, case.scenario)
+        worst, used = max(
+            (
+                quiet.figure(method, "tracking_rms_settled", segment, case.scenario),
+                quiet.figure(method, "utilisation_settled", segment, case.scenario),
+            )
             for case in quiet.cases
             if case.method == method
             for segment in case.segments
@@ -198,7 +201,8 @@ def _convergence(quiet: Quiet) -> list[Claim]:
                 _NONE,
                 "% of the best slip",
                 verdict_if(share <= 100 * READ_OFF),
-                "RMS error from 2 s after a switch on, on the worst surface of the six columns."
+                "RMS error from 2 s after a switch on, on the worst surface of the six columns, "
+                f"where {100 * used:.1f} % of the adhesion is used."
                 + (
                     " The slope of adhesion over slip is divided by noise of the observer where "
                     "slip hardly changes: the estimate drifts, and where to is decided by chatter."

@@ -18,7 +18,7 @@ STRETCH, SHARE_OF_SAMPLES, SHARE_OF_PEAK = 0.3, 0.95, 0.95
 _BITS = 64
 
 #: Slip has run away where, settled, it is this many times that of the largest adhesion.
-RUNAWAY = 10.0
+RUNAWAY = 5.0
 
 #: A train that never was faster than this in m/s stood still; one slower than its negative rolls
 #: back.
@@ -80,8 +80,8 @@ _LARGEST, _LEAST = ("overshoot", "torque_largest", "fastest"), ("slowest", "reac
 class Totals(NamedTuple):
     """What is kept of a run.
 
-    A segment each has scalars of its own: arrays [segments] would take five times as long, since
-    so short an axis keeps the compiler from working on several runs at once.
+    Each segment has scalars of its own: arrays [segments] would take longer, since so short an
+    axis keeps the compiler from working on several runs at once.
     """
 
     segments: tuple[Segment, ...]
@@ -226,7 +226,7 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "adhesion_rms": ("1", "adhesion observed less adhesion"),
     "slip_settled": ("m/s", "mean slip from 2 s after the switch on"),
     "utilisation_settled": ("1", "utilisation from 2 s after the switch on"),
-    "ran_away": ("1", "share of the runs in which slip, settled, exceeds ten times the best"),
+    "ran_away": ("1", "share of the runs in which slip, settled, exceeds five times the best"),
     "rolled_back": ("1", "share of the runs in which the train rolls back"),
     "stood": ("1", "share of the runs in which the train never moves"),
 }

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 
 from adhesion_jax.report.style import light_frame, line_styles
 from adhesion_jax.report.traction.panels import draw_lines
-from adhesion_jax.report.traction.runs import Array, Line, Shown, curves, mean_of_axles, surfaces
+from adhesion_jax.report.traction.runs import Array, Line, Shown, curves, mean_of_axles
 
 #: What is shown begins this long before a switch and ends this long after it, s.
 _BEFORE, _AFTER = 1.0, 4.0
@@ -66,11 +67,10 @@ def _passage(one: Shown) -> _Passage:
     at = int(changes[0]) + 1 if len(changes) else 0
     seen = (time >= time[at] - _BEFORE) & (time <= time[at] + _AFTER)
     slip, adhesion = mean_of_axles(rows.slip)[seen], mean_of_axles(rows.adhesion)[seen]
-    names = {
-        one.case.segments[segment[at - 1] if at else segment[at]],
-        one.case.segments[segment[at]],
+    found = {
+        one.case.segments[segment[row]]: one.case.rails.surface(jnp.asarray(segment[row]))
+        for row in (max(at - 1, 0), at)
     }
-    found = {name: surface for name, surface in surfaces(one).items() if name in names}
     highest = max(1.2 * float(slip.max()), 2.0 * float(np.abs(mean_of_axles(rows.optimum)[at])))
     lines = curves(found, float(rows.train_speed[at]), highest)
     title = f"{one.case.scenario}: {one.case.method}"

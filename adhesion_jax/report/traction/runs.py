@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -64,10 +65,12 @@ def mean_of_axles(values: jax.Array) -> Array:
 
 def surfaces(one: Shown) -> Mapping[str, Surface]:
     """The rails of a case by their names, each once."""
-    return {
-        name: one.case.rails.surface(jnp.asarray(number))
-        for number, name in enumerate(one.case.segments)
-    }
+    found: dict[str, Surface] = {}
+    for number, name in enumerate(one.case.segments):
+        surface = one.case.rails.surface(jnp.asarray(number))
+        if not any(eqx.tree_equal(surface, known) for known in found.values()):
+            found[name] = surface
+    return found
 
 
 def curves(

@@ -54,7 +54,8 @@ def _case(names: tuple[str, ...], method: str, seeker: Seeker, step: float) -> C
     three = (*names, names[-1])[:3]
     rails = by_time([SURFACES[name] for name in three], STARTS, step)
     observer, controller = OBSERVERS["super-twisting"], CONTROLLERS["adaptive-robust"]
-    return Case("-".join(names), method, three, rails, observer, seeker, controller)
+    segments = (*names, f"{names[-1]} from 20 s")[:3]
+    return Case("-".join(names), method, segments, rails, observer, seeker, controller)
 
 
 def _cases(step: float) -> list[Case]:
