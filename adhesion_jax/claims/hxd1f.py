@@ -244,7 +244,7 @@ def _no_skid(quiet: Quiet) -> Claim:
         "s beyond twice the best slip",
         verdict_if(longest < 1.0),
         f"Slip goes {quiet.figure(SMES, 'overshoot'):.2f} m/s beyond the best for a moment when "
-        "the rail gets wet, more than the interval of the barrier of .3 m/s: the torque lags behind.",
+        "the rail gets wet, more than the barrier's interval of .3 m/s: the torque lags behind.",
     )
 
 
