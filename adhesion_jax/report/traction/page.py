@@ -47,15 +47,16 @@ def traction_page(
 
 
 def _verdict(metrics: pd.DataFrame) -> str:
-    """The best method by utilisation of the whole run, and what did not go regularly."""
+    """How much the first method uses, the most and the least; and what did not go regularly."""
     rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
-    means = rows.groupby("method", sort=False)["utilisation"].mean().sort_values()
-    shares = [f"{method} {100 * mean:.1f} %" for method, mean in means.items()]
-    words = f"Of the adhesion there is, {shares[-1]} is used without noise"
-    words += f", the least by {shares[0]}." if len(shares) > 1 else "."
-    told = rows[rows["status"] != "regular"]
-    for _, row in told.drop_duplicates(["method", "status"]).iterrows():
-        words += f" {row['method']}: {row['status']}."
+    means = rows.groupby("method", sort=False)["utilisation"].mean()
+    told = [f"{100 * mean:.1f} % (“{method}”)" for method, mean in means.items()]
+    order = [int(place) for place in means.to_numpy().argsort()]
+    words = f"Share of the largest adhesion that is used, without noise: {told[0]}."
+    if len(told) > 1:
+        words += f" The most is {told[order[-1]]}, the least {told[order[0]]}."
+    for _, row in rows[rows["status"] != "regular"].iterrows():
+        words += f" On “{row['scenario']}” with “{row['method']}” {row['status']}."
     return words
 
 
