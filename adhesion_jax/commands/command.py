@@ -30,7 +30,7 @@ class FiniteRange(click.FloatRange):
     """A number in a range; nan and infinity, which pass every comparison or none, are refused."""
 
     def convert(
-        self, value: float, param: click.Parameter | None, ctx: click.Context | None
+        self, value: float | str, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
