@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import pandas as pd
 
 from adhesion_jax.campaign.traction import WHOLE, judge
@@ -32,11 +34,12 @@ class Quiet(NamedTuple):
         return float(rows[name].iloc[0])
 
     def trace(self, method: str, scenario: str | None = None) -> Trace:
-        return next(
+        found = next(
             trace
             for case, trace in zip(self.cases, self.traces, strict=True)
             if case.method == method and scenario in (None, case.scenario)
         )
+        return jax.tree.map(jnp.asarray, found)
 
 
 def plant_of(system: System) -> Plant:

@@ -30,7 +30,7 @@ class Shown(NamedTuple):
 def shown(case: Case, trace: Trace) -> Shown:
     """Without the rows after the driver is done."""
     counts = np.asarray(trace.sample.counts)
-    return Shown(case, jax.tree.map(lambda x: x[counts], trace))
+    return Shown(case, jax.tree.map(lambda x: jnp.asarray(x[counts]), trace))
 
 
 class Drawing(NamedTuple):
@@ -59,7 +59,7 @@ def by_method(shown: Sequence[Shown], *methods: str) -> list[Shown]:
     return found or [one for one in shown if one.case.method == shown[0].case.method]
 
 
-def mean_of_axles(values: jax.Array) -> Array:
+def mean_of_axles(values: ArrayLike) -> Array:
     return np.asarray(values).mean(axis=-1)
 
 
