@@ -4,9 +4,9 @@ import tempfile
 from pathlib import Path
 
 from adhesion_jax.data import read_runs
-from adhesion_jax.discovery.conditions import calendar_of
 from adhesion_jax.discovery.engine import with_run_order
-from adhesion_jax.discovery.problem import prepare
+from adhesion_jax.discovery.model.problem import prepare
+from adhesion_jax.effects.conditions import calendar_of
 
 #: 17 runs of 100 points to train with, 7 to test on.
 SIZE = {"runs": 24, "points": 100}

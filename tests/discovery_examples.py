@@ -7,9 +7,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.curves import CURVES
-from adhesion_jax.discovery.conditions import Calendar
-from adhesion_jax.discovery.effects import EFFECTS, Spline
-from adhesion_jax.discovery.findings import (
+from adhesion_jax.discovery.findings.types import (
     Candidate,
     Dependence,
     Doubt,
@@ -20,7 +18,9 @@ from adhesion_jax.discovery.findings import (
     Opinion,
     Proposal,
 )
-from adhesion_jax.discovery.law import CorrectedLaw
+from adhesion_jax.effects import EFFECTS, Spline
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import CorrectedLaw
 
 NAN = float("nan")
 RUNS, POINTS = 24, 60

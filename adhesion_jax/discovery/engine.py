@@ -11,10 +11,10 @@ from threadpoolctl import threadpool_limits
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.bases import FAMILIES, bic, first_fits, fits_alone
-from adhesion_jax.discovery.conditions import calendar_of
-from adhesion_jax.discovery.findings import Doubt, Findings, Opinion
-from adhesion_jax.discovery.fitting import (
+from adhesion_jax.discovery.findings.summary import summarise
+from adhesion_jax.discovery.findings.types import Doubt, Findings, Opinion
+from adhesion_jax.discovery.model.bases import FAMILIES, bic, first_fits, fits_alone
+from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
     fit_model,
@@ -23,19 +23,19 @@ from adhesion_jax.discovery.fitting import (
     precise,
     squares,
 )
-from adhesion_jax.discovery.judgement import doubtful, of_curve, of_levels, undecided, vetoed
-from adhesion_jax.discovery.law import BASES
-from adhesion_jax.discovery.library import Entry, library_of
 from adhesion_jax.discovery.model.noise import white_noise
+from adhesion_jax.discovery.model.problem import Problem, label_of, prepare
 from adhesion_jax.discovery.model.slip import felt_in_adhesion, noise_of_slip, roughness
-from adhesion_jax.discovery.problem import Problem, label_of, prepare
-from adhesion_jax.discovery.scans import torsion
-from adhesion_jax.discovery.screening import compile_changes
+from adhesion_jax.discovery.search.catalogue import Entry, library_of
+from adhesion_jax.discovery.search.judgement import doubtful, of_curve, of_levels, undecided, vetoed
 from adhesion_jax.discovery.search.refinement import refined
+from adhesion_jax.discovery.search.scans import torsion
+from adhesion_jax.discovery.search.screening import compile_changes
 from adhesion_jax.discovery.search.second_opinion import second_opinion
-from adhesion_jax.discovery.selection import look_again, search
-from adhesion_jax.discovery.state import Selection, parts_of, refreshed, settled
-from adhesion_jax.discovery.summary import summarise
+from adhesion_jax.discovery.search.selection import look_again, search
+from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
+from adhesion_jax.effects.conditions import calendar_of
+from adhesion_jax.effects.law import BASES
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 

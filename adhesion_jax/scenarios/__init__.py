@@ -6,20 +6,12 @@ from adhesion_jax.scenarios.base import Group as Group
 from adhesion_jax.scenarios.base import Options as Options
 from adhesion_jax.scenarios.base import Scenario as Scenario
 from adhesion_jax.scenarios.blocks import coloured, he2018_blocks, single
+from adhesion_jax.scenarios.corrected import corrected
 from adhesion_jax.scenarios.growing import he2018_1
 from adhesion_jax.scenarios.mismatch import mismatch, mismatch_kiencke
 from adhesion_jax.scenarios.samples import drift, qian2024_switch
 from adhesion_jax.scenarios.slope import fang2018_slope
 from adhesion_jax.scenarios.stream import qian2024
-
-
-def corrected(options: Options) -> Scenario:
-    """One block a run under a law with effects (--law), for who knows only the curve below them."""
-    # Not above: the discovery stands on this package, and no other scenario needs it.
-    from adhesion_jax.scenarios.corrected import corrected as build
-
-    return build(options)
-
 
 #: Command-line name to the function that builds the scenario from a user's options.
 SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {

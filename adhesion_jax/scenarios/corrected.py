@@ -20,8 +20,8 @@ from adhesion_jax.curves import (
     with_free_values,
 )
 from adhesion_jax.curves.polach import PolachFalling, PolachScaled
-from adhesion_jax.discovery.conditions import NOMINAL_RADIUS
-from adhesion_jax.discovery.law import CorrectedLaw, law_from
+from adhesion_jax.effects.conditions import NOMINAL_RADIUS
+from adhesion_jax.effects.law import CorrectedLaw, law_from
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import (
     bound_of_information,
@@ -200,7 +200,10 @@ def _has_peak(curve: Curve) -> Bool[Array, ""]:
 
 
 def corrected(options: Options) -> Corrected:
-    """The scenario of the law of --law; InputError where it has no peak or rests on the unknown."""
+    """One block a run under a law with effects (--law), for who knows only the curve below them.
+
+    InputError where the law has no peak or rests on what is not known.
+    """
     one_block("corrected", options)
     if options.rail is not None:
         raise InputError(

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.curves.burckhardt import Burckhardt
-from adhesion_jax.discovery.simulated_base import misfit, rms
-from adhesion_jax.discovery.simulator import Campaign, Noise, noisy
 from adhesion_jax.errors import InputError
+from adhesion_jax.simulation.base import misfit, rms
+from adhesion_jax.simulation.simulator import Campaign, Noise, noisy
 
 #: Seconds between two points.
 _STEP = 0.1

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.discovery.planted import Bend, Plan, Planted, unbent
-from adhesion_jax.discovery.simulated_runs import Columns
+from adhesion_jax.simulation.planted import Bend, Plan, Planted, unbent
+from adhesion_jax.simulation.runs import Columns
 
 #: Columns that a random effect can rest on.
 RANDOM_COLUMNS = (

@@ -14,11 +14,9 @@ from scipy import stats
 from scipy.linalg import eigh
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.discovery.bases import bic, first_fits, fits_alone, starts_under
-from adhesion_jax.discovery.effects.slip_bias import SlipBias
-from adhesion_jax.discovery.effects.slip_noise import ExpectedSlip, SlipNoise, log_density
-from adhesion_jax.discovery.findings import Interval
-from adhesion_jax.discovery.fitting import (
+from adhesion_jax.discovery.findings.types import Interval
+from adhesion_jax.discovery.model.bases import bic, first_fits, fits_alone, starts_under
+from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
     noise_of,
@@ -26,8 +24,10 @@ from adhesion_jax.discovery.fitting import (
     squares,
 )
 from adhesion_jax.discovery.model.noise import MODES, Noise, determinant, white_noise, whitening
-from adhesion_jax.discovery.problem import Problem, prepare
-from adhesion_jax.discovery.screening import in_noise_units
+from adhesion_jax.discovery.model.problem import Problem, prepare
+from adhesion_jax.discovery.search.screening import in_noise_units
+from adhesion_jax.effects.slip_bias import SlipBias
+from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, log_density
 from adhesion_jax.records import Record
 
 #: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.

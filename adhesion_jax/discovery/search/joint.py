@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from adhesion_jax.discovery.effects import Surface
-from adhesion_jax.discovery.effects.shape import ACTS_ON
-from adhesion_jax.discovery.library import Entry, entry_of
-from adhesion_jax.discovery.problem import Problem, label_of
+from adhesion_jax.discovery.model.problem import Problem, label_of
+from adhesion_jax.discovery.search.catalogue import Entry, entry_of
+from adhesion_jax.effects import Surface
+from adhesion_jax.effects.shape import ACTS_ON
 
 #: Columns that follow each other by this correlation are one.
 _ALIKE = 0.98

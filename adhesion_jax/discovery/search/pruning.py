@@ -2,12 +2,10 @@
 
 from collections.abc import Iterator
 
-from adhesion_jax.discovery.effects import EFFECTS
-from adhesion_jax.discovery.fitting import Fitted, likeliest, loss_without
-from adhesion_jax.discovery.law import kind_of
-from adhesion_jax.discovery.library import entry_of
-from adhesion_jax.discovery.problem import Problem
-from adhesion_jax.discovery.state import (
+from adhesion_jax.discovery.model.fitting import Fitted, likeliest, loss_without
+from adhesion_jax.discovery.model.problem import Problem
+from adhesion_jax.discovery.search.catalogue import entry_of
+from adhesion_jax.discovery.search.state import (
     Accepted,
     Selection,
     parts_of,
@@ -15,7 +13,9 @@ from adhesion_jax.discovery.state import (
     refreshed,
     without,
 )
-from adhesion_jax.discovery.trials import is_worth
+from adhesion_jax.discovery.search.trials import is_worth
+from adhesion_jax.effects import EFFECTS
+from adhesion_jax.effects.law import kind_of
 
 #: A part is not tried to be left out where the half deviance rises by more, to second order.
 _PLAINLY_NEEDED = 50.0

@@ -3,7 +3,13 @@
 import dataclasses
 from collections.abc import Sequence
 
-from adhesion_jax.discovery.effects import (
+from adhesion_jax.discovery.model.fitting import gain, in_order, least_gain
+from adhesion_jax.discovery.model.problem import Problem, label_of
+from adhesion_jax.discovery.search.catalogue import Entry, column_entries, entry_of
+from adhesion_jax.discovery.search.screening import SIGNIFICANT, screen
+from adhesion_jax.discovery.search.state import Accepted, Selection, settled
+from adhesion_jax.discovery.search.trials import Trial, tried
+from adhesion_jax.effects import (
     Covariate,
     Effect,
     Interaction,
@@ -11,15 +17,9 @@ from adhesion_jax.discovery.effects import (
     Spline,
     Threshold,
 )
-from adhesion_jax.discovery.effects.rail_joint import RailJoint
-from adhesion_jax.discovery.effects.shape import ACTS_ON
-from adhesion_jax.discovery.effects.slip_bias import SlipBias
-from adhesion_jax.discovery.fitting import gain, in_order, least_gain
-from adhesion_jax.discovery.library import Entry, column_entries, entry_of
-from adhesion_jax.discovery.problem import Problem, label_of
-from adhesion_jax.discovery.screening import SIGNIFICANT, screen
-from adhesion_jax.discovery.state import Accepted, Selection, settled
-from adhesion_jax.discovery.trials import Trial, tried
+from adhesion_jax.effects.rail_joint import RailJoint
+from adhesion_jax.effects.shape import ACTS_ON
+from adhesion_jax.effects.slip_bias import SlipBias
 
 #: How many parts an effect may have, and how many are refitted to choose the next.
 _MOST_PARTS, _TRIED = 4, 3

@@ -1,0 +1,1 @@
+"""What is told of a search: findings, alternatives, cautions, intervals."""

@@ -1,0 +1,122 @@
+"""Which causes act alike in a campaign, and which measurement would tell them apart."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adhesion_jax.discovery.findings.types import Proposal
+from adhesion_jax.discovery.model.fitting import nearly_fitted
+from adhesion_jax.discovery.search.catalogue import Entry
+from adhesion_jax.discovery.search.screening import telling
+from adhesion_jax.discovery.search.state import Selection, parts_of
+
+#: From this cosine on two causes are named as alike, and from this on a measurement is proposed.
+_ALIKE, _PROPOSED = 0.9, 0.6
+
+
+class Likeness(NamedTuple):
+    """How an entry resembles an effect that was found, the other parameters being free."""
+
+    effect: str
+    entry: Entry
+    cosine: float
+
+
+def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ...]:
+    """The cosine of each entry's change of the prediction with that of each effect found.
+
+    Both with what the base curve and the other effects can do projected out; of several starts
+    that which resembles most. A plain column of the effect's own kind is no other cause.
+    """
+    found = []
+    for effect in state.accepted:
+        if not effect.parts:
+            continue
+        rest = [other for other in state.accepted if other is not effect]
+        values = state.fitted.base_values.tolist()
+        less = nearly_fitted(state.setting, state.base, values, parts_of(rest))
+        others = [
+            entry
+            for entry in entries
+            if entry.name != effect.name
+            and entry.name not in {one.name for one in rest}
+            and not (entry.generic and entry.family == effect.family)
+        ]
+        probes = [effect.parts[0], *(start for entry in others for start in entry.starts)]
+        heard, directions, _ = telling(less, probes)
+        cosines = np.abs(directions[:, 1:].T @ directions[:, 0]) * heard[1:]
+        place = 0
+        for entry in others:
+            count = len(entry.starts)
+            best = float(cosines[place : place + count].max())
+            found.append(Likeness(effect.name, entry, min(best, 1.0)))
+            place += count
+    return tuple(sorted(found, key=lambda likeness: -likeness.cosine))
+
+
+def confounded(state: Selection, alike: Sequence[Likeness]) -> tuple[str, ...]:
+    """Sentences: what the data cannot tell apart, and what acts nearly alike in them."""
+    sentences = [
+        f"The data cannot tell {effect.name} from {' or '.join(effect.members[1:])}: with either "
+        "the prediction of runs left out is as good."
+        for effect in state.accepted
+        if len(effect.members) > 1
+    ]
+    named: set[tuple[str, str]] = set()
+    for effect, entry, cosine in alike:
+        if cosine < _ALIKE or (effect, entry.name) in named:
+            continue
+        named.add((effect, entry.name))
+        sentences.append(
+            f"{effect} and {entry.name} act nearly alike in these data (cosine {cosine:.2f} once "
+            "the base curve is fitted); what is known beyond the data must decide."
+        )
+    return tuple(sentences)
+
+
+def proposals(state: Selection, alike: Sequence[Likeness]) -> tuple[Proposal, ...]:
+    """For each effect the measurement that tells it best from what resembles it most.
+
+    Its expected power is the separation in standard errors, z sqrt(1 - c^2), with z that of the
+    effect and c the cosine: in these data, and for as many runs in which the columns of the two
+    vary independently (c = 0).
+    """
+    found = []
+    for effect in state.accepted:
+        rivals = [
+            one
+            for one in alike
+            if one.effect == effect.name and not one.entry.generic and one.cosine >= _PROPOSED
+        ]
+        z = float(np.sqrt(2 * max(effect.gain, 0.0)))
+        for rival in rivals[:2]:
+            now = z * np.sqrt(max(1 - rival.cosine**2, 0.0))
+            own = [name for name in effect.covariates if name not in rival.entry.covariates]
+            other = [name for name in rival.entry.covariates if name not in effect.covariates]
+            found.append(
+                Proposal(
+                    (effect.name, rival.entry.name),
+                    f"{_design(effect.name, rival.entry.name, own, other)} These data separate the "
+                    f"two by {now:.1f} standard errors.",
+                    z,
+                )
+            )
+    return tuple(found)
+
+
+def _design(name: str, rival: str, own: Sequence[str], other: Sequence[str]) -> str:
+    if own and other:
+        return (
+            f"Measure as many runs in which {' and '.join(own)} and {' and '.join(other)} vary "
+            "independently of each other."
+        )
+    if own or other:
+        return (
+            f"Measure as many runs in which {' and '.join([*own, *other])} varies over its whole "
+            "range at every slip."
+        )
+    return (
+        f"{name} and {rival} rest on the same columns: measure as many runs with steps of the "
+        "slip, up and down, at different speeds."
+    )

@@ -1,0 +1,150 @@
+"""What to know before believing: columns absent, ranges left, the nature of the noise."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy import stats
+
+from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.data.runs import RunSet
+from adhesion_jax.discovery.model.problem import Problem, conditions_of
+from adhesion_jax.discovery.search.catalogue import why_untested
+from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.effects import EFFECTS
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.records import Record
+
+#: Columns that an engineer can be expected to have measured, by what stands in for each.
+_EXPECTED: Mapping[str, tuple[str, ...]] = {
+    "vehicle_speed_mps": (),
+    "normal_load_N": (),
+    "temperature_C": ("rail_temperature_C", "tread_temperature_C"),
+    "relative_humidity_pct": (),
+    "position_m": (),
+    "curvature_per_m": ("angle_of_attack_deg", "slip_angle_deg", "lateral_creepage"),
+    "sanding": (),
+    "time_s": (),
+    "axle": (),
+    "wheel_angle_rad": (),
+}
+
+#: Of innovations: how sure noise must be of a kind to be named, and what counts as an outlier.
+_SURE, _OUTLIER = 1e-4, 5.0
+
+
+def absent(runs: RunSet) -> str:
+    """One sentence with every known column that is absent."""
+    there = runs.record.conditions
+    missing = [
+        name
+        for name, others in _EXPECTED.items()
+        if name not in there and not any(other in there for other in others)
+    ]
+    if not missing:
+        return "No known column is absent; a cause without a column can still be behind a proxy."
+    return (
+        f"Absent from the data: {', '.join(missing)}. If one of them acts, a column that varies "
+        "with it (a proxy) may have been blamed in its place."
+    )
+
+
+def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
+    """Sentences: the effects that the campaign says nothing about, by their reasons."""
+    reasons: dict[str, list[str]] = {}
+    for name in EFFECTS:
+        why = why_untested(name, problem)
+        if why:
+            reasons.setdefault(why, []).append(name)
+    sentences = [f"Not tested: {', '.join(names)} ({why})." for why, names in reasons.items()]
+    for name, values in problem.flat.items():
+        limits = _NARROW.get(name)
+        if limits is not None and np.ptp(values) < limits:
+            unit = COLUMNS[name].unit
+            sentences.append(
+                f"{name} varies by only {np.ptp(values):.3g} {unit}: an effect of it would be "
+                "seen only if it were strong."
+            )
+    constant = [name for name in runs.covariates if name in problem.constant]
+    if constant:
+        sentences.append(f"Constant, and therefore without a say: {', '.join(constant)}.")
+    return tuple(sentences)
+
+
+#: A range below this is too narrow to test an ordinary effect in.
+_NARROW: Mapping[str, float] = {
+    "vehicle_speed_mps": 3.0,
+    "temperature_C": 5.0,
+    "relative_humidity_pct": 15.0,
+    "normal_load_N": 0.0,
+}
+
+
+def extrapolated(state: Selection, law: CorrectedLaw, test: Record | None) -> tuple[str, ...]:
+    """Sentences: columns of the effects that leave, in the test data, what they were found in."""
+    if test is None:
+        return ()
+    whole = conditions_of(test, law.calendar)
+    inside = np.asarray(test.mask)
+    used = {name for effect in state.accepted for name in effect.covariates}
+    sentences = []
+    for name in sorted(used & set(law.ranges) & set(whole)):
+        low, high = law.ranges[name]
+        share = float(np.mean((whole[name][inside] < low) | (whole[name][inside] > high)))
+        if share > 0:
+            sentences.append(
+                f"{100 * share:.2g} % of the test points have {name} outside {low:.4g} to "
+                f"{high:.4g}, where its effect was found: there the correction is held at its "
+                "edge value."
+            )
+    return tuple(sentences)
+
+
+def noise_words(state: Selection) -> tuple[str, ...]:
+    """Sentences on the structure of the noise; none of it is an effect."""
+    fitted = state.fitted
+    weight = np.asarray(state.setting.noise.weight) > 0
+    runs = int(weight.any(1).sum())
+    sentences = []
+    adhesion = np.asarray(state.setting.problem.data.adhesion)
+    noise = state.setting.noise
+    if noise.autocorrelation > 0.05:
+        sentences.append(
+            "Noise: neighbouring points of a run are correlated by "
+            f"{noise.autocorrelation:.2f}; intervals and p-values take that into account."
+        )
+    if noise.run_scatter > 0.002 and runs > 2:
+        sentences.append(
+            f"Noise: the level of adhesion differs from run to run by "
+            f"{100 * noise.run_scatter:.1f} % beyond what the effects explain."
+        )
+    white = fitted.residual[weight]
+    if white.size < 50:
+        return tuple(sentences)
+    spread = 1.4826 * float(np.median(np.abs(white)))
+    outliers = float(np.mean(np.abs(white) > _OUTLIER * spread))
+    if outliers > 5e-4:
+        sentences.append(
+            f"Noise: {100 * outliers:.2g} % of the points are outliers, beyond five times the "
+            "usual deviation."
+        )
+    calm = np.abs(white) < _OUTLIER * spread
+    for what, against in (
+        ("the adhesion", np.abs(fitted.adhesion)[weight]),
+        ("the slip", np.abs(np.asarray(state.setting.problem.data.slip))[weight]),
+    ):
+        if np.ptp(against) == 0:
+            continue
+        rank, p = stats.spearmanr(np.abs(white)[calm], against[calm])
+        if p < _SURE:
+            more = "grows" if rank > 0 else "falls"
+            sentences.append(
+                f"Noise: its spread {more} with {what} (rank correlation {rank:.2f}); the errors "
+                "given are averages over all points."
+            )
+            break
+    levels = np.unique(adhesion[weight])
+    if levels.size > 2 and levels.size < 0.5 * white.size:
+        step = float(np.median(np.diff(levels)))
+        if step > 0.3 * noise.sigma:
+            sentences.append(f"Noise: adhesion is given in steps of about {step:.2g}.")
+    return tuple(sentences)

@@ -1,0 +1,159 @@
+"""How adhesion depends on one column through the effects that were found, with a band."""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import numpy as np
+
+from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.discovery.findings.types import Dependence
+from adhesion_jax.discovery.model.fitting import covariance, packed, size_of
+from adhesion_jax.discovery.model.problem import label_of
+from adhesion_jax.discovery.model.program import PROBES, Data, Model, changes
+from adhesion_jax.discovery.search.state import Selection
+
+#: Values of a column, and seconds after a step, that are shown.
+_GRID, _SECONDS = 80, 10.0
+
+#: Beyond this factor on adhesion nothing is drawn.
+_LARGEST = 1e6
+
+#: Draws of the parameters for a band, a multiple of PROBES.
+_DRAWS = 64
+
+#: Conditions that are functions of the measured column that they stand for.
+_FUNCTIONS = {"temperature_C", "lateral_measure"}
+
+
+def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
+    """Of each effect on each column that varies; effects in time over the time since a step."""
+    if not state.accepted:
+        return ()
+    draws = _draws(state, seed)
+    flat = state.setting.problem.flat
+    found = []
+    for effect in state.accepted:
+        parts = [place for place, part in enumerate(state.fitted.effects) if part in effect.parts]
+        if any("time_s" in part.NEEDS for part in effect.parts):
+            if state.setting.problem.points.shape[1] >= _GRID // 4 and effect.parts:
+                what = "sand" if "sanding" in effect.covariates else "a step of the slip"
+                found.append(_after_step(state, effect.name, what, parts, draws))
+            continue
+        columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
+        for column in columns or ["slip_ratio"]:
+            if effect.parts and column in flat:
+                found.append(_over(state, effect.name, column, parts, draws))
+    return tuple(found)
+
+
+def _draws(state: Selection, seed: int) -> np.ndarray:
+    """Parameters of the whole model, the fitted ones first, then drawn from their uncertainty."""
+    fitted = state.fitted
+    matrix = covariance(fitted)
+    values, vectors = np.linalg.eigh(matrix)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS - 1, matrix.shape[0]))
+    drawn = np.tile(fitted.values, (_DRAWS, 1))
+    drawn[1:, list(fitted.places)] += noise @ root.T
+    return drawn
+
+
+def _over(
+    state: Selection, name: str, column: str, parts: Sequence[int], draws: np.ndarray
+) -> Dependence:
+    """Every other column at its median, but for what is a function of this one."""
+    problem = state.setting.problem
+    shape = problem.points.shape
+    size = min(_GRID, shape[0] * shape[1])
+    values = problem.flat[column]
+    grid = np.linspace(values.min(), values.max(), size)
+    order = np.argsort(values, kind="stable")
+    moved = {column: np.resize(grid, shape)}
+    for condition in _FUNCTIONS & {*problem.flat}:
+        if label_of(condition, problem.measured) == column:
+            by_grid = np.interp(grid, values[order], problem.flat[condition][order])
+            moved[condition] = np.resize(by_grid, shape)
+    factors = _factors(state, parts, draws, moved)
+    factors = factors.reshape(_DRAWS, -1)[:, :size]
+    unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
+    return _banded(name, column, unit, grid, factors)
+
+
+def _after_step(
+    state: Selection, name: str, what: str, parts: Sequence[int], draws: np.ndarray
+) -> Dependence:
+    """The slip steps from a fifth of its median to its median, the sand flag is set throughout."""
+    shape = state.setting.problem.points.shape
+    grid = np.linspace(0.0, _SECONDS, shape[1])
+    slip = float(np.median(state.setting.problem.flat["slip_ratio"]))
+    columns = {
+        "time_s": np.tile(grid, (shape[0], 1)),
+        "slip_ratio": np.tile(np.where(grid > 0, slip, 0.2 * slip), (shape[0], 1)),
+        "sanding": np.ones(shape),
+    }
+    factors = _factors(state, parts, draws, columns)[:, 0]
+    return _banded(name, f"time since {what}", "s", grid, factors)
+
+
+def _factors(
+    state: Selection,
+    parts: Sequence[int],
+    draws: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+) -> np.ndarray:
+    """Adhesion with the parts over adhesion without any effect, [draws, runs, points]."""
+    data = _at(state, columns)
+    model = packed(state.setting, state.fitted, state.fitted.effects, _size(state))
+    kind = np.zeros_like(model.kind)
+    kind[list(parts)] = model.kind[list(parts)]
+
+    def adhesion(kind: np.ndarray) -> np.ndarray:
+        models = [Model(*model)._replace(values=values, kind=kind) for values in draws]
+        nothing = np.zeros(data.slip.shape)
+        found = []
+        for first in range(0, _DRAWS, PROBES):
+            stacked = jax.tree.map(
+                lambda *leaves: np.stack(leaves), *models[first : first + PROBES]
+            )
+            found.append(np.asarray(changes(stacked, data, nothing)))
+        return np.concatenate(found)
+
+    plain = adhesion(np.zeros_like(kind))
+    # Parameters that the data leave open may be drawn so far out that a factor has no number.
+    with np.errstate(invalid="ignore", over="ignore"):
+        factors = np.asarray(adhesion(kind) / np.where(plain == 0, 1.0, plain))
+    return np.clip(np.where(np.isfinite(factors), factors, _LARGEST), -_LARGEST, _LARGEST)
+
+
+def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
+    """Conditions at their medians but for some columns, in the shape of the campaign."""
+    problem = state.setting.problem
+    inside = problem.points > 0
+
+    def constant(values: np.ndarray) -> np.ndarray:
+        return np.full(problem.points.shape, float(np.median(np.asarray(values)[inside])))
+
+    slip = columns.get("slip_ratio", constant(np.abs(problem.data.slip)))
+    conditions = {
+        name: columns.get(name, constant(values))
+        for name, values in problem.data.conditions.items()
+    }
+    speed = conditions["vehicle_speed_mps"]
+    if "slip_velocity_mps" in columns:
+        slip = columns["slip_velocity_mps"] / np.maximum(speed, 1e-9)
+    follows = {**columns, "slip_velocity_mps": slip * speed}
+    stacked = [
+        follows[name] if name in follows else constant(problem.data.columns[place])
+        for place, name in enumerate(problem.columns)
+    ]
+    stacked += [np.ones(problem.points.shape)] * (len(problem.data.columns) - len(stacked))
+    return Data(slip, problem.data.adhesion, conditions, np.stack(stacked))
+
+
+def _size(state: Selection) -> tuple[int, int]:
+    return size_of(state.base, state.fitted.effects)
+
+
+def _banded(name: str, column: str, unit: str, grid: np.ndarray, factors: np.ndarray) -> Dependence:
+    low, high = np.nanquantile(factors[1:], [0.025, 0.975], axis=0)
+    return Dependence(name, column, unit, grid, factors[0], low, high)

@@ -1,0 +1,35 @@
+"""Errors before and after with their intervals: runs, not points, are what is drawn anew."""
+
+import numpy as np
+
+from adhesion_jax.discovery.findings.types import Errors, Interval
+
+_DRAWS = 1999
+
+
+def errors(before: np.ndarray, after: np.ndarray, points: np.ndarray, seed: int) -> Errors:
+    """From sums of squared errors and numbers of points of each run, all [runs].
+
+    Intervals are the 2.5 and 97.5 % quantiles of a bootstrap over runs, the same draws for both.
+    """
+    used = points > 0
+    before, after, points = before[used], after[used], points[used]
+    draws = np.random.default_rng([seed, 19]).integers(points.size, size=(_DRAWS, points.size))
+    number = points[draws].sum(1)
+    drawn_before = np.sqrt(before[draws].sum(1) / number)
+    drawn_after = np.sqrt(after[draws].sum(1) / number)
+    ratio = np.where(drawn_before > 0, drawn_after / np.maximum(drawn_before, 1e-300), 1.0)
+    rms_before = float(np.sqrt(before.sum() / points.sum()))
+    rms_after = float(np.sqrt(after.sum() / points.sum()))
+    removed = 1 - (rms_after / rms_before) ** 2 if rms_before > 0 else 0.0
+    return Errors(
+        _interval(rms_before, drawn_before),
+        _interval(rms_after, drawn_after),
+        _interval(removed, 1 - ratio**2),
+        int(used.sum()),
+    )
+
+
+def _interval(value: float, drawn: np.ndarray) -> Interval:
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return Interval(value, float(low), float(high))

@@ -1,0 +1,128 @@
+"""What a discovery reports; reports and studies read this and compute nothing new."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.effects.law import CorrectedLaw
+
+
+class Interval(NamedTuple):
+    """A number and its 95 % interval; NaN bounds where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Errors(NamedTuple):
+    """Root mean square error of adhesion before and after, by a bootstrap over runs."""
+
+    before: Interval
+    after: Interval
+    removed: Interval  # 1 - (after/before)^2
+    runs: int
+
+
+class FoundEffect(NamedTuple):
+    """One cause that the law lacked, or a structure without a known cause."""
+
+    name: str  # the most likely: a name of EFFECTS, or covariate:, periodic:, product: of a column
+    candidates: tuple[str, ...]  # all that the data cannot tell from it, most likely first
+    covariates: tuple[str, ...]  # the columns it rests on
+    formula: str  # e.g. "mu (1 - k kappa)"
+    parameters: Mapping[str, Interval]
+    units: Mapping[str, str]
+    p_adjusted: float
+    rmse_after: float  # of cross-validation, with this effect and those accepted before it
+    sentence: str  # what it is, in words
+    acts_on: str = "level"  # of the adhesion curve: its level, its slip scale ("slip"), its "fall"
+
+
+class Doubt(NamedTuple):
+    """Something is missing that the data cannot tell from another shape of the base curve."""
+
+    names: tuple[str, ...]  # the errors of the signals that would explain it
+    sentence: str  # what it may be, and what would tell
+
+
+class Opinion(NamedTuple):
+    """What boosted trees predict of the residual of runs that they were not fitted to."""
+
+    columns: tuple[str, ...]  # without which they predict worse, the most important first
+    explained: float  # share of the squared residual of the runs left out
+    error: float  # standard error of that share, over runs
+    p: float  # that no column explains anything
+
+
+class Candidate(NamedTuple):
+    """One row of the ranking: what else was looked at, and how much it would have explained."""
+
+    round: int  # 0 for the first effect looked for
+    name: str
+    z: float  # of the score test
+    p_adjusted: float
+    gain: float  # of the cross-validated log likelihood a run; NaN where it was not refitted
+    gain_se: float
+    decision: str  # "accepted", "in the class of ...", "not significant" ...
+
+
+class Dependence(NamedTuple):
+    """Partial dependence on one column: the factor on adhesion over its values."""
+
+    effect: str
+    column: str
+    unit: str
+    values: np.ndarray  # [grid]
+    factor: np.ndarray  # [grid]: adhesion relative to that at the median of the column
+    low: np.ndarray  # [grid]: 95 % band
+    high: np.ndarray
+
+
+class Proposal(NamedTuple):
+    """The measurement that would tell two members of a class apart."""
+
+    between: tuple[str, str]
+    measurement: str  # a sentence
+    power: float  # expected separation, in standard errors
+
+
+class Findings(NamedTuple):
+    """All that a report needs."""
+
+    source: str  # what was analysed
+    base: str
+    base_parameters: pd.DataFrame  # parameter, unit, before, before_se, after, after_se
+    law: CorrectedLaw  # base and effects, fitted to all runs
+    noise_floor: float
+    noise: Mapping[str, float]  # sigma, autocorrelation, run_scatter
+    train: Errors
+    validation: Errors  # cross-validation over the runs of the training data
+    test: Errors | None
+    effects: tuple[FoundEffect, ...]
+    unexplained: tuple[FoundEffect, ...]
+    ranking: tuple[Candidate, ...]
+    confounded: tuple[str, ...]  # sentences: which causes the data cannot tell apart, and why
+    untested: tuple[str, ...]  # sentences: columns absent, constant or too narrow
+    proposals: tuple[Proposal, ...]
+    dependences: tuple[Dependence, ...]
+    warnings: tuple[str, ...]
+    #: One row a measured training point: run, slip, adhesion, before, after, every column.
+    points: pd.DataFrame
+    #: With a test set, one row a row of it: row, base, corrected.
+    predictions: pd.DataFrame | None
+    seconds: float
+    #: By round, the z of the score test whose adjusted p is just that of acceptance; NaN or left
+    #: out where it is not known.
+    thresholds: tuple[float, ...] = ()
+    #: What the slip of the points is: slip_ratio or slip_velocity_mps.
+    slip: str = "slip_ratio"
+    citation: str = ""  # whose data they are
+    doubts: tuple[Doubt, ...] = ()
+    #: What a general method still sees in the residual of the law; None where it sees nothing.
+    opinion: Opinion | None = None
+    #: One row a run: run, before, after (its mean relative residual, without and with the effects),
+    #: error (of one of them, from the noise within the run), mean of every column. None of blocks.
+    levels: pd.DataFrame | None = None

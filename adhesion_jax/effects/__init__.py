@@ -1,0 +1,72 @@
+"""The catalogue. A new effect is one file here and one line in EFFECTS."""
+
+from collections.abc import Mapping
+
+from adhesion_jax.effects.axle_position import AxlePosition
+from adhesion_jax.effects.base import Columns as Columns
+from adhesion_jax.effects.base import Effect as Effect
+from adhesion_jax.effects.cleaning import Cleaning
+from adhesion_jax.effects.contact_heating import ContactHeating
+from adhesion_jax.effects.covariate import Covariate as Covariate
+from adhesion_jax.effects.delay import Delay
+from adhesion_jax.effects.drift import Drift
+from adhesion_jax.effects.falling_friction import FallingFriction
+from adhesion_jax.effects.humidity import Humidity
+from adhesion_jax.effects.hysteresis import Hysteresis
+from adhesion_jax.effects.inertia import Inertia
+from adhesion_jax.effects.interaction import Interaction as Interaction
+from adhesion_jax.effects.lag import Lag
+from adhesion_jax.effects.lateral_creep import LateralCreep
+from adhesion_jax.effects.load_peak import LoadPeak
+from adhesion_jax.effects.load_slope import LoadSlope
+from adhesion_jax.effects.load_transfer import LoadTransfer
+from adhesion_jax.effects.mode_asymmetry import ModeAsymmetry
+from adhesion_jax.effects.patch import Patch
+from adhesion_jax.effects.periodic import Periodic as Periodic
+from adhesion_jax.effects.product import Product as Product
+from adhesion_jax.effects.rail_joint import RailJoint
+from adhesion_jax.effects.relaxation import Relaxation
+from adhesion_jax.effects.sanding import Sanding
+from adhesion_jax.effects.shape import ShapeTerm as ShapeTerm
+from adhesion_jax.effects.slip_bias import SlipBias
+from adhesion_jax.effects.slip_noise import SlipNoise
+from adhesion_jax.effects.slip_speed import SlipSpeed
+from adhesion_jax.effects.speed import Speed
+from adhesion_jax.effects.spline import Spline as Spline
+from adhesion_jax.effects.surface import Surface as Surface
+from adhesion_jax.effects.temperature import Temperature
+from adhesion_jax.effects.threshold import Threshold as Threshold
+from adhesion_jax.effects.torque_offset import TorqueOffset
+from adhesion_jax.effects.track_curve import CurveOfTrack
+from adhesion_jax.effects.wheel_order import WheelOrder
+
+#: The physical causes by their names.
+EFFECTS: Mapping[str, type[Effect]] = {
+    "speed": Speed,
+    "slip_speed": SlipSpeed,
+    "falling_friction": FallingFriction,
+    "load_peak": LoadPeak,
+    "load_slope": LoadSlope,
+    "humidity": Humidity,
+    "temperature": Temperature,
+    "contact_heating": ContactHeating,
+    "patch": Patch,
+    "cleaning": Cleaning,
+    "sanding": Sanding,
+    "axle_position": AxlePosition,
+    "relaxation": Relaxation,
+    "delay": Delay,
+    "lag": Lag,
+    "hysteresis": Hysteresis,
+    "curve": CurveOfTrack,
+    "lateral_creep": LateralCreep,
+    "load_transfer": LoadTransfer,
+    "mode_asymmetry": ModeAsymmetry,
+    "slip_bias": SlipBias,
+    "torque_offset": TorqueOffset,
+    "inertia": Inertia,
+    "wheel_order": WheelOrder,
+    "rail_joint": RailJoint,
+    "drift": Drift,
+    "slip_noise": SlipNoise,
+}

@@ -1,0 +1,81 @@
+"""What follows from the measured columns of a run: the other names and rates that effects need."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions
+from adhesion_jax.effects.history import has_history, smoothed
+from adhesion_jax.records import Record
+
+#: Radius in m that turns a rolled distance into an angle where no angle was measured.
+NOMINAL_RADIUS = 0.46
+
+#: Seconds over which a speed is smoothed before its slope is taken for the acceleration.
+_ACCELERATION_WIDTH = 0.5
+
+#: Columns that stand in for one another, the first there is counts.
+TEMPERATURES = ("temperature_C", "rail_temperature_C", "tread_temperature_C")
+ANGLES = ("angle_of_attack_deg", "slip_angle_deg")
+
+
+class Calendar(NamedTuple):
+    """Where the campaign lies in time: campaign_time is 0 at `start` and 1 at `end`."""
+
+    column: str  # time_s, or run_order where time starts anew with each run
+    start: float
+    end: float
+
+
+def calendar_of(record: Record) -> Calendar:
+    """The calendar of a campaign, arrays [runs, points]."""
+    if "time_s" in record.conditions:
+        time = np.asarray(record.conditions["time_s"])
+        span = np.ptp(time)
+        # Where every run starts anew, their times lie on top of each other.
+        if time.shape[0] > 1 and np.ptp(time[:, 0]) > 0.5 * span > 0:
+            return Calendar("time_s", float(time.min()), float(time.max()))
+    order = np.asarray(record.conditions["run_order"])
+    return Calendar("run_order", float(order.min()), float(max(order.max(), order.min() + 1)))
+
+
+def completed(
+    slip: Float[Array, "*shape"], measured: Conditions, calendar: Calendar
+) -> Mapping[str, Float[Array, "..."]]:
+    """The conditions of one run, or one steady state, with those that follow from them."""
+    followed = _followed(slip, {name: jnp.asarray(values) for name, values in measured.items()})
+    if calendar.column in followed:
+        span = calendar.end - calendar.start
+        followed["campaign_time"] = (followed[calendar.column] - calendar.start) / span
+    return followed
+
+
+# Compiled, since every campaign and every law asks for it, and its steps are many and small.
+@jax.jit
+def _followed(slip: Float[Array, "*shape"], measured: Mapping[str, Array]) -> dict[str, Array]:
+    conditions = dict(measured)
+    for name in TEMPERATURES:
+        if name in conditions:
+            conditions.setdefault("temperature_C", conditions[name])
+    if "vehicle_speed_mps" in conditions:
+        speed = conditions["vehicle_speed_mps"]
+        conditions["slip_velocity_mps"] = jnp.abs(slip) * speed
+        if has_history(measured):
+            smooth = smoothed(speed, conditions["time_s"], _ACCELERATION_WIDTH)
+            conditions.setdefault("acceleration_mps2", smooth[1])
+            step = jnp.diff(conditions["time_s"], prepend=conditions["time_s"][:1])
+            rolled = jnp.cumsum(speed * (1 + slip) * step)
+            conditions.setdefault("wheel_angle_rad", rolled / NOMINAL_RADIUS)
+    conditions.setdefault("mode", jnp.sign(slip))
+    lateral = [jnp.tan(jnp.deg2rad(conditions[name])) for name in ANGLES if name in conditions]
+    if "lateral_creepage" in conditions:
+        conditions["lateral_measure"] = conditions["lateral_creepage"]
+    elif lateral:
+        conditions["lateral_measure"] = lateral[0]
+    elif "curvature_per_m" in conditions:
+        conditions["lateral_measure"] = conditions["curvature_per_m"]
+    return conditions

@@ -1,0 +1,136 @@
+"""What bends the adhesion curve itself by a column: its level, its slip scale, or its fall."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions
+from adhesion_jax.effects.base import Columns, Effect
+
+#: What a term may act on, in the order in which programs number them.
+ACTS_ON = ("level", "slip", "fall")
+
+#: Slips among which the peak is looked for, and the ratios between the three slips of the parabolas
+#: that close in on it.
+_SLIPS = np.geomspace(2e-3, 5.0, 12)
+_REACHES = (2.0, 1.2, 1.05)
+
+#: What g is expected to be at any place before there are data, as a standard deviation: a factor of
+#: 4.5. Where no run tells (no slip beyond the peak at some value of a column) g stays near zero.
+_SPREAD = 1.5
+
+
+class ShapeTerm(Effect):
+    """A function g of columns that bends the curve mu(l), in one of three ways.
+
+    level: mu exp(g). slip: mu(l exp(g)), so that the initial slope and the place of the peak move
+    and the maximum stays. fall: mu_max - (mu_max - mu) exp(g) beyond the peak, mu below it. The
+    terms of a law that act on the same add up in g.
+    """
+
+    acts_on: str = eqx.field(static=True, default="level", kw_only=True)
+
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+    ORDER: ClassVar[int] = 1
+
+    @classmethod
+    @abstractmethod
+    def at_places(cls) -> np.ndarray:
+        """What each strength adds to g at places spread over the columns, [places, strengths]."""
+
+    @abstractmethod
+    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+        """The function g, of the shape of the columns."""
+
+    @classmethod
+    @abstractmethod
+    def starts(cls, columns: Columns) -> Sequence["ShapeTerm"]:
+        """Terms to try first, on the level."""
+
+    def before(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return slip
+
+    def after(
+        self,
+        adhesion: Float[Array, "*shape"],
+        slip: Float[Array, "*shape"],
+        conditions: Conditions,
+    ) -> Float[Array, "*shape"]:
+        return adhesion
+
+
+@cache
+def prior_precision(kind: type[ShapeTerm]) -> np.ndarray:
+    """Of the strengths of a term, [strengths, strengths]: g is N(0, _SPREAD^2) at its places."""
+    places = kind.at_places()
+    return places.T @ places / _SPREAD**2
+
+
+def shaped(
+    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    slip: Float[Array, "*shape"],
+    exponents: Mapping[str, Float[Array, "..."]],
+) -> Float[Array, "*shape"]:
+    """The curve under the sums g of its terms, by what they act on; what is absent is zero."""
+    bent = slip * jnp.exp(exponents["slip"]) if "slip" in exponents else slip
+    adhesion = curve(bent)
+    if "fall" in exponents:
+        adhesion = fallen(curve, bent, adhesion, exponents["fall"], peak_slips(curve, bent))
+    return adhesion * jnp.exp(exponents["level"]) if "level" in exponents else adhesion
+
+
+def peak_slips(
+    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]], like: Float[Array, "*shape"]
+) -> Float[Array, "*shape"]:
+    """Where the curve has its peak, of the shape of its conditions; infinity where it has none.
+
+    The derivative of mu_max by a parameter is that at the place of the peak, which is itself taken
+    as given: there the curve is flat.
+    """
+
+    def seen_at(*places: Array) -> Array:
+        return jax.vmap(curve)(jnp.stack(places))
+
+    top = jnp.argmax(seen_at(*(at * jnp.ones_like(like) for at in _SLIPS)), axis=0)
+    place = jnp.asarray(_SLIPS)[top]
+    for reach in _REACHES:
+        left, middle, right = seen_at(place / reach, place, place * reach)
+        bend = left - 2 * middle + right
+        offset = jnp.where(bend < 0, 0.5 * (left - right) / jnp.where(bend < 0, bend, -1.0), 0.0)
+        place = place * reach ** jnp.clip(offset, -1.0, 1.0)
+    inside = (top > 0) & (top < _SLIPS.size - 1)
+    return jax.lax.stop_gradient(jnp.where(inside, place, jnp.inf))
+
+
+def fallen(
+    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    slip: Float[Array, "*shape"],
+    adhesion: Float[Array, "*shape"],
+    exponent: Float[Array, "..."],
+    peak: Float[Array, "*shape"],
+) -> Float[Array, "*shape"]:
+    """Beyond the slip of the peak mu_max - (mu_max - mu) exp(g); without a peak as it is."""
+    highest = jnp.sign(slip) * curve(jnp.minimum(peak, _SLIPS[-1]))
+    deeper = highest - (highest - adhesion) * jnp.exp(exponent)
+    return jnp.where(jnp.abs(slip) > peak, deeper, adhesion)
+
+
+def exponents_of(
+    effects: Sequence[Effect], conditions: Conditions
+) -> dict[str, Float[Array, "..."]]:
+    """The sums of the terms among some effects, by what they act on."""
+    sums: dict[str, Float[Array, ...]] = {}
+    for effect in effects:
+        if isinstance(effect, ShapeTerm):
+            g = effect.log_factor(conditions)
+            sums[effect.acts_on] = sums[effect.acts_on] + g if effect.acts_on in sums else g
+    return sums

@@ -1,0 +1,1 @@
+"""One measured record: the fit of every curve, and what it leaves over."""

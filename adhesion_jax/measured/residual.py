@@ -1,0 +1,104 @@
+"""Whether the residual of a measured fit still has structure."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.records import Record
+
+#: Without a peak among the points, "behind" begins where the curve has reached this share of the
+#: largest adhesion it has there.
+_SHOULDER = 0.9
+
+#: Fewer points than this behind the peak do not give a slope.
+_SLOPE_POINTS = 8
+
+
+class Residual(NamedTuple):
+    """Measured adhesion less the curve, in order of the size of slip, and what can be seen in it.
+
+    Curves are odd: a braking point (negative slip) is turned over into the first quadrant.
+    """
+
+    slip: Float[np.ndarray, " points"]  # |slip|, rising
+    adhesion: Float[np.ndarray, " points"]
+    braking: Bool[np.ndarray, " points"]
+    residual: Float[np.ndarray, " points"]
+    #: sqrt(mean(d^2)/2), d the differences of adhesion between neighbours in slip: the noise, as
+    #: far as the curve is straight between neighbours.
+    scatter: float
+    #: (2 - sum(d^2)/sum(e^2)) over its standard deviation, d the differences of the residual e
+    #: between neighbours in slip: standard normal for white noise, large where neighbours are
+    #: alike (von Neumann 1941, Ann. Math. Statist. 12:367-395).
+    likeness: float
+    behind: float  # the slip behind which the slope is taken
+    points_behind: int
+    slope: float  # of the residual against slip, behind the peak; NaN with too few points
+    slope_se: float
+    #: Correlation of consecutive residuals of a run; NaN where the record has no time_s.
+    lag_one: float
+
+
+def residual_structure(
+    fit: MeasuredFit, record: Record, runs: Int[np.ndarray, " points"]
+) -> Residual:
+    """What one fit leaves. `runs` numbers the run that each point belongs to."""
+    measured_slip = np.asarray(record.slip)
+    size = np.abs(measured_slip)
+    side = np.where(measured_slip < 0, -1.0, 1.0)
+    folded = side * np.asarray(record.adhesion)
+    left = folded - side * np.asarray(fit.curve(record.slip, record.conditions))
+    order = np.argsort(size, kind="stable")
+    slip, adhesion, residual = size[order], folded[order], left[order]
+
+    points = slip.size
+    centred = residual - residual.mean()
+    ratio = np.sum(np.diff(centred) ** 2) / max(np.sum(centred**2), np.finfo(float).tiny)
+    deviation = 2 * np.sqrt((points - 2) / (points**2 - 1))
+
+    behind = float(fit.peak.slip) if fit.peak.found else np.inf
+    if behind >= slip[-1]:
+        model = adhesion - residual
+        behind = float(slip[np.argmax(model >= _SHOULDER * model.max())])
+    after = slip > behind
+    slope, slope_se = _slope(slip[after], residual[after])
+    return Residual(
+        slip,
+        adhesion,
+        side[order] < 0,
+        residual,
+        float(np.sqrt(np.mean(np.diff(adhesion) ** 2) / 2)),
+        float((2 - ratio) / deviation),
+        behind,
+        int(after.sum()),
+        slope,
+        slope_se,
+        _lag_one(side * left, runs) if "time_s" in record.conditions else np.nan,
+    )
+
+
+def running_mean(
+    slip: Float[np.ndarray, " points"], residual: Float[np.ndarray, " points"], window: int
+) -> tuple[Float[np.ndarray, " means"], Float[np.ndarray, " means"]]:
+    """Means of `window` neighbours in slip: their slip and their residual."""
+    weights = np.full(window, 1 / window)
+    return np.convolve(slip, weights, "valid"), np.convolve(residual, weights, "valid")
+
+
+def _slope(slip: np.ndarray, residual: np.ndarray) -> tuple[float, float]:
+    """Ordinary least squares: the slope and its standard error."""
+    if slip.size < _SLOPE_POINTS or np.ptp(slip) == 0:
+        return np.nan, np.nan
+    x, y = slip - slip.mean(), residual - residual.mean()
+    slope = np.sum(x * y) / np.sum(x**2)
+    error = np.sqrt(np.sum((y - slope * x) ** 2) / (slip.size - 2) / np.sum(x**2))
+    return float(slope), float(error)
+
+
+def _lag_one(residual: np.ndarray, runs: np.ndarray) -> float:
+    same = runs[1:] == runs[:-1]
+    products = np.sum(residual[1:][same] * residual[:-1][same])
+    squares = np.sqrt(np.sum(residual[1:][same] ** 2) * np.sum(residual[:-1][same] ** 2))
+    return float(products / squares) if squares > 0 else np.nan

@@ -1,0 +1,262 @@
+"""What a report of a discovery says, in which order: the one source of all its renderings."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from adhesion_jax.discovery.findings.types import Findings, FoundEffect
+from adhesion_jax.report.discovery.tables import (
+    errors_table,
+    level_columns,
+    parameters_table,
+    ranking,
+    ranking_table,
+    residual_columns,
+    shape_columns,
+    title,
+)
+from adhesion_jax.report.discovery.words import (
+    acts_on,
+    class_sentence,
+    error,
+    evidence,
+    humanised,
+    kind_of_run,
+    number,
+    one_line,
+    opinion_sentence,
+    plus_minus,
+    verdict,
+)
+from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
+
+
+def page(findings: Findings) -> Page:
+    return Page(
+        f"Missing effects: {findings.base} on {one_line(findings.source)}",
+        verdict(findings),
+        [
+            _errors(findings),
+            _data(findings),
+            *_effects(findings),
+            *_dependence(findings),
+            *_levels(findings),
+            *_residual(findings),
+            *_doubts(findings),
+            _base(findings),
+            _confounded(findings),
+            _next(findings),
+            _untested(findings),
+            _ranking(findings),
+            Section("Warnings", _items(findings.warnings, "None.")),
+        ],
+    )
+
+
+def _items(texts: Sequence[str], none: str) -> list[Block]:
+    return [Items([one_line(text) for text in texts])] if texts else [Paragraph(none)]
+
+
+def _errors(findings: Findings) -> Section:
+    noise = ", ".join(
+        f"{name.replace('_', ' ')} {number(value)}" for name, value in findings.noise.items()
+    )
+    return Section(
+        "Error before and after",
+        [
+            errors_table(findings),
+            Paragraph(
+                "Root mean square errors of adhesion (1), with 95 % intervals by a bootstrap over "
+                f"whole {kind_of_run(findings)}s. The noise floor is {error(findings.noise_floor)}"
+                + (f" ({noise})." if noise else ".")
+            ),
+            Picture(
+                "errors.png",
+                "Error before (open) and after (filled) with 95 % intervals. No law can do better "
+                "than the noise floor (dashed) on data it has not seen.",
+            ),
+        ],
+    )
+
+
+def _data(findings: Findings) -> Section:
+    return Section(
+        "Data and law",
+        [
+            Picture(
+                "adhesion.png",
+                "The measured points under all their conditions, and the law before and after "
+                "at the median of every column. What of the scatter comes from other "
+                "conditions is not in these lines.",
+            ),
+            *([Paragraph(one_line(findings.citation))] if findings.citation else []),
+        ],
+    )
+
+
+def _effects(findings: Findings) -> list[Section]:
+    sections = [
+        _effect(effect, f"Missing {place}: {title(effect, True)}")
+        for place, effect in enumerate(findings.effects, start=1)
+    ] or [Section("Missing effects", [Paragraph("None was accepted.")])]
+    return sections + [
+        _effect(effect, f"Unexplained: structure against {title(effect, False)}")
+        for effect in findings.unexplained
+    ]
+
+
+def _effect(effect: FoundEffect, heading: str) -> Section:
+    told = class_sentence(effect)
+    columns = ", ".join(one_line(name) for name in effect.covariates)
+    facts = [
+        _begun(evidence(effect)),
+        *([_begun(told)] if told else []),
+        *([f"It rests on {columns}"] if columns else []),
+        *([f"It {acts_on(effect)}"] if acts_on(effect) else []),
+        "With it and those accepted before it the error of cross-validation is "
+        f"{error(effect.rmse_after)}",
+    ]
+    return Section(
+        heading,
+        [
+            Paragraph(one_line(effect.sentence)),
+            *([Formula(one_line(effect.formula))] if effect.formula else []),
+            *([parameters_table(effect)] if effect.parameters else []),
+            Paragraph(". ".join(facts) + "."),
+        ],
+    )
+
+
+def _begun(sentence: str) -> str:
+    return sentence[0].upper() + sentence[1:]
+
+
+def _dependence(findings: Findings) -> list[Section]:
+    pictures: list[Block] = []
+    if findings.dependences:
+        caption = (
+            "The factor on adhesion as one column moves and the others stay, with its 95 % band; "
+            "it is 1 at the median of the column. Marks below: tenths of the measured points."
+        )
+        pictures.append(Picture("dependence.png", caption))
+    if shape_columns(findings):
+        caption = (
+            "The law over slip where an effect acts on the shape of the curve: at a low (5 %), "
+            "the median and a high (95 %) value of its column, the other columns at their medians."
+        )
+        pictures.append(Picture("shapes.png", caption))
+    return [Section("What the corrections do", pictures)] if pictures else []
+
+
+def _levels(findings: Findings) -> list[Section]:
+    shown, differing = level_columns(findings)
+    if not shown:
+        return []
+    left_out = "" if len(shown) == len(differing) else f" {len(shown)} of {len(differing)} columns."
+    caption = (
+        "The level of each run, measured less law as a share of the law, before (open) and after "
+        "(filled), against the mean of every column over the run; bars are two standard errors "
+        "from the noise within the run. A trend of the filled points is a cause that the law "
+        f"still lacks.{left_out}"
+    )
+    title = "The level of every run, against every column"
+    return [Section(title, [Picture("levels.png", caption)])]
+
+
+def _doubts(findings: Findings) -> list[Section]:
+    blocks: list[Block] = []
+    if findings.doubts:
+        blocks += _items([doubt.sentence for doubt in findings.doubts], "")
+    if findings.opinion:
+        blocks.append(Paragraph(f"{opinion_sentence(findings.opinion)}."))
+    return [Section("Doubts", blocks)] if blocks else []
+
+
+def _residual(findings: Findings) -> list[Section]:
+    shown, varying = residual_columns(findings)
+    if not shown:
+        return []
+    left_out = "" if len(shown) == len(varying) else f" {len(shown)} of {len(varying)} columns."
+    caption = (
+        "Measured less law: grey points before; means in bins before (open) and after (filled), "
+        "with two standard errors from the scatter between runs. A law that lacks nothing stays "
+        f"on zero in every panel.{left_out}"
+    )
+    return [Section("What is left, against every column", [Picture("residuals.png", caption)])]
+
+
+def _base(findings: Findings) -> Section:
+    table = findings.base_parameters
+    pairs = [
+        [
+            plus_minus(value, spread)
+            + (" (held)" if np.isfinite(value) and not np.isfinite(spread) else "")
+            for value, spread in zip(table[when], table[f"{when}_se"], strict=True)
+        ]
+        for when in ("before", "after")
+    ]
+    added = findings.effects or findings.unexplained
+    names, units = table["parameter"].astype(str), table["unit"].astype(str)
+    return Section(
+        f"Parameters of the base curve ({findings.base})",
+        [
+            Table(
+                ("parameter", "before ± standard error", "after ± standard error", "unit"),
+                list(zip(names, *pairs, units, strict=True)),
+            ),
+            Paragraph(
+                ("After: fitted together with all that was added. " if added else "")
+                + "The whole law is in law.json."
+            ),
+        ],
+    )
+
+
+def _confounded(findings: Findings) -> Section:
+    none = "No two of the causes found are alike in these data."
+    return Section("What the data cannot tell apart", _items(findings.confounded, none), boxed=True)
+
+
+def _untested(findings: Findings) -> Section:
+    none = "Nothing: no column is missing, constant or too narrow."
+    return Section("What could not be tested", _items(findings.untested, none))
+
+
+def _next(findings: Findings) -> Section:
+    return Section(
+        "What to measure next",
+        _items(
+            [
+                f"To tell {humanised(one)} from {humanised(other)}: {measurement} Expected "
+                f"separation: {number(power)} standard errors."
+                for (one, other), measurement, power in findings.proposals
+            ],
+            "Nothing is proposed.",
+        ),
+    )
+
+
+def _ranking(findings: Findings) -> Section:
+    ranked = ranking(findings)
+    if not ranked:
+        return Section("Ranking of all candidates", [Paragraph("None was looked at.")])
+    return Section(
+        "Ranking of all candidates",
+        [
+            Picture(
+                "ranking.png",
+                "The strongest candidates of each round, the z of their score test and what was "
+                "decided."
+                + (
+                    " Dashed: the z from which a candidate is significant."
+                    if findings.thresholds
+                    else ""
+                ),
+            ),
+            ranking_table(ranked),
+            Paragraph(
+                "Gain a run: of the cross-validated log likelihood, where the candidate was "
+                "refitted together with the base curve."
+            ),
+        ],
+    )

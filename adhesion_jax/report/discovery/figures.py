@@ -1,0 +1,268 @@
+"""The figures of a discovery: the law over the data, errors, corrections and the ranking."""
+
+import dataclasses
+import warnings
+from itertools import groupby
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from adhesion_jax.curves import Curve, Law, with_free_values
+from adhesion_jax.discovery.findings.types import Candidate, Dependence, Findings, Interval
+from adhesion_jax.report.discovery.levels import level_panels
+from adhesion_jax.report.discovery.residuals import residual_panels
+from adhesion_jax.report.discovery.shapes import medians, root_grid, shape_panels, slip_limits
+from adhesion_jax.report.discovery.tables import ranking
+from adhesion_jax.report.discovery.words import (
+    column_label,
+    decision,
+    error,
+    humanised,
+    kind_of_run,
+)
+from adhesion_jax.report.style import (
+    AFTER,
+    BEFORE,
+    POINT,
+    label_text,
+    legend_below,
+    light_frame,
+    panels,
+    root_axis,
+    thinned,
+)
+
+#: The figures by the names of their files; those that there is nothing for are not drawn.
+FIGURES = (
+    "adhesion.png",
+    "residuals.png",
+    "levels.png",
+    "dependence.png",
+    "shapes.png",
+    "errors.png",
+    "ranking.png",
+)
+
+_DPI = 110
+
+#: Bars of a round: what comes behind them is in the table.
+_BARS = 10
+_ROUNDS = 4
+
+#: Longest decision, in letters.
+_WORDS = 60
+
+
+def draw_discovery(folder: Path, findings: Findings) -> None:
+    """Every figure that applies, as PNG."""
+    figures = {
+        "adhesion.png": adhesion_over_slip(findings),
+        "residuals.png": residual_panels(findings),
+        "levels.png": level_panels(findings),
+        "dependence.png": _dependences(findings),
+        "shapes.png": shape_panels(findings),
+        "errors.png": _errors(findings),
+        "ranking.png": _ranking(findings),
+    }
+    with warnings.catch_warnings():
+        # A name in a script the font lacks shows as boxes; that is no reason to warn a user.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        for name, figure in figures.items():
+            if figure is not None:
+                FigureCanvasAgg(figure)
+                figure.savefig(folder / name, dpi=_DPI)
+
+
+def adhesion_over_slip(findings: Findings) -> Figure:
+    """The points, and the law before and after at the median of every column."""
+    points = thinned(findings.points)
+    low, high = slip_limits(findings)
+    figure = Figure(figsize=(8.5, 5.0), layout="constrained")
+    axis = figure.subplots()
+    axis.scatter(
+        points["slip"],
+        points["adhesion"],
+        s=9,
+        facecolors="none",
+        edgecolors=POINT,
+        linewidths=0.7,
+        alpha=0.55,
+        rasterized=True,
+        label="measured",
+    )
+    grid = root_grid(low, high)
+    conditions = medians(findings)
+    before = _law_before(findings)
+    if before is None:
+        points = points.sort_values("slip")
+        grid_before, line = points["slip"].to_numpy(), points["before"].to_numpy()
+    else:
+        grid_before, line = grid, np.asarray(before(jnp.asarray(grid), conditions))
+    axis.plot(
+        grid_before,
+        line,
+        color=BEFORE,
+        linestyle=(0, (5, 2)),
+        label="law before (median conditions)",
+    )
+    after = np.asarray(findings.law(jnp.asarray(grid), conditions))
+    axis.plot(grid, after, color=AFTER, linewidth=2.2, label="law after (median conditions)")
+    root_axis(axis, low, high)
+    axis.set(
+        xlim=(low, high),
+        xlabel=f"{column_label(findings.slip)}, root scale",
+        ylabel="adhesion, tangential force / normal load (1)",
+    )
+    light_frame(axis)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _law_before(findings: Findings) -> Law | None:
+    """The base curve as it was without the effects; none where it was another curve."""
+    law, table = findings.law, findings.base_parameters
+    known = {
+        str(name): float(value)
+        for name, value in zip(table["parameter"], table["before"], strict=True)
+        if np.isfinite(value)
+    }
+    if not isinstance(law.curve, Curve) or not set(law.curve.free) <= set(known):
+        return None
+    curve = with_free_values(law.curve, jnp.array([known[name] for name in law.curve.free]))
+    return dataclasses.replace(law, curve=curve, effects=())
+
+
+def _dependences(findings: Findings) -> Figure | None:
+    if not findings.dependences:
+        return None
+    figure, axes = panels(len(findings.dependences), height=2.2)
+    for axis, dependence in zip(axes, findings.dependences, strict=True):
+        _dependence(axis, dependence, findings)
+    for axis in axes[::3]:
+        axis.set_ylabel("factor on adhesion (1)")
+    legend_below(figure, axes[0])
+    return figure
+
+
+def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
+    values = dependence.values
+    axis.axhline(1.0, color="0.4", linewidth=0.8)
+    axis.fill_between(
+        values, dependence.low, dependence.high, color="0.82", linewidth=0, label="95 % band"
+    )
+    axis.plot(values, dependence.factor, color=AFTER, linewidth=2, label="factor on adhesion")
+    if dependence.column in findings.points:
+        measured = findings.points[dependence.column].to_numpy(dtype=float)
+        tenths = np.quantile(measured, np.linspace(0, 1, 11))
+        axis.plot(
+            tenths,
+            np.zeros_like(tenths),
+            "|",
+            color="0.3",
+            markersize=9,
+            transform=axis.get_xaxis_transform(),
+            clip_on=False,
+            label="tenths of the points",
+        )
+    axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
+    axis.set_xlabel(label_text(column_label(dependence.column, dependence.unit)))
+    axis.xaxis.set_major_locator(MaxNLocator(5))
+    light_frame(axis)
+
+
+def _errors(findings: Findings) -> Figure:
+    rows = {"training": findings.train, "cross-validation": findings.validation}
+    if findings.test:
+        rows["test"] = findings.test
+    figure = Figure(figsize=(8.5, 1.3 + 0.62 * len(rows)), layout="constrained")
+    axis = figure.subplots()
+    for when in ("before", "after"):
+        intervals: list[Interval] = [getattr(errors, when) for errors in rows.values()]
+        value, low, high = np.array(intervals, dtype=float).T
+        before = when == "before"
+        axis.errorbar(
+            value,
+            np.arange(len(rows)) + (-0.13 if before else 0.13),
+            xerr=np.nan_to_num([np.maximum(value - low, 0), np.maximum(high - value, 0)]),
+            color=BEFORE if before else AFTER,
+            marker="s" if before else "o",
+            markerfacecolor="white" if before else AFTER,
+            linestyle="none",
+            capsize=3,
+            label=when,
+        )
+    axis.axvline(
+        findings.noise_floor,
+        color="0.25",
+        linestyle=(0, (4, 2)),
+        linewidth=1,
+        label=f"noise floor {error(findings.noise_floor)}",
+    )
+    kind = kind_of_run(findings)
+    names = [f"{name} ({errors.runs} {kind}s)" for name, errors in rows.items()]
+    axis.set_yticks(np.arange(len(rows)), names)
+    axis.set(xlabel="root mean square error of adhesion (1)", ylim=(len(rows) - 0.5, -0.5))
+    light_frame(axis)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _ranking(findings: Findings) -> Figure | None:
+    rounds = [list(rows) for _, rows in groupby(ranking(findings), lambda row: row.round)]
+    rounds = [rows[:_BARS] for rows in rounds[:_ROUNDS]]
+    if not rounds:
+        return None
+    bars = [len(rows) for rows in rounds]
+    figure = Figure(figsize=(8.5, 0.9 + 0.27 * sum(bars) + 0.45 * len(bars)), layout="constrained")
+    axes = figure.subplots(
+        len(rounds), 1, sharex=True, squeeze=False, height_ratios=[count + 1 for count in bars]
+    ).ravel()
+    end = max(_end(row) for rows in rounds for row in rows)
+    for axis, rows in zip(axes, rounds, strict=True):
+        _round(axis, rows, findings.thresholds)
+        axis.set_xlim(0.0, end)
+    axes[-1].set_xlabel("z of the score test (1)")
+    if any(axis.get_legend_handles_labels()[0] for axis in axes):
+        axes[0].legend(loc="lower right", fontsize=8, frameon=False)
+    return figure
+
+
+def _end(row: Candidate) -> float:
+    """How far the axis must reach so that a bar and the words behind it fit."""
+    words = min(len(decision(row.decision)), _WORDS)
+    return max(float(np.nan_to_num(row.z)), 1.0) / (0.94 - 0.0085 * words)
+
+
+def _round(axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...]) -> None:
+    bars = axis.barh(
+        np.arange(len(rows)),
+        # Less than nothing is nothing: a bar to the left would run into the names.
+        np.maximum(np.nan_to_num([row.z for row in rows]), 0.0),
+        color=[_shade(row.decision) for row in rows],
+        edgecolor="0.25",
+        linewidth=0.6,
+    )
+    names = [label_text(humanised(row.name), 44) for row in rows]
+    axis.set_yticks(np.arange(len(rows)), names, fontsize=8)
+    words = [label_text(decision(row.decision), _WORDS) for row in rows]
+    behind = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+    axis.bar_label(bars, words, padding=5, fontsize=8, bbox=behind)
+    threshold = dict(enumerate(thresholds)).get(rows[0].round, np.nan)
+    if np.isfinite(threshold):
+        dashed = (0, (4, 2))
+        axis.axvline(threshold, color="0.25", linestyle=dashed, linewidth=1, zorder=1.5)
+        axis.plot([], [], color="0.25", linestyle=dashed, linewidth=1, label="significant beyond")
+    axis.set_ylim(len(rows) - 0.4, -0.6)
+    axis.set_title(f"round {rows[0].round + 1}", fontsize=9, loc="left")
+    light_frame(axis)
+
+
+def _shade(decision: str) -> str:
+    if decision.startswith("accepted"):
+        return "#08306b"
+    return "0.6" if decision.startswith("in the class") else "0.92"

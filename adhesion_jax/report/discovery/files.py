@@ -1,0 +1,125 @@
+"""A discovery in files and on the terminal."""
+
+import math
+import textwrap
+from pathlib import Path
+
+import pandas as pd
+
+from adhesion_jax.discovery.findings.types import Candidate, Errors, Findings, FoundEffect, Opinion
+from adhesion_jax.effects.law import FORMAT, save_law
+from adhesion_jax.files import write_metadata, write_table
+from adhesion_jax.report.discovery.content import page
+from adhesion_jax.report.discovery.figures import FIGURES, draw_discovery
+from adhesion_jax.report.discovery.markdown import aligned, discovery_markdown
+from adhesion_jax.report.discovery.tables import effects_table, errors_table, ranking
+from adhesion_jax.report.discovery.words import candidates
+from adhesion_jax.report.discovery.words import verdict as verdict
+from adhesion_jax.report.page import Table
+from adhesion_jax.report.page_html import page_html
+
+#: The files of a discovery; those that do not apply are not written.
+DISCOVERY_FILES = (
+    "report.html",
+    "report.md",
+    "report.json",
+    "law.json",
+    "predictions.csv",
+    "ranking.csv",
+    *FIGURES,
+)
+
+_WIDTH = 96
+
+
+def write_discovery(folder: Path, findings: Findings) -> None:
+    """Every file of DISCOVERY_FILES that applies."""
+    draw_discovery(folder, findings)
+    pictures = {name: (folder / name).read_bytes() for name in FIGURES if (folder / name).is_file()}
+    (folder / "report.html").write_text(page_html(page(findings), pictures), encoding="utf-8")
+    (folder / "report.md").write_text(discovery_markdown(findings), encoding="utf-8")
+    write_metadata(folder / "report.json", report_json(findings))
+    save_law(folder / "law.json", findings.law)
+    write_table(
+        folder / "ranking.csv", pd.DataFrame(ranking(findings), columns=list(Candidate._fields))
+    )
+    if findings.predictions is not None:
+        write_table(folder / "predictions.csv", findings.predictions)
+
+
+def report_json(findings: Findings) -> dict[str, object]:
+    """For programs: names as in the catalogue and the file, errors in adhesion, no NaN but null."""
+    errors = {"train": findings.train, "test": findings.test}
+    return {
+        "format": FORMAT,
+        "base": findings.base,
+        "noise_floor": _plain(findings.noise_floor),
+        "rmse": {name: _before_after(of) for name, of in errors.items() if of is not None},
+        "effects": [_effect(effect) for effect in findings.effects],
+        "unexplained": [{"axis": one.name, **_effect(one)} for one in findings.unexplained],
+        "doubts": [
+            {"names": list(doubt.names), "sentence": doubt.sentence} for doubt in findings.doubts
+        ],
+        "second_opinion": None if findings.opinion is None else _opinion(findings.opinion),
+        "warnings": list(findings.warnings),
+    }
+
+
+def printed(findings: Findings) -> str:
+    """The verdict, the errors and the effects, for a terminal."""
+    parts = [
+        textwrap.fill(verdict(findings), _WIDTH, break_on_hyphens=False),
+        _lines(errors_table(findings)),
+    ]
+    if findings.effects or findings.unexplained:
+        parts.append(_lines(effects_table(findings)))
+    if findings.warnings:
+        parts.append(
+            "\n".join(
+                textwrap.fill(f"Warning: {text}", _WIDTH, subsequent_indent="  ")
+                for text in findings.warnings
+            )
+        )
+    return "\n\n".join(parts)
+
+
+def _lines(table: Table) -> str:
+    return "\n".join("  ".join(line).rstrip() for line in aligned(table))
+
+
+def _before_after(errors: Errors) -> dict[str, float | None]:
+    return {"before": _plain(errors.before.value), "after": _plain(errors.after.value)}
+
+
+def _effect(effect: FoundEffect) -> dict[str, object]:
+    return {
+        "name": effect.name,
+        "candidates": list(candidates(effect)),
+        "covariates": list(effect.covariates),
+        "acts_on": effect.acts_on,
+        "parameters": {
+            name: {
+                "value": _plain(interval.value),
+                "low": _plain(interval.low),
+                "high": _plain(interval.high),
+                "unit": effect.units.get(name, ""),
+            }
+            for name, interval in effect.parameters.items()
+        },
+        "p_adjusted": _plain(effect.p_adjusted),
+        "rmse_after": _plain(effect.rmse_after),
+    }
+
+
+def _opinion(opinion: Opinion) -> dict[str, object]:
+    return {
+        "columns": list(opinion.columns),
+        "explained": _plain(opinion.explained),
+        "error": _plain(opinion.error),
+        "p": _plain(opinion.p),
+    }
+
+
+def _plain(value: float) -> float | None:
+    """A float of Python, which JSON knows; it knows no NaN."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,43 @@
+"""The level of each run before and after, against every column that tells runs apart."""
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.report.discovery.tables import level_columns
+from adhesion_jax.report.discovery.words import column_label
+from adhesion_jax.report.style import AFTER, BEFORE, label_text, legend_below, light_frame, panels
+
+
+def level_panels(findings: Findings) -> Figure | None:
+    """One panel a column, one point a run; None where no column differs between runs."""
+    names, _ = level_columns(findings)
+    levels = findings.levels
+    if levels is None or not names:
+        return None
+    figure, axes = panels(len(names), height=1.9)
+    for axis, name in zip(axes, names, strict=True):
+        axis.axhline(0.0, color="0.4", linewidth=0.8)
+        for when in ("before", "after"):
+            before = when == "before"
+            axis.errorbar(
+                levels[name],
+                100 * levels[when],
+                200 * levels["error"],
+                color=BEFORE if before else AFTER,
+                marker="s" if before else "o",
+                # A level that stays as it was is seen as a point within a square.
+                markersize=6 if before else 3.5,
+                markerfacecolor="white" if before else AFTER,
+                linestyle="none",
+                elinewidth=0.8,
+                label=f"run {when}, ± 2 standard errors",
+            )
+        label = column_label(findings.slip) if name == "slip" else column_label(name)
+        axis.set_xlabel(label_text(label, 40))
+        axis.xaxis.set_major_locator(MaxNLocator(4))
+        light_frame(axis)
+    for axis in axes[::3]:
+        axis.set_ylabel("measured less law\n(% of the law)")
+    legend_below(figure, axes[0])
+    return figure

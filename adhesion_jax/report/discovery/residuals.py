@@ -1,0 +1,138 @@
+"""What a law leaves, before and after, against every column of the data."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.report.discovery.tables import residual_columns
+from adhesion_jax.report.discovery.words import column_label
+from adhesion_jax.report.style import (
+    AFTER,
+    BEFORE,
+    POINT,
+    label_text,
+    legend_below,
+    light_frame,
+    panels,
+    root_axis,
+    thinned,
+)
+
+_BINS, _FEWEST_BINS = 10, 3
+
+#: Fewer runs in a bin give no standard error to go by.
+_RUNS_A_BIN = 4
+
+#: A panel shows the points out to so many of their deviations: the means are what it is for.
+_REACH = 2.2
+
+
+def residual_panels(findings: Findings) -> Figure | None:
+    """Small multiples: points before, and the means in bins before and after; none to draw: None.
+
+    Means and their errors are taken over runs: the points of one run are no independent ones.
+    """
+    names, _ = residual_columns(findings)
+    if not names:
+        return None
+    figure, axes = panels(len(names), height=1.75)
+    points = findings.points
+    left = {when: points["adhesion"] - points[when] for when in ("before", "after")}
+    reach = _REACH * float(np.sqrt(np.mean(left["before"] ** 2)))
+    for axis, name in zip(axes, names, strict=True):
+        place, ticks = _places(points[name])
+        axis.axhline(0.0, color="0.4", linewidth=0.8)
+        drawn = thinned(pd.DataFrame({"place": place, "left": left["before"]}))
+        axis.plot(
+            drawn["place"],
+            drawn["left"],
+            ".",
+            color=POINT,
+            markersize=2.5,
+            alpha=0.35,
+            markeredgewidth=0,
+            rasterized=True,
+        )
+        for when in ("before", "after"):
+            means = _binned(place, left[when], points["run"])
+            reach = max(reach, _draw(axis, means, when))
+        axis.set_xlabel(label_text(_label(findings, name), 40))
+        if ticks is not None:
+            axis.set_xticks(np.arange(len(ticks)), [label_text(tick, 10) for tick in ticks])
+            axis.set_xlim(-0.5, len(ticks) - 0.5)
+        elif name == "slip":
+            low, high = min(0.0, 1.04 * place.min()), max(0.0, 1.04 * place.max())
+            root_axis(axis, low, high, gap=0.13)
+            axis.set_xlim(low, high)
+        else:
+            axis.xaxis.set_major_locator(MaxNLocator(4))
+        light_frame(axis)
+    # An empty line, for the points are too small for a legend.
+    axes[0].plot([], [], ".", color=POINT, markersize=6, label="points before")
+    axes[0].set_ylim(-reach, reach)  # the panels share it
+    for axis in axes[::3]:
+        axis.set_ylabel("measured less law (1)")
+    legend_below(figure, axes[0])
+    return figure
+
+
+def _label(findings: Findings, name: str) -> str:
+    return column_label(findings.slip) if name == "slip" else column_label(name)
+
+
+def _places(column: pd.Series) -> tuple[pd.Series, list[str] | None]:
+    """Where the points stand on the axis; for labels such as those of axles, their order."""
+    if pd.api.types.is_numeric_dtype(column):
+        return column.astype(float), None
+    codes, labels = pd.factorize(column.astype(str), sort=True)
+    return pd.Series(codes, index=column.index).astype(float), [str(label) for label in labels]
+
+
+def _binned(place: pd.Series, left: pd.Series, run: pd.Series) -> pd.DataFrame:
+    """By bin the mean over runs, its standard error and where it stands."""
+    if place.nunique() <= _BINS:
+        bins = place.rank(method="dense")
+    else:
+        edges = np.unique(np.quantile(place, np.linspace(0, 1, _bins(place, run) + 1)))
+        bins = pd.Series(np.digitize(place, edges[1:-1]), index=place.index)
+    table = pd.DataFrame({"place": place, "left": left, "bin": bins, "run": run})
+    of_runs = table.groupby(["bin", "run"], observed=True)[["place", "left"]].mean()
+    by_bin = of_runs.groupby("bin")
+    return pd.DataFrame(
+        {
+            "place": by_bin["place"].mean(),
+            "mean": by_bin["left"].mean(),
+            "error": by_bin["left"].sem().fillna(0.0),
+        }
+    )
+
+
+def _bins(place: pd.Series, run: pd.Series) -> int:
+    """Fewer for a column that is much the same all along a run: each run is then in one bin."""
+    along = place.groupby(run).std().median()
+    if not along < 0.1 * place.std():
+        return _BINS
+    return int(np.clip(run.nunique() // _RUNS_A_BIN, _FEWEST_BINS, _BINS))
+
+
+def _draw(axis: Axes, means: pd.DataFrame, when: str) -> float:
+    """The means with their errors; how far from zero they reach."""
+    before = when == "before"
+    axis.errorbar(
+        means["place"],
+        means["mean"],
+        2 * means["error"],
+        color=BEFORE if before else AFTER,
+        linestyle=(0, (3, 2)) if before else "-",
+        linewidth=1,
+        marker="s" if before else "o",
+        markerfacecolor="white" if before else AFTER,
+        markersize=4.5 if before else 4,
+        capsize=2,
+        zorder=4 if before else 5,
+        label=f"mean {when}, ± 2 standard errors",
+    )
+    return float(1.15 * np.max(np.abs(means["mean"]) + 2 * means["error"]))

@@ -1,0 +1,69 @@
+"""The law over slip at several values of a column that bends the shape of the curve."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.report.discovery.tables import shape_columns
+from adhesion_jax.report.discovery.words import column_label, humanised, number
+from adhesion_jax.report.style import AFTER, label_text, light_frame, panels, root_axis
+
+#: Shares of the points below the values that are drawn, and their lines.
+_QUANTILES: Mapping[float, Mapping[str, Any]] = {
+    0.05: {"color": "#56B4E9", "linestyle": (0, (5, 2))},
+    0.5: {"color": AFTER, "linestyle": "-"},
+    0.95: {"color": "#D55E00", "linestyle": (0, (5, 1, 1, 1))},
+}
+
+
+def shape_panels(findings: Findings) -> Figure | None:
+    """One panel an effect and column, the other columns at their medians; None without any."""
+    shown = shape_columns(findings)
+    if not shown:
+        return None
+    low, high = slip_limits(findings)
+    grid = root_grid(low, high)
+    conditions = medians(findings)
+    figure, axes = panels(len(shown), height=2.6)
+    for axis, (effect, name) in zip(axes, shown, strict=True):
+        for quantile, style in _QUANTILES.items():
+            value = float(findings.points[name].quantile(quantile))
+            adhesion = findings.law(jnp.asarray(grid), {**conditions, name: value})
+            axis.plot(grid, adhesion, label=f"{number(value)} ({100 * quantile:.0f} %)", **style)
+        root_axis(axis, low, high, gap=0.13)
+        axis.set_xlim(low, high)
+        axis.set_xlabel(f"{column_label(findings.slip)}, root scale")
+        axis.set_title(label_text(humanised(effect.name)), fontsize=9, loc="left")
+        legend = axis.legend(fontsize=8, frameon=False, title=label_text(column_label(name), 34))
+        legend.get_title().set_fontsize(8)
+        light_frame(axis)
+    for axis in axes[::3]:
+        axis.set_ylabel("adhesion (1)")
+    return figure
+
+
+def slip_limits(findings: Findings) -> tuple[float, float]:
+    """Zero and a little more than the measured slips."""
+    slip = findings.points["slip"].to_numpy(dtype=float)
+    low, high = min(0.0, 1.04 * slip.min()), max(0.0, 1.04 * slip.max())
+    return (low, high) if low < high else (low, 1.0)  # every slip may be zero
+
+
+def root_grid(low: float, high: float) -> np.ndarray:
+    """Slips in equal steps of their roots, [301]."""
+    root = np.linspace(-np.sqrt(-low), np.sqrt(high), 301)
+    return np.sign(root) * root**2
+
+
+def medians(findings: Findings) -> Mapping[str, float]:
+    """The middle of every column, so that the law is drawn in its steady state."""
+    numeric = findings.points.select_dtypes("number").drop(
+        columns=["run", "slip", "adhesion", "before", "after"], errors="ignore"
+    )
+    calendar = findings.law.calendar
+    middle = {calendar.column: (calendar.start + calendar.end) / 2}
+    return {**middle, **{str(name): float(value) for name, value in numeric.median().items()}}

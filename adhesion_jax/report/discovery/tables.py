@@ -1,0 +1,154 @@
+"""The rows a discovery reports: errors, effects, parameters, candidates and columns."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from adhesion_jax.discovery.findings.types import Candidate, Errors, Findings, FoundEffect
+from adhesion_jax.report.discovery.words import (
+    axis,
+    decision,
+    error,
+    error_in_brackets,
+    humanised,
+    in_brackets,
+    kind_of_run,
+    one_line,
+    p_value,
+    percent_in_brackets,
+    plus_minus,
+)
+from adhesion_jax.report.page import Table
+
+
+def errors_table(findings: Findings) -> Table:
+    """Error before and after: training, cross-validation, test."""
+    kind = kind_of_run(findings)
+    rows = [
+        ("training", findings.train),
+        ("cross-validation", findings.validation),
+        *([("test", findings.test)] if findings.test else []),
+    ]
+    return Table(
+        (f"{kind}s of", f"{kind}s", "error before", "error after", "squared error removed"),
+        [_errors_row(name, errors) for name, errors in rows],
+        (f"{kind}s",),
+    )
+
+
+def _errors_row(name: str, errors: Errors) -> Sequence[str]:
+    return (
+        name,
+        str(errors.runs),
+        error_in_brackets(errors.before),
+        error_in_brackets(errors.after),
+        percent_in_brackets(errors.removed),
+    )
+
+
+def effects_table(findings: Findings) -> Table:
+    """One row a parameter of an effect; one a structure without a cause, whose have no meaning."""
+    rows: list[Sequence[str]] = []
+    for effect in (*findings.effects, *findings.unexplained):
+        explained = effect in findings.effects
+        known = effect.parameters if explained else {}
+        parameters = [
+            (f"{name} {in_brackets(interval)}", effect.units.get(name, ""))
+            for name, interval in known.items()
+        ] or [("non-parametric", "")]
+        facts = (title(effect, explained), p_value(effect.p_adjusted), error(effect.rmse_after))
+        rows += [
+            (*(facts if place == 0 else ("", "", "")), *parameter)
+            for place, parameter in enumerate(parameters)
+        ]
+    return Table(("missing", "adjusted p", "error after", "parameters", "unit"), rows)
+
+
+def title(effect: FoundEffect, explained: bool) -> str:
+    return humanised(effect.name) if explained else one_line(axis(effect))
+
+
+def parameters_table(effect: FoundEffect) -> Table:
+    return Table(
+        ("parameter", "value [95 % interval]", "unit"),
+        [
+            (name, in_brackets(interval), effect.units.get(name, ""))
+            for name, interval in effect.parameters.items()
+        ],
+    )
+
+
+def ranking(findings: Findings) -> list[Candidate]:
+    """The candidates round by round, the strongest first."""
+    return sorted(findings.ranking, key=lambda row: (row.round, -np.nan_to_num(row.z, nan=-np.inf)))
+
+
+def ranking_table(ranked: list[Candidate]) -> Table:
+    return Table(
+        ("round", "candidate", "z", "adjusted p", "gain a run", "decision"),
+        [
+            (
+                str(row.round + 1),
+                humanised(row.name),
+                f"{row.z:.2f}" if np.isfinite(row.z) else "",
+                p_value(row.p_adjusted),
+                plus_minus(row.gain, row.gain_se),
+                decision(row.decision),
+            )
+            for row in ranked
+        ],
+        ("round", "z", "adjusted p", "gain a run"),
+        folded=f"All {len(ranked)} candidates",
+    )
+
+
+#: As many panels as can be read on a page.
+_PANELS = 12
+
+
+def residual_columns(findings: Findings) -> tuple[list[str], list[str]]:
+    """Columns the residual is drawn against, those of the effects first, and all that vary."""
+    points = findings.points
+    rest = [name for name in points if name not in ("run", "adhesion", "before", "after")]
+    # The slip stands in points under its own name as well as under that of its column.
+    order = dict.fromkeys(
+        "slip" if name == findings.slip else str(name)
+        for name in (*_columns_of_effects(findings), "slip", *rest)
+    )
+    varying = [name for name in order if name in points and points[name].nunique() > 1]
+    return varying[:_PANELS], varying
+
+
+def level_columns(findings: Findings) -> tuple[list[str], list[str]]:
+    """Columns the levels of the runs are drawn against, as above, and all that differ by run."""
+    levels = findings.levels
+    if levels is None:
+        return [], []
+    rest = levels.select_dtypes("number").drop(
+        columns=["run", "before", "after", "error"], errors="ignore"
+    )
+    order = dict.fromkeys(str(name) for name in (*_columns_of_effects(findings), *rest))
+    # Means over runs of one constant differ by rounding.
+    differing = [
+        name
+        for name in order
+        if name in rest and np.ptp(levels[name]) > 1e-9 * np.abs(levels[name]).max()
+    ]
+    return differing[:_PANELS], differing
+
+
+def shape_columns(findings: Findings) -> list[tuple[FoundEffect, str]]:
+    """Effects that act on more than the level of the curve, with each column of theirs."""
+    numeric = findings.points.select_dtypes("number")
+    return [
+        (effect, name)
+        for effect in (*findings.effects, *findings.unexplained)
+        if effect.acts_on != "level"
+        for name in effect.covariates
+        if name in numeric and name not in ("slip_ratio", "slip_velocity_mps", "time_s")
+    ][:_PANELS]
+
+
+def _columns_of_effects(findings: Findings) -> list[str]:
+    found = (*findings.effects, *findings.unexplained)
+    return [name for effect in found for name in effect.covariates]

@@ -1,0 +1,386 @@
+"""How a discovery is spoken of: names, numbers and the sentences all its reports share."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.discovery.findings.types import (
+    Candidate,
+    Errors,
+    Findings,
+    FoundEffect,
+    Interval,
+    Opinion,
+)
+from adhesion_jax.discovery.search.screening import SIGNIFICANT
+
+#: Where a name in words is not just the name without its underscores.
+_NAMES = {
+    "speed": "vehicle speed",
+    "slip_speed": "exponential loss with slip velocity",
+    "load_peak": "normal load on the peak",
+    "load_slope": "normal load on the slope",
+    "patch": "a patch on the rail",
+    "cleaning": "cleaning by slip",
+    "axle_position": "position of the axle",
+    "relaxation": "relaxation of the contact",
+    "delay": "a delay between the signals",
+    "lag": "a lag of the adhesion signal",
+    "curve": "curvature of the track",
+    "mode_asymmetry": "a difference between traction and braking",
+    "slip_bias": "a bias of the slip",
+    "torque_offset": "an offset of the force",
+    "inertia": "inertia of the wheel",
+    "wheel_order": "a wave of the wheel's turns",
+    "rail_joint": "rail joints or corrugation",
+    "drift": "a drift over the campaign",
+    "slip_noise": "noise in the slip signal",
+}
+
+#: Effects of a column: `covariate:wind_mps`.
+_KINDS = {
+    "covariate": "a dependence on {}",
+    "spline": "a smooth dependence on {}",
+    "periodic": "a wave along {}",
+    "product": "a joint dependence on {}",
+}
+
+#: What an effect does to the curve, by what it acts on.
+_ACTS_ON = {
+    "level": "acts on the level of the curve",
+    "slip": "stretches the slip scale: the initial slope and the place of the peak move, the "
+    "maximum stays",
+    "fall": "deepens or flattens the fall beyond the peak",
+}
+
+#: Effects that are claimed and make no prediction better.
+_IN_NOISE = ("torsion",)
+
+#: Words of every warning that an effect was found and dropped.
+_DROPPED = "not counted as an effect"
+
+#: Columns that are not measured but follow from the file.
+_DERIVED = {"run_order": "order of the runs (1)", "campaign_time": "time in the campaign (1)"}
+_SUFFIXES = ("per_m", "mps2", "mps", "pct", "rad", "deg", "s", "N", "C", "m")
+
+
+def one_line(text: str) -> str:
+    """A file may name its columns with anything: line breaks would break tables and labels."""
+    return " ".join(text.split())
+
+
+def humanised(name: str) -> str:
+    """An effect's name in words; names of columns stay as they are in the file."""
+    kind, _, column = name.partition(":")
+    if column:
+        words = _KINDS.get(kind, kind.replace("_", " ") + " of {}")
+        return words.replace("{}", one_line(column))
+    return _NAMES.get(name, one_line(name.replace("_", " ")))
+
+
+def decision(words: str) -> str:
+    """What became of a candidate, the name of a class in words."""
+    start = "in the class of "
+    return start + humanised(words[len(start) :]) if words.startswith(start) else one_line(words)
+
+
+def column_label(name: str, unit: str = "") -> str:
+    """A column with its unit; of one the project does not know the name says what it can."""
+    if name in _DERIVED:
+        return _DERIVED[name]
+    if name not in COLUMNS:
+        return f"{one_line(name)} ({unit})" if unit else one_line(name)
+    words = next(
+        (name.removesuffix(f"_{end}") for end in _SUFFIXES if name.endswith(f"_{end}")), ""
+    )
+    return f"{(words or name).replace('_', ' ')} ({COLUMNS[name].unit})"
+
+
+def number(value: float) -> str:
+    """Four digits; nothing where there is no number."""
+    if not np.isfinite(value):
+        return ""
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
+def error(value: float) -> str:
+    """Five decimals, so that errors can be compared by eye; four digits of very small ones."""
+    if not np.isfinite(value):
+        return ""
+    return f"{value:.5f}" if value >= 1e-3 else f"{value:.4g}"
+
+
+def percent(value: float) -> str:
+    return f"{100 * value:.1f} %" if np.isfinite(value) else ""
+
+
+def in_brackets(interval: Interval) -> str:
+    """A parameter as `value [low, high]`, or the value alone."""
+    return _bracketed(*(number(part) for part in interval))
+
+
+def error_in_brackets(interval: Interval) -> str:
+    return _bracketed(*(error(part) for part in interval))
+
+
+def percent_in_brackets(interval: Interval) -> str:
+    value, *bounds = (percent(part) for part in interval)
+    return _bracketed(value, *(bound.removesuffix(" %") for bound in bounds))
+
+
+def plus_minus(value: float, standard_error: float) -> str:
+    """A value to the digits that its standard error leaves, and the error to two."""
+    if not np.isfinite(value):
+        return ""
+    if not np.isfinite(standard_error):
+        return number(value)
+    if standard_error <= 1e-9 * abs(value) or standard_error == 0:
+        return f"{value:.6g}"
+    decimals = max(0, 1 - int(np.floor(np.log10(standard_error))))
+    return f"{value:.{decimals}f} ± {standard_error:.{decimals}f}"
+
+
+def p_value(value: float) -> str:
+    return f"{value:.2g}" if np.isfinite(value) else ""
+
+
+def evidence(effect: FoundEffect) -> str:
+    return (
+        f"adjusted p = {p_value(effect.p_adjusted)}"
+        if np.isfinite(effect.p_adjusted)
+        else "no adjusted p"
+    )
+
+
+def listed(words: Sequence[str], conjunction: str = "and") -> str:
+    """`a, b and c`."""
+    return f" {conjunction} ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
+
+
+def candidates(effect: FoundEffect) -> tuple[str, ...]:
+    """The class of an effect, itself first."""
+    return (effect.name, *(name for name in effect.candidates if name != effect.name))
+
+
+def class_sentence(effect: FoundEffect) -> str:
+    """What the data cannot tell from the effect; nothing where it stands alone."""
+    first, *others = (humanised(name) for name in candidates(effect))
+    return f"the data cannot tell {first} from {listed(others, 'or')}" if others else ""
+
+
+def axis(effect: FoundEffect) -> str:
+    """The column, or columns, that a structure without a known cause lies along."""
+    return " x ".join(effect.covariates) or effect.name.partition(":")[2] or effect.name
+
+
+def acts_on(effect: FoundEffect) -> str:
+    """What becomes of the curve; nothing where an effect of signals or of time is no factor."""
+    signals = not effect.covariates or {"time_s", "slip_ratio"} & {*effect.covariates}
+    return "" if effect.acts_on == "level" and signals else _ACTS_ON[effect.acts_on]
+
+
+def kind_of_run(findings: Findings) -> str:
+    """`run`, or `block` where one run was cut: blocks bear that name (`adhesion_jax.data`)."""
+    names = findings.points["run"].astype(str)
+    return "block" if names.str.startswith("block ").all() else "run"
+
+
+def opinion_sentence(opinion: Opinion) -> str:
+    """What trees predict of the residual, from which columns, and what follows."""
+    source = "the slip itself, or columns that go together"
+    if opinion.columns:
+        source = listed([one_line(name) for name in opinion.columns])
+    return (
+        f"Boosted trees predict {percent(opinion.explained)} ± {percent(opinion.error)} of the "
+        f"squared residual of runs that they were not fitted to, from {source} "
+        f"(p = {p_value(opinion.p)}): something is missing that the law has no form for"
+    )
+
+
+def verdict(findings: Findings) -> str:
+    """What is missing, how sure that is, and how much smaller the error becomes."""
+    effects = [effect for effect in findings.effects if effect.name not in _IN_NOISE]
+    sentences = []
+    if effects:
+        sentences.append(f"What {findings.base} lacks here: {_missing(findings, effects)}.")
+        if findings.unexplained:
+            sentences.append(
+                f"Unexplained structure against {_axes(findings)} is corrected as well, by a "
+                "non-parametric term; no physical cause is claimed for it."
+            )
+    elif findings.unexplained:
+        sentences.append(
+            "No known cause is found to be missing, but there is unexplained structure against "
+            f"{_axes(findings)}; it is corrected by a non-parametric term, and no physical cause "
+            "is claimed."
+        )
+    open_questions = _open_questions(findings)
+    if sentences:
+        sentences += [f"{_change(findings)}.", *(f"{words}." for words in open_questions)]
+    elif open_questions:
+        first, *others = open_questions
+        sentences = [
+            f"No effect is claimed, but {first[0].lower()}{first[1:]}.",
+            *(f"{words}." for words in others),
+            _error_alone(findings),
+        ]
+    else:
+        sentences = [
+            f"Nothing that these data could show is missing from {findings.base}"
+            f"{_strongest(findings)}.",
+            _error_alone(findings),
+        ]
+    return " ".join([*sentences, *_in_noise(findings)])
+
+
+def _axes(findings: Findings) -> str:
+    return " and ".join(
+        f"{one_line(axis(effect))} ({evidence(effect)})" for effect in findings.unexplained
+    )
+
+
+def _open_questions(findings: Findings) -> list[str]:
+    """What was seen and is no effect, each a sentence without its full stop."""
+    return [
+        *_did_not_hold(findings),
+        *(one_line(doubt.sentence).rstrip(".") for doubt in findings.doubts),
+        *([opinion_sentence(findings.opinion)] if findings.opinion else []),
+        *_scatter(findings),
+    ]
+
+
+def _did_not_hold(findings: Findings) -> list[str]:
+    """What was found and dropped, by the warnings; else what stood out where nothing was found."""
+    if findings.doubts:
+        return []
+    dropped = [one_line(text) for text in findings.warnings if _DROPPED in text]
+    if dropped or findings.effects or findings.unexplained:
+        return [text.rstrip(".") for text in dropped]
+    first = _first_of_ranking(findings)
+    if first is None or first.p_adjusted > SIGNIFICANT:
+        return []
+    return [
+        f"{humanised(first.name)} stands out of {len(findings.ranking)} candidates (adjusted "
+        f"p = {p_value(first.p_adjusted)}) and did not hold ({decision(first.decision)}): "
+        "something is missing that these data do not settle. Look at the residual against every "
+        "column, and measure more runs that differ in them"
+    ]
+
+
+def _scatter(findings: Findings) -> list[str]:
+    """Where no law is found, and more of the noise is between runs than within them."""
+    sigma, scatter = (findings.noise.get(name, 0.0) for name in ("sigma", "run_scatter"))
+    if findings.effects or findings.unexplained or findings.noise_floor**2 < 2 * sigma**2:
+        return []
+    return [
+        f"The level of adhesion differs from run to run by {percent(scatter)}, which no effect "
+        "explains and which is more than the noise within the runs"
+    ]
+
+
+def _in_noise(findings: Findings) -> list[str]:
+    """Effects that no prediction can use."""
+    return [
+        f"{humanised(effect.name)[0].upper()}{humanised(effect.name)[1:]} ({evidence(effect)}) is "
+        "in the noise: its phase differs from run to run, so that no prediction gets better by it."
+        for effect in findings.effects
+        if effect.name in _IN_NOISE
+    ]
+
+
+def _error_alone(findings: Findings) -> str:
+    before, _ = _unseen(findings)
+    return (
+        f"The error of {findings.base} {_where(findings)} is {error_in_brackets(before)}, and the "
+        f"noise floor is {error(findings.noise_floor)}."
+    )
+
+
+def _bracketed(value: str, low: str, high: str) -> str:
+    return f"{value} [{low}, {high}]" if low and high else value
+
+
+def _missing(findings: Findings, effects: Sequence[FoundEffect]) -> str:
+    described = []
+    for effect in effects:
+        shape = acts_on(effect) if effect.acts_on != "level" else ""
+        facts = (evidence(effect), shape or _size(findings, effect), class_sentence(effect))
+        described.append(f"{humanised(effect.name)} ({'; '.join(part for part in facts if part)})")
+    return "; ".join(described)
+
+
+def _size(findings: Findings, effect: FoundEffect) -> str:
+    """By how much adhesion falls or rises over the column that moves it most, or where it does."""
+    own = [one for one in findings.dependences if one.effect == effect.name]
+    if not own:
+        return ""
+    most = max(own, key=lambda one: float(np.ptp(one.factor)))
+    column, factor = column_label(most.column, most.unit), most.factor
+    if abs(factor[-1] - factor[0]) > 0.8 * np.ptp(factor) > 0:
+        change = factor[-1] / factor[0] - 1
+        return (
+            f"adhesion {'falls' if change < 0 else 'rises'} by {percent(abs(change))} as {column} "
+            f"goes from {number(most.values[0])} to {number(most.values[-1])}"
+        )
+    place = int(np.argmax(np.abs(factor - 1)))
+    change = factor[place] - 1
+    return (
+        f"adhesion is {percent(abs(change))} {'lower' if change < 0 else 'higher'} where {column} "
+        f"is {number(most.values[place])} than at its median"
+    )
+
+
+def _held_out(findings: Findings) -> Errors:
+    """The test set where there is one; the runs each left out in turn where not."""
+    return findings.test or findings.validation
+
+
+def _unseen(findings: Findings) -> tuple[Interval, Interval]:
+    errors = _held_out(findings)
+    return errors.before, errors.after
+
+
+def _where(findings: Findings) -> str:
+    kind = kind_of_run(findings)
+    count = _held_out(findings).runs
+    # What a test set was cut into is not known.
+    parts = "run or block" if findings.test and kind == "block" else kind
+    plural = " ".join(f"{word}s" if word != "or" else word for word in parts.split())
+    source = "test set" if findings.test else "cross-validation"
+    return f"on {kind}s not used for fitting ({source}, {count} {parts if count == 1 else plural})"
+
+
+def _change(findings: Findings) -> str:
+    before, after = _unseen(findings)
+    where = _where(findings)
+    start = f"{where[0].upper()}{where[1:]} the error"
+    floor = f"the noise floor is {error(findings.noise_floor)}"
+    if error(before.value) == error(after.value):
+        return f"{start} stays at {error_in_brackets(after)}: no prediction gets better; {floor}"
+    if after.value > before.value:
+        return (
+            f"{start} does not fall: it rises from {error(before.value)} to "
+            f"{error_in_brackets(after)}, so that the correction is of no use there; {floor}"
+        )
+    removed = percent_in_brackets(_held_out(findings).removed)
+    return (
+        f"{start} falls from {error(before.value)} to {error_in_brackets(after)}, which removes "
+        f"{removed} of the squared error; {floor}"
+    )
+
+
+def _first_of_ranking(findings: Findings) -> Candidate | None:
+    tested = [row for row in findings.ranking if np.isfinite(row.p_adjusted)]
+    return min(tested, key=lambda row: (row.p_adjusted, -row.z), default=None)
+
+
+def _strongest(findings: Findings) -> str:
+    """What came closest, so that nothing is said of an effect that was never looked for."""
+    first = _first_of_ranking(findings)
+    if first is None:
+        return ""
+    return (
+        f" (the strongest of {len(findings.ranking)} candidates, {humanised(first.name)}, has "
+        f"adjusted p = {p_value(first.p_adjusted)})"
+    )

@@ -1,0 +1,47 @@
+"""What moved since the baseline, as a person reads it."""
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.studies.baseline.compare import GONE, NEW, REGRESSIONS, SAME
+
+#: Of an identifier that only one of the tables has.
+_WHOLE = {
+    NEW: "is not in the baseline; --update takes it in.",
+    GONE: "is in the baseline but is no identifier any more; --update takes it out.",
+}
+
+
+def moved_text(compared: pd.DataFrame) -> str:
+    """An aligned table of all that is not the same, regressions first; then the count."""
+    moved = compared[compared["verdict"] != SAME]
+    bad = moved["verdict"].isin(REGRESSIONS)
+    count = f"{bad.sum()} of {len(compared)} figures got worse."
+    if not len(moved):
+        return count
+    moved = pd.concat([moved[bad], moved[~bad]])
+    lines = pd.DataFrame(
+        {
+            **{name: moved[name] for name in ("verdict", "identifier", "scenario", "rail")},
+            **{name: moved[name] for name in ("quantity", "statistic")},
+            "baseline": _pairs(moved["baseline"], moved["baseline_se"]),
+            "fresh": _pairs(moved["fresh"], moved["fresh_se"]),
+            "p": [f"{p:.1g}" if np.isfinite(p) else "" for p in moved["p"]],
+        }
+    )
+    sentences = [
+        f"{name} {_WHOLE[verdict]}"
+        for name, verdict, statistic in zip(
+            moved["identifier"], moved["verdict"], moved["statistic"], strict=True
+        )
+        if statistic == ""
+    ]
+    return "\n".join([lines.to_string(index=False), "", *sentences, count])
+
+
+def _pairs(values: pd.Series, errors: pd.Series) -> list[str]:
+    return [
+        ("" if np.isnan(value) else f"{value:.4g}")
+        + (f" ± {error:.1g}" if np.isfinite(error) else "")
+        for value, error in zip(values, errors, strict=True)
+    ]

@@ -1,0 +1,92 @@
+"""A base law on all runs of a simulated campaign: its adhesion, and what it leaves unexplained."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import least_squares
+
+from adhesion_jax.curves import Conditions, Curve, free_values, physical_box, with_free_values
+from adhesion_jax.effects.conditions import Calendar, completed
+from adhesion_jax.simulation.planted import Bend
+from adhesion_jax.simulation.runs import Runs
+
+
+def completed_runs(truth: Runs) -> Conditions:
+    """The conditions that effects are given, as a law found in these data would have them."""
+    time = truth.columns["time_s"]
+    calendar = Calendar("time_s", float(time.min()), float(time.max()))
+    return dict(
+        jax.vmap(lambda slip, measured: completed(slip, measured, calendar))(
+            jnp.asarray(truth.slip),
+            {name: jnp.asarray(values, dtype=float) for name, values in truth.columns.items()},
+        )
+    )
+
+
+def on_runs(law: Curve, conditions: Conditions) -> Bend:
+    arrays = jax.tree.map(jnp.asarray, law)
+    return lambda slip: np.asarray(_adhesion(arrays, jnp.asarray(slip), conditions))
+
+
+@eqx.filter_jit
+def _adhesion(
+    law: Curve, slip: Float[Array, "*shape"], conditions: Conditions
+) -> Float[Array, "*shape"]:
+    return law(slip, conditions)
+
+
+def misfit(
+    law: Curve, slip: np.ndarray, clean: np.ndarray, conditions: Conditions, rows: np.ndarray
+) -> float:
+    """Rms of what the base law leaves of the clean adhesion of some runs, refitted by them."""
+    needed = {name: jnp.asarray(conditions[name])[rows] for name in law.NEEDS}
+    return refitted(law, slip[rows], clean[rows], needed)[1]
+
+
+def refitted(
+    law: Curve, slip: np.ndarray, adhesion: np.ndarray, conditions: Conditions
+) -> tuple[Curve, float]:
+    """The law with its free parameters by bounded least squares from where they are; the rms left.
+
+    Arrays of one shape; `conditions` holds what the law needs.
+    """
+    start = np.asarray(free_values(law))
+    lower, upper = (np.asarray(bound) for bound in physical_box(law))
+    known = jax.tree.map(jnp.asarray, law), jnp.asarray(slip), jnp.asarray(adhesion)
+    fitted = least_squares(
+        lambda values: np.asarray(_residual(jnp.asarray(values), *known, conditions)),
+        start,
+        jac=lambda values: np.asarray(_jacobian(jnp.asarray(values), *known, conditions)),
+        bounds=(lower, upper),
+        x_scale=np.abs(start),
+        max_nfev=60,
+    )
+    return with_free_values(law, jnp.asarray(fitted.x)), rms(fitted.fun)
+
+
+@eqx.filter_jit
+def _residual(
+    values: Float[Array, " free"],
+    law: Curve,
+    slip: Float[Array, "*shape"],
+    adhesion: Float[Array, "*shape"],
+    conditions: Conditions,
+) -> Float[Array, " rows"]:
+    return jnp.ravel(with_free_values(law, values)(slip, conditions) - adhesion)
+
+
+@eqx.filter_jit
+def _jacobian(
+    values: Float[Array, " free"],
+    law: Curve,
+    slip: Float[Array, "*shape"],
+    adhesion: Float[Array, "*shape"],
+    conditions: Conditions,
+) -> Float[Array, "rows free"]:
+    return jax.jacfwd(lambda at: _residual(at, law, slip, adhesion, conditions))(values)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

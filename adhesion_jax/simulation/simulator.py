@@ -1,0 +1,292 @@
+"""Simulated campaigns with planted effects: what a discovery can be tested on."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import brentq
+
+from adhesion_jax.curves import Conditions, Curve
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import staged
+from adhesion_jax.simulation.base import completed_runs, misfit, on_runs, rms
+from adhesion_jax.simulation.other_forms import perturbed
+from adhesion_jax.simulation.planted import (
+    EXTRA_COLUMNS,
+    PLANTABLE,
+    Bend,
+    Plan,
+    Planted,
+    exact,
+    slip_noise,
+    torsion,
+)
+from adhesion_jax.simulation.random_effect import (
+    ACTS_ON,
+    RANDOM_COLUMNS,
+    RandomEffect,
+    has_peak,
+    random_plan,
+)
+from adhesion_jax.simulation.runs import (
+    FAMILIES,
+    Runs,
+    draw_curve,
+    draw_runs,
+    measured_speed,
+)
+
+#: The columns that every table has, in their order.
+COLUMNS = (
+    *("time_s", "run", "vehicle_speed_mps", "slip_ratio", "slip_velocity_mps", "adhesion"),
+    *("normal_load_N", "temperature_C", "relative_humidity_pct", "position_m"),
+    *("curvature_per_m", "sanding", "rail_age_days"),
+)
+
+#: The files of a campaign on disk.
+CAMPAIGN_FILES = ("train.csv.gz", "test.csv.gz", "truth.json")
+
+FORMS = ("exact", "perturbed")
+
+#: Share of the runs that is held out.
+_TEST = 0.3
+
+
+class Noise(NamedTuple):
+    """e(k) = r e(k-1) + w(k) of standard deviation sigma, on top of a factor 1 + N(0, s) a run."""
+
+    sigma: float = 0.007  # of adhesion
+    autocorrelation: float = 0.4  # from point to point
+    run_scatter: float = 0.005  # relative, from run to run
+
+
+class Campaign(NamedTuple):
+    """A training and a test table, one row a point, and all that is true of them."""
+
+    train: pd.DataFrame
+    test: pd.DataFrame
+    truth: tuple[str, ...]  # the planted effects
+    parameters: Mapping[str, Mapping[str, float]]  # of each of them
+    noise: Noise
+    base: str
+    curve: Curve  # the base law without effects
+    visible: float  # rms of the misfit of the refitted base to the clean training data, over sigma
+    test_rms_noise: float
+    test_rms_effect: float  # of clean adhesion less the base law at the measured slip
+    clean: np.ndarray  # test adhesion without noise, [rows of test]
+    random: RandomEffect | None = None  # planted besides, as "random" in `parameters`
+
+
+def simulate(
+    effects: Sequence[str] = (),
+    *,
+    seed: int,
+    base: str = "auto",
+    operational: bool = False,
+    strength: float | None = None,
+    form: str = "exact",
+    noise: Noise = Noise(),  # noqa: B008  (an immutable tuple)
+    runs: int = 40,
+    points: int = 200,
+    remove: Sequence[str] = (),
+    random: RandomEffect | None = None,
+) -> Campaign:
+    """A campaign of runs at 10 Hz, 30 % of the runs held out at random.
+
+    `strength` is the 95th percentile of the change of |adhesion| that each effect alone makes,
+    over that of |adhesion| itself; by default it is drawn from .15 to .3 for each. An effect that
+    cannot become so strong is as strong as it can be. `form` is the catalogue's own ("exact") or
+    another formula for the same cause ("perturbed"). `base` "auto" takes the families in turn by
+    seed. `random` is planted too; one that acts on the fall has Burckhardt's curve for its base
+    where that of the family does not fall. Columns in `remove` are left out of the tables. Equal
+    arguments give equal tables, and excitation, weather and noise depend on the seed and the sizes
+    alone. InputError for what is not known.
+    """
+    _check(effects, base, strength, form, noise, runs, points, remove, random)
+    chance = [np.random.default_rng((seed, stream)) for stream in range(5)]
+    family = FAMILIES[seed % len(FAMILIES)] if base == "auto" else base
+    truth = draw_runs(runs, points, operational, chance[0])
+    law = draw_curve(family, chance[1])
+    conditions = completed_runs(truth)
+    curve = on_runs(law, conditions)
+    if random is not None and random.acts_on == "fall" and not has_peak(curve, truth.slip.shape):
+        family, law = "burckhardt", draw_curve("burckhardt", np.random.default_rng((seed, 1)))
+        curve = on_runs(law, conditions)
+    planted: dict[str, Planted] = {}
+    for name in (*effects, *(() if random is None else ("random",))):
+        # By name, so that an effect is the same whatever else is planted beside it.
+        own = np.random.default_rng((seed, 9, *name.encode()))
+        wanted = own.uniform(0.15, 0.3) if strength is None else strength
+        if random is not None and name == "random":
+            plan = random_plan(random, truth.columns, truth.slip, curve, own)
+        else:
+            plan = _plan(name, form, truth, conditions, curve, own)
+        planted[name] = _of_strength(plan, wanted, truth.slip, curve)
+
+    clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
+    adhesion = noisy(clean, noise, chance[2])
+    table = _table(truth, slip, adhesion, chance[3])
+    names = [*COLUMNS, *(EXTRA_COLUMNS[name] for name in effects if name in EXTRA_COLUMNS)]
+    kept = [name for name in names if name not in remove]
+    held_out = np.sort(chance[4].permutation(runs)[: max(round(_TEST * runs), 1)])
+    is_test = np.isin(np.arange(runs), held_out)
+    rows = np.repeat(is_test, points)
+    bare = curve(slip)
+    return Campaign(
+        train=table.loc[~rows, kept].reset_index(drop=True),
+        test=table.loc[rows, kept].reset_index(drop=True),
+        truth=tuple(effects),
+        parameters={name: effect.parameters for name, effect in planted.items()},
+        noise=noise,
+        base=family,
+        curve=law,
+        visible=misfit(law, slip, clean, conditions, ~is_test) / noise.sigma,
+        test_rms_noise=rms((adhesion - clean)[is_test]),
+        test_rms_effect=rms((clean - bare)[is_test]),
+        clean=clean[is_test].ravel(),
+        random=random,
+    )
+
+
+def write_campaign(folder: Path, campaign: Campaign) -> None:
+    """train.csv.gz, test.csv.gz with seven digits, and truth.json; all of them or none."""
+    truth = {
+        "effects": list(campaign.truth),
+        "parameters": {name: dict(values) for name, values in campaign.parameters.items()},
+        "random": None if campaign.random is None else campaign.random._asdict(),
+        "base": campaign.base,
+        "base_parameters": {
+            name: float(getattr(campaign.curve, name)) for name in campaign.curve.free
+        },
+        **campaign.noise._asdict(),
+        "visible": campaign.visible,
+        "test_rms_noise": campaign.test_rms_noise,
+        "test_rms_effect": campaign.test_rms_effect,
+    }
+    with staged(folder, CAMPAIGN_FILES) as stage:
+        for name, table in (("train", campaign.train), ("test", campaign.test)):
+            # Without a time stamp, so that equal campaigns are equal files.
+            table.to_csv(
+                stage / f"{name}.csv.gz",
+                index=False,
+                float_format="%.7g",
+                compression={"method": "gzip", "mtime": 0},
+            )
+        (stage / "truth.json").write_text(json.dumps(truth, indent=2) + "\n")
+
+
+def _check(
+    effects: Sequence[str],
+    base: str,
+    strength: float | None,
+    form: str,
+    noise: Noise,
+    runs: int,
+    points: int,
+    remove: Sequence[str],
+    random: RandomEffect | None,
+) -> None:
+    columns = (*COLUMNS, *EXTRA_COLUMNS.values())
+    for what, asked, known in (
+        ("effect", effects, PLANTABLE),
+        ("base curve", (base,), ("auto", *FAMILIES)),
+        ("form", (form,), FORMS),
+        ("column", remove, columns),
+        ("column of a random effect", () if random is None else random.columns, RANDOM_COLUMNS),
+        ("part of the curve", () if random is None else (random.acts_on,), ACTS_ON),
+    ):
+        for name in asked:
+            if name not in known:
+                raise InputError(f"There is no {what} '{name}'; known are {', '.join(known)}.")
+    if len(set(effects)) < len(effects):
+        raise InputError("An effect is planted once only; name each once.")
+    needed = [name for name in remove if name in ("slip_ratio", "adhesion", "run")]
+    if needed:
+        raise InputError(f"Without the column {needed[0]} there is nothing to discover; keep it.")
+    if not (noise.sigma > 0 and 0 <= noise.autocorrelation < 1 and noise.run_scatter >= 0):
+        raise InputError(
+            "Noise needs a sigma above 0, an autocorrelation from 0 to below 1 and a run scatter "
+            "of at least 0."
+        )
+    if strength is not None and not 0 < strength <= 1:
+        raise InputError(f"A strength of {strength:g} is not between 0 and 1.")
+    if runs < 4 or points < 20:
+        raise InputError("A campaign needs at least 4 runs of at least 20 points.")
+
+
+def _plan(
+    name: str,
+    form: str,
+    truth: Runs,
+    conditions: Conditions,
+    curve: Bend,
+    generator: np.random.Generator,
+) -> Plan:
+    if name == "slip_noise":
+        return slip_noise(truth.slip.shape, generator)
+    if name == "torsion":
+        return torsion(truth.columns, generator)
+    if form == "exact":
+        return exact(name, truth, conditions, generator)
+    return perturbed(name, truth, curve, generator)
+
+
+def _of_strength(plan: Plan, strength: float, slip: np.ndarray, curve: Bend) -> Planted:
+    """The effect at the smallest amount that has the strength, or else at its limit."""
+    scale = np.quantile(np.abs(curve(slip)), 0.95)
+
+    def excess(amount: float) -> float:
+        clean, measured = _applied((plan.make(amount),), slip, curve)
+        return float(np.quantile(np.abs(clean - curve(measured)), 0.95) / scale - strength)
+
+    upper = 0.01 * plan.limit
+    while upper < plan.limit and excess(upper) < 0:
+        upper = min(2.5 * upper, plan.limit)
+    if excess(upper) <= 0:
+        return plan.make(upper)
+    return plan.make(float(brentq(excess, 0.0, upper, rtol=1e-3, xtol=1e-9 * plan.limit)))
+
+
+def _applied(
+    planted: Sequence[Planted], slip: np.ndarray, curve: Bend
+) -> tuple[np.ndarray, np.ndarray]:
+    """Adhesion of the true slip under all effects, from the contact outwards; the slip measured."""
+    inner_first = sorted(planted, key=lambda effect: effect.order)
+    bent = slip
+    for effect in reversed(inner_first):
+        bent = effect.before(bent)
+    adhesion = curve(bent)
+    measured = slip
+    for effect in inner_first:
+        adhesion = effect.after(adhesion)
+        measured = effect.measured(measured)
+    return adhesion, measured
+
+
+def noisy(clean: np.ndarray, noise: Noise, generator: np.random.Generator) -> np.ndarray:
+    """Clean adhesion [runs, points] with its noise."""
+    white = generator.standard_normal(clean.shape)
+    level = generator.standard_normal((len(clean), 1))
+    error = white.copy()
+    new = np.sqrt(1 - noise.autocorrelation**2)
+    for k in range(1, clean.shape[1]):
+        error[:, k] = noise.autocorrelation * error[:, k - 1] + new * white[:, k]
+    return clean * (1 + noise.run_scatter * level) + noise.sigma * error
+
+
+def _table(
+    truth: Runs, slip: np.ndarray, adhesion: np.ndarray, generator: np.random.Generator
+) -> pd.DataFrame:
+    speed = truth.columns["vehicle_speed_mps"]
+    arrays = {
+        **truth.columns,
+        "vehicle_speed_mps": measured_speed(speed, generator),
+        "slip_ratio": slip,
+        "slip_velocity_mps": slip * speed,
+        "adhesion": adhesion,
+    }
+    table = pd.DataFrame({name: values.ravel() for name, values in arrays.items()})
+    return table.astype({"run": int, "sanding": int})

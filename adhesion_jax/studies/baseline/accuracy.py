@@ -1,0 +1,69 @@
+"""How accurate every identifier is, each on one scenario of its own."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import pandas as pd
+
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
+from adhesion_jax.errors import InputError
+from adhesion_jax.identifiers import Identifier
+from adhesion_jax.runtime import CORES
+from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
+from adhesion_jax.studies.baseline.table import ACCURACY, KEYS
+
+#: Where an identifier is measured: the first of these that it accepts, so that it compiles once;
+#: one that accepts none of them goes to the first of all scenarios that it does accept.
+HOMES = (
+    Config("he2018-blocks", options=Options(blocks=6)),
+    Config("qian2024-switch"),
+    Config("qian2024"),
+)
+
+
+def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
+    """The home of each identifier; InputError where one accepts no scenario at all."""
+    places = (*HOMES, *(Config(name) for name in SCENARIOS if name not in NEEDS_LAW))
+    built = [(place, build_scenario(place)) for place in places]
+    found = {}
+    for name, identifier in identifiers.items():
+        accepted = [place for place, scenario in built if identifier.accepts(scenario) is None]
+        if not accepted:
+            raise InputError(f"identifier {name} accepts none of the scenarios.")
+        found[name] = accepted[0]
+    return found
+
+
+def accuracy_steps(identifiers: Mapping[str, Identifier], runs: int) -> int:
+    """How often `measure_accuracy` reports progress."""
+    return sum(progress_steps(config, identifiers) for config in _campaigns(identifiers, runs, 0))
+
+
+def measure_accuracy(
+    identifiers: Mapping[str, Identifier],
+    runs: int,
+    seed: int,
+    progress: Callable[[str], None],
+    workers: int = CORES,
+) -> pd.DataFrame:
+    """The accuracy rows of the table: one an identifier, rail and quantity."""
+    tables = [
+        run_campaign(config, lambda _: None, progress, workers, identifiers).tables["summary"]
+        for config in _campaigns(identifiers, runs, seed)
+    ]
+    table = pd.concat(tables, ignore_index=True)
+    again = table.groupby(list(KEYS), sort=False).cumcount()  # a rail that a run comes back to
+    table["rail"] = table["rail"].where(again == 0, table["rail"] + " " + (again + 1).astype(str))
+    return table[[*KEYS, *ACCURACY]]
+
+
+def _campaigns(identifiers: Mapping[str, Identifier], runs: int, seed: int) -> tuple[Config, ...]:
+    """One campaign a home, with all who live there."""
+    residents: dict[Config, list[str]] = {}
+    for name, home in homes(identifiers).items():
+        residents.setdefault(home, []).append(name)
+    return tuple(
+        replace(home, identifiers=tuple(names), runs=runs, seed=seed)
+        for home, names in residents.items()
+    )

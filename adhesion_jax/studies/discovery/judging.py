@@ -1,0 +1,165 @@
+"""What is right: which reported names and columns stand for what was planted."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from adhesion_jax.discovery.findings.types import Findings, FoundEffect
+from adhesion_jax.simulation.simulator import Campaign
+from adhesion_jax.studies.discovery.tasks import Task
+
+#: Answers that are as right as the name itself: the covariate or axis by another word, or what no
+#: data can tell from it.
+_RIGHT = {
+    "speed": ("covariate:vehicle_speed_mps",),
+    "slip_speed": ("covariate:slip_velocity_mps",),
+    "falling_friction": ("covariate:slip_velocity_mps",),
+    "contact_heating": ("covariate:slip_velocity_mps",),
+    "load_peak": ("covariate:normal_load_N",),
+    "load_slope": ("covariate:normal_load_N",),
+    "humidity": ("covariate:relative_humidity_pct",),
+    "temperature": ("covariate:temperature_C",),
+    "patch": ("covariate:position_m",),
+    "sanding": ("covariate:sanding",),
+    "axle_position": ("covariate:axle",),
+    "curve": ("covariate:curvature_per_m",),
+    "lateral_creep": ("covariate:angle_of_attack_deg",),
+    "load_transfer": ("covariate:acceleration_mps2",),
+    "mode_asymmetry": ("covariate:mode",),
+    "slip_bias": ("torque_offset",),
+    "torque_offset": ("slip_bias",),
+    "wheel_order": ("periodic:wheel_angle_rad",),
+    "rail_joint": ("periodic:position_m",),
+    "drift": ("covariate:time_s", "covariate:campaign_time"),
+    "torsion": ("periodic:time_s",),
+    "unknown_column": ("covariate:rail_age_days",),
+    "product": ("product:",),
+    "periodic": ("periodic:groove_depth_um", "covariate:groove_depth_um"),
+}
+
+
+#: What is as right besides in a log, where the weather only drifts and speed hardly varies.
+_RIGHT_IN_LOGS = {
+    "humidity": ("drift", "covariate:time_s", "covariate:campaign_time"),
+    "falling_friction": ("slip_speed", "contact_heating", "speed"),
+}
+
+
+#: Offsets of the signals: on these a doubt about the shape of the curve is an answer.
+_OFFSETS = ("slip_bias", "torque_offset")
+
+
+#: A class of more names than this counts by its first.
+_LARGEST_CLASS = 4
+
+
+#: The columns that a name of the catalogue blames, where a random effect rests on one of them.
+_COLUMNS_OF = {
+    "humidity": ("relative_humidity_pct",),
+    "temperature": ("temperature_C",),
+    **dict.fromkeys(("load_peak", "load_slope"), ("normal_load_N",)),
+    **dict.fromkeys(
+        ("speed", "slip_speed", "falling_friction", "contact_heating"), ("vehicle_speed_mps",)
+    ),
+    **dict.fromkeys(("patch", "rail_joint"), ("position_m",)),
+    **dict.fromkeys(("curve", "lateral_creep"), ("curvature_per_m",)),
+    "drift": ("rail_age_days", "time_s"),
+}
+
+
+def right_names(effect: str) -> tuple[str, ...]:
+    """Names that stand for a planted effect; one with a colon at its end for all it begins."""
+    return (effect, *_RIGHT.get(effect, ()))
+
+
+def is_one_of(name: str, right: Sequence[str]) -> bool:
+    """Whether a reported name is among the right ones."""
+    return any(name == one or (one.endswith(":") and name.startswith(one)) for one in right)
+
+
+def is_right(effect: str, name: str) -> bool:
+    """Whether a reported name stands for a planted effect."""
+    return is_one_of(name, right_names(effect))
+
+
+def counted(claim: FoundEffect) -> tuple[str, ...]:
+    """The names of a reported class that count: all, or of a large class the first alone."""
+    names = tuple(dict.fromkeys((claim.name, *claim.candidates)))
+    return names if len(names) <= _LARGEST_CLASS else names[:1]
+
+
+def columns_of(name: str) -> tuple[str, ...]:
+    """The columns that a reported name blames."""
+    kind, colon, columns = name.partition(":")
+    if colon:
+        return tuple(columns.replace(",", "*").split("*"))
+    return _COLUMNS_OF.get(kind, ())
+
+
+def blamed(claim: FoundEffect, names: Sequence[str]) -> frozenset[str]:
+    """The columns that a claim blames, by what it rests on and by these names of its class."""
+    return frozenset(claim.covariates).union(*(columns_of(name) for name in names))
+
+
+def judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, object]:
+    reported = (*findings.effects, *findings.unexplained)
+    claims = list(reported)
+    if task.log is not None:
+        # The slip of a wheel speed is noisy: to say so is right, and no answer to what is hidden.
+        claims = [claim for claim in claims if "slip_noise" not in counted(claim)]
+    hidden = task.effects if task.random is None else task.random.columns
+    # [hidden, claims]
+    names = [[_stands_for(task, one, claim, counted(claim)) for claim in claims] for one in hidden]
+    named = [
+        any(hits) or (one in _OFFSETS and _is_doubted(one, findings))
+        for one, hits in zip(hidden, names, strict=True)
+    ]
+    before, after = (
+        (findings.test.before.value, findings.test.after.value)
+        if findings.test is not None
+        else (np.nan, np.nan)
+    )
+    # Noise of the slip is in every prediction of a log, and no law removes it.
+    noisy_slip = task.log is not None and task.log.wheel_speed_noise > 0
+    return {
+        "chosen_base": findings.base,
+        "claims": len(claims),
+        "first": claims[0].name if claims else "nothing",
+        "reported": "|".join(claim.name for claim in reported),
+        "doubts": "|".join(name for doubt in findings.doubts for name in doubt.names),
+        "reported_acts_on": "|".join(claim.acts_on for claim in reported),
+        "detected": bool(claims),
+        "first_right": bool(claims)
+        and any(_stands_for(task, one, claims[0], [claims[0].name]) for one in hidden),
+        "in_class": any(named),
+        "doubted": any(_is_doubted(one, findings) for one in hidden),
+        "all_named": bool(named) and all(named),
+        "extra": any(not any(hits[place] for hits in names) for place in range(len(claims))),
+        "class_size": float(np.mean([len(counted(claim)) for claim in claims]))
+        if claims
+        else np.nan,
+        "before": before,
+        "after": after,
+        "removed": np.nan if noisy_slip else removed_share(before, after, campaign.test_rms_noise),
+        "worse": bool(after > before),
+    }
+
+
+def _stands_for(task: Task, hidden: str, claim: FoundEffect, names: Sequence[str]) -> bool:
+    """Whether a claim by these names stands for a planted effect, or column of a random one."""
+    if task.random is not None:
+        return hidden in blamed(claim, names)
+    right = (*right_names(hidden), *(_RIGHT_IN_LOGS.get(hidden, ()) if task.log else ()))
+    return any(is_one_of(name, right) for name in names)
+
+
+def _is_doubted(effect: str, findings: Findings) -> bool:
+    """Whether a doubt names what was planted."""
+    return any(is_right(effect, name) for doubt in findings.doubts for name in doubt.names)
+
+
+def removed_share(before: float, after: float, noise: float) -> float:
+    """(before^2 - after^2)/(before^2 - noise^2) of root mean square errors; NaN without excess."""
+    excess = before**2 - noise**2
+    # With less than two per cent of excess over the noise its share is all chance.
+    return (before**2 - after**2) / excess if excess > 0.02 * noise**2 else np.nan

@@ -1,0 +1,250 @@
+"""The sets of a study: what is hidden in each, how strong, in which noise; all from the seed."""
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from adhesion_jax.discovery.search.catalogue import FAMILIES as EFFECT_FAMILIES
+from adhesion_jax.effects import EFFECTS
+from adhesion_jax.simulation.one_log import one_log
+from adhesion_jax.simulation.planted import BEYOND, PLANTABLE
+from adhesion_jax.simulation.random_effect import ACTS_ON, RandomEffect, draw_random_effect
+from adhesion_jax.simulation.runs import FAMILIES
+from adhesion_jax.simulation.simulator import FORMS, Campaign, Noise, simulate
+
+#: Effects whose detection is followed over their strength: one or two of each kind.
+FOLLOWED = (
+    *("humidity", "temperature", "load_peak", "patch", "curve"),
+    *("falling_friction", "lag", "hysteresis", "slip_noise"),
+)
+
+
+#: Visible misfit, in standard deviations of the noise, at which detection is measured.
+VISIBLE = (0.1, 0.2, 0.35, 0.5, 1.0, 2.0)
+
+
+#: Autocorrelations that the noise of a set is drawn from; those of slow nulls lie between these.
+AUTOCORRELATIONS = (0.0, 0.3, 0.6)
+
+
+_SLOW = (0.3, 0.95)
+
+
+#: Visible misfits that random effects are given, in sigma, and the least that counts.
+_RANDOM_VISIBLE = (0.55, 3.0)
+
+
+_LEAST_VISIBLE = 0.5
+
+
+class Log(NamedTuple):
+    """What kind of log a locomotive gives."""
+
+    wheel_speed_noise: float  # m/s
+    runs: int
+    points: int  # of a run
+
+
+#: Logs and the autocorrelation of their noise.
+LOGS = (
+    *((Log(noise, 1, 3000), slow) for noise in (0.0, 0.01, 0.03) for slow in (0.0, 0.6)),
+    (Log(0.01, 5, 600), 0.4),
+    (Log(0.01, 28, 200), 0.4),
+)
+
+
+#: Effects that are planted in logs.
+LOG_EFFECTS = ("humidity", "sanding", "falling_friction")
+
+
+class Task(NamedTuple):
+    """One set of a study."""
+
+    part: str  # nothing, power, confusion, pair, random or log
+    effects: tuple[str, ...]
+    seed: int
+    base: str
+    operational: bool
+    form: str
+    noise: Noise
+    visible: float | None  # wanted, in sigma; None for the strength of the simulator's choice
+    random: RandomEffect | None = None
+    log: Log | None = None
+
+
+def study_tasks(
+    null: int,
+    powers: int,
+    seed: int,
+    *,
+    pairs: int = 0,
+    random: int = 0,
+    logs: int = 0,
+    log_effects: int = 0,
+) -> list[Task]:
+    """The sets of every part in turn.
+
+    Null sets; `powers` sets of each effect and strength, then as many of every effect; `pairs` sets
+    of two effects; `random` sets of a random effect; of each kind of log `logs` with nothing
+    hidden, and of each effect of LOG_EFFECTS `log_effects`.
+
+    Base curves take turns, and so do designed and operational nulls; noise settings are drawn, and
+    the second half of the nulls has its autocorrelation drawn anew from .3 to .95. Effects are
+    planted in designed sets, in the catalogue's form and in another one by turns. Every part from
+    the pairs on has a generator and seeds of its own.
+    """
+    generator = np.random.default_rng((seed, 1))
+    sets = itertools.count(1000 * seed)
+
+    def task(part: str, effects: tuple[str, ...], turn: int, visible: float | None = None) -> Task:
+        noise = _drawn_noise(generator)
+        block = turn // len(FAMILIES) % 2
+        operational = part == "nothing" and block == 1
+        form = FORMS[(turn + block) % 2]
+        base = FAMILIES[turn % len(FAMILIES)]
+        return Task(part, effects, next(sets), base, operational, form, noise, visible)
+
+    nulls = [task("nothing", (), turn) for turn in range(null)]
+    power = [
+        task("power", (name,), turn, visible)
+        for name in FOLLOWED
+        for visible in VISIBLE
+        for turn in range(powers)
+    ]
+    confusion = [
+        task("confusion", (name,), turn) for name in (*EFFECTS, *BEYOND) for turn in range(powers)
+    ]
+    return [
+        *_half_slow(nulls, np.random.default_rng((seed, 3))),
+        *power,
+        *confusion,
+        *_pair_tasks(pairs, seed),
+        *random_tasks(random, np.random.default_rng((seed, 5)), 2_000_000 + 1000 * seed),
+        *_log_tasks(logs, log_effects, seed),
+    ]
+
+
+def _drawn_noise(generator: np.random.Generator) -> Noise:
+    return Noise(
+        float(generator.choice([0.005, 0.01, 0.02])),
+        float(generator.choice(AUTOCORRELATIONS)),
+        float(generator.choice([0.0, 0.005, 0.01])),
+    )
+
+
+def _half_slow(nulls: Sequence[Task], generator: np.random.Generator) -> list[Task]:
+    fast = len(nulls) - len(nulls) // 2
+    return [
+        *nulls[:fast],
+        *(
+            task._replace(noise=task.noise._replace(autocorrelation=generator.uniform(*_SLOW)))
+            for task in nulls[fast:]
+        ),
+    ]
+
+
+def _pair_tasks(count: int, seed: int) -> list[Task]:
+    """Two effects of different families at a time."""
+    generator = np.random.default_rng((seed, 4))
+    tasks = []
+    for turn in range(count):
+        while True:
+            pair = tuple(str(name) for name in generator.choice(PLANTABLE, 2, replace=False))
+            if len({EFFECT_FAMILIES.get(name, name) for name in pair}) == 2:
+                break
+        base, form = FAMILIES[turn % len(FAMILIES)], FORMS[turn // len(FAMILIES) % 2]
+        number = 1_000_000 + 1000 * seed + turn
+        tasks.append(
+            Task("pair", pair, number, base, False, form, _drawn_noise(generator), visible=None)
+        )
+    return tasks
+
+
+def random_tasks(count: int, generator: np.random.Generator, first: int) -> list[Task]:
+    """Level, slip scale and fall by turns, then one and two columns, then the base curves.
+
+    Seeds count from `first`.
+    """
+    low, high = np.log(_RANDOM_VISIBLE)
+    kinds = [(acts_on, columns) for columns in (1, 2) for acts_on in ACTS_ON]
+    tasks = []
+    for turn in range(count):
+        effect = draw_random_effect(*kinds[turn % len(kinds)], generator)
+        tasks.append(
+            Task(
+                part="random",
+                effects=(),
+                seed=first + turn,
+                base=FAMILIES[(turn + turn // len(kinds)) % len(FAMILIES)],
+                operational=False,
+                form="exact",
+                noise=_drawn_noise(generator),
+                visible=float(np.exp(generator.uniform(low, high))),
+                random=effect,
+            )
+        )
+    return tasks
+
+
+def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
+    """Of each kind of log so many with nothing hidden; of each effect so many, the kinds by turns.
+
+    Logs differ by their seed alone, so that there is nothing to draw.
+    """
+    numbers = itertools.count(3_000_000 + 1000 * seed)
+
+    def task(effects: tuple[str, ...], kind: tuple[Log, float]) -> Task:
+        log, slow = kind
+        noise = Noise(0.008, slow, 0.0)
+        return Task(
+            "log", effects, next(numbers), "burckhardt", True, "perturbed", noise, None, log=log
+        )
+
+    return [
+        *(task((), kind) for kind in LOGS for _ in range(null)),
+        *(task((name,), LOGS[turn % len(LOGS)]) for name in LOG_EFFECTS for turn in range(planted)),
+    ]
+
+
+def make_set(task: Task) -> Campaign:
+    """The campaign of a task; where a visible misfit is wanted, the strength is sought for it.
+
+    A random effect that cannot be seen enough in the noise has so much less of it.
+    """
+    if task.log is not None:
+        return one_log(
+            task.effects,
+            seed=task.seed,
+            wheel_speed_noise=task.log.wheel_speed_noise,
+            autocorrelation=task.noise.autocorrelation,
+            sigma=task.noise.sigma,
+            runs=task.log.runs,
+            points=task.log.points,
+        )
+
+    def with_strength(strength: float | None, noise: Noise = task.noise) -> Campaign:
+        return simulate(
+            task.effects,
+            seed=task.seed,
+            base=task.base,
+            operational=task.operational,
+            strength=strength,
+            form=task.form,
+            noise=noise,
+            random=task.random,
+        )
+
+    if task.visible is None:
+        return with_strength(None)
+    strength = 0.1
+    campaign = with_strength(strength)
+    # The misfit grows about as the strength does: two corrections come within a few per cent.
+    for _ in range(2):
+        strength = float(np.clip(strength * task.visible / campaign.visible, 1e-4, 1.0))
+        campaign = with_strength(strength)
+    if task.random is not None and campaign.visible < _LEAST_VISIBLE:
+        quieter = task.noise.sigma * campaign.visible / _RANDOM_VISIBLE[0]
+        return with_strength(strength, task.noise._replace(sigma=quieter))
+    return campaign

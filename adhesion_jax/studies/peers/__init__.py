@@ -1,0 +1,1 @@
+"""General methods on the campaigns that the discovery is judged on."""

@@ -1,0 +1,180 @@
+"""The main command, as a user runs it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from matplotlib.image import imread
+
+from adhesion_jax.commands import speed
+from adhesion_jax.commands.command import run
+from adhesion_jax.commands.montecarlo import main
+from adhesion_jax.identifiers import IDENTIFIERS
+
+COLUMNS = [
+    *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
+    *("crlb", "rmse_over_crlb", "coverage95", "coverage95_se", "at_bound_share", "failure_share"),
+    *("delay_blocks", "runs", "seconds_per_identification", "evaluations"),
+]
+
+
+def command(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "experiments.montecarlo", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        check=False,
+        timeout=120,
+    )
+
+
+def test_a_small_job_writes_its_files_and_leaves_others_alone(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    done = command(
+        *("--runs", 20, "--blocks", 6, "--points", 50, "--seed", 5, "--out", tmp_path),
+        *("--identifiers", "ml-exact,ml-de"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "ml-de" in done.stdout
+    names = {path.name for path in tmp_path.iterdir()}
+    figures = {"histogram_mu_max.png", "tracking.png"}
+    tables = {"summary.csv", "switches.csv", "tracking.csv", "runs.parquet", "metadata.json"}
+    assert names == {"notes.txt"} | figures | tables
+    summary = pd.read_csv(tmp_path / "summary.csv")
+    assert [name for name in summary if name in COLUMNS] == COLUMNS
+    assert len(summary) == 2 * 3 * 5
+    runs = pd.read_parquet(tmp_path / "runs.parquet")
+    assert len(runs) == 20 * 2 * 6
+    assert {"run", "identifier", "block", "rail", "c1", "c1_se", "mu_max_se"} <= set(runs)
+    assert {"status", "objective", "evaluations"} <= set(runs)
+    metadata = json.loads((tmp_path / "metadata.json").read_text())
+    assert metadata["seed"] == 5
+    assert metadata["config"]["options"]["blocks"] == 6
+    assert "jax" in metadata["versions"]
+    assert set(runs["status"]) <= set(metadata["statuses"])
+    for figure in figures:
+        pixels = imread(tmp_path / figure)
+        assert pixels.std() > 0.01  # something is drawn
+        assert min(pixels.shape[:2]) > 400
+
+
+def test_a_growing_sequence_has_its_own_figure_and_what_an_earlier_job_left_is_gone(tmp_path):
+    (tmp_path / "switches.csv").write_text("of an earlier job")
+    done = command(
+        *("--scenario", "he2018-1", "--points", 100, "--runs", 4, "--out", tmp_path),
+        *("--identifiers", "ml-exact"),
+    )
+    assert done.returncode == 0, done.stderr
+    tables = {"summary.csv", "checkpoints.csv", "runs.parquet", "metadata.json"}
+    figures = {"histogram_mu_max.png", "tracking.png", "convergence.png"}
+    assert {path.name for path in tmp_path.iterdir()} == tables | figures
+    checkpoints = pd.read_csv(tmp_path / "checkpoints.csv")
+    assert checkpoints["k"].unique().tolist() == list(range(5, 101, 5))
+    assert imread(tmp_path / "convergence.png").std() > 0.01
+    in_force = json.loads((tmp_path / "metadata.json").read_text())["in_force"]["he2018-1"]
+    assert in_force["sigma"] == 0.01
+    assert in_force["slip_max"] == 0.5
+    assert in_force["points"] == 100
+
+
+def test_the_main_job_has_both_scenarios_in_one_table_and_one_set_of_figures(tmp_path):
+    done = command(
+        *("--runs", 6, "--points", 100, "--identifiers", "ml-exact,riv,qp-qian2024-1"),
+        *("--out", tmp_path),
+    )
+    assert done.returncode == 0, done.stderr
+    figures = {"histogram_mu_max.png", "tracking.png", "bands.png"}
+    assert figures < {path.name for path in tmp_path.iterdir()}
+    summary = pd.read_csv(tmp_path / "summary.csv")
+    assert list(dict.fromkeys(summary["scenario"])) == ["he2018-blocks", "qian2024-switch"]
+    by_scenario = summary.groupby("scenario")["identifier"].unique()
+    assert set(by_scenario["he2018-blocks"]) == {"ml-exact"}
+    assert set(by_scenario["qian2024-switch"]) == {"riv", "qp-qian2024-1"}
+    tracking = pd.read_csv(tmp_path / "tracking.csv").set_index(["identifier", "rail"])
+    assert tracking.loc[("riv", "common"), "unit"] == "sample"
+    assert tracking.loc[("ml-exact", "wet"), "unit"] == "block"
+    bands = pd.read_csv(tmp_path / "bands.csv")
+    assert set(bands["quantity"]) == {"p1", "p2", "mu_max", "slip_opt", "forgetting"}
+    assert (bands["p05"] <= bands["p95"]).all()
+    of_riv = bands[(bands["identifier"] == "riv") & (bands["quantity"] == "forgetting")]
+    assert of_riv.set_index("block")["median"][5] == 0  # the block of the switch, at 50 of 100
+    runs = pd.read_parquet(tmp_path / "runs.parquet")
+    of_riv = runs[runs["identifier"] == "riv"]
+    assert of_riv["p1"].notna().all()
+    assert of_riv["c1"].isna().all()
+    assert (runs.loc[runs["identifier"] == "ml-exact", "c1"]).notna().all()
+
+
+def test_an_identifier_that_no_scenario_of_the_main_job_takes_is_refused(tmp_path):
+    done = command("--identifiers", "rls-slope", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "rls-slope" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_speed_is_told_beside_that_of_scipy(tmp_path, monkeypatch):
+    chosen = ("ml-exact", "rls-kiencke")
+    monkeypatch.setattr(speed, "IDENTIFIERS", {name: IDENTIFIERS[name] for name in chosen})
+    monkeypatch.setattr(speed, "RECURSIONS", ("rls-kiencke",))
+    monkeypatch.setattr(speed, "RECURSION_RUNS", 2000)
+    done = CliRunner().invoke(speed.main, ["--repeats", "2", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    table = pd.read_csv(tmp_path / "speed.csv").set_index("identifier")
+    rate = table["identifications_per_cpu_second"]
+    assert table.loc["scipy-de", "ratio_to_scipy_de"] == 1
+    assert table.loc["ml-exact", "ratio_to_scipy_de"] == pytest.approx(
+        rate["ml-exact"] / rate["scipy-de"]
+    )
+    assert (table["lowest"] <= rate).all()
+    assert (rate <= table["highest"]).all()
+    assert rate["ml-exact"] > 100 * rate["scipy-de"]
+    recursions = pd.read_csv(tmp_path / "recursions.csv").set_index("recursion")
+    assert recursions.loc["rls-kiencke", "ratio_to_numpy"] > 1
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "speed.csv",
+        "recursions.csv",
+        "speed.png",
+    }
+
+
+def test_list_names_everything():
+    done = command("--list")
+    assert done.returncode == 0
+    for name in ("single", "he2018-1", "he2018-blocks", "ml-exact", "gn-optimistix", "wet"):
+        assert name in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--scenario", "moon"), ("--scenario moon", "he2018-blocks")),
+        (("--identifiers", "magic"), ("--identifiers magic", "ml-exact")),
+        (("--runs", "0"), ("--runs", "0")),
+        (("--runs", "many"), ("--runs", "many")),
+        (("--sigma", "-1"), ("--sigma", "-1")),
+        (("--sigma", "nan"), ("--sigma",)),
+        (("--rail", "wet"), ("--rail", "he2018-blocks")),
+        (("--scenario", "single", "--rail", "icy"), ("--rail icy", "dry")),
+        (("--scenario", "single", "--blocks", "3"), ("--blocks", "single")),
+        (("--blocks", "2"), ("--blocks 2", "6")),
+        (("--outliers", "1.5"), ("--outliers", "1.5")),
+        (("--slip-max", "0"), ("--slip-max",)),
+        (("--out", "/proc/nowhere"), ("--out", "/proc/nowhere")),
+        (("--surprise",), ("--surprise",)),
+    ],
+)
+def test_what_cannot_be_used_is_answered_in_one_sentence(arguments, words, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["montecarlo", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        run(main)
+    assert ended.value.code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    lines = said.err.strip().splitlines()
+    assert len(lines) == 1, said.err
+    assert all(word in lines[0] for word in words), lines[0]

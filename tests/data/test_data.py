@@ -1,0 +1,274 @@
+import gzip
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from adhesion_jax.commands.command import run
+from adhesion_jax.commands.identify import main
+from adhesion_jax.data import SHIPPED, read_measured, to_record
+from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.errors import InputError
+
+
+def good(rows=12):
+    slip = np.linspace(0.01, 0.12, rows)
+    return pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * slip / (0.02 + slip)})
+
+
+def written(tmp_path, table, name="set.csv"):
+    path = tmp_path / name
+    table.to_csv(path, index=False)
+    return path
+
+
+def refusal(path, capsys, monkeypatch, *options):
+    """What the command says about a file it must refuse: status 2, one line, no traceback."""
+    monkeypatch.setattr(sys, "argv", ["identify", str(path), "--out", str(path) + "-out", *options])
+    with pytest.raises(SystemExit) as ended:
+        run(main)
+    assert ended.value.code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("error: ")
+    assert said.err.endswith(".\n")
+    assert said.err.count("\n") == 1
+    assert "Traceback" not in said.err
+    return said.err
+
+
+def test_the_shipped_set_is_the_measured_one():
+    measured = read_measured(SHIPPED["eurosprinter"].path)
+    assert len(measured.table) == 163
+    assert measured.slip == "slip_ratio"
+    assert measured.covariates == measured.left_out == ()
+    # 36 km/h and 106.7 kN a wheel, as the paper has them.
+    assert (measured.table["vehicle_speed_mps"] == 10).all()
+    assert (measured.table["normal_load_N"] == 106700).all()
+    # Digitised to .03 % creep: slip ratio and slip velocity agree to their last digit.
+    ratio = measured.table["slip_velocity_mps"] / 10
+    np.testing.assert_allclose(measured.table["slip_ratio"], ratio, atol=1e-6)
+    assert "Engel, Beck and Alders" in SHIPPED["eurosprinter"].citation
+
+
+@pytest.mark.parametrize("name", ["a.csv", "b.csv.gz", "c.parquet", "D.CSV"])
+def test_every_kind_of_file_gives_the_same_record(tmp_path, name):
+    path, table = tmp_path / name, good()
+    if name.endswith("parquet"):
+        table.to_parquet(path)
+    elif name.endswith("gz"):
+        path.write_bytes(gzip.compress(table.to_csv(index=False).encode()))
+    else:
+        # A byte order mark, spaces around names and a saved index are what spreadsheets leave.
+        text = table.to_csv().replace("slip_ratio", " slip_ratio ")
+        path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    record = to_record(read_measured(path))
+    np.testing.assert_allclose(record.slip, table["slip_ratio"], rtol=1e-15)
+    np.testing.assert_allclose(record.adhesion, table["adhesion"], rtol=1e-15)
+    assert record.mask.all()
+
+
+def test_what_is_missing_is_derived(tmp_path):
+    table = good()
+    load, speed = 1e5, np.linspace(8, 12, 12)
+    force = pd.DataFrame(
+        {
+            "slip_velocity_mps": table["slip_ratio"] * speed,
+            "vehicle_speed_mps": speed,
+            "tangential_force_N": table["adhesion"] * load,
+            "normal_load_N": load,
+        }
+    )
+    measured = read_measured(written(tmp_path, force))
+    assert measured.slip == "slip_ratio"
+    np.testing.assert_allclose(measured.table["slip_ratio"], table["slip_ratio"], rtol=1e-14)
+    np.testing.assert_allclose(measured.table["adhesion"], table["adhesion"], rtol=1e-14)
+
+    both = table.assign(slip_velocity_mps=table["slip_ratio"] * speed)
+    both.loc[3, ["slip_ratio", "slip_velocity_mps", "adhesion"]] = 0.0
+    derived = read_measured(written(tmp_path, both)).table["vehicle_speed_mps"]
+    np.testing.assert_allclose(derived.drop(5), np.delete(speed, 3), rtol=1e-14)
+    assert 8 <= derived[5] <= 12
+
+    velocity = read_measured(
+        written(tmp_path, table.rename(columns={"slip_ratio": "slip_velocity_mps"}))
+    )
+    assert velocity.slip == "slip_velocity_mps"
+    assert (to_record(velocity).conditions["vehicle_speed_mps"] == 1).all()
+
+
+def test_the_ratio_wins_over_the_velocity(tmp_path):
+    table = good().assign(slip_velocity_mps=7.0, vehicle_speed_mps=10.0)
+    measured = read_measured(written(tmp_path, table))
+    np.testing.assert_allclose(to_record(measured).slip, good()["slip_ratio"])
+
+
+def test_further_numeric_columns_are_covariates_and_text_is_left_out(tmp_path):
+    table = good().assign(rail_age_days=3.5, gap=[np.nan, *range(11)], note="dry", mode="traction")
+    measured = read_measured(written(tmp_path, table))
+    assert measured.covariates == ("rail_age_days",)
+    assert measured.left_out == ("gap", "note")
+    conditions = to_record(measured).conditions
+    assert (conditions["rail_age_days"] == 3.5).all()
+    assert "mode" not in conditions
+
+
+@given(st.sampled_from(sorted(COLUMNS)), st.floats(1e-9, 1e9), st.booleans())
+def test_no_value_outside_its_range_is_accepted(tmp_path_factory, name, excess, above):
+    column = COLUMNS[name]
+    bound = column.upper if above else column.lower
+    value = bound + excess * (1 if above else -1)
+    if not np.isfinite(bound) or value == bound:
+        return
+    table = good().assign(vehicle_speed_mps=10.0)
+    table.loc[4, name] = value
+    table[name] = table[name].fillna(np.clip(1.0, column.lower, column.upper))
+    path = written(tmp_path_factory.mktemp("range"), table)
+    with pytest.raises(InputError, match=f"column {name} has in row 6 .*outside"):
+        read_measured(path)
+
+
+def cells(column, row, value):
+    """A good table with one cell, by the row a user sees (the header is row 1), replaced."""
+    table = good().assign(normal_load_N=1e5, time_s=np.arange(12.0)).astype(object)
+    table.loc[row - 2, column] = value
+    return table.to_csv(index=False)
+
+
+FAULTS = {
+    "text": (cells("adhesion", 5, "0.3 N"), ["adhesion", "row 5", "'0.3 N'", "number"]),
+    "decimal comma": (cells("adhesion", 5, "0,3"), ["adhesion", "row 5", "decimal point"]),
+    "nan": (cells("adhesion", 7, "NaN"), ["adhesion", "row 7", "no value", "NaN"]),
+    "empty cell": (cells("slip_ratio", 13, ""), ["slip_ratio", "row 13", "no value"]),
+    "infinite": (cells("slip_ratio", 2, "inf"), ["slip_ratio", "row 2", "infinite"]),
+    "per cent": (cells("slip_ratio", 8, 7.5), ["slip_ratio", "row 8", "7.5", "per cent"]),
+    "negative per cent": (cells("slip_ratio", 8, -2), ["slip_ratio", "row 8", "per cent"]),
+    "adhesion in per cent": (cells("adhesion", 3, 28), ["adhesion", "row 3", "per cent"]),
+    "no load": (cells("normal_load_N", 4, 0), ["normal_load_N", "row 4", "positive"]),
+    "negative load": (cells("normal_load_N", 4, -1e5), ["normal_load_N", "row 4", "positive"]),
+    "time runs back": (cells("time_s", 9, 1.5), ["time_s", "decreases in row 9"]),
+    "empty file": ("", ["is empty", "header"]),
+    "blank file": ("\n \n", ["is empty", "header"]),
+    "header only": ("slip_ratio,adhesion\n", ["no point", "at least 10"]),
+    "one point": ("slip_ratio,adhesion\n0.1,0.3\n", ["one point", "at least 10"]),
+    "few points": (good(5).to_csv(), ["5 points", "at least 10"]),
+    "no slip": ("slip,adhesion\n" + 12 * "0.1,0.3\n", ["slip_ratio", "missing", "slip, adhesion"]),
+    "no adhesion": ("slip_ratio\n" + 12 * "0.1\n", ["adhesion", "tangential_force_N", "missing"]),
+    "force without load": (
+        good().rename(columns={"adhesion": "tangential_force_N"}).to_csv(),
+        ["tangential_force_N alone", "normal_load_N", "missing"],
+    ),
+    "twice": ("slip_ratio,adhesion,adhesion\n0.1,0.3,0.3\n", ["adhesion twice", "own name"]),
+    "ragged": (good().to_csv(index=False) + "0.1\n", ["1 cells in row 14", "2 columns"]),
+    "gap": ("slip_ratio,adhesion\n0.1,0.3\n\n0.1,0.3\n", ["no cells in row 3"]),
+    "semicolons": (good().to_csv(index=False, sep=";"), ["commas"]),
+    "open quote": ('slip_ratio,"adhesion\n0.1,0.3\n', ["comma-separated"]),
+    "constant slip": ("slip_ratio,adhesion\n" + 12 * "0.1,0.3\n", ["1 different sizes of slip"]),
+    "wrong sign": (
+        good().assign(adhesion=-good()["adhesion"]).to_csv(),
+        ["adhesion", "other sign", "braking"],
+    ),
+    "at rest": (
+        good()
+        .rename(columns={"slip_ratio": "slip_velocity_mps"})
+        .assign(vehicle_speed_mps=[10.0] * 6 + [0.0] * 6)
+        .to_csv(),
+        ["vehicle_speed_mps", "0 in row 8", "rest"],
+    ),
+    "derived ratio": (
+        good()
+        .rename(columns={"slip_ratio": "slip_velocity_mps"})
+        .assign(vehicle_speed_mps=[10.0] * 11 + [0.01])
+        .to_csv(),
+        ["slip_ratio", "row 13", "outside"],
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_bad_text_is_refused_in_one_sentence(fault, tmp_path, capsys, monkeypatch):
+    text, names = FAULTS[fault]
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    said = refusal(path, capsys, monkeypatch)
+    for name in ("bad.csv", *names):
+        assert name in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("a.csv", bytes(range(256)), "binary file"),
+        ("a.csv", "slip_ratio,adhesion\n0.1,0.3 ü\n".encode("latin-1"), "row 2 that are no UTF-8"),
+        ("a.csv.gz", b"slip_ratio,adhesion\n", "not a whole gzip file"),
+        ("a.csv.gz", gzip.compress(good().to_csv().encode())[:-20], "not a whole gzip file"),
+        ("a.parquet", b"PAR1 and no more", "not a whole parquet file"),
+        ("a.parquet", b"", "is empty"),
+        ("a.xlsx", b"PK", ".csv, .csv.gz or .parquet"),
+    ],
+)
+def test_bad_bytes_are_refused_in_one_sentence(name, content, says, tmp_path, capsys, monkeypatch):
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert says in refusal(path, capsys, monkeypatch)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):
+    assert "does not exist" in refusal(tmp_path / "none.csv", capsys, monkeypatch)
+    (tmp_path / "folder.csv").mkdir()
+    assert "is not a file" in refusal(tmp_path / "folder.csv", capsys, monkeypatch)
+
+
+def test_all_faults_are_reported_at_once_each_where_it_first_is(tmp_path, capsys, monkeypatch):
+    table = good().assign(normal_load_N=1e5, temperature_C=20.0).astype(object)
+    table.loc[[2, 5], "adhesion"] = "wet"
+    table.loc[[3, 7], "adhesion"] = ""
+    table.loc[[4, 6], "slip_ratio"] = 9.0
+    table.loc[8, "temperature_C"] = "inf"
+    said = refusal(written(tmp_path, table), capsys, monkeypatch)
+    for part in (
+        "adhesion has in row 4 the text 'wet'",
+        "adhesion has in row 5 no value",
+        "slip_ratio has in row 6 9.0, outside",
+        "temperature_C has in row 10 an infinite value",
+    ):
+        assert part in said
+    assert said.count("has in row") == 4
+
+
+def test_time_may_begin_anew_with_a_new_run(tmp_path):
+    table = good().assign(time_s=[*range(6), *range(6)], run=["a"] * 6 + ["b"] * 6)
+    assert len(read_measured(written(tmp_path, table)).table) == 12
+    with pytest.raises(InputError, match="time_s decreases in row 8"):
+        read_measured(written(tmp_path, table.drop(columns="run")))
+
+
+def test_rows_of_a_parquet_file_are_counted_from_one(tmp_path):
+    table = good()
+    table.loc[3, "adhesion"] = np.nan
+    table.to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="adhesion has in row 4 no value"):
+        read_measured(tmp_path / "a.parquet")
+    dated = good().assign(time_s=pd.Timestamp("2026-01-01"))
+    dated.to_parquet(tmp_path / "b.parquet")
+    with pytest.raises(InputError, match="time_s has in row 1 the text '2026-01-01"):
+        read_measured(tmp_path / "b.parquet")
+
+
+def test_identify_refuses_the_roller_rig_by_its_name(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    said = refusal("roller-rig", capsys, monkeypatch)
+    assert said.startswith("error: roller-rig cannot be used: column slip_ratio has only 1 ")
+
+
+def test_the_known_columns_are_those_promised():
+    promised = (
+        "time_s run vehicle_speed_mps slip_ratio slip_velocity_mps adhesion tangential_force_N "
+        "normal_load_N temperature_C relative_humidity_pct position_m curvature_per_m "
+        "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad "
+        "slip_angle_deg lateral_creepage"
+    )
+    assert {*COLUMNS, *LABELS} == {*promised.split()}

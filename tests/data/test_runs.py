@@ -1,0 +1,369 @@
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from adhesion_jax.data import SHIPPED, matching, read_runs, runs
+from adhesion_jax.errors import InputError
+
+PRACTICE = Path(__file__).parents[3] / "shared" / "practice"
+
+
+def good(rows=12):
+    slip = np.linspace(0.01, 0.12, rows)
+    return pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * slip / (0.02 + slip)})
+
+
+def written(tmp_path, table, name="set.csv"):
+    path = tmp_path / name
+    table.to_csv(path, index=False)
+    return path
+
+
+def campaign(lengths=(6, 4, 5)):
+    """Runs named a, b, c ... of the given lengths, each from time 0 on."""
+    table = good(sum(lengths)).assign(vehicle_speed_mps=10.0)
+    table["run"] = np.repeat([chr(97 + number) for number in range(len(lengths))], lengths)
+    table["time_s"] = np.concatenate([0.1 * np.arange(length) for length in lengths])
+    return table
+
+
+def refused(*paths):
+    with pytest.raises(InputError) as error:
+        read_runs(paths)
+    said = str(error.value)
+    assert "\n" not in said
+    assert said.endswith(".")
+    return said
+
+
+def test_runs_stand_side_by_side_padded_with_their_last_row(tmp_path):
+    table = campaign().assign(wear=np.arange(15.0) ** 2)
+    found = read_runs([written(tmp_path, table)])
+    assert found.names == ("a", "b", "c")
+    assert found.covariates == ("wear",)
+    assert (found.blocks, found.axles, found.left_out, found.warnings) == (False, (), (), ())
+    assert found.rows.tolist() == [
+        [0, 1, 2, 3, 4, 5],
+        [6, 7, 8, 9, -1, -1],
+        [10, 11, 12, 13, 14, -1],
+    ]
+    record = found.record
+    np.testing.assert_array_equal(record.mask, found.rows >= 0)
+    np.testing.assert_array_equal(record.fresh, record.mask)
+    assert {*record.conditions} == {"time_s", "vehicle_speed_mps", "slip_velocity_mps", "wear"}
+    np.testing.assert_array_equal(record.conditions["wear"][1], [36, 49, 64, 81, 81, 81])
+    np.testing.assert_allclose(record.slip[2, 4:], table["slip_ratio"].iloc[14], rtol=1e-15)
+    np.testing.assert_allclose(
+        record.conditions["slip_velocity_mps"], 10 * np.asarray(record.slip), rtol=1e-15
+    )
+    for values in (record.slip, record.adhesion, *record.conditions.values()):
+        assert values.shape == (3, 6)
+        assert values.dtype == np.float64
+        assert np.isfinite(values).all()
+
+
+def test_the_rows_of_a_run_may_lie_apart(tmp_path):
+    table = good(12).assign(run=[7, 3] * 6, wear=np.arange(12.0))
+    found = read_runs([written(tmp_path, table)])
+    assert found.names == ("7", "3")
+    assert found.rows.tolist() == [[0, 2, 4, 6, 8, 10], [1, 3, 5, 7, 9, 11]]
+    np.testing.assert_array_equal(found.record.conditions["wear"], found.rows)
+
+
+def test_gaps_in_time_part_runs(tmp_path):
+    # Steps of 0.1 s, and two rows of one stamp; 1.0 s is no gap, 1.1 s is one.
+    time = np.cumsum([0, 0.1, 0.1, 0, 0.1, 1.0, 0.1, 1.1, 0.1, 0.1, 50, 0.1])
+    found = read_runs([written(tmp_path, good().assign(time_s=time))])
+    assert found.names == ("1", "2", "3")
+    assert [(row >= 0).sum() for row in found.rows] == [7, 3, 2]
+    assert len(found.warnings) == 1
+    assert found.warnings[0].startswith("In time_s 1 row has the time of the row before")
+    # With steps of 1 s a gap is longer than 10 s.
+    slow = np.cumsum([0, 1, 1, 1, 9, 1, 1, 11, 1, 1, 1, 1])
+    found = read_runs([written(tmp_path, good().assign(time_s=slow))])
+    assert [(row >= 0).sum() for row in found.rows] == [7, 5]
+
+
+def test_the_column_run_goes_before_gaps(tmp_path):
+    table = campaign((6, 6)).assign(time_s=np.tile([0, 1, 2, 100, 100, 100], 2))
+    found = read_runs([written(tmp_path, table)])
+    assert found.names == ("a", "b")
+    assert "4 rows have the time of the row before" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("points", "blocks", "shortest", "longest"),
+    [(10, 5, 2, 2), (33, 16, 2, 3), (40, 16, 2, 3), (163, 16, 10, 11), (205, 20, 10, 11),
+     (5000, 50, 100, 100)],
+)  # fmt: skip
+def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest):
+    for table in (good(points), good(points).assign(run="only", time_s=np.arange(points))):
+        found = read_runs([written(tmp_path, table)])
+        length = (found.rows >= 0).sum(axis=1)
+        assert found.blocks
+        assert (len(found.names), length.min(), length.max()) == (blocks, shortest, longest)
+        assert found.rows[found.rows >= 0].tolist() == list(range(points))
+        (warning,) = found.warnings
+        assert f"{blocks} contiguous blocks" in warning
+        assert "independent" in warning
+        assert "act in time" in warning
+
+
+def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
+    table = good(400).assign(time_s=0.1 * np.arange(400))
+    found = read_runs([written(tmp_path, table)])
+    time, counted = np.asarray(found.record.conditions["time_s"]), found.rows >= 0
+    assert (counted == np.asarray(found.record.mask)).all()
+    lead = time.shape[1] // 2
+    # Of the first block there is nothing before its first row; the others go on without a gap.
+    assert (time[0, :lead] == 0.0).all()
+    for block in range(1, len(found.names)):
+        rows = np.rint(time[block] / 0.1).astype(int)
+        whole = rows[: lead + counted[block].sum()]
+        assert (np.diff(whole) == 1)[whole[:-1] > 0].all()
+        assert whole[lead] == found.rows[block, lead] == found.rows[block - 1].max() + 1
+        assert not counted[block, :lead].any()
+    # Without a time the order of the rows says nothing of what came before.
+    bare = read_runs([written(tmp_path, good(400))])
+    assert (bare.rows[:, 0] >= 0).all()
+
+
+def test_several_files_never_share_a_run(tmp_path):
+    first = written(tmp_path, campaign((6, 4)), "x.csv")
+    second = written(tmp_path, campaign((3, 5, 4))[3:], "y.csv")
+    found = read_runs([first, second])
+    assert found.names == ("a", f"{first}:b", f"{second}:b", "c")
+    assert found.rows[:, 0].tolist() == [0, 6, 10, 15]
+    assert found.rows.max() == 18
+    np.testing.assert_allclose(
+        found.record.slip[2, :5], campaign((3, 5, 4))["slip_ratio"][3:8], rtol=1e-15
+    )
+    # Without a column run each file is a run at least.
+    bare = [written(tmp_path, good(8).assign(wear=1.0), name) for name in ("x.csv", "y.csv")]
+    found = read_runs(bare)
+    assert found.names == tuple(f"{path}:1" for path in bare)
+    assert not found.blocks
+
+
+def test_a_column_that_one_file_lacks_is_left_out(tmp_path):
+    first = written(tmp_path, campaign().assign(wear=1.0, axle=1), "x.csv")
+    second = written(tmp_path, campaign().assign(wear="new"), "y.csv")
+    found = read_runs([first, second])
+    assert found.left_out == ("wear",)
+    assert found.axles == found.covariates == ()
+    assert found.warnings == (
+        "The column wear is left out: it is not a number in every row.",
+        "The column axle is left out: not every file has it.",
+    )
+
+
+def test_axle_and_mode_become_numbers(tmp_path):
+    modes = ["Traction", "braking", "COASTING"] * 5
+    table = campaign().assign(axle=[10, 9, 1] * 5, mode=modes)
+    found = read_runs([written(tmp_path, table)])
+    assert found.axles == ("1", "9", "10")
+    np.testing.assert_array_equal(found.record.conditions["axle"][0], [2, 1, 0, 2, 1, 0])
+    np.testing.assert_array_equal(found.record.conditions["mode"][0], [1, -1, 0, 1, -1, 0])
+    assert found.covariates == ()
+    # Whole numbers that a parquet file holds as floats are the same labels.
+    table.assign(axle=table["axle"].astype(float)).to_parquet(tmp_path / "a.parquet")
+    assert read_runs([tmp_path / "a.parquet"]).axles == found.axles
+
+
+def test_labels_that_are_none_are_faults(tmp_path):
+    table = campaign().assign(mode="traction", axle="1").astype(object)
+    table.loc[3, "mode"] = "brake"
+    table.loc[4, "run"] = None
+    table.loc[5, "axle"] = np.nan
+    table.to_parquet(tmp_path / "b.parquet")
+    for path, shift in ((written(tmp_path, table), 2), (tmp_path / "b.parquet", 1)):
+        said = refused(path)
+        assert (
+            f"column mode has in row {3 + shift} the label 'brake' "
+            "(write traction, braking or coasting)" in said
+        )
+        assert f"column run has in row {4 + shift} no value" in said
+        assert f"column axle has in row {5 + shift} no value" in said
+
+
+def test_braking_is_ordinary_and_one_slip_value_is_allowed(tmp_path):
+    braking = campaign().assign(slip_ratio=-good(15)["slip_ratio"], adhesion=-good(15)["adhesion"])
+    assert (read_runs([written(tmp_path, braking)]).record.slip < 0).all()
+    one = campaign().assign(slip_ratio=0.02)
+    assert read_runs([written(tmp_path, one)]).warnings == ()
+    opposite = campaign().assign(adhesion=-good(15)["adhesion"])
+    assert "mostly of the other sign than slip_ratio" in refused(written(tmp_path, opposite))
+    nothing = campaign().assign(adhesion=0.0)
+    assert "column adhesion is 0 in every row" in refused(written(tmp_path, nothing))
+
+
+def test_slip_velocity_without_a_speed_is_the_slip(tmp_path):
+    table = campaign().drop(columns="vehicle_speed_mps")
+    path = written(tmp_path, table.rename(columns={"slip_ratio": "slip_velocity_mps"}), "v.csv")
+    found = read_runs([path])
+    assert found.slip == "slip_velocity_mps"
+    assert (found.record.conditions["vehicle_speed_mps"] == 1).all()
+    np.testing.assert_array_equal(found.record.conditions["slip_velocity_mps"], found.record.slip)
+    assert found.warnings[0].startswith("There is no vehicle_speed_mps")
+    said = refused(path, written(tmp_path, campaign(), "r.csv"))
+    assert "v.csv has slip_velocity_mps without vehicle_speed_mps where" in said
+
+
+def test_a_column_that_repeats_another_is_left_out(tmp_path):
+    table = campaign().assign(
+        copy_of_load=np.linspace(9e4, 1e5, 15), leak=lambda table: table["adhesion"]
+    )
+    table["normal_load_N"] = table["copy_of_load"]
+    table = table.assign(nothing=0.0, nothing_else=0.0, sanding=0.0)
+    found = read_runs([written(tmp_path, table)])
+    assert found.same == {"copy_of_load": "normal_load_N", "leak": "adhesion"}
+    assert found.covariates == ("nothing", "nothing_else")
+    assert "sanding" in found.record.conditions
+    assert "The column leak is left out: it is the same as adhesion." in found.warnings
+
+
+def test_what_a_curve_needs_is_kept_though_it_repeats_another(tmp_path):
+    table = campaign((15, 15)).assign(time_s=lambda table: table["time_s"] + 1.0)
+    table["vehicle_speed_mps"] = table["time_s"]
+    found = read_runs([written(tmp_path, table)])
+    assert found.same == {}
+    assert {"time_s", "vehicle_speed_mps"} <= {*found.record.conditions}
+
+
+def test_text_is_left_out_and_unknown_units_are_covariates(tmp_path):
+    table = campaign().assign(note="dry", temperature_K=290.0, slip_angle_deg=1.0)
+    found = read_runs([written(tmp_path, table)])
+    assert found.left_out == ("note",)
+    assert found.covariates == ("temperature_K",)
+    assert found.warnings == ("The column note is left out: it is not a number in every row.",)
+
+
+def test_the_force_is_no_condition(tmp_path):
+    table = campaign().assign(normal_load_N=1e5)
+    table["tangential_force_N"] = table["adhesion"] * 1e5
+    found = read_runs([written(tmp_path, table.drop(columns="adhesion"))])
+    assert "tangential_force_N" not in found.record.conditions
+    np.testing.assert_allclose(found.record.adhesion[0], good(15)["adhesion"][:6], rtol=1e-14)
+
+
+def test_a_saved_index_is_no_covariate(tmp_path):
+    table = campaign()
+    table.set_index(pd.Index(range(5, 20))).to_parquet(tmp_path / "a.parquet")
+    once = written(tmp_path, table.assign(**{"Unnamed: 0": range(15)}))
+    for path in (tmp_path / "a.parquet", once):
+        assert read_runs([path]).covariates == ()
+
+
+def test_runs_of_one_point_are_kept(tmp_path):
+    found = read_runs([written(tmp_path, campaign((9, 1, 1)))])
+    assert found.rows[:, :2].tolist() == [[0, 1], [9, -1], [10, -1]]
+    assert found.warnings[0].startswith("2 of 3 runs have one point only")
+
+
+def test_the_faults_of_all_files_are_told_at_once(tmp_path):
+    first = written(tmp_path, campaign().assign(slip_ratio=9.0, adhesion="wet"), "x.csv")
+    second = written(tmp_path, campaign().drop(columns="adhesion"), "y.csv")
+    said = refused(first, second, tmp_path / "z.csv", first)
+    assert "x.csv cannot be used: column slip_ratio has in row 2 9.0" in said
+    assert "column adhesion has in row 2 the text 'wet'" in said
+    assert "y.csv cannot be used: the column adhesion (or" in said
+    assert "z.csv does not exist" in said
+    assert "x.csv is given twice" in said
+
+
+def test_ten_rows_are_needed_in_all(tmp_path):
+    paths = [written(tmp_path, campaign((n,)), f"{n}.csv") for n in (4, 5, 6)]
+    assert "there are 9 points (at least 10 rows" in refused(*paths[:2])
+    assert read_runs([paths[0], paths[2]]).rows.shape == (2, 6)
+    empty = written(tmp_path, campaign()[:0], "empty.csv")
+    assert "empty.csv cannot be used: there is a header but no point" in refused(paths[0], empty)
+
+
+def test_runs_of_one_row_each_are_no_runs(tmp_path):
+    path = written(tmp_path, campaign((1,) * 12))
+    assert "each of the 12 runs has one row (a run is a sweep of several" in refused(path)
+
+
+def test_time_does_not_run_back_within_a_run(tmp_path):
+    table = campaign()
+    assert "time_s decreases in row 8" in refused(written(tmp_path, table.drop(columns="run")))
+
+
+def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "MOST_ROWS", 30)
+    monkeypatch.setattr(runs, "read_measured", lambda path: pytest.fail(f"{path} was read"))
+    text = campaign((31,)).to_csv(index=False)
+    (tmp_path / "a.csv").write_text(text.rstrip())
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(text.encode()))
+    campaign((31,)).to_parquet(tmp_path / "a.parquet")
+    for name in ("a.csv", "a.csv.gz", "a.parquet"):
+        said = refused(tmp_path / name)
+        assert "more than 30 rows of data (thin them" in said
+        assert "every k-th row" in said
+    monkeypatch.undo()
+    monkeypatch.setattr(runs, "MOST_ROWS", 30)
+    half = [written(tmp_path, campaign((15,)), name) for name in ("x.csv", "y.csv")]
+    assert read_runs(half).rows.shape == (2, 15)
+    assert "y.csv" in refused(*half, written(tmp_path, campaign((15,)), "z.csv"))
+    (tmp_path / "broken.csv.gz").write_bytes(gzip.compress(text.encode())[:-20])
+    assert "not a whole gzip file" in refused(tmp_path / "broken.csv.gz")
+    (tmp_path / "broken.parquet").write_bytes(b"PAR1")
+    assert "not a whole parquet file" in refused(tmp_path / "broken.parquet")
+
+
+def test_a_run_far_longer_than_the_others_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "_MOST_CELLS", 50)
+    assert "the longest (b) has 30 rows" in refused(written(tmp_path, campaign((5, 30))))
+
+
+def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):
+    train = campaign().assign(axle=[1, 2, 4] * 5, wear=np.arange(15.0), load=np.arange(15.0) ** 2)
+    # In the test set two columns are the same, one is new, and so is an axle.
+    test = campaign((5, 5)).assign(axle=[4, 7] * 5, wear=np.arange(10.0), new=1.0)
+    test["load"] = test["wear"]
+    runs_of = [read_runs([written(tmp_path, table)]) for table in (train, test)]
+    seen = matching(*runs_of)
+    assert {*seen.record.conditions} == {*runs_of[0].record.conditions}
+    assert (seen.covariates, seen.axles) == (runs_of[0].covariates, ("1", "2", "4"))
+    np.testing.assert_array_equal(seen.record.conditions["load"], runs_of[1].rows)
+    np.testing.assert_array_equal(seen.record.conditions["axle"][0], [2, -1, 2, -1, 2])
+    assert seen.warnings[-1].startswith("The training data have no axle 7:")
+    with pytest.raises(InputError, match=r"^The test data lack wear, load and axle, which"):
+        matching(runs_of[0], read_runs([written(tmp_path, campaign())]))
+
+
+def test_the_test_set_has_the_same_slip(tmp_path):
+    velocity = campaign().drop(columns="vehicle_speed_mps")
+    velocity = velocity.rename(columns={"slip_ratio": "slip_velocity_mps"})
+    by_velocity = read_runs([written(tmp_path, velocity)])
+    by_ratio = read_runs([written(tmp_path, campaign())])
+    seen = matching(by_velocity, by_ratio)
+    np.testing.assert_allclose(seen.record.slip, 10 * np.asarray(by_ratio.record.slip), rtol=1e-15)
+    assert (seen.record.conditions["vehicle_speed_mps"] == 1).all()
+    with pytest.raises(InputError, match=r"^The test data lack slip_ratio"):
+        matching(by_ratio, by_velocity)
+
+
+def test_the_roller_rig_ships_and_has_one_slip_value():
+    found = read_runs([SHIPPED["roller-rig"].path])
+    assert found.rows[found.rows >= 0].tolist() == list(range(40))
+    assert len(found.names) == 16
+    assert (found.record.slip == 0.02).all()
+    assert {"angle_of_attack_deg", "lateral_creepage"} <= {*found.record.conditions}
+    np.testing.assert_allclose(found.record.adhesion[0, 0], 3522.71 / 9600, rtol=1e-15)
+    assert "Hosseini" in SHIPPED["roller-rig"].citation
+
+
+@pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice sets are not here")
+def test_a_practice_set_is_read_whole():
+    train, test = (
+        read_runs([PRACTICE / f"practice_12_{part}.csv.gz"]) for part in ("train", "test")
+    )
+    assert train.record.slip.shape == (28, 200)
+    assert test.record.slip.shape == (12, 200)
+    assert train.covariates == ("rail_age_days",)
+    assert train.warnings == test.warnings == ()
+    assert matching(train, test).names == test.names

@@ -1,0 +1,55 @@
+"""Two columns at once: a joint effect is one claim, a sum of two effects is two."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from discovery_campaigns import SIZE, problem_of
+
+from adhesion_jax.discovery.model.bases import first_fits, fits_alone
+from adhesion_jax.discovery.model.fitting import Setting, squares
+from adhesion_jax.discovery.model.noise import white_noise
+from adhesion_jax.discovery.search.catalogue import library_of
+from adhesion_jax.discovery.search.selection import search
+from adhesion_jax.discovery.search.state import settled
+from adhesion_jax.effects import Surface
+from adhesion_jax.simulation.simulator import simulate
+
+
+def places(column: pd.Series) -> pd.Series:
+    """A column on -1 to 1 over its range."""
+    return 2 * (column - column.min()) / np.ptp(column) - 1
+
+
+@pytest.fixture(scope="module")
+def null():
+    return simulate(seed=4, base="burckhardt", **SIZE).train
+
+
+def searched(table):
+    problem = problem_of(table)
+    setting = Setting(problem, white_noise(problem.points, 0.02), np.asarray(problem.data.adhesion))
+    start = settled(first_fits(fits_alone(setting, ["burckhardt"])), (), ())
+    return search(start, library_of(problem), 0, lambda *_: None)
+
+
+def test_what_acts_through_two_columns_together_is_one_effect_of_both(null):
+    u, v = places(null["position_m"]), places(null["rail_age_days"])
+    found = searched(null.assign(adhesion=null["adhesion"] * np.exp(0.2 * u * v)))
+    (effect,) = found.accepted
+    assert {*effect.covariates} == {"position_m", "rail_age_days"}
+    surface = effect.parts[0]
+    assert isinstance(surface, Surface)
+    assert float(surface.k11) == pytest.approx(0.2, rel=0.05)
+    bare = searched(null)
+    assert bare.accepted == ()
+    # Nothing of the effect is left; its own parameters take up a little of the scatter of the runs.
+    assert 0.92 < squares(found.fitted) / squares(bare.fitted) < 1.02
+
+
+def test_what_acts_through_each_of_two_columns_is_two_effects(null):
+    u, v = places(null["position_m"]), places(null["rail_age_days"])
+    found = searched(null.assign(adhesion=null["adhesion"] * np.exp(0.15 * u + 0.15 * v)))
+    assert sorted(effect.covariates for effect in found.accepted) == [
+        ("position_m",),
+        ("rail_age_days",),
+    ]

@@ -1,0 +1,222 @@
+"""The slip to be expected under noise, against the normal distribution written out in full."""
+
+from itertools import pairwise
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from discovery_campaigns import runs_of
+from scipy import stats
+
+from adhesion_jax.discovery.engine import discover
+from adhesion_jax.discovery.model.bases import first_fits, fits_alone
+from adhesion_jax.discovery.model.fitting import Setting
+from adhesion_jax.discovery.model.noise import made_of_slip, white_noise
+from adhesion_jax.discovery.model.problem import prepare
+from adhesion_jax.discovery.model.slip import error_covariances, felt_in_adhesion, roughness
+from adhesion_jax.effects import EFFECTS
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.slip_noise import (
+    SlipNoise,
+    expected_slip,
+    log_density,
+    smoothed_slip,
+)
+from adhesion_jax.simulation.one_log import one_log
+
+POINTS = 12
+DRAW = np.random.default_rng(1)
+TIME = 1000 + np.cumsum(DRAW.uniform(0.02, 0.4, POINTS))
+SLIP = 0.02 + 0.01 * np.sin(3 * TIME) + 2e-3 * DRAW.standard_normal(POINTS)
+SPEED = DRAW.uniform(5, 20, POINTS)
+NOISE = SlipNoise(sigma=2e-3, roughness=0.03)
+SPEED_NOISE = SlipNoise(sigma=0.03, roughness=0.03, falls_with="vehicle_speed_mps")
+
+
+def of_run(function, noise, slip, time, speed):
+    conditions = {"time_s": jnp.asarray(time), "vehicle_speed_mps": jnp.asarray(speed)}
+    return function(noise, jnp.asarray(slip), conditions)
+
+
+def smoothed(noise, slip=SLIP, time=TIME, speed=SPEED):
+    return of_run(smoothed_slip, noise, slip, time, speed)
+
+
+def density(noise, slip=SLIP, time=TIME, speed=SPEED):
+    return float(of_run(log_density, noise, slip, time, speed).sum())
+
+
+def covariances(noise, time=TIME, speed=SPEED):
+    """Of the true slip and of its noise: a Wiener process integrated, from a wide start.
+
+    Slip and its rate start with a variance of one each; of the integral of a Wiener process of
+    unit intensity, E[x(s) x(t)] = s^2 (3 t - s)/6 for s < t.
+    """
+    elapsed = time - time[0]
+    early = np.minimum(elapsed[:, None], elapsed)
+    late = np.maximum(elapsed[:, None], elapsed)
+    walk = noise.roughness**2 * early**2 * (3 * late - early) / 6
+    spread = noise.sigma / speed if noise.falls_with else noise.sigma + 0 * elapsed
+    return 1.0 + np.outer(elapsed, elapsed) + walk, np.diag(spread**2)
+
+
+@pytest.mark.parametrize("noise", [NOISE, SPEED_NOISE], ids=["of the slip", "of the speed"])
+def test_the_smoothed_slip_is_that_of_the_normal_distribution(noise):
+    true, error = covariances(noise)
+    gain = np.linalg.solve(true + error, true).T
+    left = true - gain @ true
+    found = smoothed(noise)
+    expected = SLIP[0] + gain @ (SLIP - SLIP[0])
+    np.testing.assert_allclose(found.slip, expected, rtol=1e-7)
+    assert np.abs(found.slip - SLIP).max() > 5e-4
+    # Differences of variances near one: to ten digits of that.
+    np.testing.assert_allclose(found.variance, np.diag(left), rtol=1e-3, atol=1e-10)
+    np.testing.assert_allclose(found.covariance[1:], np.diag(left, 1), rtol=1e-3, atol=1e-10)
+    assert float(found.covariance[0]) == 0
+    runs = jax.tree.map(lambda values: np.asarray(values)[None], found)
+    np.testing.assert_allclose(*error_covariances(runs), left, rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [NOISE, SPEED_NOISE], ids=["of the slip", "of the speed"])
+def test_the_density_is_that_of_the_slips_after_the_first(noise):
+    whole = sum(covariances(noise))
+    error = SLIP - SLIP[0]
+    joint = stats.multivariate_normal(cov=whole).logpdf(error)
+    first = stats.norm.logpdf(error[0], 0.0, np.sqrt(whole[0, 0]))
+    expected = joint - first + 0.5 * (POINTS - 1) * np.log(2 * np.pi)
+    assert density(noise) == pytest.approx(expected, rel=1e-8)
+
+
+def test_what_is_repeated_at_one_time_tells_nothing():
+    places = np.sort(np.append(np.arange(POINTS), [4, 4, POINTS - 1]))
+    again = np.diff(places, prepend=-1) == 0
+    slip = np.where(again, 0.5, SLIP[places])
+    found = smoothed(NOISE, slip, TIME[places], SPEED[places])
+    once = smoothed(NOISE)
+    np.testing.assert_allclose(found.slip, once.slip[places], rtol=1e-8)
+    np.testing.assert_allclose(found.variance, once.variance[places], rtol=1e-5)
+    repeated = density(NOISE, slip, TIME[places], SPEED[places])
+    assert repeated == pytest.approx(density(NOISE), rel=1e-10)
+
+
+def test_a_larger_noise_is_smoothed_more():
+    sizes = [0.0, 1e-4, 1e-3, 1e-2, 1.0]
+    found = [smoothed(SlipNoise(sigma=size, roughness=0.03)) for size in sizes]
+    np.testing.assert_allclose(found[0].slip, SLIP, atol=1e-9)
+    # What is left of the bends of the signal, by its second divided differences.
+    rough = [np.linalg.norm(np.diff(np.diff(one.slip) / np.diff(TIME))) for one in found]
+    assert all(more > less for more, less in pairwise(rough))
+    errors = [np.asarray(one.variance) for one in found]
+    assert all((less < more).all() for less, more in pairwise(errors))
+    # Where nothing is known of neighbours the slip is that measured.
+    still = smoothed(SlipNoise(sigma=1e-3, roughness=1e4))
+    np.testing.assert_allclose(still.slip, SLIP, atol=1e-7)
+
+
+def test_the_expected_slip_is_as_rough_as_is_likely_near_each_point():
+    rougher = [4.0**power for power in range(-5, 2)]
+    kinds = [SlipNoise(sigma=NOISE.sigma, roughness=times * NOISE.roughness) for times in rougher]
+    told = np.array([of_run(log_density, kind, SLIP, TIME, SPEED) for kind in kinds])
+    near = np.array([told[:, max(at - 12, 0) : at + 13].sum(axis=1) for at in range(POINTS)])
+    share = np.exp(near - near.max(axis=1, keepdims=True))
+    share /= share.sum(axis=1, keepdims=True)
+    rough = NOISE.roughness * np.exp(share @ np.log(rougher))
+    found = of_run(expected_slip, NOISE, SLIP, TIME, SPEED)
+    by_hand = smoothed(eqx.tree_at(lambda kind: kind.roughness, NOISE, jnp.asarray(rough)))
+    np.testing.assert_allclose(found.slip, by_hand.slip, rtol=1e-9)
+    np.testing.assert_allclose(found.variance, by_hand.variance, rtol=1e-7)
+
+
+def test_a_slip_that_is_calm_but_for_events_is_followed_where_it_is_rough():
+    """A bump of .15 within 6 s in 60 s of creep; 200 times with noise of its own."""
+    time, sigma = 0.1 * np.arange(600), 1.5e-3
+    inside = (time > 27) & (time < 33)
+    true = 0.004 + 0.15 * np.where(inside, np.sin(np.pi * (time - 27) / 6) ** 2, 0.0)
+    slips = true + sigma * np.random.default_rng(3).normal(size=(200, time.size))
+
+    def of(function, roughness):
+        noise = SlipNoise(sigma=sigma, roughness=roughness)
+        found = jax.vmap(lambda slip: function(noise, slip, {"time_s": jnp.asarray(time)}))(slips)
+        return np.asarray(found.slip - true) ** 2, np.asarray(found.variance)
+
+    # The roughness of greatest likelihood for the whole lies between those of the two parts.
+    square, known = of(expected_slip, 0.008)
+    assert (square / known)[:, inside].mean() < 1.3
+    assert (square / known)[:, ~inside].mean() < 1.3
+    # The same roughness everywhere is too rough for the creep ...
+    alike, _ = of(smoothed_slip, 0.008)
+    assert square[:, ~inside].mean() < 0.8 * alike[:, ~inside].mean()
+    # ... and what suits the creep misses the event by far more than it claims.
+    smooth, claimed = of(smoothed_slip, 0.002)
+    assert (smooth / claimed)[:, inside].mean() > 5
+
+
+def test_a_straight_course_stays_one():
+    line = 0.02 + 0.003 * (TIME - TIME[0])
+    # But for the start, whose rate is taken for one of zero, give or take one.
+    np.testing.assert_allclose(smoothed(NOISE, line).slip, line, atol=1e-7)
+
+
+def test_the_errors_are_those_of_drawn_slips():
+    """In 4000 courses of slip, whose noise falls with the speed."""
+    draw, count = np.random.default_rng(3), 4000
+    true, error = covariances(SPEED_NOISE)
+    factor = np.linalg.cholesky(true + 1e-12 * np.eye(POINTS))
+    drawn = factor @ draw.standard_normal((POINTS, count))
+    signal = drawn + np.sqrt(np.diag(error))[:, None] * draw.standard_normal((POINTS, count))
+    # The smoother starts from the first signal, which has been drawn about zero.
+    gain = np.linalg.solve(true + error, true).T
+    left = gain @ signal - drawn
+    found = smoothed(SPEED_NOISE)
+    np.testing.assert_allclose(left.var(axis=1), found.variance, rtol=5 * np.sqrt(2 / count))
+
+
+@pytest.mark.parametrize("planted", [0.01, 0.03])
+def test_a_planted_noise_of_the_wheel_speed_is_estimated(planted):
+    campaign = one_log(seed=0, wheel_speed_noise=planted)
+    found = discover(runs_of(campaign.train), base="burckhardt")
+    (effect,) = [effect for effect in found.effects if effect.name == "slip_noise"]
+    sigma = effect.parameters["sigma"]
+    assert sigma.value == pytest.approx(planted, rel=0.1)
+    assert sigma.low < sigma.value < sigma.high
+    (kind,) = [part for part in found.law.effects if isinstance(part, EFFECTS["slip_noise"])]
+    assert kind.falls_with == "vehicle_speed_mps"
+
+
+def test_what_the_slip_leaves_of_a_log_is_white_once_it_is_whitened():
+    """The true curve leaves the noise of adhesion, .008, and the errors of the expected slip."""
+    campaign = one_log(seed=72, wheel_speed_noise=0.01)
+    runs = runs_of(campaign.train)
+    exact = prepare(runs.record, Calendar("time_s", 0.0, 300.0), runs.blocks)
+    adhesion = np.asarray(exact.data.adhesion)
+
+    def fitted(setting):
+        return first_fits(fits_alone(setting, ["burckhardt"]))["burckhardt"]
+
+    rough = roughness(
+        runs.record, fitted(Setting(exact, white_noise(exact.points, 0.02), adhesion)), None
+    )
+    noisy = prepare(runs.record, exact.calendar, runs.blocks, rough.effect)
+    found = fitted(felt_in_adhesion(noisy, white_noise(exact.points, 0.02), ["burckhardt"]))
+    noise = found.setting.noise
+    assert float(noise.sigma) == pytest.approx(0.008, rel=0.04)
+    # Of sums over 25 neighbours; 2.5 to 4 where errors of the slip are known one neighbour far.
+    left = found.residual[noise.weight > 0]
+    sums = left[: left.size // 25 * 25].reshape(-1, 25).sum(axis=1)
+    assert (sums**2).mean() / 25 == pytest.approx(1.0, abs=4 * np.sqrt(2 / sums.size))
+    nearest = noise._replace(modes=noise.modes[:, :, :0], variance=made_of_slip(noise))
+    plain = fitted(found.setting._replace(noise=nearest))
+    assert plain.total > found.total + 30
+
+
+def test_what_happened_once_in_a_log_is_told_but_is_no_effect():
+    """A twentieth less adhesion for 18 s of a log of 300 s, in which nothing else is hidden."""
+    campaign = one_log(seed=1)
+    table = campaign.train.copy()
+    table.loc[1200:1379, "adhesion"] *= 0.95
+    found = discover(runs_of(table), base="burckhardt")
+    assert not (*found.effects, *found.unexplained)
+    (doubt,) = found.doubts
+    assert "one stretch of the only run" in doubt.sentence

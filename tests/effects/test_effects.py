@@ -1,0 +1,237 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from adhesion_jax.curves import CURVES
+from adhesion_jax.effects import EFFECTS, ShapeTerm
+from adhesion_jax.effects.conditions import Calendar, completed
+from adhesion_jax.effects.law import KINDS, CorrectedLaw, with_effects
+
+GENERIC = [name for name in KINDS if name not in EFFECTS]
+COLUMNS_OF = {"covariate": 1, "spline": 1, "threshold": 1, "periodic": 1} | {
+    "product": 2,
+    "interaction": 2,
+    "surface": 2,
+}
+BARE = CURVES["burckhardt"]
+POINTS = 120
+STILL = jnp.arange(float(POINTS))
+CALENDAR = Calendar("time_s", 0.0, 3600.0)
+
+# Compiling is what takes time here.
+compiled = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+
+
+def run_of(points=POINTS, padding=0):
+    """One run at 10 Hz from 1000 s on, its last point repeated `padding` times."""
+    draw = np.random.default_rng(5)
+    place = np.arange(points)
+    speed = 15 - 0.02 * place + np.sin(place / 25)
+    columns = {
+        "slip": 0.05 + 0.045 * np.sin(2 * np.pi * place / 37),
+        "time_s": 1000 + 0.1 * place,
+        "vehicle_speed_mps": speed,
+        "normal_load_N": 9e4 + 1e4 * np.sin(place / 20),
+        "temperature_C": 12 + 0.05 * place,
+        "relative_humidity_pct": 55 + 20 * np.cos(place / 15),
+        "position_m": np.cumsum(speed) * 0.1,
+        "curvature_per_m": 0.002 + 0.001 * np.sin(place / 30),
+        "sanding": (place // 40 % 2).astype(float),
+        "axle": (place % 7).astype(float),
+        "wear": draw.normal(3.0, 1.0, POINTS)[:points],
+        "gap": draw.uniform(-2.0, 5.0, POINTS)[:points],
+    }
+    columns = {name: np.append(z, np.repeat(z[-1], padding)) for name, z in columns.items()}
+    measured = {name: jnp.asarray(z) for name, z in columns.items()}
+    return measured.pop("slip"), measured
+
+
+def completed_run(slip, measured):
+    return slip, completed(slip, measured, CALENDAR)
+
+
+SLIP, MEASURED = run_of()
+RUN = completed_run(SLIP, MEASURED)
+CONDITIONS = RUN[1]
+FLAT = {
+    **{name: np.asarray(z) for name, z in CONDITIONS.items()},
+    "slip_ratio": np.asarray(SLIP),
+}
+
+
+def start(name):
+    """An effect as the search would first try it, stronger."""
+    kind = KINDS[name]
+    if name in GENERIC:
+        columns = ("wear", "gap")[: COLUMNS_OF[name]]
+        first = kind.starts({column: FLAT[column] for column in columns})[0]
+    else:
+        first = kind.starts(FLAT)[0]
+    return dataclasses.replace(
+        first, **{strength: 1.7 * getattr(first, strength) for strength in kind.STRENGTHS}
+    )
+
+
+def zeroed(effect):
+    return dataclasses.replace(effect, **dict.fromkeys(effect.STRENGTHS, 0.0))
+
+
+def numbers_of(effect):
+    return jnp.array([float(getattr(effect, name)) for name in effect.PARAMETERS])
+
+
+def replaced(effect, numbers):
+    return dataclasses.replace(effect, **dict(zip(effect.PARAMETERS, numbers, strict=True)))
+
+
+@functools.cache
+def program(name):
+    """Adhesion of a run under an effect and its derivatives, from the effect's numbers."""
+    effect = start(name)
+
+    def adhesion(numbers, slip, conditions):
+        return with_effects(BARE, (replaced(effect, numbers),), slip, conditions)
+
+    return compiled(lambda *arguments: (adhesion(*arguments), jax.jacfwd(adhesion)(*arguments)))
+
+
+def worn(effect, name, slip=SLIP, conditions=CONDITIONS):
+    return np.asarray(program(name)(numbers_of(effect), slip, conditions)[0])
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_without_strength_the_law_below_is_bare(name):
+    bare = np.asarray(BARE(SLIP, CONDITIONS))
+    for sign in (1, -1):
+        np.testing.assert_allclose(
+            worn(zeroed(start(name)), name, sign * SLIP), sign * bare, rtol=0, atol=1e-12
+        )
+    # And with strength it is not.
+    assert np.abs(worn(start(name), name) - bare).max() > 1e-5
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_derivatives_are_those_of_central_differences(name):
+    effect = start(name)
+    numbers = numbers_of(effect)
+    derivative = program(name)(numbers, *RUN)[1]
+    for place, parameter in enumerate(effect.PARAMETERS):
+        step = 1e-6 * max(abs(float(numbers[place])), 1e-3)
+        moved = jnp.zeros_like(numbers).at[place].set(step)
+        ends = [program(name)(numbers + sign * moved, *RUN)[0] for sign in (1, -1)]
+        expected = (ends[0] - ends[1]) / (2 * step)
+        size = max(float(jnp.abs(expected).max()), 1e-9)
+        np.testing.assert_allclose(
+            derivative[:, place], expected, rtol=1e-5, atol=1e-6 * size, err_msg=parameter
+        )
+
+
+HARD = {
+    "no slip": completed_run(0 * SLIP, MEASURED),
+    "braking": completed_run(-SLIP, MEASURED),
+    "at rest": completed_run(SLIP, {**MEASURED, "vehicle_speed_mps": 0 * SLIP}),
+    "padded": completed_run(*run_of(POINTS - 30, 30)),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_adhesion_and_derivatives_are_finite_wherever_a_run_can_be(name):
+    for effect in (start(name), zeroed(start(name))):
+        for case, run in HARD.items():
+            adhesion, derivative = program(name)(numbers_of(effect), *run)
+            assert np.isfinite(adhesion).all(), case
+            assert np.isfinite(derivative).all(), case
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_padded_tail_changes_nothing_before_it(name):
+    found = worn(start(name), name, *HARD["padded"])
+    if name == "slip_noise":
+        # Each point knows of all: beside the run that ends where the padding begins.
+        cut = worn(start(name), name, *completed_run(*run_of(POINTS - 30)))
+        np.testing.assert_allclose(found[: POINTS - 30], cut, rtol=1e-12)
+        return
+    # Slopes look at most twelve points ahead.
+    kept = slice(0, POINTS - 30 - 12)
+    np.testing.assert_allclose(found[kept], worn(start(name), name)[kept], rtol=1e-12)
+
+
+#: One point of a journey; neither speed nor anything else changes.
+STEADY = {name: float(z[7]) for name, z in MEASURED.items() if name != "time_s"} | {
+    "acceleration_mps2": 0.0,
+    "wheel_angle_rad": 1.0,
+    "campaign_time": 0.3,
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_steady_state_has_a_peak_and_is_that_of_a_run_in_which_nothing_changes(name):
+    effect = start(name)
+    law = CorrectedLaw(BARE, (effect,), {"wear": (2.0, 4.0)}, CALENDAR)
+    slips = jnp.linspace(0.0, 0.5, 20_001)
+
+    @compiled
+    def program_of_a_point():
+        scan = jax.vmap(lambda slip: law(slip, STEADY))(slips)
+        return law.peak(STEADY, 0.5), scan
+
+    peak, scan = program_of_a_point()
+    best = int(scan.argmax())
+    assert bool(peak.found) == (0 < best < 20_000)
+    assert float(peak.slip) == pytest.approx(float(slips[best]), abs=2.6e-5)
+    assert float(peak.adhesion) == pytest.approx(float(scan[best]), abs=1e-8)
+    # The work of cleaning grows without end: before any is done there is the steady state.
+    step = 0.0 if name == "cleaning" else 0.1
+    run = {key: jnp.full(POINTS, z) for key, z in STEADY.items()}
+    run = completed(jnp.full(POINTS, slips[1600]), {**run, "time_s": STILL * step}, CALENDAR)
+    run = {**run, "campaign_time": jnp.full(POINTS, 0.3)}
+    end = worn(effect, name, jnp.full(POINTS, slips[1600]), run)[-1]
+    assert end == pytest.approx(float(scan[1600]), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_everything_is_described(name):
+    kind = KINDS[name]
+    fields = [field.name for field in dataclasses.fields(kind)]
+    named = {"column", "first", "second", "falls_with", "acts_on"}
+    assert [field for field in fields if field not in named] == [*kind.PARAMETERS]
+    for parameter in kind.PARAMETERS.values():
+        assert parameter.unit
+        assert parameter.meaning
+        assert len(parameter.source) > 5
+        assert parameter.lower < parameter.upper
+    assert kind.STRENGTHS
+    assert {*kind.STRENGTHS} <= {*kind.PARAMETERS} - {*kind.REFERENCES}
+    assert {*kind.REFERENCES} <= {*kind.PARAMETERS}
+    assert {*kind.NEEDS} <= {*FLAT}
+    assert kind.ORDER in (0, 1, 2)
+    # A term of the curve is told by its function, the others by what they make of the adhesion.
+    told = "g = " if issubclass(kind, ShapeTerm) else "mu"
+    assert told in (kind.__doc__ or "").split("\n")[0]
+    for strength in kind.STRENGTHS:
+        assert kind.PARAMETERS[strength].lower <= 0 < kind.PARAMETERS[strength].upper
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_starts_lie_inside_the_bounds_and_are_not_nothing(name):
+    starts = KINDS[name].starts({key: z for key, z in FLAT.items() if np.ptp(z) > 0})
+    assert starts
+    for effect in starts:
+        for key, parameter in effect.PARAMETERS.items():
+            assert parameter.lower <= float(getattr(effect, key)) <= parameter.upper
+        assert any(float(getattr(effect, key)) != 0 for key in effect.STRENGTHS)
+    assert len({repr(effect) for effect in starts}) == len(starts)
+
+
+@pytest.mark.parametrize("name", sorted(name for name in KINDS if KINDS[name].ORDER > 0))
+def test_only_effects_of_order_zero_bend_the_slip(name):
+    # The compiled program leaves out what the others do before the curve.
+    slip = jnp.array([-0.1, 0.0, 0.02])
+    kind = KINDS[name]
+    names = [field.name for field in dataclasses.fields(kind) if field.name not in kind.PARAMETERS]
+    effect = kind(**dict.fromkeys(kind.PARAMETERS, 0.5), **dict.fromkeys(names, "none"))
+    assert effect.before(slip, {}) is slip

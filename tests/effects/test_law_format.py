@@ -1,0 +1,81 @@
+"""Laws that another version saved: read where they mean the same, else refused in one sentence."""
+
+import json
+
+import jax.numpy as jnp
+import pytest
+from discovery_examples import BASE, HUMIDITY, SLIP_SPEED, law
+
+from adhesion_jax.effects.law import load_law, save_law
+from adhesion_jax.errors import InputError
+
+STEADY = {
+    name: jnp.array(value)
+    for name, value in (
+        ("relative_humidity_pct", 80.0),
+        ("vehicle_speed_mps", 20.0),
+        ("time_s", 0.0),
+    )
+}
+
+
+def saved(folder, **changes):
+    """A law of humidity and slip speed in a file, with changes; None takes a key away."""
+    path = folder / "law.json"
+    save_law(path, law(HUMIDITY, SLIP_SPEED))
+    whole = {**json.loads(path.read_text()), **changes}
+    path.write_text(json.dumps({k: value for k, value in whole.items() if value is not None}))
+    return path
+
+
+def test_a_law_is_saved_in_format_two(tmp_path):
+    assert json.loads(saved(tmp_path).read_text())["format"] == 2
+
+
+@pytest.mark.parametrize("written", [None, 1, 2])
+def test_a_law_of_an_older_format_is_read(tmp_path, written):
+    read = load_law(saved(tmp_path, format=written))
+    curve, factor = (
+        float(value)
+        for value in (
+            BASE(jnp.array(0.1), {}),
+            HUMIDITY.after(jnp.array(1.0), jnp.array(0.1), STEADY) * jnp.exp(-0.0312 * 0.1 * 20),
+        )
+    )
+    assert float(read(jnp.array(0.1), STEADY)) == pytest.approx(curve * factor, rel=1e-12)
+    assert factor < 0.95
+
+
+@pytest.mark.parametrize("written", [None, 1])
+def test_effects_whose_formula_has_changed_are_refused_in_format_one(tmp_path, written):
+    noise = {"name": "slip_noise", "k": 0.5, "width": 0.4}
+    linear = {
+        "name": "covariate",
+        "k": 0.1,
+        "reference": 3.0,
+        "scale": 1.0,
+        "column": "wind_mps",
+    }
+    path = saved(tmp_path, format=written, effects=[noise, linear])
+    with pytest.raises(InputError) as refused:
+        load_law(path)
+    assert str(refused.value) == (
+        f"{path} is a law of format 1 with slip_noise and covariate, whose formula has changed "
+        "since; find the effects again with experiments.discover of this version."
+    )
+
+
+def test_a_newer_format_is_refused(tmp_path):
+    path = saved(tmp_path, format=3)
+    with pytest.raises(InputError) as refused:
+        load_law(path)
+    assert str(refused.value) == (
+        f"{path} is a law of format 3, and this version reads up to 2; use the version that "
+        "saved it, or a newer one."
+    )
+
+
+@pytest.mark.parametrize("written", ["two", [2], {}])
+def test_a_format_that_is_none_is_no_law(tmp_path, written):
+    with pytest.raises(InputError, match="is not a law saved by"):
+        load_law(saved(tmp_path, format=written))

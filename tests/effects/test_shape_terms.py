@@ -1,0 +1,265 @@
+"""What terms of columns make of a curve, against its formulas written out."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from discovery_campaigns import SIZE, problem_of
+
+from adhesion_jax.curves import CURVES
+from adhesion_jax.curves.polach import PolachFalling
+from adhesion_jax.discovery.model.fitting import Setting, fit_model, in_order, raw_changes
+from adhesion_jax.discovery.model.noise import white_noise
+from adhesion_jax.discovery.model.program import base_curve
+from adhesion_jax.effects import EFFECTS, Covariate
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import BASES, KINDS, CorrectedLaw, load_law, save_law, with_effects
+from adhesion_jax.effects.shape import ACTS_ON
+from adhesion_jax.simulation.simulator import simulate
+
+C1, C2, C3 = 0.35, 90.0, 0.5
+MU0, A, B, STIFFNESS, K_S = 0.5, 0.4, 0.6, 90.0, 0.4
+SPEED = 14.0
+
+
+def burckhardt(slip):
+    size = np.abs(slip)
+    return np.sign(slip) * (C1 * (1 - np.exp(-C2 * size)) - C3 * size)
+
+
+def polach(slip):
+    size = np.abs(slip)
+    friction = MU0 * ((1 - A) * np.exp(-B * size * SPEED) + A)
+    e = np.pi * STIFFNESS * size / (4 * friction)
+    return np.sign(slip) * 2 * friction / np.pi * (e / (1 + e**2) + np.arctan(K_S * e))
+
+
+LAWS = {
+    "burckhardt": (burckhardt, dataclasses.replace(CURVES["burckhardt"], c1=C1, c2=C2, c3=C3)),
+    "polach": (polach, PolachFalling(mu0=MU0, a=A, b=B, stiffness=STIFFNESS, k_s=K_S)),
+}
+
+FINE = np.linspace(0.0, 1.0, 1_000_001)
+
+#: The column z of each point and its g = .4 (z - 3)/2.
+Z = np.array([3.0, 4.5, -2.0, 7.0])
+G = 0.2 * (Z - 3)
+
+
+def term(acts_on, k=0.4):
+    return Covariate(k, 3.0, 2.0, column="z", acts_on=acts_on)
+
+
+def worn(law, effects, slip, z):
+    slip, z = jnp.asarray(slip), jnp.asarray(z)
+    conditions = {"z": z, "vehicle_speed_mps": SPEED * jnp.ones_like(z)}
+    return np.asarray(with_effects(law, tuple(effects), slip, conditions))
+
+
+def by_hand(curve, acts_on, slip, g):
+    peak = curve(FINE).argmax()
+    place, top = FINE[peak], curve(FINE[peak])
+    match acts_on:
+        case "level":
+            return curve(slip) * np.exp(g)
+        case "slip":
+            return curve(slip * np.exp(g))
+        case _:
+            beyond = np.abs(slip) > place
+            fallen = np.sign(slip) * (top - (top - np.abs(curve(slip))) * np.exp(g))
+            return np.where(beyond, fallen, curve(slip))
+
+
+@pytest.mark.parametrize("acts_on", ACTS_ON)
+@pytest.mark.parametrize("name", LAWS)
+def test_a_term_bends_the_curve_as_its_formula_says(name, acts_on):
+    curve, law = LAWS[name]
+    slip, g = (part.ravel() for part in np.meshgrid(np.linspace(-0.3, 0.3, 401), G))
+    z = np.broadcast_to(Z[:, None], (4, 401)).ravel()
+    found = worn(law, [term(acts_on)], slip, z)
+    expected = by_hand(curve, acts_on, slip, g)
+    # The peak is found on a grid of slips: to 1e-4 of adhesion, the others to rounding.
+    atol = 1e-4 * curve(FINE).max() if acts_on == "fall" else 1e-14
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=atol)
+    changed = np.abs(found - curve(slip)).max()
+    assert changed > 0.02
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_fall_begins_at_the_peak_and_without_a_kink(name):
+    curve, law = LAWS[name]
+    place = FINE[curve(FINE).argmax()]
+    slip = np.linspace(0.3 * place, 4 * place, 4001)
+    bare = curve(slip)
+    for z in Z:
+        found = worn(law, [term("fall")], slip, np.full(slip.size, z))
+        below = slip < 0.98 * place
+        np.testing.assert_allclose(found[below], bare[below], rtol=1e-12)
+        # Derivatives by finite differences: no jump beyond what the curve itself bends by.
+        step = slip[1] - slip[0]
+        slope, own = np.diff(found) / step, np.diff(bare) / step
+        steep = curve(1e-6) / 1e-6
+        assert np.abs(np.diff(slope)).max() < 3 * np.abs(np.diff(own)).max() + 2e-3 * steep
+        assert np.abs(np.diff(found)).max() < 3 * np.abs(np.diff(bare)).max()
+
+
+@pytest.mark.parametrize("acts_on", ACTS_ON)
+@pytest.mark.parametrize("name", LAWS)
+def test_derivatives_of_a_bent_curve_are_those_of_finite_differences(name, acts_on):
+    law = LAWS[name][1]
+    slip, z = jnp.array([0.004, 0.02, 0.11, -0.2]), jnp.array([1.0, 5.0, 6.0, -1.0])
+    conditions = {"z": z, "vehicle_speed_mps": SPEED * jnp.ones(4)}
+    free = jnp.array([float(getattr(law, field)) for field in law.free] + [0.4])
+
+    def adhesion(values):
+        curve = dataclasses.replace(law, **dict(zip(law.free, values[:-1], strict=True)))
+        return with_effects(curve, (term(acts_on, values[-1]),), slip, conditions)
+
+    found = np.asarray(jax.jacfwd(adhesion)(free))
+    for place in range(free.size):
+        step = 1e-5 * free[place]
+        moved = jnp.zeros_like(free).at[place].set(step)
+        expected = np.asarray((adhesion(free + moved) - adhesion(free - moved)) / (2 * step))
+        size = np.abs(expected).max()
+        # Of the place of the peak there is no derivative: there the curve is flat, to the grid.
+        tolerance = 2e-2 if acts_on == "fall" else 1e-6
+        np.testing.assert_allclose(found[:, place], expected, atol=tolerance * size)
+
+
+@pytest.mark.parametrize("acts_on", ACTS_ON)
+@pytest.mark.parametrize("name", [*LAWS, "rising", "level"])
+def test_without_strength_a_law_is_left_as_it_is(name, acts_on):
+    law = {**{key: pair[1] for key, pair in LAWS.items()}, "rising": CURVES["polach"]}.get(
+        name, BASES["level"]
+    )
+    slip = jnp.linspace(-0.3, 0.3, 41)
+    conditions = {"vehicle_speed_mps": jnp.full(41, SPEED)}
+    bare = np.asarray(law(slip, conditions))
+    found = worn(law, [term(acts_on, 0.0)], slip, np.linspace(-9, 9, 41))
+    np.testing.assert_allclose(found, bare, rtol=1e-13, atol=1e-15)
+
+
+def test_a_curve_without_a_peak_is_left_alone_by_its_fall():
+    slip = np.linspace(-0.4, 0.4, 81)
+    law = CURVES["polach"]
+    found = worn(law, [term("fall", 2.0)], slip, np.linspace(-9, 9, 81))
+    np.testing.assert_array_equal(found, np.asarray(law(jnp.asarray(slip), {})))
+
+
+def test_terms_that_act_on_the_same_add_up_and_the_parts_of_the_curve_are_apart():
+    curve, law = LAWS["burckhardt"]
+    slip, z = np.linspace(0.002, 0.3, 60), np.linspace(-2, 6, 60)
+    twice = worn(law, [term("slip", 0.1), term("slip", 0.25)], slip, z)
+    np.testing.assert_allclose(twice, worn(law, [term("slip", 0.35)], slip, z), rtol=1e-12)
+    found = worn(law, [term("level", 0.1), term("fall", 0.3), term("slip", -0.2)], slip, z)
+    g = (z - 3) / 2
+    bent = by_hand(curve, "fall", slip * np.exp(-0.2 * g), 0.3 * g)
+    np.testing.assert_allclose(found, bent * np.exp(0.1 * g), atol=1e-4 * C1)
+
+
+@pytest.fixture(scope="module")
+def setting():
+    problem = problem_of(simulate(["temperature"], seed=1, base="burckhardt", **SIZE).train)
+    return Setting(problem, white_noise(problem.points, 0.01), np.asarray(problem.data.adhesion))
+
+
+@pytest.mark.parametrize("base", ["burckhardt", "kiencke", "polach-falling", "polach"])
+def test_the_compiled_program_predicts_what_the_law_does(setting, base):
+    """Of one term of each kind, an effect that bends the slip, a wave, and one with a memory."""
+    problem = setting.problem
+    ends = {name: (float(z.min()), float(z.max())) for name, z in problem.flat.items()}
+    humid, warm, age = ends["relative_humidity_pct"], ends["temperature_C"], ends["rail_age_days"]
+    effects = (
+        Covariate(0.1, 60.0, 15.0, column="relative_humidity_pct", acts_on="fall"),
+        KINDS["spline"](0.3, -0.2, 0.5, 0.1, -0.4, *warm, column="temperature_C", acts_on="slip"),
+        KINDS["threshold"](0.1, np.mean(age), 3.0, age[0], column="rail_age_days"),
+        KINDS["product"](
+            0.03, 4.0, 1.0, 2e4, 8.0, "normal_load_N", "temperature_C", acts_on="slip"
+        ),
+        KINDS["interaction"](
+            *(0.2, -0.1, 0.05, 0.1), *warm, *humid, "temperature_C", "relative_humidity_pct",
+            acts_on="fall",
+        ),
+        KINDS["surface"](
+            *(0.1, -0.2, 0.05, 0.1, -0.1), *age, *warm, "rail_age_days", "temperature_C",
+            acts_on="slip",
+        ),
+        EFFECTS["load_slope"](p=0.3, reference=9e4),
+        EFFECTS["lag"](time_constant=0.6),
+        KINDS["periodic"](0.03, 0.02, 0.04, column="position_m"),
+    )  # fmt: skip
+    terms = {"covariate", "spline", "threshold", "product", "interaction", "surface"}
+    assert terms | {*EFFECTS} | {"periodic"} == {*KINDS}
+    start = {"burckhardt": (0.3, 60.0, 0.5), "kiencke": (30.0, 10.0, 400.0), "polach": (0.3, 90.0)}
+    fitted = fit_model(setting, base, start.get(base, (0.5, 0.4, 0.6, 90.0, 0.4)), ())
+    data = problem.data
+    conditions = {**data.conditions, **dict(zip(problem.columns, data.columns, strict=False))}
+    curve = base_curve(base, fitted.base_values)
+    expected = jax.jit(jax.vmap(lambda slip, given: with_effects(curve, effects, slip, given)))(
+        data.slip, conditions
+    )
+    *others, last = in_order(effects)
+    model = fitted._replace(effects=tuple(others), adhesion=0 * fitted.adhesion)
+    (found,) = raw_changes(model, [last])
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12)
+    assert np.abs(found - fitted.adhesion).max() > 0.02
+
+
+@pytest.fixture(scope="module")
+def cold():
+    """Runs above the median temperature stay below the peak: of their fall nothing is known."""
+    table = simulate(seed=1, base="burckhardt", **SIZE).train
+    warm = table["temperature_C"] > table["temperature_C"].median()
+    problem = problem_of(table[~(warm & (table["slip_ratio"].abs() > 0.01))])
+    ends = problem.flat["temperature_C"].min(), problem.flat["temperature_C"].max()
+    start = KINDS["spline"](*[0.02] * 5, *ends, column="temperature_C", acts_on="fall")
+    setting = Setting(problem, white_noise(problem.points, 0.01), np.asarray(problem.data.adhesion))
+    return fit_model(setting, "burckhardt", (0.3, 60.0, 0.3), (start,)), start
+
+
+def heights(spline, strengths):
+    """The function of a spline at its six knots."""
+    names = [f"k{place}" for place in range(1, 6)]
+    changed = dataclasses.replace(spline, **dict(zip(names, strengths, strict=True)))
+    at = jnp.linspace(float(spline.low), float(spline.high), 6)
+    return np.asarray(changed.log_factor({"temperature_C": at}))
+
+
+def test_a_fit_with_a_term_is_the_maximum_of_its_posterior(cold):
+    """With N(0, 1.5^2) for the function at each knot, by sums over all points."""
+    fitted, start = cold
+    strengths = fitted.values[list(fitted.places)][3:]
+    basis = np.stack([heights(start, unit) for unit in np.eye(5)], axis=1)
+    precision = basis.T @ basis / 1.5**2
+    jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
+    slope = jacobian @ fitted.residual.ravel()
+    slope[3:] += precision @ strengths
+    hessian = jacobian @ jacobian.T
+    hessian[3:, 3:] += precision
+    half = 0.5 * (fitted.residual**2).sum() + 0.5 * strengths @ precision @ strengths
+    assert fitted.loss.sum() == pytest.approx(half, rel=1e-9)
+    np.testing.assert_allclose(fitted.hessian.sum(0), hessian, rtol=1e-8, atol=1e-6)
+    size = np.sqrt(np.diag(hessian))
+    np.testing.assert_allclose(fitted.gradient.sum(0) / size, slope / size, atol=1e-6)
+    np.testing.assert_allclose(slope / size, 0.0, atol=1e-3)
+
+
+def test_where_nothing_is_known_of_a_function_it_stays_near_none(cold):
+    fitted, start = cold
+    assert np.abs(heights(start, fitted.values[list(fitted.places)][3:])).max() < 2 * 1.5
+
+
+def test_what_a_term_acts_on_is_saved_with_the_law(tmp_path):
+    law = CorrectedLaw(
+        CURVES["burckhardt"],
+        tuple(term(acts_on) for acts_on in ACTS_ON),
+        {"z": (-2.0, 7.0)},
+        Calendar("time_s", 0.0, 1.0),
+    )
+    save_law(tmp_path / "law.json", law)
+    loaded = load_law(tmp_path / "law.json")
+    assert [effect.acts_on for effect in loaded.effects] == [*ACTS_ON]
+    slip, z = jnp.linspace(0.01, 0.3, 20), jnp.linspace(-4.0, 9.0, 20)
+    np.testing.assert_array_equal(loaded(slip, {"z": z}), law(slip, {"z": z}))

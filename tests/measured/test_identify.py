@@ -1,0 +1,395 @@
+import subprocess
+import sys
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from matplotlib.image import imread
+from scipy.optimize import least_squares
+
+from adhesion_jax.commands.command import run
+from adhesion_jax.commands.identify import main
+from adhesion_jax.curves import CURVES, physical_box
+from adhesion_jax.data import SHIPPED, read_measured, to_record
+from adhesion_jax.errors import InputError
+from adhesion_jax.identifiers import Status
+from adhesion_jax.measured.fit import confidence_band, fit_all, fit_measured
+from adhesion_jax.measured.residual import residual_structure
+from adhesion_jax.records import Record
+from adhesion_jax.report.measured.words import reasons
+
+SPEED = 10.0
+FILES = {"curves.csv", "curves.png", "verdict.txt"}
+
+#: The curves written afresh, from their sources' equations; slip positive, speed 10 m/s.
+FORMULAS = {
+    "burckhardt": lambda s, c1, c2, c3: c1 * (1 - np.exp(-c2 * s)) - c3 * s,
+    "kiencke": lambda s, a0, p1, p2: a0 * s / (1 + p1 * s + p2 * s**2),
+    "polach": lambda s, mu0, stiffness: polach(s, mu0, stiffness, 1.0),
+    "polach-falling": lambda s, mu0, a, b, stiffness, k_s: polach(
+        s, mu0 * ((1 - a) * np.exp(-b * SPEED * s) + a), stiffness, k_s
+    ),
+    "exponential": lambda s, a, b, c: c * (np.exp(-a * s) - np.exp(-b * s)),
+    "magic-formula": lambda s, b, c, d, e: (
+        d * np.sin(c * np.arctan(b * s - e * (b * s - np.arctan(b * s))))
+    ),
+}
+
+
+def polach(slip, friction, stiffness, k_s):
+    e = np.pi * stiffness * slip / (4 * friction)
+    return 2 * friction / np.pi * (e / (1 + e**2) + np.arctan(k_s * e))
+
+
+def record_of(slip, adhesion):
+    speed = jnp.full(slip.size, SPEED)
+    mask = jnp.ones(slip.size, dtype=bool)
+    return Record(
+        jnp.asarray(slip), jnp.asarray(adhesion), mask, mask, {"vehicle_speed_mps": speed}
+    )
+
+
+def drawn(curve, slip, sigma, seed):
+    record = record_of(slip, np.zeros_like(slip))
+    noise = sigma * np.random.default_rng(seed).standard_normal(slip.size)
+    return record._replace(adhesion=curve(record.slip, record.conditions) + noise)
+
+
+@pytest.fixture(scope="module")
+def eurosprinter():
+    return to_record(read_measured(SHIPPED["eurosprinter"].path))
+
+
+@pytest.fixture(scope="module")
+def fits(eurosprinter):
+    return fit_all(CURVES, eurosprinter, False)
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """The command on the shipped set, into a folder that holds other files."""
+    out = tmp_path_factory.mktemp("identify")
+    (out / "notes.txt").write_text("mine")
+    (out / "curves.csv").write_text("old")
+    result = CliRunner().invoke(main, ["eurosprinter", "--out", str(out)], catch_exceptions=False)
+    assert result.exit_code == 0
+    return out, result.output
+
+
+def test_the_measured_locomotive(told):
+    out, output = told
+    table = pd.read_csv(out / "curves.csv").set_index("curve")
+    assert list(table.index) == list(CURVES)
+    # The values of two independent analyses of these points.
+    assert table["rms"]["burckhardt"] == pytest.approx(0.0254, abs=0.0003)
+    assert table["rms"]["polach-falling"] == pytest.approx(0.0242, abs=0.0003)
+    assert table["status"].str.startswith("TRUSTED").sum() == 5
+    assert table["status"]["polach"].startswith("NO_PEAK: Adhesion has no peak between slip 0 and")
+    assert np.isnan(table["slip_opt_se"]["polach"])
+    # Engel et al. report adhesion of .3 and more at 2 % creep.
+    peaked = table.drop("polach")
+    assert peaked["mu_max"].between(0.29, 0.32).all()
+    assert peaked["slip_opt"].between(0.015, 0.03).all()
+    assert ((table["mu_max_lo"] < table["mu_max"]) & (table["mu_max"] < table["mu_max_hi"])).all()
+    for name in table.index:
+        assert name in output
+
+
+def test_the_files_and_their_neighbours(told):
+    out, _ = told
+    assert {path.name for path in out.iterdir()} == FILES | {"notes.txt"}
+    assert (out / "notes.txt").read_text() == "mine"
+    table = pd.read_csv(out / "curves.csv")
+    first = "curve rms bic slip_opt slip_opt_se mu_max mu_max_lo mu_max_hi status c1 c1_se"
+    assert list(table.columns[:11]) == first.split()
+    for name, curve in CURVES.items():
+        row = table.set_index("curve").loc[name]
+        others = [c for c in table.columns[9:] if c.removesuffix("_se") not in curve.free]
+        assert row[[*curve.free, *(f"{p}_se" for p in curve.free)]].notna().all()
+        assert row[others].isna().all()
+    image = imread(out / "curves.png")
+    assert image.shape[0] > 800
+    assert image.std() > 0.05
+
+
+def test_the_verdict(told):
+    out, output = told
+    verdict = " ".join((out / "verdict.txt").read_text().split())
+    assert verdict in " ".join(output.split())
+    for part in (
+        "kiencke describes the points best",
+        "over polach-falling",
+        "strong evidence",
+        "lies within the measured slips",
+        "neighbouring points scatter by 0.0244",
+        "no structure is left",
+        "Elektrische Bahnen 96 (1998) 201-209",
+        "eve70a/CONTACT (Apache-2.0)",
+        "polach: Adhesion has no peak",
+    ):
+        assert part in verdict
+
+
+def test_the_table_holds_full_precision(told, fits):
+    table = pd.read_csv(told[0] / "curves.csv").set_index("curve")
+    for name, fit in fits.items():
+        np.testing.assert_array_equal(
+            table.loc[name, list(fit.curve.free)].astype(float), fit.parameters
+        )
+        n = 163
+        assert table["bic"][name] == pytest.approx(
+            n * np.log(table["rms"][name] ** 2) + (len(fit.curve.free) + 1) * np.log(n)
+        )
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_no_start_of_an_independent_solver_finds_better(name, fits, eurosprinter):
+    slip, adhesion = np.asarray(eurosprinter.slip), np.asarray(eurosprinter.adhesion)
+    lower, upper = (np.asarray(bound) for bound in physical_box(CURVES[name]))
+    logarithmic = lower > 0
+    rng = np.random.default_rng(1)
+
+    def to_parameters(x):
+        return np.where(logarithmic, np.exp(np.where(logarithmic, x, 0)), x)
+
+    low = np.where(logarithmic, np.log(np.where(logarithmic, lower, 1)), lower)
+    high = np.where(logarithmic, np.log(np.where(logarithmic, upper, 1)), upper)
+
+    def residual(x):
+        with np.errstate(all="ignore"):  # the box has corners where a curve has no finite value
+            model = FORMULAS[name](slip, *to_parameters(x))
+        return np.nan_to_num(model, nan=1e3, posinf=1e3, neginf=-1e3) - adhesion
+
+    found = [
+        least_squares(residual, rng.uniform(low, high), bounds=(low, high), xtol=1e-12, ftol=1e-12)
+        for _ in range(25)
+    ]
+    best = min(found, key=lambda solution: solution.cost)
+    fit = fits[name]
+    assert fit.sum_of_squares <= 2 * best.cost * (1 + 1e-9)
+    assert fit.sum_of_squares == pytest.approx(2 * best.cost, rel=1e-6)
+    if name != "polach-falling":  # whose parameters these points do not settle
+        np.testing.assert_allclose(fit.parameters, to_parameters(best.x), rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_standard_errors_are_those_of_finite_differences(name, fits, eurosprinter):
+    fit, slip = fits[name], np.asarray(eurosprinter.slip)
+    assert not fit.held.any()
+    columns = []
+    for place, value in enumerate(fit.parameters):
+        step = np.zeros(fit.parameters.size)
+        step[place] = 1e-6 * max(abs(value), 1e-3)
+        ahead, behind = (FORMULAS[name](slip, *(fit.parameters + s * step)) for s in (1, -1))
+        columns.append((ahead - behind) / (2 * step[place]))
+    jacobian = np.stack(columns, axis=1)
+    scale = np.linalg.norm(jacobian, axis=0)
+    q, r = np.linalg.qr(jacobian / scale)
+    variance = fit.sum_of_squares / (slip.size - fit.parameters.size)
+    errors = np.sqrt(variance) * np.linalg.norm(np.linalg.inv(r), axis=1) / scale
+    np.testing.assert_allclose(fit.standard_errors, errors, rtol=2e-3)
+    # The band at the measured slips, from the same QR: its mean square is p/n of the variance.
+    adhesion, half = confidence_band(fit, jnp.asarray(slip))
+    np.testing.assert_allclose(adhesion, FORMULAS[name](slip, *fit.parameters), rtol=1e-12)
+    expected = fit.quantile * np.sqrt(variance) * np.linalg.norm(q, axis=1)
+    np.testing.assert_allclose(half, expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_known_parameters_are_recovered(name):
+    """From both braking and traction, each within four standard errors; peak and level as well."""
+    truth = CURVES[name]
+    if name == "polach-falling":
+        truth = replace(truth, b=1.0)  # over a decay length, or a and b cannot be told apart
+    slip = np.linspace(0.0015, 0.4, 163) * np.where(np.arange(163) % 3 == 0, -1, 1)
+    fit = fit_measured(truth, drawn(truth, slip, 0.002, seed=3), False)
+    expected = np.array([getattr(truth, parameter) for parameter in truth.free])
+    assert fit.status is (Status.NO_PEAK if name == "polach" else Status.TRUSTED)
+    assert np.all(np.abs(fit.parameters - expected) < 4 * fit.standard_errors)
+    assert fit.rms == pytest.approx(0.002, rel=0.25)
+    peak = truth.peak({"vehicle_speed_mps": SPEED})
+    assert abs(fit.peak.adhesion - peak.adhesion) < 4 * fit.mu_max_se
+    if name != "polach":
+        assert abs(fit.peak.slip - peak.slip) < 4 * fit.slip_opt_se
+
+
+def test_the_intervals_hold_the_truth_as_often_as_they_say():
+    truth, draws = CURVES["burckhardt"], 300
+    slip = np.linspace(0.002, 0.2, 40)
+    peak = truth.peak({})
+    hits = np.zeros(3)
+    grid = jnp.linspace(0.01, 0.2, 7)
+    for seed in range(draws):
+        fit = fit_measured(truth, drawn(truth, slip, 0.01, seed), False)
+        adhesion, half = confidence_band(fit, grid)
+        hits += [
+            abs(fit.peak.adhesion - peak.adhesion) < fit.quantile * fit.mu_max_se,
+            abs(fit.parameters[0] - truth.c1) < fit.quantile * fit.standard_errors[0],
+            np.mean(np.abs(adhesion - truth(grid, {})) < half),
+        ]
+    # Four binomial standard deviations: .05.
+    np.testing.assert_allclose(hits / draws, 0.95, atol=0.05)
+
+
+def test_a_parameter_on_its_bound_is_held_and_the_reason_is_given():
+    """The other estimates and errors are those of the curve with that parameter known."""
+    rising = replace(CURVES["burckhardt"], c3=-0.2)
+    record = drawn(rising, np.linspace(0.002, 0.2, 163), 0.005, seed=1)
+    fit = fit_measured(CURVES["burckhardt"], record, False)
+    known = fit_measured(replace(CURVES["burckhardt"], c3=0.0, free=("c1", "c2")), record, False)
+    assert fit.parameters[2] == 0
+    assert list(fit.on_bound) == [False, False, True]
+    assert np.isnan(fit.standard_errors[2])
+    np.testing.assert_allclose(fit.parameters[:2], known.parameters, rtol=1e-5)
+    np.testing.assert_allclose(fit.standard_errors[:2], known.standard_errors, rtol=1e-4)
+    assert fit.quantile == known.quantile
+    said = " ".join(reasons(fit))
+    assert "c3 lies on its bound 0: it has no standard error" in said
+    assert "no peak between slip 0 and 1" in said
+
+
+def test_a_peak_beyond_the_points_is_called_extrapolated(tmp_path):
+    slip = np.linspace(0.001, 0.015, 163)
+    record = drawn(CURVES["burckhardt"], slip, 0.0005, seed=2)
+    table = pd.DataFrame({"slip_ratio": slip, "adhesion": record.adhesion})
+    table.to_csv(tmp_path / "rise.csv", index=False)
+    result = CliRunner().invoke(
+        main,
+        [str(tmp_path / "rise.csv"), "--curve", "burckhardt", "--out", str(tmp_path / "out")],
+        catch_exceptions=False,
+    )
+    said = " ".join(result.output.split())
+    assert "It is extrapolated: the points end at slip 0.015." in said
+    assert "no other was fitted to compare it with" in said
+    assert len(pd.read_csv(tmp_path / "out" / "curves.csv")) == 1
+
+
+def test_structure_that_a_curve_misses_is_seen(fits, eurosprinter):
+    """Falling friction that Coulomb's cannot follow; and none where the curve is right."""
+    runs = np.zeros(163, dtype=int)
+    missed = residual_structure(fits["polach"], eurosprinter, runs)
+    # An independent analysis has -.0040 +- .0005 per % of creep for a curve that cannot fall.
+    assert missed.slope / 100 == pytest.approx(-0.0040, abs=0.0010)
+    assert missed.slope_se / 100 == pytest.approx(0.0005, abs=0.0002)
+    assert missed.likeness > 4
+    right = residual_structure(fits["polach-falling"], eurosprinter, runs)
+    assert abs(right.slope) < 2 * right.slope_se
+    assert abs(right.likeness) < 2
+    assert right.scatter == pytest.approx(0.0244, abs=0.00005)
+    assert np.isnan(right.lag_one)
+
+
+def test_correlation_in_time_is_measured_within_runs():
+    truth = CURVES["burckhardt"]
+    slip = np.tile(np.linspace(0.002, 0.2, 500), 4)
+    noise = np.random.default_rng(5).standard_normal(slip.size)
+    for k in range(1, slip.size):
+        noise[k] = 0.8 * noise[k - 1] + 0.6 * noise[k]
+    record = record_of(slip, np.asarray(truth(jnp.asarray(slip), {})) + 0.01 * noise)
+    timed = record._replace(conditions={"time_s": jnp.arange(slip.size, dtype=float)})
+    fit = fit_measured(truth, timed, False)
+    left = residual_structure(fit, timed, np.repeat(np.arange(4), 500))
+    assert left.lag_one == pytest.approx(0.8, abs=0.06)
+
+
+def test_force_and_load_and_braking_give_the_same_fit(tmp_path, fits):
+    """Units and signs do not matter: force in newtons, and a third of the points braking."""
+    table = read_measured(SHIPPED["eurosprinter"].path).table
+    side = np.where(np.arange(163) % 3 == 0, -1, 1)
+    table["slip_ratio"] *= side
+    table["tangential_force_N"] = side * table["adhesion"] * table["normal_load_N"]
+    force = table.drop(columns=["adhesion", "slip_velocity_mps"])
+    force.to_parquet(tmp_path / "force.parquet", index=False)
+    record = to_record(read_measured(tmp_path / "force.parquet"))
+    for name in ("burckhardt", "kiencke"):
+        fit = fit_measured(CURVES[name], record, False)
+        assert fit.sum_of_squares == pytest.approx(fits[name].sum_of_squares, rel=1e-9)
+        np.testing.assert_allclose(fit.parameters, fits[name].parameters, rtol=1e-5)
+        np.testing.assert_allclose(fit.standard_errors, fits[name].standard_errors, rtol=1e-4)
+
+
+def test_slip_as_a_velocity_gives_the_same_curve_in_its_own_unit(tmp_path, fits):
+    table = read_measured(SHIPPED["eurosprinter"].path).table
+    # Exactly ten times the ratio, which the file gives to six digits.
+    velocity = pd.DataFrame(
+        {"slip_velocity_mps": 10 * table["slip_ratio"], "adhesion": table["adhesion"]}
+    )
+    velocity.to_csv(tmp_path / "velocity.csv", index=False)
+    record = to_record(read_measured(tmp_path / "velocity.csv"))
+    for name in ("burckhardt", "polach-falling"):
+        fit, ratio = fit_measured(CURVES[name], record, True), fits[name]
+        assert fit.slip_unit == " m/s"
+        assert fit.rms == pytest.approx(ratio.rms, rel=1e-9)
+        assert float(fit.peak.slip) == pytest.approx(10 * float(ratio.peak.slip), rel=1e-4)
+        assert fit.slip_opt_se == pytest.approx(10 * ratio.slip_opt_se, rel=1e-3)
+        assert fit.mu_max_se == pytest.approx(ratio.mu_max_se, rel=1e-3)
+    np.testing.assert_allclose(
+        fit.parameters[2], ratio.parameters[2], rtol=1e-3
+    )  # b, in s/m in both
+
+
+def test_a_curve_whose_condition_is_missing_is_named(tmp_path):
+    table = read_measured(SHIPPED["eurosprinter"].path).table[["slip_ratio", "adhesion"]]
+    path, out = tmp_path / "plain.csv", tmp_path / "out"
+    table.to_csv(path, index=False)
+    told = CliRunner().invoke(main, [str(path), "--out", str(out)], catch_exceptions=False)
+    assert "polach-falling was not fitted: it needs the column vehicle_speed_mps" in " ".join(
+        told.output.split()
+    )
+    row = pd.read_csv(out / "curves.csv").set_index("curve").loc["polach-falling"]
+    assert row["status"] == "NOT_FITTED: it needs the column vehicle_speed_mps."
+    assert row.drop("status").isna().all()
+    with pytest.raises(InputError, match="lacks the column vehicle_speed_mps, which"):
+        CliRunner().invoke(main, [str(path), "--curve", "polach-falling"], catch_exceptions=False)
+
+
+def test_the_search_on_some_points_is_polished_on_all():
+    truth, points = CURVES["burckhardt"], 5001
+    slip = np.random.default_rng(0).permutation(np.linspace(0.001, 0.2, points))
+    record = drawn(truth, slip, 0.01, seed=0)
+    fit = fit_measured(truth, record, False)
+    exact = least_squares(
+        lambda x: FORMULAS["burckhardt"](slip, *x) - np.asarray(record.adhesion),
+        [truth.c1, truth.c2, truth.c3],
+        x_scale=[truth.c1, truth.c2, truth.c3],
+        xtol=1e-14,
+        ftol=1e-14,
+    )
+    assert fit.points == points
+    assert fit.sum_of_squares == pytest.approx(2 * exact.cost, rel=1e-12)
+    np.testing.assert_allclose(fit.parameters, exact.x, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["eurosprinter", "--curve", "burkhardt"], "--curve burkhardt is not known; name one of"),
+        (["eurosprinter", "--out", "/proc/none"], "--out /proc/none cannot be written to"),
+        ([], "Missing argument 'FILE'"),
+    ],
+)
+def test_the_command_refuses_in_one_sentence(arguments, says, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["identify", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        run(main)
+    assert ended.value.code == 2
+    said = capsys.readouterr()
+    assert said.err.startswith(f"error: {says}")
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+
+
+def test_a_process_of_its_own_ends_with_status_2_and_no_traceback():
+    ended = subprocess.run(
+        [sys.executable, "-m", "experiments.identify", "eurosprinder"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 2
+    assert ended.stderr == (
+        "error: eurosprinder does not exist; name a .csv, .csv.gz or .parquet file.\n"
+    )

@@ -1,0 +1,519 @@
+"""Reports of a discovery: what they say, that they say it alike, and that nothing breaks them."""
+
+import csv
+import json
+from html.parser import HTMLParser
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from discovery_examples import (
+    DOUBT,
+    NASTY,
+    OPINION,
+    TORSION,
+    doubted,
+    nasty,
+    null,
+    points,
+    two_effects,
+    unexplained,
+)
+from matplotlib.image import imread
+
+from adhesion_jax.discovery.findings.types import Interval
+from adhesion_jax.effects.law import load_law
+from adhesion_jax.files import staged
+from adhesion_jax.report.discovery.figures import adhesion_over_slip
+from adhesion_jax.report.discovery.files import (
+    DISCOVERY_FILES,
+    printed,
+    report_json,
+    verdict,
+    write_discovery,
+)
+from adhesion_jax.report.discovery.levels import level_panels
+from adhesion_jax.report.discovery.markdown import discovery_markdown
+from adhesion_jax.report.discovery.residuals import residual_panels
+from adhesion_jax.report.discovery.shapes import shape_panels
+from adhesion_jax.report.discovery.tables import level_columns, residual_columns
+from adhesion_jax.report.discovery.words import (
+    acts_on,
+    error,
+    error_in_brackets,
+    humanised,
+    in_brackets,
+    p_value,
+    percent_in_brackets,
+    plus_minus,
+)
+
+EXAMPLES = {
+    "null": null,
+    "two": two_effects,
+    "unexplained": unexplained,
+    "nasty": nasty,
+    "doubted": doubted,
+}
+NAN = float("nan")
+
+
+class Page(HTMLParser):
+    """What a browser would show, what it would load, and whether every element is closed."""
+
+    VOID = ("meta", "img")
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.loads, self.names, self.words = [], [], [], []
+        self.feed(html)
+        self.close()
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attrs):
+        self.names.append(tag)
+        self.loads += [value for name, value in attrs if name in ("src", "href", "srcset", "data")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Every example, written once."""
+    folders = {}
+    for name, example in EXAMPLES.items():
+        out = tmp_path_factory.mktemp(name)
+        with staged(out, DISCOVERY_FILES) as stage:
+            write_discovery(stage, example())
+        folders[name] = out
+    return folders
+
+
+def rendered(folder):
+    html = Page((folder / "report.html").read_text(encoding="utf-8")).text
+    # What a reader of the rendered page sees of the escapes.
+    markdown = (folder / "report.md").read_text(encoding="utf-8").replace("\\", "")
+    return html, " ".join(markdown.split())
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_only_files_of_its_own(written, name):
+    names = {file.name for file in written[name].iterdir()}
+    assert names <= set(DISCOVERY_FILES)
+    of_runs, of_effects = {"levels.png"}, {"dependence.png"}
+    left_out = {
+        "two": set(),
+        "null": {"predictions.csv", "shapes.png"} | of_runs | of_effects,
+        "doubted": {"predictions.csv", "shapes.png"} | of_effects,
+    }
+    others = {"predictions.csv", "shapes.png"} | of_runs
+    assert set(DISCOVERY_FILES) - names == left_out.get(name, others)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_json_is_plain_and_keeps_its_contract(written, name):
+    findings = EXAMPLES[name]()
+    report = report_json(findings)
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert json.loads((written[name] / "report.json").read_text()) == report
+    keys = "format base noise_floor rmse effects unexplained doubts second_opinion warnings"
+    assert list(report) == keys.split()
+    assert report["format"] == 2
+    assert list(report["rmse"]) == ["train", "test"] if findings.test else ["train"]
+    assert all(list(pair) == ["before", "after"] for pair in report["rmse"].values())
+    keys = ["name", "candidates", "covariates", "acts_on", "parameters", "p_adjusted", "rmse_after"]
+    assert all(list(effect) == keys for effect in report["effects"])
+    assert all(list(effect) == ["axis", *keys] for effect in report["unexplained"])
+    for effect in (*report["effects"], *report["unexplained"]):
+        assert effect["acts_on"] in ("level", "slip", "fall")
+        assert effect["candidates"][0] == effect["name"]
+        for parameter in effect["parameters"].values():
+            assert list(parameter) == ["value", "low", "high", "unit"]
+
+
+def test_json_of_the_examples():
+    report = report_json(two_effects())
+    assert report["base"] == "burckhardt"
+    assert report["rmse"]["test"] == {"before": 0.01588, "after": 0.01031}
+    assert report["effects"][1]["candidates"] == [
+        "slip_speed",
+        "falling_friction",
+        "contact_heating",
+    ]
+    held = report["effects"][0]["parameters"]["reference"]
+    assert held == {"value": 61.0, "low": None, "high": None, "unit": "%"}
+    (structure,) = report_json(unexplained())["unexplained"]
+    assert structure == {
+        "axis": "covariate:relative_humidity_pct",
+        "name": "covariate:relative_humidity_pct",
+        "candidates": ["covariate:relative_humidity_pct"],
+        "covariates": ["relative_humidity_pct"],
+        "acts_on": "level",
+        "parameters": {"k1": {"value": 0.0231, "low": 0.0112, "high": 0.0345, "unit": "1"}},
+        "p_adjusted": 0.0031,
+        "rmse_after": 0.01044,
+    }
+    assert [effect["acts_on"] for effect in report["effects"]] == ["level", "fall"]
+    assert (report["doubts"], report["second_opinion"]) == ([], None)
+    doubtful = report_json(doubted())
+    assert doubtful["doubts"] == [
+        {"names": ["slip_bias", "torque_offset"], "sentence": DOUBT.sentence}
+    ]
+    assert doubtful["second_opinion"] == {
+        "columns": ["wind_mps", "temperature_C"],
+        "explained": 0.124,
+        "error": 0.021,
+        "p": 0.0003,
+    }
+    assert report_json(nasty())["effects"][0]["covariates"] == [NASTY]
+
+
+def test_a_class_that_leaves_its_name_out_is_reported_with_it():
+    findings = two_effects()
+    others = findings.effects[1]._replace(candidates=("falling_friction",))
+    report = report_json(findings._replace(effects=(others,)))
+    assert report["effects"][0]["candidates"] == ["slip_speed", "falling_friction"]
+
+
+ERROR_ALONE = (
+    "The error of burckhardt on runs not used for fitting (cross-validation, 24 runs) is 0.01012 "
+    "[0.00942, 0.01095], and the noise floor is 0.01002."
+)
+
+
+def test_verdict_of_effects():
+    assert verdict(two_effects()) == (
+        "What burckhardt lacks here: humidity (adjusted p = 0.0011; adhesion falls by 14.8 % as "
+        "relative humidity (%) goes from 25 to 95); exponential loss with slip velocity (adjusted "
+        "p = 0.0023; deepens or flattens the fall beyond the peak; the data cannot tell "
+        "exponential loss with slip velocity from falling friction or contact heating). On runs "
+        "not used for fitting (test set, 8 runs) the error falls from 0.01588 to 0.01031 "
+        "[0.00972, 0.01104], which removes 57.8 % [49.5, 63.9] of the squared error; the noise "
+        "floor is 0.01002."
+    )
+
+
+def test_verdict_says_where_an_effect_acts():
+    findings = two_effects()
+    humidity, speed = findings.dependences
+    values = np.linspace(0, 1000, 51)
+    patch = 1 - 0.25 * np.exp(-(((values - 400) / 50) ** 2))
+    place = humidity._replace(column="position_m", unit="m", values=values, factor=patch)
+    assert "adhesion is 25.0 % lower where position (m) is 400 than at its median" in verdict(
+        findings._replace(dependences=(place, speed))
+    )
+
+
+def test_verdict_of_nothing():
+    assert verdict(null()) == (
+        "Nothing that these data could show is missing from burckhardt (the strongest of 2 "
+        f"candidates, humidity, has adjusted p = 0.17). {ERROR_ALONE}"
+    )
+    assert verdict(null()._replace(ranking=())) == (
+        f"Nothing that these data could show is missing from burckhardt. {ERROR_ALONE}"
+    )
+
+
+def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
+    ranking = tuple(
+        row._replace(p_adjusted=0.0005, decision="no gain in cross-validation")
+        for row in null().ranking
+    )
+    assert verdict(null()._replace(ranking=ranking)) == (
+        "No effect is claimed, but humidity stands out of 2 candidates (adjusted p = 0.0005) and "
+        "did not hold (no gain in cross-validation): something is missing that these data do not "
+        "settle. Look at the residual against every column, and measure more runs that differ in "
+        f"them. {ERROR_ALONE}"
+    )
+    dropped = "The shape of the base curve is in doubt: patch is not counted as an effect."
+    words = verdict(null()._replace(ranking=ranking, warnings=("Noise: all is well.", dropped)))
+    assert words == (
+        "No effect is claimed, but the shape of the base curve is in doubt: patch is not counted "
+        f"as an effect. {ERROR_ALONE}"
+    )
+
+
+def test_verdict_of_doubts_and_of_the_second_opinion():
+    trees = (
+        "oosted trees predict 12.4 % ± 2.1 % of the squared residual of runs that they were not "
+        "fitted to, from wind_mps and temperature_C (p = 0.0003): something is missing that the "
+        "law has no form for."
+    )
+    doubt = DOUBT.sentence[1:]
+    assert verdict(doubted()) == f"No effect is claimed, but t{doubt} B{trees} {ERROR_ALONE}"
+    assert verdict(doubted()._replace(doubts=())) == (
+        f"No effect is claimed, but b{trees} {ERROR_ALONE}"
+    )
+    assert verdict(two_effects()._replace(opinion=OPINION, doubts=(DOUBT,))) == (
+        f"{verdict(two_effects())} T{doubt} B{trees}"
+    )
+    unnamed = verdict(doubted()._replace(opinion=OPINION._replace(columns=())))
+    assert "fitted to, from the slip itself, or columns that go together (p = 0.0003)" in unnamed
+
+
+def test_verdict_of_runs_that_scatter_more_than_their_points():
+    noise = {"sigma": 0.005, "autocorrelation": 0.3, "run_scatter": 0.079}
+    assert verdict(null()._replace(noise=noise)) == (
+        "No effect is claimed, but the level of adhesion differs from run to run by 7.9 %, which "
+        "no effect explains and which is more than the noise within the runs. "
+        f"{ERROR_ALONE}"
+    )
+    calm = {**noise, "sigma": 0.0072}
+    assert verdict(null()._replace(noise=calm)) == verdict(null())
+
+
+def test_torsion_alone_is_not_praised():
+    words = verdict(null()._replace(effects=(TORSION,)))
+    assert words == (
+        f"{verdict(null())} Torsion (adjusted p = 0.0004) is in the noise: its phase differs from "
+        "run to run, so that no prediction gets better by it."
+    )
+    both = two_effects()
+    words = verdict(both._replace(effects=(*both.effects, TORSION)))
+    assert words.startswith(verdict(both))
+    assert words.count("orsion") == 1
+
+
+def test_verdict_of_structure_without_a_cause():
+    assert verdict(unexplained()) == (
+        "No known cause is found to be missing, but there is unexplained structure against "
+        "relative_humidity_pct (adjusted p = 0.0031); it is corrected by a non-parametric term, "
+        "and no physical cause is claimed. On runs not used for fitting (cross-validation, 24 "
+        "runs) the error falls from 0.01341 to 0.01044 [0.00984, 0.01118], which removes 39.4 % "
+        "[31.1, 45.5] of the squared error; the noise floor is 0.01002."
+    )
+
+
+def test_a_correction_that_helps_nothing_unseen_is_not_praised():
+    findings = two_effects()
+    worse = findings.test._replace(after=Interval(0.017, 0.016, 0.018))
+    words = verdict(findings._replace(test=worse))
+    assert "the error does not fall: it rises from 0.01588 to 0.01700 [0.01600, 0.01800]" in words
+    assert "removes" not in words
+    same = findings.test._replace(after=findings.test.before)
+    words = verdict(findings._replace(test=same))
+    assert "the error stays at 0.01588 [0.01478, 0.01718]: no prediction gets better" in words
+    assert "removes" not in words
+
+
+def test_blocks_of_one_run_are_called_blocks():
+    findings = null()
+    cut = findings.points.assign(run="block " + (findings.points["run"] + 1).astype(str))
+    blocks = findings._replace(points=cut)
+    assert "on blocks not used for fitting (cross-validation, 24 blocks) is" in verdict(blocks)
+    for text in (printed(blocks), discovery_markdown(blocks)):
+        assert " 24 runs" not in text
+        assert "runs of" not in text
+    tested = blocks._replace(test=two_effects().test)
+    assert "(test set, 8 runs or blocks)" in verdict(tested)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_both_pages_tell_every_number(written, name):
+    findings = EXAMPLES[name]()
+    told = [error(findings.noise_floor), verdict(findings)]
+    told += [f"{value:.4g}" for value in findings.noise.values()]
+    for errors in (findings.train, findings.validation, findings.test):
+        if errors is not None:
+            told += [error_in_brackets(errors.before), error_in_brackets(errors.after)]
+            told += [percent_in_brackets(errors.removed), str(errors.runs)]
+    for effect in (*findings.effects, *findings.unexplained):
+        told += [p_value(effect.p_adjusted), error(effect.rmse_after)]
+        told += [" ".join(effect.sentence.split()), *effect.units.values()]
+        told += [in_brackets(interval) for interval in effect.parameters.values()]
+        told += [humanised(name) for name in effect.candidates if effect in findings.effects]
+    for row in findings.base_parameters.to_dict("records"):
+        told += [plus_minus(row[when], row[f"{when}_se"]) for when in ("before", "after")]
+    for row in findings.ranking:
+        told += [humanised(row.name), f"{row.z:.2f}", plus_minus(row.gain, row.gain_se)]
+    told += [doubt.sentence for doubt in findings.doubts]
+    if findings.opinion:
+        told += ["Boosted trees predict 12.4 % ± 2.1 %", *findings.opinion.columns]
+    for proposal in findings.proposals:
+        told += [proposal.measurement, f"{proposal.power:.4g}"]
+    told += [*findings.confounded, *findings.warnings]
+    told += [" ".join(sentence.split()) for sentence in findings.untested]
+    for text in rendered(written[name]):
+        assert [words for words in told if words not in text] == []
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_html_needs_nothing_beside_it(written, name):
+    html = (written[name] / "report.html").read_text(encoding="utf-8")
+    page = Page(html)
+    assert page.open == []
+    assert page.names.count("style") == 1
+    assert not {"script", "link", "iframe", "object"} & set(page.names)
+    pictures = [file for file in DISCOVERY_FILES if (written[name] / file).suffix == ".png"]
+    drawn = [file for file in pictures if (written[name] / file).exists()]
+    assert len(page.loads) == page.names.count("img") == len(drawn)
+    assert all(load.startswith("data:image/png;base64,") for load in page.loads)
+    assert "http" not in html
+    assert "url(" not in html
+
+
+def test_markup_in_a_name_stays_text(written):
+    html = (written["nasty"] / "report.html").read_text(encoding="utf-8")
+    assert "<script" not in html
+    assert "&lt;script&gt;alert(1)" in html
+    markdown = (written["nasty"] / "report.md").read_text(encoding="utf-8")
+    for line in markdown.splitlines():
+        outside_code = "".join(line.split("`")[::2]) if line.startswith("`") else line
+        assert "<script" not in outside_code.replace("\\<", "")
+    # A bar of the name does not make a column, nor does its line break make a row.
+    rows = [line.replace("\\|", "") for line in markdown.splitlines() if line.startswith("|")]
+    assert any("script" in row for row in rows)
+    assert all(row.endswith("|") for row in rows)
+
+
+def test_tables_of_the_markdown_are_aligned(written):
+    lines = (written["two"] / "report.md").read_text(encoding="utf-8").splitlines()
+    tables = "\n".join(lines).split("\n\n")
+    tables = [part.splitlines() for part in tables if part.startswith("|")]
+    assert len(tables) == 5
+    for table in tables:
+        assert len({len(line) for line in table}) == 1
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_figures_are_not_blank(written, name):
+    for file in written[name].glob("*.png"):
+        image = imread(file)[..., :3]
+        inked = np.mean(image.min(axis=2) < 0.9)
+        assert 0.003 < inked < 0.5, file.name
+        assert max(image.shape) < 1600, file.name
+
+
+def test_tables_for_machines(written):
+    with (written["two"] / "ranking.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows[:2]] == ["humidity", "slip_speed"]
+    assert list(rows[0]) == ["round", "name", "z", "p_adjusted", "gain", "gain_se", "decision"]
+    assert len(rows) == len(two_effects().ranking)
+    assert (written["two"] / "predictions.csv").read_text().startswith("row,base,corrected\n")
+    assert len(load_law(written["two"] / "law.json").effects) == 2
+
+
+def test_panels_are_the_effects_first_and_only_what_varies():
+    shown, varying = residual_columns(two_effects())
+    assert shown == varying
+    assert shown[:4] == ["relative_humidity_pct", "vehicle_speed_mps", "slip", "time_s"]
+    assert "constant" not in shown
+    findings = two_effects()
+    many = findings.points.assign(**{f"x{k}": findings.points["wind_mps"] for k in range(20)})
+    shown, varying = residual_columns(findings._replace(points=many))
+    assert len(shown) == 12
+    assert len(varying) == 28
+
+
+def test_levels_are_drawn_against_what_differs_between_runs():
+    findings = two_effects()
+    shown, differing = level_columns(findings)
+    assert shown == differing
+    assert shown == [
+        "relative_humidity_pct",
+        "vehicle_speed_mps",
+        "time_s",
+        "normal_load_N",
+        "temperature_C",
+        "wind_mps",
+    ]
+    figure = level_panels(findings)
+    assert [axis.get_xlabel() for axis in figure.axes[:2]] == [
+        "relative humidity (%)",
+        "vehicle speed (m/s)",
+    ]
+    before, after = figure.axes[0].containers
+    table = points()
+    run = table[table["run"] == 3]
+    for drawn, when in ((before, "before"), (after, "after")):
+        x, y = (values[3] for values in drawn.lines[0].get_data())
+        assert x == pytest.approx(run["relative_humidity_pct"].mean())
+        assert y == pytest.approx(100 * (run["adhesion"] / run[when] - 1).mean())
+        bar = drawn.lines[2][0].get_segments()[3][:, 1]
+        assert np.ptp(bar) / 4 == pytest.approx(100 * 0.05 / np.sqrt(60))
+    still = findings.levels[["run", "before", "after", "error"]].assign(one=1.0)
+    for levels in (None, still):
+        case = findings._replace(levels=levels)
+        assert level_panels(case) is None
+        assert "levels.png" not in discovery_markdown(case)
+
+
+def test_shapes_are_the_law_at_low_middle_and_high_values():
+    findings = two_effects()
+    (axis,) = shape_panels(findings).axes
+    assert axis.get_legend().get_title().get_text() == "vehicle speed (m/s)"
+    table = findings.points
+    for line, quantile in zip(axis.get_lines(), (0.05, 0.5, 0.95), strict=True):
+        slip, adhesion = (values[250] for values in line.get_data())
+        speed = np.quantile(table["vehicle_speed_mps"], quantile)
+        humidity = np.median(table["relative_humidity_pct"])
+        # Of the law: burckhardt under humidity, less exp(-c4 slip V).
+        still = float(findings.law(jnp.asarray(slip), of_the_law(0.0, humidity)))
+        moving = float(findings.law(jnp.asarray(slip), of_the_law(speed, humidity)))
+        assert adhesion == pytest.approx(moving, rel=1e-9)
+        slowest = 5.0  # speeds below those of the data are held at their edge
+        assert moving / still == pytest.approx(np.exp(-0.0312 * slip * (speed - slowest)), rel=1e-6)
+    level = [effect._replace(acts_on="level") for effect in findings.effects]
+    assert shape_panels(findings._replace(effects=tuple(level))) is None
+
+
+def of_the_law(speed, humidity):
+    return {
+        "vehicle_speed_mps": jnp.asarray(speed),
+        "relative_humidity_pct": jnp.asarray(humidity),
+        "time_s": jnp.asarray(3450.0),
+    }
+
+
+def test_what_an_effect_acts_on_is_said_of_columns_only():
+    humidity, speed = two_effects().effects
+    assert acts_on(humidity) == "acts on the level of the curve"
+    assert acts_on(humidity._replace(acts_on="slip")) == (
+        "stretches the slip scale: the initial slope and the place of the peak move, the maximum "
+        "stays"
+    )
+    assert acts_on(speed) == "deepens or flattens the fall beyond the peak"
+    assert acts_on(TORSION) == ""
+
+
+def test_braking_one_slip_and_another_base_curve_are_drawn():
+    findings = two_effects()
+    points = findings.points
+    braking = points.assign(slip=-points["slip"], adhesion=-points["adhesion"])
+    other = findings.base_parameters.assign(parameter=["a", "b", "c"])
+    for case, limits, lines in (
+        (findings._replace(points=braking), (-0.208, 0.0), 301),
+        (findings._replace(points=points.assign(slip=0.02)), (0.0, 0.0208), 301),
+        (findings._replace(points=points.assign(slip=0.0)), (0.0, 1.0), 301),
+        (findings._replace(base_parameters=other), (0.0, 0.208), len(points)),
+    ):
+        axis = adhesion_over_slip(case).axes[0]
+        assert axis.get_xlim() == pytest.approx(limits)
+        before, after = axis.get_lines()
+        assert len(before.get_xdata()) == lines
+        assert np.isfinite(after.get_ydata()).all()
+
+
+def test_no_column_varies():
+    findings = null()
+    points = findings.points[["run", "slip", "adhesion", "before", "after"]].assign(slip=0.02)
+    still = findings._replace(points=points)
+    assert residual_panels(still) is None
+    assert "residuals.png" not in discovery_markdown(still)
+
+
+def test_on_the_terminal():
+    text = printed(two_effects())
+    assert max(map(len, text.splitlines())) <= 101
+    assert " ".join(text.split()).startswith(verdict(two_effects()))
+    for word in ("cross-validation", "57.8 % [49.5, 63.9]", "c4 0.03121", "Warning: The residual"):
+        assert word in text
+    assert "error after  parameters" not in printed(null())

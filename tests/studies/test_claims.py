@@ -1,0 +1,362 @@
+import functools
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.commands import claims
+from adhesion_jax.files import write_table
+from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, ml_de, ml_de_eq17
+from adhesion_jax.metrics.information import cramer_rao_bound
+from adhesion_jax.optim import differential_evolution as de
+from adhesion_jax.report.studies import claims as report
+from adhesion_jax.scenarios import Options
+from adhesion_jax.studies.claims.claim import Claim, verdict_below, verdict_equal
+from adhesion_jax.studies.claims.he2018_consistency import (
+    SIZES,
+    consistency_claims,
+    consistency_fits,
+    consistency_table,
+    power_law,
+)
+from adhesion_jax.studies.claims.he2018_convergence import slip_at_convergence
+from adhesion_jax.studies.claims.he2018_generations import (
+    count_generations,
+    generation_claims,
+    generation_panels,
+    generations_needed,
+    median_ratio,
+    median_with_error,
+)
+from adhesion_jax.studies.claims.he2018_tracking import (
+    VARIANTS,
+    as_blocks,
+    robust_deviation,
+    scatter_ratio,
+    standard_deviation,
+    tracking_claims,
+)
+
+COLUMNS = ["paper", "claim", "paper_number", "ours", "ours_error", "unit", "verdict", "remark"]
+VERDICTS = {"reproduced", "not reproduced", "cannot be checked"}
+PUBLISHED = Path(__file__).parents[2] / "results" / "claims.csv"
+
+LOWER, UPPER = jnp.array([0.1, 10.0, 0.05]), jnp.array([1.0, 50.0, 0.5])
+
+
+# ------------------------------------------------------------------------------- verdicts
+
+
+@pytest.mark.parametrize(
+    ("ours", "error", "verdict"),
+    [
+        (0.5, 0.1, "reproduced"),  # five errors below the limit
+        (0.9, 0.1, "not reproduced"),  # below, but within three errors
+        (1.5, 0.1, "not reproduced"),
+        (np.inf, 0.0, "not reproduced"),  # never
+        (np.nan, 0.1, "cannot be checked"),
+        (0.5, np.nan, "cannot be checked"),
+    ],
+)
+def test_a_number_is_below_a_limit_only_by_more_than_its_error(ours, error, verdict):
+    assert verdict_below(float(ours), float(error), 1.0) == verdict
+
+
+@pytest.mark.parametrize(
+    ("ours", "error", "verdict"),
+    [
+        (-0.51, 0.01, "reproduced"),
+        (-0.55, 0.01, "not reproduced"),
+        (np.nan, 0.01, "cannot be checked"),
+        (-0.5, np.inf, "cannot be checked"),
+    ],
+)
+def test_a_number_equals_another_within_its_error(ours, error, verdict):
+    assert verdict_equal(float(ours), float(error), -0.5) == verdict
+
+
+# -------------------------------------------------------------------------------- statistics
+
+
+def test_a_power_law_is_found_with_the_error_that_its_scatter_has():
+    random = np.random.default_rng(0)
+    points = np.array(SIZES, dtype=float)
+    relative = np.linspace(0.01, 0.05, len(points))
+    fits = []
+    for _ in range(2000):
+        rmse = 3 * points**-0.5 * np.exp(relative * random.normal(size=len(points)))
+        fits.append(power_law(points, rmse, relative * rmse))
+    slopes = np.array([fit.slope for fit in fits])
+    assert slopes.std() == pytest.approx(fits[0].slope_error, rel=0.06)
+    assert abs(slopes.mean() + 0.5) < 4 * slopes.std() / np.sqrt(len(slopes))
+    assert np.exp(np.mean([fit.intercept for fit in fits])) == pytest.approx(3, rel=0.01)
+
+
+def test_slip_at_convergence_is_where_the_rmse_last_crosses():
+    slip = np.array([0.1, 0.2, 0.3, 0.4])
+    power = 0.05 * (slip / 0.25) ** -2.0
+    found, error = slip_at_convergence(slip, power, 0.02 * power)
+    assert found == pytest.approx(0.25)
+    # d(log slip) = d(log rmse)/2; the two ends share the weight between them.
+    assert 0.25 * 0.02 / 2 * np.sqrt(0.5) * 0.99 <= error <= 0.25 * 0.02 / 2
+    dips = np.array([0.01, 0.2, 0.06, 0.01])
+    assert 0.3 < slip_at_convergence(slip, dips, 0.1 * dips)[0] < 0.4
+    assert slip_at_convergence(slip, dips[::-1] + 0.1, dips)[0] == np.inf
+    first, unknown = slip_at_convergence(slip, 0.01 * dips, dips)
+    assert first == slip[0]
+    assert np.isnan(unknown)
+
+
+def test_error_of_the_slip_at_convergence_is_that_of_repeated_draws():
+    random = np.random.default_rng(1)
+    slip = np.array([0.1, 0.2, 0.3, 0.4])
+    power = 0.05 * (slip / 0.27) ** -2.0
+    error = slip_at_convergence(slip, power, 0.02 * power)[1]
+    drawn = [
+        slip_at_convergence(slip, power * np.exp(0.02 * e), power)[0]
+        for e in random.normal(size=(2000, 4))
+    ]
+    assert np.std(drawn) == pytest.approx(error, rel=0.1)
+
+
+@pytest.mark.parametrize("scatter", [standard_deviation, robust_deviation])
+def test_scatter_of_half_the_size_is_seen_in_every_rail(scatter):
+    random = np.random.default_rng(2)
+    wide = random.normal(size=(400, 6)) * np.array([1.0, 1.0, 10.0, 10.0, 100.0, 100.0])
+    narrow = 0.5 * random.normal(size=wide.shape) * np.array([1.0, 1.0, 10.0, 10.0, 100.0, 100.0])
+    groups = [[0, 1], [2, 3], [4, 5]]
+    ratio, error = scatter_ratio(narrow, wide, groups, scatter, random)
+    assert abs(ratio - 0.5) < 3 * error < 0.1
+    assert scatter_ratio(wide, wide, groups, scatter, random) == (1.0, 0.0)
+
+
+def test_medians_count_searches_that_never_arrive():
+    random = np.random.default_rng(3)
+    quick = np.full((50, 2), 40.0)
+    slow = np.where(np.arange(50)[:, None] < 5, np.inf, 80.0) * np.ones((1, 2))
+    lost = np.where(np.arange(50)[:, None] < 40, np.inf, 80.0) * np.ones((1, 2))
+    assert median_ratio(slow, quick, random) == (2.0, 0.0)
+    assert median_ratio(lost, quick, random)[0] == np.inf
+    assert median_with_error(lost, random)[0] == np.inf
+    panels = {("random start", "steady"): {"without Eq. 17": quick, "with Eq. 17": lost}}
+    speed, accuracy = generation_claims(panels, random)
+    assert speed.verdict == accuracy.verdict == "not reproduced"
+    assert accuracy.ours == pytest.approx(80)
+
+
+# ----------------------------------------------------------------------- blocks and switches
+
+
+def estimates(gap_of_modified):
+    """Rows as a campaign keeps them: 2 runs, 6 blocks, the second run above the optimum."""
+    scenario = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
+    frames = []
+    for name, gap in (("ml-exact", 0.0), ("ml-de-he2018", gap_of_modified)):
+        rows = pd.DataFrame(
+            {
+                "run": np.repeat([0, 1], 6),
+                "identifier": name,
+                "block": np.tile(np.arange(6), 2),
+                "objective": 0.05 + np.repeat([0.0, gap * scenario.sigma**2], 6),
+            }
+        )
+        for place, quantity in enumerate(("c1", "c2", "c3", "mu_max", "slip_opt")):
+            rows[quantity] = 100 * rows["run"] + 10 * rows["block"] + place
+        frames.append(rows)
+    return as_blocks(pd.concat(frames, ignore_index=True), scenario)
+
+
+def test_blocks_are_split_into_switches_and_steady_running():
+    blocks = estimates(gap_of_modified=1.01)
+    assert blocks.rails == ("dry", "dry", "common", "common", "wet", "wet")
+    assert blocks.groups(switch=True) == [[2], [4]]
+    assert blocks.groups(switch=False) == [[1], [3], [5]]  # the start is neither
+    assert blocks.values["ml-exact"]["c3"][1, 4] == 142
+    assert blocks.failed["ml-de-he2018"].tolist() == [[False] * 6, [True] * 6]
+    assert not estimates(gap_of_modified=0.99).failed["ml-de-he2018"].any()
+
+
+def test_tracking_is_faster_only_where_delay_and_failures_are_fewer():
+    def table(delays, failures):
+        rows = [
+            {
+                "identifier": name,
+                "quantity": "mu_max",
+                "delay_blocks": delay,
+                "delay_blocks_se": 0.01,
+                "failure_share": failure,
+                "failure_share_se": 0.01,
+            }
+            for name, delay, failure in zip(
+                ("ml-exact", "ml-de", *VARIANTS), delays, failures, strict=True
+            )
+            for _ in range(2)
+        ]
+        return pd.DataFrame(rows)
+
+    tables = {
+        "summary": table([0.0, 0.5, 0.9, 0.49, 0.1], [np.nan] * 5),
+        "switches": table([0.0] * 5, [0.0, 0.3, 0.9, 0.29, 0.1]),
+    }
+    found = tracking_claims(tables)
+    assert [claim.verdict for claim in found] == 2 * [
+        "not reproduced",
+        "not reproduced",
+        "reproduced",
+    ]
+    assert found[2].ours == pytest.approx(-0.4)
+    assert found[2].ours_error == pytest.approx(0.01)
+    assert found[5].ours == pytest.approx(-20)
+
+
+# ------------------------------------------------------------------------------- generations
+
+
+def bowl(x):
+    """A narrow valley with its bottom, 0, inside the box."""
+    centre = jnp.array([0.8, 45.0, 0.4])[:, None]
+    u = (x - centre) / (UPPER - LOWER)[:, None]
+    return u[0] ** 2 + 30 * (u[1] - 0.5 * u[0]) ** 2 + u[2] ** 2
+
+
+def bowl_search(key):
+    population_key, search_key = jax.random.split(key)
+    centre = 0.5 * (LOWER + UPPER)
+    share, radius, reflect = map(jnp.asarray, (0.0, 0.1, False))
+    population = de.local_plus_uniform(
+        population_key, centre, LOWER, UPPER, share, radius, reflect, 20
+    )
+    return population, search_key
+
+
+SETTINGS = de.Settings(*map(jnp.asarray, (0.5, CROSSOVER, False, 0.0)))
+
+
+def test_generations_are_those_of_a_loop_over_the_population():
+    keys = jax.random.split(jax.random.key(4), 6)
+    # The last two cannot be reached, or are reached by the initial population.
+    targets = jnp.array([1e-2, 1e-6, 1e-10, 1e-16, -1.0, 100.0])
+
+    @jax.jit
+    @jax.vmap
+    def counted(key, target):
+        population, search_key = bowl_search(key)
+        return generations_needed(bowl, target, population, LOWER, UPPER, search_key, SETTINGS)
+
+    @jax.jit
+    def step(state, seed):
+        return de.update(state, bowl, LOWER, UPPER, seed, SETTINGS)
+
+    expected = []
+    for key, target in zip(keys, targets, strict=True):
+        population, search_key = bowl_search(key)
+        seed = jax.random.bits(search_key, (2,), jnp.uint32)
+        state, generations = de.init(bowl, population), 0
+        while float(state.objective.min()) > target and generations <= GENERATIONS:
+            state, generations = step(state, seed), generations + 1
+        expected.append(generations)
+    assert counted(keys, targets).tolist() == expected
+    assert expected[0] < expected[2] < GENERATIONS
+    assert expected[4:] == [GENERATIONS + 1, 0]
+
+
+def test_eq17_is_small_in_steady_running_and_large_after_a_switch():
+    assert float(ml_de.scale_factor(jnp.asarray(0.4))) == 0.5
+    for innovation in (0.008, 0.4):
+        expected = 0.3 + 0.8 / (1 + np.exp(-10 * innovation + 2))
+        found = float(ml_de_eq17.scale_factor(jnp.asarray(innovation)))
+        assert found == pytest.approx(expected)
+    assert float(ml_de_eq17.scale_factor(jnp.asarray(0.008))) < 0.5
+
+
+def test_with_and_without_eq17_are_counted_on_the_same_start():
+    scenario = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
+    needed = count_generations(scenario, 0, 40, lambda _: None)
+    assert needed.shape == (40, 5, 2, 2)
+    assert np.all((needed >= 1) & ((needed <= GENERATIONS) | np.isinf(needed)))
+    panels = generation_panels(needed, scenario.rails)
+    steady = panels["random start", "steady running"]
+    switch = panels["random start", "after a switch"]
+    assert steady["with Eq. 17"].shape == (40, 3)
+    assert switch["with Eq. 17"].shape == (40, 2)
+    medians = [np.median(switch[name]) for name in ("with Eq. 17", "without Eq. 17")]
+    # F is then about 1: slower, as the spread of the population shrinks less each generation.
+    assert medians[0] > medians[1]
+    local = panels["local start (Eq. 16)", "steady running"]["without Eq. 17"]
+    assert np.median(local) < np.median(steady["without Eq. 17"])
+
+
+# ------------------------------------------------------------------------------- consistency
+
+
+@functools.cache
+def sized():
+    scenario = build_scenario(Config("single"))
+    return consistency_table(scenario, 0, 384, lambda _: None, (125, 500, 2000))
+
+
+def test_rmse_falls_as_the_root_of_the_number_of_points():
+    for claim in consistency_claims(sized()):
+        assert abs(claim.ours + 0.5) < 3 * claim.ours_error < 0.1
+        assert claim.verdict == "reproduced"
+
+
+def test_bound_of_a_padded_block_is_that_of_the_block_alone():
+    scenario = build_scenario(Config("single"))
+    record = scenario.draw(jax.random.key(0))
+    expected = cramer_rao_bound(
+        scenario.truth[0], record.slip[0], record.mask[0], {}, scenario.sigma
+    )
+    rows = sized().query("points == 500")
+    np.testing.assert_allclose(rows["crlb"], expected, rtol=1e-12)
+    assert np.all(np.abs(rows["rmse"] - rows["crlb"]) < 4 * rows["rmse_se"])
+
+
+# ----------------------------------------------------------------------------- what is written
+
+
+def test_table_is_written_with_its_columns_and_printed_aligned(tmp_path):
+    rows = [
+        Claim("He et al. 2018", "short", 0.1, 0.03, 0.001, "slip (1)", "reproduced", "A."),
+        Claim("He et al. 2018", "much longer", np.nan, np.inf, 0.0, "1", "not reproduced", "B."),
+    ]
+    table = report.claims_table(rows)
+    write_table(tmp_path / "claims.csv", table)
+    again = pd.read_csv(tmp_path / "claims.csv")
+    assert list(again.columns) == COLUMNS
+    pd.testing.assert_frame_equal(again, table)
+    lines = report.claims_text(table).splitlines()
+    ends = [lines[1].index("0.03 ± 0.001") + 12, lines[2].index("inf ± 0") + 7]
+    assert ends[0] == ends[1]
+    assert lines[-2:] == ["  1  A.", "  2  B."]
+
+
+def test_figures_are_drawn(tmp_path):
+    report.consistency(tmp_path / "c.png", sized(), consistency_fits(sized()))
+    counts = np.array([[10.0, 20.0], [np.inf, 30.0]])
+    panels = {("random", "steady"): {"without": counts, "with": np.full((2, 2), np.inf)}}
+    report.generations(tmp_path / "g.png", panels, GENERATIONS, "at the optimum")
+    assert (tmp_path / "c.png").stat().st_size > 10_000
+    assert (tmp_path / "g.png").stat().st_size > 10_000
+
+
+def test_published_table_has_its_columns_and_one_of_three_verdicts():
+    table = pd.read_csv(PUBLISHED)
+    assert list(table.columns) == COLUMNS
+    assert set(table["verdict"]) <= VERDICTS
+    checked = table[table["verdict"] != "cannot be checked"]
+    censored = checked["remark"].str.startswith("It is so at the first estimate")
+    assert (np.isfinite(checked["ours_error"]) != censored).all()
+    assert checked["ours"].notna().all()
+    assert table["claim"].is_unique
+    assert table["remark"].str.endswith(".").all()
+
+
+@pytest.mark.parametrize("arguments", [["--runs", "1"], ["--seed", "-1"]])
+def test_command_refuses_what_has_no_standard_error(arguments):
+    assert CliRunner().invoke(claims.main, arguments).exit_code == 2

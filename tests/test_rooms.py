@@ -1,0 +1,77 @@
+"""The order of the rooms: each imports from those beneath it alone."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "adhesion_jax"
+
+#: From the ground up; what stands in one line does not import each other.
+STOREYS = (
+    ("errors", "runtime"),
+    ("files", "curves"),
+    ("records", "optim"),
+    ("effects", "metrics"),
+    ("scenarios", "simulation", "data"),
+    ("identifiers", "traction"),
+    ("measured", "discovery"),
+    ("campaign",),
+    ("studies",),
+    ("report",),
+    ("commands",),
+)
+HEIGHT = {room: height for height, storey in enumerate(STOREYS) for room in storey}
+
+
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports(tree):
+    """The modules of the package that a part of a file imports, lazy imports included."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            if node.module == "adhesion_jax":
+                yield from (f"adhesion_jax.{name.name}" for name in node.names)
+            elif node.module.startswith("adhesion_jax."):
+                yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (name.name for name in node.names if name.name.startswith("adhesion_jax."))
+
+
+def room_of(module):
+    return module.split(".")[1]
+
+
+def files():
+    return sorted(path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE.parent)
+
+
+def test_every_room_has_its_storey():
+    rooms = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in files()}
+    assert rooms - {"__init__"} == set(HEIGHT)
+
+
+@pytest.mark.parametrize("room", HEIGHT)
+def test_no_arrow_points_upwards(room):
+    wrong = []
+    for path in files():
+        if path.relative_to(PACKAGE).parts[0].removesuffix(".py") != room:
+            continue
+        for module in imports(tree_of(path)):
+            other = room_of(module)
+            if other != room and HEIGHT[other] >= HEIGHT[room]:
+                wrong.append(f"{path.relative_to(PACKAGE)} imports {module}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_import_of_the_package_is_inside_a_function():
+    """A lazy import hides a circle."""
+    lazy = []
+    for path in files():
+        for function in ast.walk(tree_of(path)):
+            if isinstance(function, ast.FunctionDef):
+                inside = ast.Module(body=function.body, type_ignores=[])
+                lazy += [f"{path.relative_to(PACKAGE)}: {name}" for name in imports(inside)]
+    assert not lazy, "\n".join(lazy)
