@@ -1,4 +1,4 @@
-"""The one exception that speaks to the user."""
+"""The exceptions that speak to the user."""
 
 
 class InputError(ValueError):
@@ -7,3 +7,7 @@ class InputError(ValueError):
     The message is one sentence that names what was given (the file, column and row, or the
     option) and says what would be right. A command prints it and ends with exit status 2.
     """
+
+
+class WorkerError(Exception):
+    """A worker process came to an end before its work did; the message is for the user."""

@@ -3,10 +3,12 @@
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.queues import Queue
 from typing import Any, TypeVar
 
+from adhesion_jax.errors import WorkerError
 from adhesion_jax.runtime import compilation_folder, cores_for, share_compilations, take_core
 
 T = TypeVar("T")
@@ -25,7 +27,7 @@ def mapped(
 
     Processes, because two threads that run compiled loops in one process can wait for each
     other for ever, and spawned, because a fork of a process in which jax runs is not safe. They
-    share what they compile.
+    share what they compile. WorkerError where one of them comes to an end before its work does.
     """
     if workers == 1:
         yield (function(*unit) for unit in work)
@@ -40,6 +42,11 @@ def mapped(
     ):
         try:
             yield pool.map(function, *zip(*work, strict=True))
+        except BrokenProcessPool:
+            raise WorkerError(
+                "a worker process was killed, or had no memory left; nothing was written. "
+                "Run the command again, with less beside it."
+            ) from None
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

@@ -7,11 +7,14 @@ from typing import Any
 
 import click
 
-from adhesion_jax.errors import InputError
+from adhesion_jax.errors import InputError, WorkerError
 
 
 def run(command: click.Command) -> None:
-    """Run a command to the end of the process: status 0, or 2 with one sentence."""
+    """Run a command to the end of the process: status 0, or one sentence and status 2.
+
+    Status 1 where the machine failed: a worker process that died.
+    """
     try:
         command.main(standalone_mode=False)
     except click.Abort:
@@ -20,6 +23,9 @@ def run(command: click.Command) -> None:
         _refuse(error.format_message())
     except InputError as error:
         _refuse(str(error))
+    except WorkerError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(1)
 
 
 def _refuse(sentence: str) -> None:

@@ -15,7 +15,7 @@ from adhesion_jax import runtime
 from adhesion_jax.commands.command import output_directory
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
-from adhesion_jax.report.studies.peers import THIS, draw_peers, peers_text, summarised
+from adhesion_jax.report.studies.peers import draw_peers, peers_text
 from adhesion_jax.simulation.base import rms
 from adhesion_jax.studies.discovery.from_tables import discover_tables
 from adhesion_jax.studies.discovery.judging import removed_share
@@ -30,6 +30,7 @@ from adhesion_jax.studies.peers.sets import (
     simulated_sets,
     stored_sets,
 )
+from adhesion_jax.studies.peers.summary import THIS, summarised
 
 OWN_FILES = ("peer_sets.csv", "peers.csv", "peers.png", "metadata.json")
 

@@ -10,10 +10,11 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
-from adhesion_jax.commands import speed
 from adhesion_jax.commands.command import run
 from adhesion_jax.commands.montecarlo import main
+from adhesion_jax.commands.speed import main as speed_main
 from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.studies import speed
 
 COLUMNS = [
     *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
@@ -122,7 +123,7 @@ def test_speed_is_told_beside_that_of_scipy(tmp_path, monkeypatch):
     monkeypatch.setattr(speed, "IDENTIFIERS", {name: IDENTIFIERS[name] for name in chosen})
     monkeypatch.setattr(speed, "RECURSIONS", ("rls-kiencke",))
     monkeypatch.setattr(speed, "RECURSION_RUNS", 2000)
-    done = CliRunner().invoke(speed.main, ["--repeats", "2", "--out", str(tmp_path)])
+    done = CliRunner().invoke(speed_main, ["--repeats", "2", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     table = pd.read_csv(tmp_path / "speed.csv").set_index("identifier")
     rate = table["identifications_per_cpu_second"]

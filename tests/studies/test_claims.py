@@ -16,7 +16,13 @@ from adhesion_jax.metrics.information import cramer_rao_bound
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.report.studies import claims as report
 from adhesion_jax.scenarios import Options
-from adhesion_jax.studies.claims.claim import Claim, verdict_below, verdict_equal
+from adhesion_jax.studies.claims.claim import (
+    Claim,
+    verdict_below,
+    verdict_equal,
+    verdict_if,
+    verdict_near,
+)
 from adhesion_jax.studies.claims.he2018_consistency import (
     SIZES,
     consistency_claims,
@@ -360,3 +366,29 @@ def test_published_table_has_its_columns_and_one_of_three_verdicts():
 @pytest.mark.parametrize("arguments", [["--runs", "1"], ["--seed", "-1"]])
 def test_command_refuses_what_has_no_standard_error(arguments):
     assert CliRunner().invoke(claims.main, arguments).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("ours", "share", "verdict"),
+    [
+        (1.0099, 0.01, "reproduced"),
+        (1.0101, 0.01, "not reproduced"),
+        (0.9901, 0.01, "reproduced"),
+        (0.95, 0.10, "reproduced"),
+        (float("nan"), 0.10, "not reproduced"),
+    ],
+)
+def test_a_number_without_noise_agrees_within_a_share(ours, share, verdict):
+    assert verdict_near(ours, 1.0, share) == verdict
+    assert verdict_if(verdict == "reproduced") == verdict
+
+
+def test_every_claim_on_traction_control_is_in_the_results():
+    table = pd.read_csv(PUBLISHED)
+    counts = table.groupby("paper").size()
+    assert counts["Uyulan et al. 2018"] == 23
+    assert counts["HXD1F 2019"] == 11
+    assert set(table["verdict"]) <= {"reproduced", "not reproduced", "cannot be checked"}
+    tracking = table[table["claim"].str.startswith("Table 1, RMS tracking")]
+    np.testing.assert_allclose(tracking["ours"], tracking["paper_number"], rtol=0.01)
+    assert len(tracking) == 6

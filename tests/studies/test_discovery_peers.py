@@ -7,7 +7,7 @@ import pytest
 from adhesion_jax.commands.discovery_peers import compared
 from adhesion_jax.discovery.findings.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
-from adhesion_jax.report.studies.peers import beaten, draw_peers, peers_text, summarised
+from adhesion_jax.report.studies.peers import draw_peers, peers_text
 from adhesion_jax.simulation.one_log import one_log
 from adhesion_jax.simulation.simulator import Noise, simulate
 from adhesion_jax.studies.peers.features import fit_base, folds, in_runs, make_problem
@@ -21,6 +21,7 @@ from adhesion_jax.studies.peers.sets import (
     simulated_sets,
     stored_sets,
 )
+from adhesion_jax.studies.peers.summary import beaten, summarised
 
 SMALL = {"runs": 30, "points": 60}
 

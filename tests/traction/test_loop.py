@@ -452,3 +452,34 @@ def test_the_leading_axles_lose_what_the_last_gain():
     np.testing.assert_allclose(force, np.tile(loads, 2), rtol=1e-4)
     assert loads[0] < loads[3]
     assert loads.sum() == pytest.approx(4 * 30000 * 9.81, rel=1e-9)
+
+
+def test_the_lyapunov_function_starts_at_its_value():
+    # kappa = r (2 W g mu r (1/J_W + 1/J_dyn) + r R_0/J_dyn) = 2.04, lam = r i/J_W = 1.227e-3.
+    plant, controller = plant_of("uyulan2018"), CONTROLLERS["adaptive-robust"]
+    error, largest = jnp.full((1, 1), 15.5 - 10.5 - 1.20986), jnp.full((1, 1), 0.28617)
+    found = uyulan2018.lyapunov(controller, plant, jnp.zeros((1, 1)), error, largest)
+    inertia, of_train, lever = 1748.26, 81357.19 * 0.31**2, 0.31 * 6.92 / 1748.26
+    pull = 2 * 5375.333 * 9.81 * 0.28617 * 0.31
+    kappa = 0.31 * (pull * (1 / inertia + 1 / of_train) + 0.31 * 1109.8 / of_train)
+    assert kappa == pytest.approx(2.04, abs=0.01)
+    expected = 3.79014**2 / 2 + kappa**2 / (2 * 19 * lever)
+    assert float(found[0, 0]) == pytest.approx(expected, rel=1e-4)
+    # The adapted gain that meets kappa leaves the error alone.
+    met = uyulan2018.lyapunov(controller, plant, jnp.full((1, 1), kappa / lever), error, largest)
+    assert float(met[0, 0]) == pytest.approx(3.79014**2 / 2, rel=1e-3)
+
+
+def test_tunings_are_a_vmap_over_their_settings():
+    gains = jnp.array([10.0, 20.0, 40.0])
+    loop = quick(observer=OBSERVERS["true-load"], seeker=SEEKERS["true-optimum"])
+    grid = grid_of("hxd1f", loop, 0.2)
+
+    def error_of(gain):
+        tuned = dataclasses.replace(
+            loop, controller=dataclasses.replace(loop.controller, gain=gain)
+        )
+        return figures(by_segment(run(tuned, grid, KEY)), grid.sample_period)["tracking_rms"][0]
+
+    errors = jax.jit(jax.vmap(error_of))(gains)
+    assert errors[0] > errors[1] > errors[2]

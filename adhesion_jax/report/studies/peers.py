@@ -9,58 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from adhesion_jax.report.style import line_styles
-
-#: This project's own discovery, beside the peers.
-THIS = "discovery"
-
-#: A share larger by less than this is no better.
-_BETTER = 0.05
-
-
-def summarised(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a method: shares removed, names right and false, harm done, seconds a set."""
-    table = []
-    for method in dict.fromkeys(rows["method"]):
-        own = rows[rows["method"] == method]
-        null = own["planted"] == "nothing"
-        real = own[~null]
-        removed = real["removed"].dropna()
-        table.append(
-            {
-                "method": method,
-                "sets": len(real),
-                "hidden": int(real["hidden"].sum()),
-                "hidden_named": int(real["named"].sum()),
-                "removed_median": removed.median(),
-                "removed_lower_quartile": removed.quantile(0.25),
-                "removed_lowest_decile": removed.quantile(0.1),
-                "removed_90": int((removed >= 0.9).sum()),
-                "removed_of": len(removed),
-                "sets_with_false_name": int((real["false_names"] > 0).sum()),
-                "nulls": int(null.sum()),
-                "nulls_with_name": int((own[null]["false_names"] > 0).sum()),
-                "worse": int(real["worse"].sum()),
-                "nulls_worse": int(own[null]["worse"].sum()),
-                "seconds_median": own["seconds"].median(),
-            }
-        )
-    return pd.DataFrame(table)
-
-
-def beaten(rows: pd.DataFrame) -> pd.DataFrame:
-    """Sets on which a general method removes clearly more than the discovery, and by how much."""
-    removed = rows.pivot_table(index=["set", "planted"], columns="method", values="removed")
-    if THIS not in removed:
-        return pd.DataFrame()
-    others = removed.drop(columns=THIS)
-    lost = others.max(axis=1) > removed[THIS] + _BETTER
-    return pd.DataFrame(
-        {
-            THIS: removed.loc[lost, THIS],
-            "removed": others[lost].max(axis=1),
-            "by": others[lost].idxmax(axis=1) if lost.any() else "",
-        }
-    ).reset_index()
+from adhesion_jax.studies.peers.summary import BETTER, beaten, summarised
 
 
 def peers_text(rows: pd.DataFrame) -> str:
@@ -91,7 +40,7 @@ def peers_text(rows: pd.DataFrame) -> str:
     lines.append(shown.to_string(index=False))
     lost = beaten(rows)
     if len(lost):
-        lines += ["", f"A general method removes more by {_BETTER:g} of"]
+        lines += ["", f"A general method removes more by {BETTER:g} of"]
         lines.append(lost.to_string(index=False, float_format="{:.3f}".format))
     return "\n".join(lines)
 
