@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.curves import CURVES
-from adhesion_jax.discovery.findings.types import (
+from adhesion_jax.discovery.types import (
     Candidate,
     Dependence,
     Doubt,

@@ -21,6 +21,9 @@ STOREYS = (
     ("report",),
     ("commands",),
 )
+#: The same within the discovery.
+DISCOVERY = ("types", "model", "search", "findings", "engine")
+
 HEIGHT = {room: height for height, storey in enumerate(STOREYS) for room in storey}
 
 
@@ -75,3 +78,16 @@ def test_no_import_of_the_package_is_inside_a_function():
                 inside = ast.Module(body=function.body, type_ignores=[])
                 lazy += [f"{path.relative_to(PACKAGE)}: {name}" for name in imports(inside)]
     assert not lazy, "\n".join(lazy)
+
+
+def test_the_discovery_goes_from_what_is_fitted_to_what_is_told():
+    wrong = []
+    for path in files():
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        if parts[0] == "discovery" and parts[1] in DISCOVERY:
+            for module in imports(tree_of(path)):
+                other = module.split(".")[2:3]
+                inside = room_of(module) == "discovery" and other[0] != parts[1]
+                if inside and DISCOVERY.index(other[0]) > DISCOVERY.index(parts[1]):
+                    wrong.append(f"{'.'.join(parts)} imports {module}")
+    assert not wrong, "\n".join(wrong)

@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.findings.summary import summarise
-from adhesion_jax.discovery.findings.types import Doubt, Findings, Opinion
 from adhesion_jax.discovery.model.bases import FAMILIES, bic, first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
@@ -34,6 +33,7 @@ from adhesion_jax.discovery.search.screening import compile_changes
 from adhesion_jax.discovery.search.second_opinion import second_opinion
 from adhesion_jax.discovery.search.selection import look_again, search
 from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
+from adhesion_jax.discovery.types import Doubt, Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.law import BASES
 from adhesion_jax.errors import InputError

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, problem_of
 
-from adhesion_jax.discovery.findings.types import Candidate
 from adhesion_jax.discovery.model.bases import first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import Setting, has_room, squares
 from adhesion_jax.discovery.model.noise import white_noise
@@ -14,6 +13,7 @@ from adhesion_jax.discovery.search.refinement import _harmonics, forms_of, refin
 from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.selection import look_again
 from adhesion_jax.discovery.search.state import Accepted, settled
+from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import EFFECTS, Covariate, Interaction, Periodic, Spline
 from adhesion_jax.simulation.simulator import simulate
 

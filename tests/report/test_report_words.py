@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from adhesion_jax.discovery.findings.types import Interval
+from adhesion_jax.discovery.types import Interval
 from adhesion_jax.report.discovery.words import (
     column_label,
     error,

@@ -6,8 +6,8 @@ import pytest
 from scipy.stats import binomtest
 
 from adhesion_jax.commands.discovery_study import OWN_FILES, study
-from adhesion_jax.discovery.findings.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.discovery.search.catalogue import FAMILIES as FAMILIES_OF
+from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.random_effect import RandomEffect
 from adhesion_jax.simulation.runs import FAMILIES

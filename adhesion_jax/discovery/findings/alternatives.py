@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.discovery.findings.types import Proposal
 from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.screening import telling
 from adhesion_jax.discovery.search.state import Selection, parts_of
+from adhesion_jax.discovery.types import Proposal
 
 #: From this cosine on two causes are named as alike, and from this on a measurement is proposed.
 _ALIKE, _PROPOSED = 0.9, 0.6

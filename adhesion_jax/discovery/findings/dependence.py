@@ -6,11 +6,11 @@ import jax
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.findings.types import Dependence
 from adhesion_jax.discovery.model.fitting import covariance, packed, size_of
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.model.program import PROBES, Data, Model, changes
 from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.discovery.types import Dependence
 
 #: Values of a column, and seconds after a step, that are shown.
 _GRID, _SECONDS = 80, 10.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from adhesion_jax.discovery.findings.types import Errors, Interval
+from adhesion_jax.discovery.types import Errors, Interval
 
 _DRAWS = 1999
 

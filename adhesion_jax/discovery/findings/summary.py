@@ -15,14 +15,6 @@ from adhesion_jax.discovery.findings.alternatives import confounded, likenesses,
 from adhesion_jax.discovery.findings.cautions import absent, extrapolated, noise_words, untested
 from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
-from adhesion_jax.discovery.findings.types import (
-    Doubt,
-    Errors,
-    Findings,
-    FoundEffect,
-    Interval,
-    Opinion,
-)
 from adhesion_jax.discovery.model.fitting import Fitted, covariance, held_out_loss, nearly_fitted
 from adhesion_jax.discovery.model.noise import Noise
 from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
@@ -30,6 +22,14 @@ from adhesion_jax.discovery.model.slip import NoisySlip
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
+from adhesion_jax.discovery.types import (
+    Doubt,
+    Errors,
+    Findings,
+    FoundEffect,
+    Interval,
+    Opinion,
+)
 from adhesion_jax.effects import Effect, ShapeTerm
 from adhesion_jax.effects.law import BASES, CorrectedLaw, kind_of
 from adhesion_jax.records import Record

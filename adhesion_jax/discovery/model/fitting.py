@@ -405,3 +405,16 @@ def covariance(fitted: Fitted) -> np.ndarray:
     count = max(int(runs.sum()), 2)
     steps = solve(fitted.hessian.sum(0), fitted.gradient[runs])
     return steps.T @ steps * count / (count - 1)
+
+
+def in_noise_units(setting: Setting, signals: np.ndarray) -> np.ndarray:
+    """Signals [signals, runs, points], whitened."""
+    found, white = np.empty(signals.shape), whitening(setting.noise, setting.level)
+    for first in range(0, len(signals), PROBES):
+        some = signals[first : first + PROBES]
+        # One program whatever the number of signals.
+        padded = np.zeros((1 if len(signals) == 1 else PROBES, *some.shape[1:]))
+        padded[: len(some)] = some
+        whole = whiten(white, padded)
+        found[first : first + PROBES] = np.asarray(whole)[: len(some)]
+    return found

@@ -14,18 +14,18 @@ from scipy import stats
 from scipy.linalg import eigh
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.discovery.findings.types import Interval
 from adhesion_jax.discovery.model.bases import bic, first_fits, fits_alone, starts_under
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
+    in_noise_units,
     noise_of,
     raw_changes,
     squares,
 )
 from adhesion_jax.discovery.model.noise import MODES, Noise, determinant, white_noise, whitening
 from adhesion_jax.discovery.model.problem import Problem, prepare
-from adhesion_jax.discovery.search.screening import in_noise_units
+from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.slip_bias import SlipBias
 from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, log_density
 from adhesion_jax.records import Record

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from adhesion_jax.discovery.findings.types import Doubt
 from adhesion_jax.discovery.model.bases import bic
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
+    in_noise_units,
     likeliest,
     nearly_fitted,
     noise_of,
@@ -19,9 +19,10 @@ from adhesion_jax.discovery.model.noise import determinant, whitening
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search.catalogue import entry_of
 from adhesion_jax.discovery.search.run_levels import followed
-from adhesion_jax.discovery.search.screening import SIGNIFICANT, in_noise_units
+from adhesion_jax.discovery.search.screening import SIGNIFICANT
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of, without
 from adhesion_jax.discovery.search.trials import OF_SIGNALS
+from adhesion_jax.discovery.types import Doubt
 from adhesion_jax.effects import Effect
 from adhesion_jax.effects.falling_friction import FallingFriction
 from adhesion_jax.effects.law import BASES

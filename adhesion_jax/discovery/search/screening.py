@@ -17,13 +17,13 @@ from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
     has_room,
+    in_noise_units,
     raw_changes,
     size_of,
     with_own_noise,
 )
-from adhesion_jax.discovery.model.noise import whitening
 from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import PROBES, changes, pack, whiten, words_of
+from adhesion_jax.discovery.model.program import PROBES, changes, pack, words_of
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.effects import Covariate, Effect, ShapeTerm
 from adhesion_jax.effects.law import BASES
@@ -323,19 +323,6 @@ def telling(fitted: Fitted, probes: Sequence[Effect]) -> tuple[np.ndarray, np.nd
     flat = np.where(heard, flat / np.where(heard, left, 1.0), 0.0)
     residual = -fitted.residual.ravel()[used]
     return heard, flat, residual - basis @ (basis.T @ residual)
-
-
-def in_noise_units(setting: Setting, signals: np.ndarray) -> np.ndarray:
-    """Signals [signals, runs, points], whitened."""
-    found, white = np.empty(signals.shape), whitening(setting.noise, setting.level)
-    for first in range(0, len(signals), PROBES):
-        some = signals[first : first + PROBES]
-        # One program whatever the number of signals.
-        padded = np.zeros((1 if len(signals) == 1 else PROBES, *some.shape[1:]))
-        padded[: len(some)] = some
-        whole = whiten(white, padded)
-        found[first : first + PROBES] = np.asarray(whole)[: len(some)]
-    return found
 
 
 def _added(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import t as student
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from adhesion_jax.discovery.findings.types import Opinion
+from adhesion_jax.discovery.types import Opinion
 
 _FOLDS = 4
 

@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 from scipy import stats
 
-from adhesion_jax.discovery.findings.types import Candidate
 from adhesion_jax.discovery.model.bases import bic, refits
 from adhesion_jax.discovery.model.fitting import (
     gain,
@@ -40,6 +39,7 @@ from adhesion_jax.discovery.search.trials import (
     trial_of,
     tried,
 )
+from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import (
     Covariate,
     Spline,

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from adhesion_jax.discovery.findings.types import Candidate
 from adhesion_jax.discovery.model.bases import bic, refits
 from adhesion_jax.discovery.model.fitting import Fitted, Setting, likeliest
+from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import Effect
 
 

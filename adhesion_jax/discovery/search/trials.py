@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.discovery.findings.types import Candidate
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Gain,
@@ -20,6 +19,7 @@ from adhesion_jax.discovery.model.fitting import (
     with_own_noise,
 )
 from adhesion_jax.discovery.search.screening import SIGNIFICANT, Score
+from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import Covariate, Spline
 
 #: An effect is accepted from this share of the loss on, and this many standard errors above zero:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from adhesion_jax.discovery.findings.types import Findings, FoundEffect
+from adhesion_jax.discovery.types import Findings, FoundEffect
 from adhesion_jax.report.discovery.tables import (
     errors_table,
     level_columns,

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from adhesion_jax.curves import Curve, Law, with_free_values
-from adhesion_jax.discovery.findings.types import Candidate, Dependence, Findings, Interval
+from adhesion_jax.discovery.types import Candidate, Dependence, Findings, Interval
 from adhesion_jax.report.discovery.levels import level_panels
 from adhesion_jax.report.discovery.residuals import residual_panels
 from adhesion_jax.report.discovery.shapes import medians, root_grid, shape_panels, slip_limits

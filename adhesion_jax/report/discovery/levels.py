@@ -3,7 +3,7 @@
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import level_columns
 from adhesion_jax.report.discovery.words import column_label
 from adhesion_jax.report.style import AFTER, BEFORE, label_text, legend_below, light_frame, panels

@@ -2,7 +2,7 @@
 
 import re
 
-from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.content import page
 from adhesion_jax.report.page import Block, Formula, Items, Paragraph, Picture, Section, Table
 

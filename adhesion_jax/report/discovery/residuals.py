@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import residual_columns
 from adhesion_jax.report.discovery.words import column_label
 from adhesion_jax.report.style import (

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import shape_columns
 from adhesion_jax.report.discovery.words import column_label, humanised, number
 from adhesion_jax.report.style import AFTER, label_text, light_frame, panels, root_axis

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from adhesion_jax.discovery.findings.types import Candidate, Errors, Findings, FoundEffect
+from adhesion_jax.discovery.types import Candidate, Errors, Findings, FoundEffect
 from adhesion_jax.report.discovery.words import (
     axis,
     decision,

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.findings.types import (
+from adhesion_jax.discovery.search.screening import SIGNIFICANT
+from adhesion_jax.discovery.types import (
     Candidate,
     Errors,
     Findings,
@@ -13,7 +14,6 @@ from adhesion_jax.discovery.findings.types import (
     Interval,
     Opinion,
 )
-from adhesion_jax.discovery.search.screening import SIGNIFICANT
 
 #: Where a name in words is not just the name without its underscores.
 _NAMES = {

@@ -7,7 +7,7 @@ import pandas as pd
 
 from adhesion_jax.data import RunSet, matching, read_runs
 from adhesion_jax.discovery.engine import discover
-from adhesion_jax.discovery.findings.types import Findings
+from adhesion_jax.discovery.types import Findings
 
 
 def discover_tables(train: pd.DataFrame, test: pd.DataFrame | None, seed: int) -> Findings:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.discovery.findings.types import FoundEffect
+from adhesion_jax.discovery.types import FoundEffect
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.runs import FAMILIES
 from adhesion_jax.simulation.simulator import FORMS, Noise, simulate
