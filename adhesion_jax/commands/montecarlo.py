@@ -40,9 +40,10 @@ from adhesion_jax.scenarios.stream import Stream
 def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return
+    width = max(map(len, SCENARIOS)) + 2
     click.echo("scenarios")
     for name, build in SCENARIOS.items():
-        click.echo(f"  {name:<16}{(build.__doc__ or '').splitlines()[0]}")
+        click.echo(f"  {name:<{width}}{(build.__doc__ or '').splitlines()[0]}")
     click.echo("identifiers")
     for name in IDENTIFIERS:
         click.echo(f"  {name}{'  (runs when named)' if name in ABLATIONS else ''}")
@@ -74,8 +75,10 @@ class Job(NamedTuple):
 @click.option("--scenario", help=f"What is identified (by default {' and '.join(MAIN_JOB)}).")
 @click.option("--identifiers", help="Names divided by commas; by default all that fit.")
 @click.option("--rail", help="Rail of a scenario that has one rail.")
-@click.option("--sigma", type=FiniteRange(min=0), help="Noise of the adhesion signal (0.01).")
-@click.option("--points", type=click.IntRange(min=4), help="Points in a block (500).")
+@click.option(
+    "--sigma", type=FiniteRange(min=0, max=10), help="Noise of the adhesion signal (0.01)."
+)
+@click.option("--points", type=click.IntRange(min=4, max=10**6), help="Points in a block (500).")
 @click.option(
     "--slip-max",
     type=FiniteRange(min=0, max=1, min_open=True),
@@ -121,7 +124,9 @@ def main(
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
     asked = Config(
-        identifiers=tuple(name.strip() for name in identifiers.split(",")) if identifiers else (),
+        identifiers=tuple(name.strip() for name in identifiers.split(","))
+        if identifiers is not None
+        else (),
         options=Options(
             rail, sigma, points, slip_max, outliers, blocks, None if law is None else _text(law)
         ),

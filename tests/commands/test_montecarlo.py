@@ -148,6 +148,8 @@ def test_list_names_everything():
     assert done.returncode == 0
     for name in ("single", "he2018-1", "he2018-blocks", "ml-exact", "gn-optimistix", "wet"):
         assert name in done.stdout
+    # Every name stands apart from its words.
+    assert "mismatch-kiencke  " in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -159,6 +161,9 @@ def test_list_names_everything():
         (("--runs", "many"), ("--runs", "many")),
         (("--sigma", "-1"), ("--sigma", "-1")),
         (("--sigma", "nan"), ("--sigma",)),
+        (("--sigma", "1e300"), ("--sigma", "1e+300")),
+        (("--points", "99999999999999999999"), ("--points", "99999999999999999999")),
+        (("--identifiers", ""), ("--identifiers", "ml-exact")),
         (("--rail", "wet"), ("--rail", "he2018-blocks")),
         (("--scenario", "single", "--rail", "icy"), ("--rail icy", "dry")),
         (("--scenario", "single", "--blocks", "3"), ("--blocks", "single")),
