@@ -26,6 +26,7 @@ from adhesion_jax.discovery.model.program import (
     fit,
     pack,
     unpack,
+    whiten,
 )
 from adhesion_jax.effects import Effect
 from adhesion_jax.effects.law import BASES
