@@ -51,8 +51,8 @@ class Judged(NamedTuple):
 
     metrics: pd.DataFrame  # a row a case, segment and noise
     traces: Sequence[Trace]  # of each case without noise: NumPy arrays [rows, ...]
-    seconds: float  # of the processor, all processes together
-    compile_seconds: float
+    seconds: float  # of the processor, all processes together, without compilation
+    compile_seconds: float  # as the clock has it, of all processes added up
     steps: int  # of the plant, in all runs
 
 

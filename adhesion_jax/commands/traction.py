@@ -121,7 +121,7 @@ def main(
                 "plant_steps": judged.steps,
                 "plant_steps_per_cpu_second": judged.steps / judged.seconds,
                 "seconds": seconds,
-                "compile_cpu_seconds": judged.compile_seconds,
+                "compile_seconds": judged.compile_seconds,
                 "run_cpu_seconds": judged.seconds,
                 **runtime.describe(),
             },

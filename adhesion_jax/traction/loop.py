@@ -1,6 +1,6 @@
 """The traction loop: a plant, its sensors, an observer, a seeker and a controller, in time.
 
-A run is a scan over samples of the metrics; in each of them over control samples; in each of
+A run is a loop over samples of the metrics; in each of them over control samples; in each of
 those over steps of the plant, in which the command is held.
 """
 

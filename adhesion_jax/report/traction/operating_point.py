@@ -31,7 +31,7 @@ class _Passage(NamedTuple):
 
 
 def draw_operating_point(path: Path, one: Shown) -> None:
-    """The whole passage, its time in shades of grey."""
+    """The whole passage, its time from dark to bright."""
     passage = _passage(one)
     figure, axis = _frame(passage)
     axis.plot(passage.slip, passage.adhesion, color="0.75", lw=0.8, zorder=1)

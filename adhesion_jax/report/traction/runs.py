@@ -40,7 +40,7 @@ class Drawing(NamedTuple):
     plant: Plant
 
 
-class Unit(NamedTuple):
+class SpeedUnit(NamedTuple):
     """Of speeds in a figure: its name, and how many of it are 1 m/s."""
 
     name: str
@@ -50,7 +50,7 @@ class Unit(NamedTuple):
         return self.per_mps * np.asarray(speed)
 
 
-MPS, KMH = Unit("m/s", 1.0), Unit("km/h", 3.6)
+MPS, KMH = SpeedUnit("m/s", 1.0), SpeedUnit("km/h", 3.6)
 
 
 def by_method(shown: Sequence[Shown], *methods: str) -> list[Shown]:
@@ -74,7 +74,7 @@ def surfaces(one: Shown) -> Mapping[str, Surface]:
 
 
 def curves(
-    found: Mapping[str, Surface], train_speed: float, highest: float, unit: Unit = MPS
+    found: Mapping[str, Surface], train_speed: float, highest: float, unit: SpeedUnit = MPS
 ) -> list[Line]:
     """Adhesion over slip velocities up to the highest, which is in the unit."""
     slips = np.linspace(0.0, highest, 300)
@@ -89,7 +89,7 @@ def adhesion(surface: Surface, slips: ArrayLike, train_speed: float) -> Array:
     return np.asarray(surface(jnp.asarray(slips), jnp.asarray(train_speed)))
 
 
-def speeds(one: Shown, title: str, unit: Unit = MPS) -> Panel:
+def speeds(one: Shown, title: str, unit: SpeedUnit = MPS) -> Panel:
     rows = one.trace
     lines = [
         Line("wheel at the rim", rows.time, unit.of(mean_of_axles(rows.rim_speed))),
@@ -102,7 +102,7 @@ def slips(
     one: Shown,
     title: str,
     marks: Sequence[Mark],
-    unit: Unit = MPS,
+    unit: SpeedUnit = MPS,
     limits: tuple[float, float] | None = None,
 ) -> Panel:
     rows = one.trace
@@ -137,7 +137,7 @@ def torques(one: Shown, title: str, marks: Sequence[Mark] = ()) -> Panel:
     return Panel(title, TIME, "torque (kN m)", lines, marks)
 
 
-def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: Unit = MPS) -> Panel:
+def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: SpeedUnit = MPS) -> Panel:
     """The operating point in traction over the adhesion curves."""
     rows = one.trace.sample
     driven = np.asarray(rows.counts) & (np.asarray(rows.direction) > 0)
