@@ -13,11 +13,11 @@ from adhesion_jax.curves.base import free_values as free_values
 from adhesion_jax.curves.base import physical_box as physical_box
 from adhesion_jax.curves.base import with_free_values as with_free_values
 from adhesion_jax.curves.burckhardt import Burckhardt
-from adhesion_jax.curves.burckhardt import BurckhardtFull as BurckhardtFull
 from adhesion_jax.curves.exponential import Exponential
 from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.curves.level import Level
 from adhesion_jax.curves.magic_formula import MagicFormula
-from adhesion_jax.curves.polach import Polach, PolachFalling
+from adhesion_jax.curves.polach import Polach, PolachFalling, PolachScaled
 
 #: The curves by their command-line names, with typical values and every parameter that measured
 #: data can determine set free.
@@ -28,4 +28,11 @@ CURVES: Mapping[str, Curve] = {
     "polach-falling": PolachFalling(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
     "exponential": Exponential(a=1.0, b=100.0, c=0.3),
     "magic-formula": MagicFormula(b=100.0, c=1.5, d=0.3, e=0.0),
+}
+
+#: The curves that a law with effects may rest on; the level is for data at one slip.
+BASES: Mapping[str, Curve] = {
+    **CURVES,
+    "polach-scaled": PolachScaled(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
+    "level": Level(level=0.3),
 }

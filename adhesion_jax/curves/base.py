@@ -2,11 +2,12 @@
 
 import dataclasses
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 Scalar = float | Float[Array, ""]
@@ -60,12 +61,24 @@ class Curve(Law):
     """A law whose fields are its parameters.
 
     PARAMETERS describes every field; `free` names those that are identified, the others are
-    known. NEEDS names the conditions without which the curve cannot be evaluated.
+    known. NEEDS names the conditions without which the curve cannot be evaluated. AUTOMATIC: it
+    is among the curves that a discovery chooses from by itself.
     """
 
     PARAMETERS: eqx.AbstractClassVar[Mapping[str, Parameter]]
     NEEDS: eqx.AbstractClassVar[tuple[str, ...]]
+    AUTOMATIC: eqx.AbstractClassVar[bool]
     free: eqx.AbstractVar[tuple[str, ...]]
+
+    @classmethod
+    @abstractmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        """Free parameters to begin a fit from, where the largest adhesion is about `top`."""
+
+    @classmethod
+    @abstractmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> "Curve":
+        """A random curve of about this largest adhesion, at about this slip ratio if it can."""
 
 
 C = TypeVar("C", bound=Curve)

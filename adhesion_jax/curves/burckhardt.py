@@ -1,23 +1,16 @@
-"""Burckhardt's curve, in three parameters and with speed and load."""
+"""Burckhardt's curve in three parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
-from adhesion_jax.curves.peak import find_peak
 
 _SOURCE = "Burckhardt 1993; He et al. 2018, Eq. 5"
-_FULL_SOURCE = "Burckhardt 1993; He et al. 2018, Eq. 4"
-
-_PARAMETERS = {
-    "c1": Parameter("1", 0.001, 2.0, "level of the plateau", _SOURCE),
-    "c2": Parameter("1", 0.5, 5000.0, "steepness of the rise", _SOURCE),
-    "c3": Parameter("1", 0.0, 5.0, "fall behind the peak", _SOURCE),
-}
 
 
 class Burckhardt(Curve):
@@ -33,8 +26,22 @@ class Burckhardt(Curve):
     c3: Scalar
     free: tuple[str, ...] = eqx.field(default=("c1", "c2", "c3"), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = _PARAMETERS
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "c1": Parameter("1", 0.001, 2.0, "level of the plateau", _SOURCE),
+        "c2": Parameter("1", 0.5, 5000.0, "steepness of the rise", _SOURCE),
+        "c3": Parameter("1", 0.0, 5.0, "fall behind the peak", _SOURCE),
+    }
     NEEDS: ClassVar[tuple[str, ...]] = ()
+    AUTOMATIC: ClassVar[bool] = True
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        return [(1.1 * top, steep, top) for steep in (25.0, 70.0, 250.0)]
+
+    @classmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
+        draw = generator.uniform
+        return cls(c1=level, c2=draw(50.0, 150.0), c3=level * draw(0.3, 1.2))
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -49,35 +56,3 @@ class Burckhardt(Curve):
         slip = jnp.clip(stationary, 0.0, slip_limit)
         found = (stationary > 0) & (stationary <= slip_limit)
         return Peak(slip, self(slip, conditions), found)
-
-
-class BurckhardtFull(Curve):
-    """mu(l, V, Fz) = (c1 (1 - exp(-c2 l)) - c3 l) exp(-c4 l V) (1 - c5 Fz^2), odd in l.
-
-    V is the vehicle speed in m/s, Fz the normal load in N. The peak is found numerically.
-    Source: He et al. 2018, Eq. 4.
-    """
-
-    c1: Scalar
-    c2: Scalar
-    c3: Scalar
-    c4: Scalar
-    c5: Scalar
-    free: tuple[str, ...] = eqx.field(default=("c1", "c2", "c3", "c4", "c5"), static=True)
-
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        **_PARAMETERS,
-        "c4": Parameter("s/m", 0.0, 1.0, "fall with slip velocity", _FULL_SOURCE),
-        "c5": Parameter("1/N^2", 0.0, 1e-8, "fall with normal load", _FULL_SOURCE),
-    }
-    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "normal_load_N")
-
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
-        speed, load = conditions["vehicle_speed_mps"], conditions["normal_load_N"]
-        curve = Burckhardt(c1=self.c1, c2=self.c2, c3=self.c3)(slip, conditions)
-        return curve * jnp.exp(-self.c4 * jnp.abs(slip) * speed) * (1 - self.c5 * load**2)
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return find_peak(lambda slip: self(slip, conditions), slip_limit)

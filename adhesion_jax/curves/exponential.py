@@ -1,10 +1,11 @@
 """The difference of two exponentials."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
@@ -31,6 +32,16 @@ class Exponential(Curve):
         "c": Parameter("1", 0.001, 5.0, "level of the plateau", _SOURCE),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ()
+    AUTOMATIC: ClassVar[bool] = True
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        return [(2.0, steep, 1.2 * top) for steep in (25.0, 70.0, 250.0)]
+
+    @classmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
+        draw = generator.uniform
+        return cls(a=draw(1.0, 4.0), b=draw(60.0, 180.0), c=1.1 * level)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions

@@ -1,13 +1,14 @@
 """Adhesion at one slip: a level, without a curve."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.curves import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
 
 
 class Level(Curve):
@@ -20,6 +21,15 @@ class Level(Curve):
         "level": Parameter("1", 0.0, 3.0, "adhesion at that slip", "mean of the data"),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ()
+    AUTOMATIC: ClassVar[bool] = False
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        return [(top,)]
+
+    @classmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
+        return cls(level=level)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions

@@ -1,10 +1,12 @@
 """Pacejka's Magic Formula."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
@@ -33,6 +35,16 @@ class MagicFormula(Curve):
         "e": Parameter("1", -20.0, 1.0, "curvature factor", _SOURCE),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ()
+    AUTOMATIC: ClassVar[bool] = False  # it absorbs real effects
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        return [(steep, 1.5, top, 0.0) for steep in (10.0, 40.0, 150.0)]
+
+    @classmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
+        shape = generator.uniform(1.2, 1.6)
+        return cls(b=math.tan(math.pi / (2 * shape)) / peak, c=shape, d=level, e=0.0)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions

@@ -1,10 +1,11 @@
 """Polach's creep force law in closed form, with Coulomb and with falling friction."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
@@ -49,6 +50,15 @@ class Polach(Curve):
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = _PARAMETERS
     NEEDS: ClassVar[tuple[str, ...]] = ()
+    AUTOMATIC: ClassVar[bool] = False
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        return [(1.1 * top, stiffness) for stiffness in (30.0, 100.0, 400.0)]
+
+    @classmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
+        return cls(mu0=level, stiffness=generator.uniform(80.0, 200.0))
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -59,6 +69,23 @@ class Polach(Curve):
         # d/de [e/(1 + e^2) + atan(e)] = 2/(1 + e^2)^2 > 0: the largest adhesion is at the end.
         slip = jnp.asarray(slip_limit, dtype=float)
         return Peak(slip, self(slip, conditions), jnp.zeros((), dtype=bool))
+
+
+def _falling_starts(top: float) -> Sequence[Sequence[float]]:
+    """Stiff and soft rises, with little and much reduction in the area of slip."""
+    rises = [(stiffness, k_s) for stiffness in (40.0, 150.0) for k_s in (0.3, 0.9)]
+    return [(1.4 * top, 0.5, 0.5, stiffness, k_s) for stiffness, k_s in rises]
+
+
+def _falling_drawn(level: float, generator: np.random.Generator) -> Mapping[str, float]:
+    draw = generator.uniform
+    return {
+        "mu0": 1.2 * level,
+        "a": draw(0.35, 0.65),
+        "b": draw(0.2, 0.6),
+        "stiffness": draw(80.0, 200.0),
+        "k_s": draw(0.25, 0.6),
+    }
 
 
 class PolachFalling(Curve):
@@ -85,6 +112,15 @@ class PolachFalling(Curve):
         "k_a": Parameter("1", 0.01, 1.0, "reduction in the area of adhesion", _SOURCE),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
+    AUTOMATIC: ClassVar[bool] = True
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        return _falling_starts(top)
+
+    @classmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
+        return cls(**_falling_drawn(level, generator))
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -116,6 +152,15 @@ class PolachScaled(Curve):
         name: PolachFalling.PARAMETERS[name] for name in ("mu0", "a", "b", "stiffness", "k_s")
     }
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
+    AUTOMATIC: ClassVar[bool] = True
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        return _falling_starts(top)
+
+    @classmethod
+    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
+        return cls(**_falling_drawn(level, generator))
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions

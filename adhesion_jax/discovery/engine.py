@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from adhesion_jax.curves import CURVES
+from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.findings.summary import summarise
-from adhesion_jax.discovery.model.bases import FAMILIES, bic, first_fits, fits_alone
+from adhesion_jax.discovery.model.bases import bic, first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
@@ -35,7 +35,7 @@ from adhesion_jax.discovery.search.selection import look_again, search
 from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
 from adhesion_jax.discovery.types import Doubt, Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
-from adhesion_jax.effects.law import BASES
+from adhesion_jax.effects.wave import Wave
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 
@@ -50,9 +50,6 @@ _WORSE = 1.01
 
 #: A base curve whose BIC with the effects is larger by more than this is given up.
 _BEHIND = 100.0
-
-#: Effects whose imperfect form leaves lines in the spectrum of time.
-_LIKE_TORSION = ("slip_noise", "rail_joint", "wheel_order")
 
 #: Where the levels of runs scatter by more than this beyond what was found, it is searched again
 #: with every point alike. That must lower the sum of squared errors of runs held out to this share.
@@ -129,8 +126,9 @@ def discover(
     if base == "auto" and bases != ("level",):
         state, doubts = doubtful(state)
         doubts = (*doubts, *of_curve(state))
-    noisy = any(effect.name in _LIKE_TORSION for effect in state.accepted)
-    line = None if noisy else torsion(state.fitted)
+    # A wave in an imperfect form leaves lines in the spectrum of time.
+    waves = any(isinstance(part, Wave) for part in parts_of(state.accepted))
+    line = None if waves else torsion(state.fitted)
     progress("fitting all runs", 0.85)
     final = refined(_on_all_runs(state), seed)
     opinion = opinion_of(final, seed)
@@ -226,7 +224,9 @@ def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
     known = runs.record.conditions
     if base == "auto":
         return tuple(
-            name for name in FAMILIES if "polach" not in name or "vehicle_speed_mps" in known
+            name
+            for name, curve in BASES.items()
+            if curve.AUTOMATIC and all(need in known for need in curve.NEEDS)
         )
     if base not in CURVES:
         raise InputError(f"--base {base} is not known; name one of {', '.join(CURVES)}, or auto.")

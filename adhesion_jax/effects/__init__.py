@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from adhesion_jax.effects.axle_position import AxlePosition
 from adhesion_jax.effects.base import Columns as Columns
 from adhesion_jax.effects.base import Effect as Effect
+from adhesion_jax.effects.cause import Cause as Cause
 from adhesion_jax.effects.cleaning import Cleaning
 from adhesion_jax.effects.contact_heating import ContactHeating
 from adhesion_jax.effects.covariate import Covariate as Covariate
@@ -41,7 +42,7 @@ from adhesion_jax.effects.track_curve import CurveOfTrack
 from adhesion_jax.effects.wheel_order import WheelOrder
 
 #: The physical causes by their names.
-EFFECTS: Mapping[str, type[Effect]] = {
+EFFECTS: Mapping[str, type[Cause]] = {
     "speed": Speed,
     "slip_speed": SlipSpeed,
     "falling_friction": FallingFriction,
@@ -70,3 +71,28 @@ EFFECTS: Mapping[str, type[Effect]] = {
     "drift": Drift,
     "slip_noise": SlipNoise,
 }
+
+#: Every kind of effect by the name it is saved under; those beyond the causes are forms over any
+#: column.
+KINDS: Mapping[str, type[Effect]] = {
+    **EFFECTS,
+    "covariate": Covariate,
+    "spline": Spline,
+    "threshold": Threshold,
+    "product": Product,
+    "interaction": Interaction,
+    "surface": Surface,
+    "periodic": Periodic,
+}
+
+
+def kind_of(effect: Effect) -> str:
+    """The name of KINDS that an effect is saved under."""
+    return next(name for name, kind in KINDS.items() if kind is type(effect))
+
+
+def family_of(name: str) -> str:
+    """The family of a cause, or of what says the same as one by another name; else the name."""
+    if name in EFFECTS:
+        return EFFECTS[name].FAMILY
+    return next((cause.FAMILY for cause in EFFECTS.values() if name in cause.SAME_AS), name)

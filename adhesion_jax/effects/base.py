@@ -1,8 +1,7 @@
-"""What an effect is: one physical cause that an adhesion law may lack."""
+"""What an effect is: something that an adhesion law may lack."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -15,15 +14,16 @@ Columns = Mapping[str, np.ndarray]
 
 
 class Effect(eqx.Module):
-    """One cause, on top of any law: law(slip) becomes after(law(before(slip))).
+    """One effect on top of any law: law(slip) becomes after(law(before(slip))).
 
     The numeric fields are its parameters, described by PARAMETERS in their order. Those of
     STRENGTHS are zero where there is no effect; those of REFERENCES are no parameters to be
     found but the median of a column, so that the law below keeps its meaning.
     NEEDS names the columns without which the effect cannot be evaluated. ORDER sorts the effects
     of a law: those that bend the slip are applied first (0), those of the signals last (2). Only
-    effects of order 0 may bend the slip. SLOW: it may be so slow that what a little of it changes
-    says nothing of what it changes in whole.
+    effects of order 0 may bend the slip.
+    PHRASE names the effect within a sentence, with {} for its columns where it is a form over any
+    column; FORMULA is its equation for the reader, l the slip and mu the law below.
 
     Conditions are those of one run in the order of time, arrays [points]; effects that act in
     time need `time_s`. Where `time_s` is absent or a scalar, they are in their steady state.
@@ -34,7 +34,8 @@ class Effect(eqx.Module):
     REFERENCES: eqx.AbstractClassVar[Mapping[str, str]]
     NEEDS: eqx.AbstractClassVar[tuple[str, ...]]
     ORDER: eqx.AbstractClassVar[int]
-    SLOW: ClassVar[bool] = False
+    PHRASE: eqx.AbstractClassVar[str]
+    FORMULA: eqx.AbstractClassVar[str]
 
     @abstractmethod
     def before(

@@ -30,6 +30,10 @@ class Covariate(ShapeTerm):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "column", "scale": "column"}
+    FORMULA: ClassVar[str] = (
+        "g = k (z - z0)/s, z any column, z0 its median and s its standard deviation"
+    )
+    PHRASE: ClassVar[str] = "a dependence on {}"
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         return jnp.asarray(self.k * (conditions[self.column] - self.reference) / self.scale)

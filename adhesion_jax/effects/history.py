@@ -1,5 +1,7 @@
 """What effects that act in time are made of: first-order filters, shifts and sums along a run."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -50,15 +52,37 @@ def lagged(
     The exact response to a ramp: y(k) = a y(k-1) + (g - a) s(k-1) + (1 - g) s(k), with
     a = exp(-dt/T), g = (1 - a) T/dt. It starts settled.
     """
-    # Not the larger of both: the derivative at no time is that from above.
-    ratio = steps(conditions) / (time_constant + 1e-12)
-    kept = jnp.exp(-ratio)
-    small = ratio < 1e-4
-    gain = jnp.where(small, 1 - ratio / 2, -jnp.expm1(-ratio) / jnp.where(small, 1.0, ratio))
+    # A tiny constant is added, rather than a maximum taken, so that the derivative by a time
+    # constant of zero is its limit from above.
+    kept, gain = _response(steps(conditions) / (time_constant + 1e-12))
     before = jnp.concatenate([signal[:1], signal[:-1]])
     drive = (gain - kept) * before + (1 - gain) * signal
 
     return recurrence(kept.at[0].set(0.0), drive.at[0].set(signal[0]))
+
+
+class Filtered(NamedTuple):
+    """A first-order lag between two samples."""
+
+    time: Float[Array, ""]  # s
+    value: Float[Array, ""]
+    signal: Float[Array, ""]
+
+
+def filtered(
+    before: Filtered, signal: Float[Array, ""], time_constant: Scalar, time: Float[Array, ""]
+) -> Filtered:
+    """The lag one sample on: `lagged`, step by step."""
+    kept, gain = _response((time - before.time) / (time_constant + 1e-12))
+    value = kept * before.value + (gain - kept) * before.signal + (1 - gain) * signal
+    return Filtered(time, value, signal)
+
+
+def _response(ratio: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """exp(-r) and (1 - exp(-r))/r."""
+    small = ratio < 1e-4
+    gain = jnp.where(small, 1 - ratio / 2, -jnp.expm1(-ratio) / jnp.where(small, 1.0, ratio))
+    return jnp.exp(-ratio), gain
 
 
 def shifted(

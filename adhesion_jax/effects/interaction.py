@@ -42,6 +42,10 @@ class Interaction(ShapeTerm):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k11", "k12", "k21", "k22")
     REFERENCES: ClassVar[Mapping[str, str]] = REFERENCES
+    FORMULA: ClassVar[str] = (
+        "g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials"
+    )
+    PHRASE: ClassVar[str] = "a joint dependence on {}"
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)

@@ -1,61 +1,22 @@
-"""A curve with the effects that were found: an ordinary law, to be saved, loaded and used."""
+"""A curve with the effects that were found: an ordinary law."""
 
-import dataclasses
-import json
-import math
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from adhesion_jax.curves import CURVES, SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
-from adhesion_jax.curves.level import Level
+from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar
 from adhesion_jax.curves.peak import find_peak
-from adhesion_jax.curves.polach import PolachScaled
-from adhesion_jax.effects import (
-    EFFECTS,
-    Covariate,
-    Effect,
-    Interaction,
-    Periodic,
-    Product,
-    Spline,
-    Surface,
-    Threshold,
-)
+from adhesion_jax.effects.base import Effect
+from adhesion_jax.effects.cause import Remembering
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.shape import exponents_of, shaped
 from adhesion_jax.effects.slip_noise import SlipNoise
-from adhesion_jax.errors import InputError
 
-#: The curves that a law may rest on; the last is for data at one slip.
-BASES: Mapping[str, Curve] = {
-    **CURVES,
-    "polach-scaled": PolachScaled(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
-    "level": Level(level=0.3),
-}
-
-#: Every kind of effect by the name it is saved under.
-KINDS: Mapping[str, type[Effect]] = {
-    **EFFECTS,
-    "covariate": Covariate,
-    "spline": Spline,
-    "threshold": Threshold,
-    "product": Product,
-    "interaction": Interaction,
-    "surface": Surface,
-    "periodic": Periodic,
-}
-
-#: Of the files of a discovery; a file without one is of format 1.
-FORMAT = 2
-
-#: Effects whose formulas or parameters were others in format 1: read as of today, they would give
-#: other numbers.
-_CHANGED = ("covariate", "product", "slip_noise", "spline")
+#: What each effect of a law remembers, in the order in which they are applied.
+Memory = tuple[Any, ...]
 
 
 class CorrectedLaw(Law):
@@ -78,13 +39,54 @@ class CorrectedLaw(Law):
         for effect in self.effects:
             if isinstance(effect, SlipNoise):
                 slip = effect.before(slip, conditions)
+        others = tuple(effect for effect in self.effects if not isinstance(effect, SlipNoise))
+        return with_effects(self.curve, others, slip, self._seen(slip, conditions))
+
+    def init(self, slip: Float[Array, ""], conditions: Conditions) -> Memory:
+        """What the effects remember at the first sample of a run, for `step`."""
+        return self._advanced(None, slip, conditions)[0]
+
+    def step(
+        self, memory: Memory, slip: Float[Array, ""], conditions: Conditions
+    ) -> tuple[Memory, Float[Array, ""]]:
+        """The memory after one more sample, the first included, and its adhesion.
+
+        Conditions are scalars. Over the samples of a run it gives what a call with the whole run
+        gives, to the first order in the time between samples. Noise of the slip is left out: it
+        is of the signal, and a plant has the true slip. What a run tells of rates
+        (acceleration_mps2, wheel_angle_rad) has to be among the conditions where an effect needs
+        it.
+        """
+        return self._advanced(memory, slip, conditions)
+
+    def _advanced(
+        self, memory: Memory | None, slip: Float[Array, ""], conditions: Conditions
+    ) -> tuple[Memory, Float[Array, ""]]:
+        seen = self._seen(slip, conditions)
+        effects = [effect for effect in self.effects if not isinstance(effect, SlipNoise)]
+        effects.sort(key=lambda effect: effect.ORDER)
+        bent = slip
+        for effect in reversed(effects):
+            bent = effect.before(bent, seen)
+        exponents = exponents_of(effects, seen)
+        adhesion = shaped(lambda slip: self.curve(slip, seen), bent, exponents)
+        after: list[Any] = []
+        for place, effect in enumerate(effects):
+            if isinstance(effect, Remembering):
+                before = effect.init(adhesion, slip, seen) if memory is None else memory[place]
+                remembered, adhesion = effect.step(before, adhesion, slip, seen)
+            else:
+                remembered, adhesion = None, effect.after(adhesion, slip, seen)
+            after.append(remembered)
+        return tuple(after), adhesion
+
+    def _seen(self, slip: Float[Array, "*shape"], conditions: Conditions) -> Conditions:
+        """The conditions, those that follow from them, and none outside the ranges."""
         whole = completed(slip, conditions, self.calendar)
-        held = {
+        return {
             name: jnp.clip(values, *self.ranges[name]) if name in self.ranges else values
             for name, values in whole.items()
         }
-        others = tuple(effect for effect in self.effects if not isinstance(effect, SlipNoise))
-        return with_effects(self.curve, others, slip, held)
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         return find_peak(lambda slip: self(slip, conditions), slip_limit)
@@ -106,114 +108,3 @@ def with_effects(
     for effect in inner_first:
         adhesion = effect.after(adhesion, slip, conditions)
     return adhesion
-
-
-def save_law(path: Path, law: CorrectedLaw) -> None:
-    """As JSON: names and numbers."""
-    curve = law.curve
-    assert isinstance(curve, Curve)
-    name = next(name for name, known in BASES.items() if type(known) is type(curve))
-    path.write_text(
-        json.dumps(
-            {
-                "format": FORMAT,
-                "curve": {"name": name, **_fields(curve)},
-                "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
-                "ranges": dict(law.ranges),
-                "calendar": law.calendar._asdict(),
-            },
-            indent=2,
-        )
-        + "\n"
-    )
-
-
-def load_law(path: Path) -> CorrectedLaw:
-    """A law that was saved; InputError where the file is none."""
-    try:
-        return law_from(path.read_text(encoding="utf-8"), str(path))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); name a law.json.") from None
-    except UnicodeDecodeError:
-        raise _no_law(str(path)) from None
-
-
-def law_from(text: str, source: str) -> CorrectedLaw:
-    """The law that was saved as this text; InputError, which names the source, where it is none."""
-    try:
-        saved = json.loads(text)
-        _check_format(saved, source)
-        curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
-        known, free = type(BASES[curve.pop("name")]), tuple(curve.pop("free"))
-        kinds = [KINDS[effect.pop("name")] for effect in effects]
-        column, start, end = (saved["calendar"][name] for name in Calendar._fields)
-        return CorrectedLaw(
-            known(**_finite(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)),
-            tuple(
-                kind(**_finite(kind.PARAMETERS, effect))
-                for kind, effect in zip(kinds, effects, strict=True)
-            ),
-            {name: _range(*ends) for name, ends in saved["ranges"].items()},
-            Calendar(str(column), *_range(start, end)),
-        )
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise _no_law(source) from None
-
-
-def _check_format(saved: Mapping[str, Any], source: str) -> None:
-    """InputError where the law means something else to this version."""
-    written = saved.get("format", 1)
-    if written > FORMAT:
-        raise InputError(
-            f"{source} is a law of format {written}, and this version reads up to {FORMAT}; "
-            "use the version that saved it, or a newer one."
-        )
-    changed = [effect["name"] for effect in saved["effects"] if effect["name"] in _CHANGED]
-    if written < 2 and changed:
-        raise InputError(
-            f"{source} is a law of format 1 with {' and '.join(changed)}, whose formula has "
-            "changed since; find the effects again with experiments.discover of this version."
-        )
-
-
-def _no_law(source: str) -> InputError:
-    return InputError(f"{source} is not a law saved by experiments.discover; name its law.json.")
-
-
-def _finite(parameters: Iterable[str], fields: dict[str, Any]) -> dict[str, Any]:
-    """The fields, of which the parameters are finite numbers: Python's JSON knows NaN."""
-    if not all(math.isfinite(fields[name]) for name in parameters if name in fields):
-        raise ValueError
-    return fields
-
-
-def _some_of(parameters: Iterable[str], names: tuple[str, ...]) -> tuple[str, ...]:
-    if not names or not set(names) <= set(parameters):
-        raise ValueError
-    return names
-
-
-def _range(low: float, high: float) -> tuple[float, float]:
-    """Two finite numbers in order."""
-    if not -math.inf < low <= high < math.inf:
-        raise ValueError
-    return float(low), float(high)
-
-
-def kind_of(effect: Effect) -> str:
-    """The name of KINDS that an effect is saved under."""
-    return next(name for name, kind in KINDS.items() if kind is type(effect))
-
-
-def _fields(module: eqx.Module) -> dict[str, object]:
-    values = {field.name: getattr(module, field.name) for field in dataclasses.fields(module)}
-    return {
-        name: list(value)
-        if isinstance(value, tuple)
-        else value
-        if isinstance(value, str)
-        else float(value)
-        for name, value in values.items()
-    }

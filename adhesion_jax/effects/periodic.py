@@ -31,6 +31,10 @@ class Periodic(Effect):
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ()
     ORDER: ClassVar[int] = 1
+    FORMULA: ClassVar[str] = (
+        "mu (1 + a sin(2 pi f z) + b cos(2 pi f z)), f in waves a unit of the column z"
+    )
+    PHRASE: ClassVar[str] = "a wave along {}"
 
     def before(
         self, slip: Float[Array, "*shape"], conditions: Conditions

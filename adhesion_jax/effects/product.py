@@ -40,6 +40,10 @@ class Product(ShapeTerm):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {"first_scale": "first", "second_scale": "second"}
+    FORMULA: ClassVar[str] = (
+        "g = k (y - y0) (z - z0)/(s_y s_z), y and z two columns, s their spreads"
+    )
+    PHRASE: ClassVar[str] = "a joint dependence on {}"
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         first = conditions[self.first] / self.first_scale - self.first_centre

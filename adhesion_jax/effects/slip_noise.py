@@ -1,5 +1,3 @@
-"""The slip signal is noisy: its neighbours in time know the slip better than it does itself."""
-
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -11,7 +9,9 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.effects.base import Columns, Effect
+from adhesion_jax.effects.cause import Bending
 from adhesion_jax.effects.history import has_history
+from adhesion_jax.effects.planting import CleanRuns, Plan, Planted, unchanged
 
 #: The slip may be so many times rougher, or smoother, in one part of a run than it is on the whole;
 #: how rough it is at a point is told by this many points on either side of it.
@@ -21,8 +21,8 @@ _AROUND = 12
 _SOURCE = "Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter 4"
 
 
-class SlipNoise(Effect):
-    """mu(E[l]), E[l] the slip to be expected where white noise is on the signal of the wheel speed.
+class SlipNoise(Bending):
+    """White noise is on the measured slip; adhesion follows the slip that is to be expected.
 
     The true slip is a random walk whose rate is a random walk of intensity `roughness`, the noise
     of the measured one has the standard deviation sigma, or sigma/V where it `falls_with` the
@@ -44,7 +44,20 @@ class SlipNoise(Effect):
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sigma",)
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
-    ORDER: ClassVar[int] = 0
+    SENTENCE: ClassVar[str] = (
+        "The slip signal is noisy: its neighbours in time know the slip better than it does itself."
+    )
+    FORMULA: ClassVar[str] = (
+        "mu(E[l]), E[l] the slip to be expected where white noise is on the signal of the "
+        "wheel speed"
+    )
+    PHRASE: ClassVar[str] = "noise in the slip signal"
+    FAMILY: ClassVar[str] = "slip_noise"
+    RESTS_ON: ClassVar[tuple[str, ...]] = ("slip_ratio",)
+    SAME_AS: ClassVar[tuple[str, ...]] = ()
+    SEEN_IN: ClassVar[tuple[str, ...]] = ("base_adhesion_change", "slip_size_change")
+    SCREENED: ClassVar[bool] = False
+    ONE_FORM: ClassVar[bool] = True
 
     def before(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -53,17 +66,25 @@ class SlipNoise(Effect):
             return slip
         return expected_slip(self, jnp.asarray(slip), conditions).slip
 
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
-        return adhesion
-
     @classmethod
     def starts(cls, columns: Columns) -> Sequence[Effect]:
         return [cls(sigma=1e-3, roughness=0.05)]
+
+    @classmethod
+    def planted(cls, runs: CleanRuns, phase: float, generator: np.random.Generator) -> Plan:
+        return cls.planted_otherwise(runs, generator)
+
+    @classmethod
+    def planted_otherwise(cls, runs: CleanRuns, generator: np.random.Generator) -> Plan:
+        """White noise of `sigma` on the slip signal, after the adhesion was made."""
+        noise = generator.standard_normal(runs.slip.shape)
+
+        def make(amount: float) -> Planted:
+            return Planted(
+                3, unchanged, unchanged, lambda slip: slip + amount * noise, {"sigma": amount}
+            )
+
+        return Plan(make, 0.02)
 
 
 class ExpectedSlip(NamedTuple):

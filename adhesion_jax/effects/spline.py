@@ -56,6 +56,10 @@ class Spline(ShapeTerm):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4", "k5")
     REFERENCES: ClassVar[Mapping[str, str]] = {"low": "column", "high": "column"}
+    FORMULA: ClassVar[str] = (
+        "g = s(u), s a natural cubic spline with six knots on u = (z - low)/(high - low)"
+    )
+    PHRASE: ClassVar[str] = "a smooth dependence on {}"
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         basis = _basis(jnp.asarray((conditions[self.column] - self.low) / (self.high - self.low)))

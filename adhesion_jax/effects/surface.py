@@ -43,6 +43,10 @@ class Surface(ShapeTerm):
         **ENDS,
     }
     REFERENCES: ClassVar[Mapping[str, str]] = REFERENCES
+    FORMULA: ClassVar[str] = (
+        "g = k10 P_1(u) + k01 P_1(v) + k20 P_2(u) + k11 P_1(u) P_1(v) + k02 P_2(v)"
+    )
+    PHRASE: ClassVar[str] = "a smooth dependence on {}"
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)

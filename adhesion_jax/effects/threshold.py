@@ -35,6 +35,10 @@ class Threshold(ShapeTerm):
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "column"}
+    FORMULA: ClassVar[str] = (
+        "g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median"
+    )
+    PHRASE: ClassVar[str] = "a step over {}"
 
     def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
         def step(z: Float[Array, "..."] | float | Scalar) -> Float[Array, "..."]:

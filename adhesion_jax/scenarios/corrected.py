@@ -21,7 +21,8 @@ from adhesion_jax.curves import (
 )
 from adhesion_jax.curves.polach import PolachFalling, PolachScaled
 from adhesion_jax.effects.conditions import NOMINAL_RADIUS
-from adhesion_jax.effects.law import CorrectedLaw, law_from
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.saved import law_from
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import (
     bound_of_information,

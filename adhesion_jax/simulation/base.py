@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from adhesion_jax.curves import Conditions, Curve, free_values, physical_box, with_free_values
 from adhesion_jax.effects.conditions import Calendar, completed
-from adhesion_jax.simulation.planted import Bend
+from adhesion_jax.effects.planting import Bend
 from adhesion_jax.simulation.runs import Runs
 
 

@@ -54,9 +54,9 @@ def one_log(
     strong as it can be; `visible` is that misfit of all effects together.
     """
     for name in effects:
-        if name not in _FACTORS:
+        if name not in LOG_FORMS:
             raise InputError(
-                f"There is no effect '{name}' of a log; known are {', '.join(_FACTORS)}."
+                f"There is no effect '{name}' of a log; known are {', '.join(LOG_FORMS)}."
             )
     if points < _ROOM:
         raise InputError(f"A run of {points} points has no room for a slip event; give {_ROOM}.")
@@ -72,7 +72,7 @@ def one_log(
     amounts = {name: _amount(name, train, law, sigma) for name in effects}
 
     def clean(course: _Course) -> np.ndarray:
-        factors = [_FACTORS[name](amount, course) for name, amount in amounts.items()]
+        factors = [LOG_FORMS[name].factor(amount, course) for name, amount in amounts.items()]
         return burckhardt(law, course.slip) * np.prod([np.ones_like(course.slip), *factors], axis=0)
 
     def measured(course: _Course, stream: int) -> tuple[pd.DataFrame, np.ndarray]:
@@ -203,23 +203,28 @@ def _falling(amount: float, course: _Course) -> np.ndarray:
     return (1 + velocity / 0.2) ** -amount
 
 
-_FACTORS: Mapping[str, Callable[[float, _Course], np.ndarray]] = {
-    "humidity": _dry,
-    "sanding": _sanded,
-    "falling_friction": _falling,
-}
+class LogForm(NamedTuple):
+    """How an effect is planted in a log."""
 
-#: Larger amounts are not believed: an effect that needs one for its misfit stays below it.
-_LIMITS: Mapping[str, float] = {"humidity": 1.0, "sanding": 1.0, "falling_friction": 0.6}
+    factor: Callable[[float, _Course], np.ndarray]  # of adhesion, at an amount
+    limit: float  # larger amounts are not believed: the misfit then stays below what is wanted
+    also_right: tuple[str, ...]  # names as right: the weather only drifts, speed hardly varies
+
+
+LOG_FORMS: Mapping[str, LogForm] = {
+    "humidity": LogForm(_dry, 1.0, ("drift", "covariate:time_s", "covariate:campaign_time")),
+    "sanding": LogForm(_sanded, 1.0, ()),
+    "falling_friction": LogForm(_falling, 0.6, ("slip_speed", "contact_heating", "speed")),
+}
 
 
 def _amount(name: str, course: _Course, law: Burckhardt, sigma: float) -> float:
     amount = 0.1
     # The misfit grows about as the amount does.
     for _ in range(4):
-        clean = burckhardt(law, course.slip) * _FACTORS[name](amount, course)
+        clean = burckhardt(law, course.slip) * LOG_FORMS[name].factor(amount, course)
         ratio = _VISIBLE * sigma / _visible(law, course, clean)
-        amount = float(min(amount * ratio, _LIMITS[name]))
+        amount = float(min(amount * ratio, LOG_FORMS[name].limit))
     return amount
 
 

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.simulation.planted import Bend, Plan, Planted, unbent
-from adhesion_jax.simulation.runs import Columns
+from adhesion_jax.effects.planting import Bend, CleanRuns, Plan, Planted, unchanged
 
 #: Columns that a random effect can rest on.
 RANDOM_COLUMNS = (
@@ -39,19 +38,13 @@ def draw_random_effect(acts_on: str, count: int, generator: np.random.Generator)
     return RandomEffect(tuple(str(name) for name in columns), acts_on)
 
 
-def random_plan(
-    effect: RandomEffect,
-    columns: Columns,
-    slip: np.ndarray,
-    curve: Bend,
-    generator: np.random.Generator,
-) -> Plan:
-    """The effect on runs of true slip [runs, points], g = amount f with the extremes of f at +-1.
+def random_plan(effect: RandomEffect, runs: CleanRuns, generator: np.random.Generator) -> Plan:
+    """The effect on the runs, g = amount f with the extremes of f at +-1.
 
     level: mu exp(g); slip: mu(slip exp(g)); fall: mu_max - (mu_max - mu) exp(g) beyond the peak.
-    `curve` is the base law of these runs, slip to adhesion.
     """
-    points = np.stack([columns[name].ravel() for name in effect.columns], axis=1)
+    slip = runs.slip
+    points = np.stack([runs.columns[name].ravel() for name in effect.columns], axis=1)
     function, scales = smooth_function(points, generator)
     f = function.reshape(slip.shape)
     known = {
@@ -59,8 +52,8 @@ def random_plan(
         for name, scale in zip(effect.columns, scales, strict=True)
     }
 
-    def planted(amount: float, before: Bend = unbent, after: Bend = unbent) -> Planted:
-        return Planted(0, before, after, unbent, {"amount": amount, **known})
+    def planted(amount: float, before: Bend = unchanged, after: Bend = unchanged) -> Planted:
+        return Planted(0, before, after, unchanged, {"amount": amount, **known})
 
     match effect.acts_on:
         case "level":
@@ -72,7 +65,7 @@ def random_plan(
                 lambda amount: planted(amount, before=lambda slip: slip * np.exp(amount * f)), 2.0
             )
         case _:
-            where, height = peak_on_grid(curve, slip.shape)
+            where, height = peak_on_grid(runs.curve, slip.shape)
             beyond = np.abs(slip) > where
 
             def fallen(mu: np.ndarray, amount: float) -> np.ndarray:
@@ -82,7 +75,7 @@ def random_plan(
 
             return Plan(
                 lambda amount: planted(amount, after=lambda mu: fallen(mu, amount)),
-                _steepest(curve(slip), height, f, beyond),
+                _steepest(runs.curve(slip), height, f, beyond),
             )
 
 

@@ -4,11 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.curves import Curve
-from adhesion_jax.curves.burckhardt import Burckhardt
-from adhesion_jax.curves.exponential import Exponential
-from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.curves.polach import PolachFalling
+from adhesion_jax.curves import BASES, Curve
 
 #: Seconds between two points.
 STEP = 0.1
@@ -21,7 +17,7 @@ _TRACK = 1000.0  # m
 _SLIP_LOW = 0.005
 
 #: The base curves in turn.
-FAMILIES = ("burckhardt", "kiencke", "polach-falling", "exponential")
+BASE_CURVES = ("burckhardt", "kiencke", "polach-falling", "exponential")
 
 Columns = dict[str, np.ndarray]
 
@@ -33,28 +29,11 @@ class Runs(NamedTuple):
     columns: Columns  # every other column of the table, and those that only effects ask for
 
 
-def draw_curve(family: str, generator: np.random.Generator) -> Curve:
+def draw_curve(name: str, generator: np.random.Generator) -> Curve:
     """A dry or wet rail: adhesion up to .1 to .5, its peak at a slip of about .02 to .05."""
     draw = generator.uniform
     level, peak = draw(0.15, 0.45), draw(0.02, 0.05)
-    match family:
-        case "burckhardt":
-            return Burckhardt(c1=level, c2=draw(50.0, 150.0), c3=level * draw(0.3, 1.2))
-        case "kiencke":
-            slope = level / peak * draw(2.5, 5.0)
-            return Kiencke(
-                a0=slope, p1=slope / level - 2 / peak, p2=1 / peak**2, free=("a0", "p1", "p2")
-            )
-        case "polach-falling":
-            return PolachFalling(
-                mu0=1.2 * level,
-                a=draw(0.35, 0.65),
-                b=draw(0.2, 0.6),
-                stiffness=draw(80.0, 200.0),
-                k_s=draw(0.25, 0.6),
-            )
-        case _:
-            return Exponential(a=draw(1.0, 4.0), b=draw(60.0, 180.0), c=1.1 * level)
+    return BASES[name].drawn(level, peak, generator)
 
 
 def draw_runs(runs: int, points: int, operational: bool, generator: np.random.Generator) -> Runs:

@@ -1,7 +1,7 @@
 """Simulated campaigns with planted effects: what a discovery can be tested on."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,21 +9,12 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from adhesion_jax.curves import Conditions, Curve
+from adhesion_jax.curves import CURVES, Curve
+from adhesion_jax.effects.planting import Bend, CleanRuns, Plan, Planted
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.simulation.base import completed_runs, misfit, on_runs, rms
-from adhesion_jax.simulation.other_forms import perturbed
-from adhesion_jax.simulation.planted import (
-    EXTRA_COLUMNS,
-    PLANTABLE,
-    Bend,
-    Plan,
-    Planted,
-    exact,
-    slip_noise,
-    torsion,
-)
+from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
     RANDOM_COLUMNS,
@@ -32,7 +23,7 @@ from adhesion_jax.simulation.random_effect import (
     random_plan,
 )
 from adhesion_jax.simulation.runs import (
-    FAMILIES,
+    BASE_CURVES,
     Runs,
     draw_curve,
     draw_runs,
@@ -107,30 +98,33 @@ def simulate(
     """
     _check(effects, base, strength, form, noise, runs, points, remove, random)
     chance = [np.random.default_rng((seed, stream)) for stream in range(5)]
-    family = FAMILIES[seed % len(FAMILIES)] if base == "auto" else base
+    family = BASE_CURVES[seed % len(BASE_CURVES)] if base == "auto" else base
     truth = draw_runs(runs, points, operational, chance[0])
+    extra = _extra_columns(effects, truth, seed)
+    truth = truth._replace(columns={**truth.columns, **extra})
+    _known("column", remove, (*COLUMNS, *extra))
     law = draw_curve(family, chance[1])
     conditions = completed_runs(truth)
     curve = on_runs(law, conditions)
     if random is not None and random.acts_on == "fall" and not has_peak(curve, truth.slip.shape):
         family, law = "burckhardt", draw_curve("burckhardt", np.random.default_rng((seed, 1)))
         curve = on_runs(law, conditions)
+    clean_runs = CleanRuns(truth.slip, truth.columns, conditions, curve)
     planted: dict[str, Planted] = {}
     for name in (*effects, *(() if random is None else ("random",))):
         # By name, so that an effect is the same whatever else is planted beside it.
         own = np.random.default_rng((seed, 9, *name.encode()))
         wanted = own.uniform(0.15, 0.3) if strength is None else strength
         if random is not None and name == "random":
-            plan = random_plan(random, truth.columns, truth.slip, curve, own)
+            plan = random_plan(random, clean_runs, own)
         else:
-            plan = _plan(name, form, truth, conditions, curve, own)
+            plan = _plan(name, form, clean_runs, own)
         planted[name] = _of_strength(plan, wanted, truth.slip, curve)
 
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
     adhesion = noisy(clean, noise, chance[2])
     table = _table(truth, slip, adhesion, chance[3])
-    names = [*COLUMNS, *(EXTRA_COLUMNS[name] for name in effects if name in EXTRA_COLUMNS)]
-    kept = [name for name in names if name not in remove]
+    kept = [name for name in (*COLUMNS, *extra) if name not in remove]
     held_out = np.sort(chance[4].permutation(runs)[: max(round(_TEST * runs), 1)])
     is_test = np.isin(np.arange(runs), held_out)
     rows = np.repeat(is_test, points)
@@ -189,18 +183,14 @@ def _check(
     remove: Sequence[str],
     random: RandomEffect | None,
 ) -> None:
-    columns = (*COLUMNS, *EXTRA_COLUMNS.values())
     for what, asked, known in (
         ("effect", effects, PLANTABLE),
-        ("base curve", (base,), ("auto", *FAMILIES)),
+        ("base curve", (base,), ("auto", *CURVES)),
         ("form", (form,), FORMS),
-        ("column", remove, columns),
         ("column of a random effect", () if random is None else random.columns, RANDOM_COLUMNS),
         ("part of the curve", () if random is None else (random.acts_on,), ACTS_ON),
     ):
-        for name in asked:
-            if name not in known:
-                raise InputError(f"There is no {what} '{name}'; known are {', '.join(known)}.")
+        _known(what, asked, known)
     if len(set(effects)) < len(effects):
         raise InputError("An effect is planted once only; name each once.")
     needed = [name for name in remove if name in ("slip_ratio", "adhesion", "run")]
@@ -217,21 +207,26 @@ def _check(
         raise InputError("A campaign needs at least 4 runs of at least 20 points.")
 
 
-def _plan(
-    name: str,
-    form: str,
-    truth: Runs,
-    conditions: Conditions,
-    curve: Bend,
-    generator: np.random.Generator,
-) -> Plan:
-    if name == "slip_noise":
-        return slip_noise(truth.slip.shape, generator)
-    if name == "torsion":
-        return torsion(truth.columns, generator)
-    if form == "exact":
-        return exact(name, truth, conditions, generator)
-    return perturbed(name, truth, curve, generator)
+def _known(what: str, asked: Iterable[str], known: Collection[str]) -> None:
+    for name in asked:
+        if name not in known:
+            raise InputError(f"There is no {what} '{name}'; known are {', '.join(known)}.")
+
+
+def _extra_columns(effects: Sequence[str], truth: Runs, seed: int) -> Mapping[str, np.ndarray]:
+    """The columns that the table has only for the sake of these effects."""
+    extra: dict[str, np.ndarray] = {}
+    for name in effects:
+        own = np.random.default_rng((seed, 10, *name.encode()))
+        extra |= PLANTABLE[name].extra_columns(truth.columns, own)
+    return extra
+
+
+def _plan(name: str, form: str, runs: CleanRuns, generator: np.random.Generator) -> Plan:
+    kind = PLANTABLE[name]
+    if form == "perturbed" or kind.ONE_FORM:
+        return kind.planted_otherwise(runs, generator)
+    return kind.planted(runs, generator.uniform(0, 2 * np.pi), generator)
 
 
 def _of_strength(plan: Plan, strength: float, slip: np.ndarray, curve: Bend) -> Planted:

@@ -9,7 +9,7 @@ from discovery_campaigns import SIZE
 
 from adhesion_jax.commands.command import run
 from adhesion_jax.commands.discover import main
-from adhesion_jax.effects.law import load_law
+from adhesion_jax.effects.saved import load_law
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES
 from adhesion_jax.simulation.simulator import simulate
 

@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from adhesion_jax.curves import with_free_values
+from adhesion_jax.curves import BASES, with_free_values
 from adhesion_jax.discovery.model.bases import first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import (
     Gain,
@@ -27,7 +27,7 @@ from adhesion_jax.discovery.search.screening import Score
 from adhesion_jax.discovery.search.state import Accepted, settled
 from adhesion_jax.discovery.search.trials import Trial, class_of
 from adhesion_jax.effects import EFFECTS, Covariate
-from adhesion_jax.effects.law import BASES, with_effects
+from adhesion_jax.effects.law import with_effects
 from adhesion_jax.simulation.simulator import simulate
 
 SIGMA, CORRELATION, SCATTER = 0.007, 0.4, 0.005

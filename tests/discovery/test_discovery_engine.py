@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 
 from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.discovery.engine import discover
-from adhesion_jax.effects.law import load_law, save_law
+from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.simulator import Noise, simulate
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from adhesion_jax.curves import CURVES
-from adhesion_jax.effects import EFFECTS, ShapeTerm
+from adhesion_jax.effects import EFFECTS, KINDS, ShapeTerm, family_of
+from adhesion_jax.effects.cause import Remembering
 from adhesion_jax.effects.conditions import Calendar, completed
-from adhesion_jax.effects.law import KINDS, CorrectedLaw, with_effects
+from adhesion_jax.effects.law import CorrectedLaw, with_effects
 
 GENERIC = [name for name in KINDS if name not in EFFECTS]
 COLUMNS_OF = {"covariate": 1, "spline": 1, "threshold": 1, "periodic": 1} | {
@@ -210,8 +211,8 @@ def test_everything_is_described(name):
     assert {*kind.NEEDS} <= {*FLAT}
     assert kind.ORDER in (0, 1, 2)
     # A term of the curve is told by its function, the others by what they make of the adhesion.
-    told = "g = " if issubclass(kind, ShapeTerm) else "mu"
-    assert told in (kind.__doc__ or "").split("\n")[0]
+    assert ("g = " if issubclass(kind, ShapeTerm) else "mu") in kind.FORMULA
+    assert ("{}" in kind.PHRASE) == (name not in EFFECTS)
     for strength in kind.STRENGTHS:
         assert kind.PARAMETERS[strength].lower <= 0 < kind.PARAMETERS[strength].upper
 
@@ -225,6 +226,92 @@ def test_starts_lie_inside_the_bounds_and_are_not_nothing(name):
             assert parameter.lower <= float(getattr(effect, key)) <= parameter.upper
         assert any(float(getattr(effect, key)) != 0 for key in effect.STRENGTHS)
     assert len({repr(effect) for effect in starts}) == len(starts)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_cause_says_what_others_must_know_of_it(name):
+    cause = EFFECTS[name]
+    assert cause.SENTENCE.endswith(".")
+    assert cause.FAMILY
+    assert cause.RESTS_ON
+    assert cause.SEEN_IN
+    # Another name for it is a form over columns, or a cause of its own family.
+    for same in cause.SAME_AS:
+        kind, colon, column = same.partition(":")
+        assert (colon and kind in KINDS and column) or EFFECTS[same].FAMILY == cause.FAMILY
+        assert family_of(same) == cause.FAMILY
+    assert issubclass(cause, Remembering) == ("time_s" in cause.NEEDS and name != "slip_noise")
+    if issubclass(cause, Remembering):
+        assert cause.DRIVEN_BY in ("slip_ratio", *cause.NEEDS)
+
+
+def fine_run(step):
+    """Twelve seconds of smooth driving, sampled every `step` seconds; sand from 3 to 6 s."""
+    time = jnp.arange(0.0, 12.0, step)
+    speed = 12 + 2 * jnp.sin(time / 5)
+    conditions = {
+        "time_s": time,
+        "vehicle_speed_mps": speed,
+        "acceleration_mps2": 0.4 * jnp.cos(time / 5),
+        "normal_load_N": jnp.full_like(time, 9e4),
+        "sanding": ((time >= 3) & (time < 6)).astype(float),
+    }
+    return 0.04 + 0.03 * jnp.sin(0.9 * time), conditions
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, cause in EFFECTS.items() if issubclass(cause, Remembering)]
+)
+def test_step_by_step_a_memory_gives_what_the_whole_run_gives(name):
+    """Exactly, or with an error that falls in proportion to the step where `after` looks ahead."""
+    start = EFFECTS[name].starts({})[-1]
+    strong = {key: 10 * getattr(start, key) for key in start.STRENGTHS}
+    effect = dataclasses.replace(start, **({} if start.SLOW or name == "delay" else strong))
+    law = CorrectedLaw(BARE, (effect,), {}, CALENDAR)
+
+    def error_at(step):
+        slip, conditions = fine_run(step)
+        first = jax.tree.map(lambda column: column[0], (slip, conditions))
+        _, found = jax.lax.scan(
+            lambda memory, now: law.step(memory, *now), law.init(*first), (slip, conditions)
+        )
+        whole = law(slip, conditions)
+        assert float(jnp.max(jnp.abs(whole - BARE(slip, conditions)))) > 1e-3
+        # A rate is not known at the first sample: what follows from it has died away by then.
+        return float(jnp.max(jnp.abs(found - whole)[conditions["time_s"] >= 0.5]))
+
+    if name not in ("hysteresis", "inertia"):
+        assert error_at(0.1) < 1e-12
+        return
+    coarse, fine = error_at(0.01), error_at(0.00125)
+    assert coarse / fine == pytest.approx(8, rel=0.2)
+
+
+def test_effects_with_memory_are_advanced_one_after_the_other_in_a_compiled_loop_of_many_runs():
+    """Sand before a lag, in 3 runs of a plant whose slip follows from the adhesion itself."""
+    sand = EFFECTS["sanding"](k=0.5, build_up=0.3, decay=3.0)
+    law = CorrectedLaw(BARE, (EFFECTS["lag"](time_constant=0.4), sand), {}, CALENDAR)
+    step = 0.05
+
+    def driven(torque):
+        """Each sample: the wheel speeds up by what torque is left over from adhesion."""
+
+        def advance(carry, time):
+            memory, slip = carry
+            conditions = {"time_s": time, "sanding": (time > 1.0).astype(float)}
+            memory, adhesion = law.step(memory, slip, conditions)
+            return (memory, slip + step * 0.2 * (torque - adhesion)), (slip, adhesion)
+
+        first = jnp.asarray(0.01)
+        begun = law.init(first, {"time_s": jnp.zeros(()), "sanding": jnp.zeros(())})
+        times = step * jnp.arange(80.0)
+        return jax.lax.scan(advance, (begun, first), times)[1]
+
+    slips, adhesions = jax.jit(jax.vmap(driven))(jnp.array([0.1, 0.2, 0.25]))
+    times = step * jnp.arange(80.0)
+    conditions = {"time_s": times, "sanding": (times > 1.0).astype(float)}
+    for slip, adhesion in zip(slips, adhesions, strict=True):
+        np.testing.assert_allclose(adhesion, law(slip, conditions), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", sorted(name for name in KINDS if KINDS[name].ORDER > 0))

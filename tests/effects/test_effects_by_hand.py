@@ -6,9 +6,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from adhesion_jax.curves import CURVES
-from adhesion_jax.effects import EFFECTS, Spline
-from adhesion_jax.effects.law import BASES, KINDS, with_effects
+from adhesion_jax.curves import BASES, CURVES
+from adhesion_jax.effects import EFFECTS, KINDS, Spline
+from adhesion_jax.effects.law import with_effects
 
 BARE = CURVES["burckhardt"]
 POINT = {

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 from discovery_examples import BASE, HUMIDITY, SLIP_SPEED, law
 
-from adhesion_jax.effects.law import load_law, save_law
+from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
 
 STEADY = {

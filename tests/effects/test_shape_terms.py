@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, problem_of
 
-from adhesion_jax.curves import CURVES
+from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.curves.polach import PolachFalling
 from adhesion_jax.discovery.model.fitting import Setting, fit_model, in_order, raw_changes
 from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.model.program import base_curve
-from adhesion_jax.effects import EFFECTS, Covariate
+from adhesion_jax.effects import EFFECTS, KINDS, Covariate
 from adhesion_jax.effects.conditions import Calendar
-from adhesion_jax.effects.law import BASES, KINDS, CorrectedLaw, load_law, save_law, with_effects
+from adhesion_jax.effects.law import CorrectedLaw, with_effects
+from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.simulation.simulator import simulate
 

@@ -22,7 +22,7 @@ from discovery_examples import (
 from matplotlib.image import imread
 
 from adhesion_jax.discovery.types import Interval
-from adhesion_jax.effects.law import load_law
+from adhesion_jax.effects.saved import load_law
 from adhesion_jax.files import staged
 from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import (

@@ -21,7 +21,8 @@ from adhesion_jax.curves.polach import Polach, PolachFalling
 from adhesion_jax.effects import EFFECTS, Covariate
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.humidity import Humidity
-from adhesion_jax.effects.law import CorrectedLaw, save_law
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.saved import save_law
 from adhesion_jax.effects.wheel_order import WheelOrder
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, identify

@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
+from adhesion_jax.effects.planting import CleanRuns
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.base import completed_runs, on_runs
 from adhesion_jax.simulation.one_log import one_log
@@ -72,19 +73,14 @@ def test_a_random_effect_acts_on_the_level_the_slip_or_the_fall():
     runs, curve = small_runs()
     slip = runs.slip
     base = curve(slip)
-    level = random_plan(
-        RandomEffect(ONE, "level"), runs.columns, slip, curve, np.random.default_rng(5)
-    )
+    clean = CleanRuns(slip, runs.columns, completed_runs(runs), curve)
+    level = random_plan(RandomEffect(ONE, "level"), clean, np.random.default_rng(5))
     g = np.log(level.make(0.2).after(base) / base)
     assert np.abs(g).max() == pytest.approx(0.2)
     # The same function of the same column, on the slip and on the fall.
-    of_slip = random_plan(
-        RandomEffect(ONE, "slip"), runs.columns, slip, curve, np.random.default_rng(5)
-    )
+    of_slip = random_plan(RandomEffect(ONE, "slip"), clean, np.random.default_rng(5))
     np.testing.assert_allclose(of_slip.make(0.2).before(slip), slip * np.exp(g))
-    of_fall = random_plan(
-        RandomEffect(ONE, "fall"), runs.columns, slip, curve, np.random.default_rng(5)
-    )
+    of_fall = random_plan(RandomEffect(ONE, "fall"), clean, np.random.default_rng(5))
     law = draw_curve("burckhardt", np.random.default_rng(1))
     c1, c2, c3 = (float(getattr(law, name)) for name in ("c1", "c2", "c3"))
     where = np.log(c1 * c2 / c3) / c2

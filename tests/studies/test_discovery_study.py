@@ -6,11 +6,11 @@ import pytest
 from scipy.stats import binomtest
 
 from adhesion_jax.commands.discovery_study import OWN_FILES, study
-from adhesion_jax.discovery.search.catalogue import FAMILIES as FAMILIES_OF
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
+from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import RandomEffect
-from adhesion_jax.simulation.runs import FAMILIES
+from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import Noise
 from adhesion_jax.studies.discovery.judging import is_right, removed_share
 from adhesion_jax.studies.discovery.rates import clopper_pearson, confusion, rates, shares
@@ -37,7 +37,7 @@ def answer(*classes: tuple[str, ...], before: float = 0.02, after: float = 0.01)
 
 
 def task(part: str, effects: tuple[str, ...], seed: int, visible: float | None = None) -> Task:
-    return Task(part, effects, seed, FAMILIES[seed % 4], False, "perturbed", NOISE, visible)
+    return Task(part, effects, seed, BASE_CURVES[seed % 4], False, "perturbed", NOISE, visible)
 
 
 @pytest.mark.parametrize(("hits", "count"), [(0, 20), (3, 20), (20, 20), (1, 200), (7, 9)])
@@ -156,7 +156,7 @@ def test_new_parts_draw_for_themselves_and_share_no_seed():
     assert [one for one in tasks if one.part == "random"] == alone
     pairs = [one for one in tasks if one.part == "pair"]
     assert len(pairs) == 24
-    assert all(len({FAMILIES_OF.get(name, name) for name in one.effects}) == 2 for one in pairs)
+    assert all(len({PLANTABLE[name].FAMILY for name in one.effects}) == 2 for one in pairs)
     kinds = pd.Series([(one.random.acts_on, len(one.random.columns)) for one in alone])
     assert (kinds.value_counts() == 4).all()
     assert kinds.nunique() == 6
@@ -300,10 +300,8 @@ def test_workers_give_the_rows_of_one_process():
 def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.FOLLOWED", ("humidity",))
     monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.VISIBLE", (0.5, 2.0))
-    monkeypatch.setattr(
-        "adhesion_jax.studies.discovery.tasks.EFFECTS", {"humidity": None, "speed": None}
-    )
-    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.BEYOND", ())
+    some = {name: PLANTABLE[name] for name in ("humidity", "speed")}
+    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.PLANTABLE", some)
     sizes = {"null": 4, "powers": 1, "seed": 0, "pairs": 1, "random": 6, "logs": 1}
     table = study(sizes, tmp_path, lambda *_: answer(("humidity", "drift")))
     assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES}

@@ -11,6 +11,7 @@ from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.model.program import PROBES, Data, Model, changes
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.discovery.types import Dependence
+from adhesion_jax.effects.cause import Remembering
 
 #: Values of a column, and seconds after a step, that are shown.
 _GRID, _SECONDS = 80, 10.0
@@ -34,10 +35,11 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
     found = []
     for effect in state.accepted:
         parts = [place for place, part in enumerate(state.fitted.effects) if part in effect.parts]
-        if any("time_s" in part.NEEDS for part in effect.parts):
-            if state.setting.problem.points.shape[1] >= _GRID // 4 and effect.parts:
-                what = "sand" if "sanding" in effect.covariates else "a step of the slip"
-                found.append(_after_step(state, effect.name, what, parts, draws))
+        in_time = [part for part in effect.parts if isinstance(part, Remembering)]
+        if in_time:
+            if state.setting.problem.points.shape[1] >= _GRID // 4:
+                driver = in_time[0].DRIVEN_BY
+                found.append(_after_step(state, effect.name, driver, parts, draws))
             continue
         columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
         for column in columns or ["slip_ratio"]:
@@ -80,19 +82,19 @@ def _over(
 
 
 def _after_step(
-    state: Selection, name: str, what: str, parts: Sequence[int], draws: np.ndarray
+    state: Selection, name: str, driver: str, parts: Sequence[int], draws: np.ndarray
 ) -> Dependence:
-    """The slip steps from a fifth of its median to its median, the sand flag is set throughout."""
+    """The slip steps from a fifth of its median to its median; another driver is one throughout."""
     shape = state.setting.problem.points.shape
     grid = np.linspace(0.0, _SECONDS, shape[1])
     slip = float(np.median(state.setting.problem.flat["slip_ratio"]))
     columns = {
         "time_s": np.tile(grid, (shape[0], 1)),
         "slip_ratio": np.tile(np.where(grid > 0, slip, 0.2 * slip), (shape[0], 1)),
-        "sanding": np.ones(shape),
     }
+    columns.setdefault(driver, np.ones(shape))
     factors = _factors(state, parts, draws, columns)[:, 0]
-    return _banded(name, f"time since {what}", "s", grid, factors)
+    return _banded(name, f"time since a step of {driver}", "s", grid, factors)
 
 
 def _factors(

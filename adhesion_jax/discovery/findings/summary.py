@@ -1,6 +1,5 @@
 """Findings from a finished search: errors, intervals, and what to be careful about."""
 
-import inspect
 import time
 from collections.abc import Mapping, Sequence
 
@@ -9,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.curves import BASES
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.findings.alternatives import confounded, likenesses, proposals
@@ -30,8 +30,8 @@ from adhesion_jax.discovery.types import (
     Interval,
     Opinion,
 )
-from adhesion_jax.effects import Effect, ShapeTerm
-from adhesion_jax.effects.law import BASES, CorrectedLaw, kind_of
+from adhesion_jax.effects import Cause, Effect, ShapeTerm, kind_of
+from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.records import Record
 
 #: What is told of the noise.
@@ -286,18 +286,17 @@ def acts_on(effect: Accepted) -> str:
 
 
 def _formula(part: Effect) -> str:
-    written = (type(part).__doc__ or "").strip().split("\n")[0].rstrip(".")
-    return f"{_BENT[part.acts_on]}, {written}" if isinstance(part, ShapeTerm) else written
+    return f"{_BENT[part.acts_on]}, {part.FORMULA}" if isinstance(part, ShapeTerm) else part.FORMULA
 
 
 def _sentence(effect: Accepted) -> str:
-    """What the cause does in words: the first line of the file that it is written in."""
-    if effect.generic:
+    """What the cause does, in words."""
+    first = effect.parts[0]
+    if not isinstance(first, Cause):
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
-    written = inspect.getdoc(inspect.getmodule(type(effect.parts[0]))) or effect.name
     more = " and ".join(kind_of(part) for part in effect.parts[1:])
     refined = f" Its form is refined by {more}." if more else ""
-    return f"{written.splitlines()[0]}{refined}"
+    return f"{first.SENTENCE}{refined}"
 
 
 def _intervals(state: Selection) -> Mapping[int, Mapping[str, Interval]]:

@@ -1,10 +1,10 @@
 """The curve below the effects: which family, and where its fit starts."""
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 
 import numpy as np
 
+from adhesion_jax.curves import BASES
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
@@ -15,30 +15,6 @@ from adhesion_jax.discovery.model.fitting import (
     with_own_noise,
 )
 from adhesion_jax.effects import Effect
-
-#: The families that the automatic choice is between; the magic formula absorbs real effects.
-FAMILIES = ("burckhardt", "kiencke", "polach-falling", "polach-scaled", "exponential")
-
-
-def _starts(base: str, top: float) -> Sequence[Sequence[float]]:
-    """Steep, middle and flat curves of about the largest adhesion of the data."""
-    match base:
-        case "burckhardt":
-            return [(1.1 * top, steep, top) for steep in (25.0, 70.0, 250.0)]
-        case "kiencke":
-            # Peak at slip l: p2 = 1/l^2, p1 = 1/l, a0 = top (p1 + 2/l).
-            return [(3 * top / at, 1 / at, at**-2) for at in (0.015, 0.05, 0.15)]
-        case "polach-falling" | "polach-scaled":
-            inner = product((0.5,), (40.0, 150.0), (0.3, 0.9))
-            return [(1.4 * top, 0.5, b, stiff, k_s) for b, stiff, k_s in inner]
-        case "exponential":
-            return [(2.0, steep, 1.2 * top) for steep in (25.0, 70.0, 250.0)]
-        case "polach":
-            return [(1.1 * top, stiff) for stiff in (30.0, 100.0, 400.0)]
-        case "magic-formula":
-            return [(steep, 1.5, top, 0.0) for steep in (10.0, 40.0, 150.0)]
-        case _:
-            return [(top,)]
 
 
 def fits_alone(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
@@ -55,13 +31,13 @@ def first_fits(alone: Mapping[str, Fitted]) -> dict[str, Fitted]:
 
 def starts_under(setting: Setting, base: str) -> list[Fitted]:
     """A curve alone under a given noise, from each of its starts."""
-    starts = _starts(base, _top(setting))
+    starts = BASES[base].starts(_top(setting))
     return side_by_side(lambda start: nearly_fitted(setting, base, start, ()), list(starts))
 
 
 def middle_start_under(setting: Setting, base: str, effects: Sequence[Effect]) -> Fitted:
     """A curve with effects under a given noise, from the middle one of the curve's starts."""
-    starts = _starts(base, _top(setting))
+    starts = BASES[base].starts(_top(setting))
     return nearly_fitted(setting, base, starts[len(starts) // 2], effects)
 
 

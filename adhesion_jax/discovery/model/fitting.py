@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from scipy import stats
 
+from adhesion_jax.curves import BASES
 from adhesion_jax.discovery.model.noise import (
     Noise,
     determinant,
@@ -29,7 +30,6 @@ from adhesion_jax.discovery.model.program import (
     whiten,
 )
 from adhesion_jax.effects import Effect
-from adhesion_jax.effects.law import BASES
 
 #: Sizes of the program: (slots, free parameters). The larger is compiled when it is needed.
 _SIZES = ((8, 32), (12, 64))

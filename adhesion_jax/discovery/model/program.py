@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.curves import Conditions, Curve, with_free_values
+from adhesion_jax.curves import BASES, Conditions, Curve, with_free_values
 from adhesion_jax.discovery.model.noise import Whitening, whitened
-from adhesion_jax.effects import Effect, ShapeTerm
-from adhesion_jax.effects.law import BASES, KINDS
+from adhesion_jax.effects import KINDS, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
+from adhesion_jax.effects.slip_noise import SlipNoise
 
 #: `changes` takes this many models at a time, so that every campaign uses the same program.
 PROBES = 16
@@ -31,8 +31,8 @@ _NAMES = tuple(KINDS)
 # Each effect has one of three branches; what is not written out need not be compiled. The slip is
 # corrected for its noise before it is handed to a program.
 _SHAPES = tuple(name for name in _NAMES if issubclass(KINDS[name], ShapeTerm))
-_BENDING = tuple(name for name in _NAMES if KINDS[name].ORDER == 0 and name != "slip_noise")
-_AFTER = tuple(name for name in _NAMES if name not in (*_SHAPES, "slip_noise"))
+_CAUSES = tuple(name for name in _NAMES if name not in _SHAPES and KINDS[name] is not SlipNoise)
+_BENDING = tuple(name for name in _CAUSES if KINDS[name].ORDER == 0)
 
 
 _PLACES = {kind: place for place, kind in enumerate(KINDS.values())}
@@ -254,9 +254,9 @@ def _adhesion(
                 lambda adhesion, name: effect(name, slots[slot]).after(adhesion, slip, seen(slot)),
                 name=name,
             )
-            for name in _AFTER
+            for name in _CAUSES
         ]
-        return jax.lax.switch(_branches(_AFTER)[kind[slot]], branches, adhesion)
+        return jax.lax.switch(_branches(_CAUSES)[kind[slot]], branches, adhesion)
 
     def curve(slip: Array) -> Array:
         return _curve(base, values, slip, conditions)

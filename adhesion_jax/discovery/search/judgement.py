@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from adhesion_jax.curves import BASES
 from adhesion_jax.discovery.model.bases import bic
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
@@ -23,18 +24,14 @@ from adhesion_jax.discovery.search.screening import SIGNIFICANT
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of, without
 from adhesion_jax.discovery.search.trials import OF_SIGNALS
 from adhesion_jax.discovery.types import Doubt
-from adhesion_jax.effects import Effect
+from adhesion_jax.effects import Effect, kind_of
 from adhesion_jax.effects.falling_friction import FallingFriction
-from adhesion_jax.effects.law import BASES
 
 #: Half a chi-square that an effect of the slip alone must reach on every base curve: p = 6e-5.
 _SURE = 8.0
 
 #: An effect is as good as a curve that has it where it gains this share of what the curve does.
 _AS_GOOD = 0.75
-
-#: What curves that fall with slip velocity have in them.
-_FALLING = "falling_friction"
 
 #: A gain of so many standard errors is sure, whatever is asked of it besides.
 _SURELY = 1.645
@@ -101,7 +98,8 @@ def of_curve(state: Selection) -> tuple[Doubt, ...]:
     Then friction falls in the curve, or as an effect on another curve.
     """
     plain = [fitted for name, fitted in state.fits.items() if not BASES[name].NEEDS]
-    falls = entry_of(_FALLING, FallingFriction.starts({}), state.setting.problem)
+    starts = FallingFriction.starts({})
+    falls = entry_of(kind_of(starts[0]), starts, state.setting.problem)
     if not BASES[state.base].NEEDS or not plain:
         return ()
     if any(effect.family == falls.family for effect in state.accepted):
@@ -119,11 +117,11 @@ def of_curve(state: Selection) -> tuple[Doubt, ...]:
         return ()
     return (
         Doubt(
-            (_FALLING,),
+            (falls.name,),
             f"Friction falls with the slip velocity, in the curve or as an effect: {state.base}, "
             f"which was chosen, falls by itself. Its log likelihood is {lacking:.2g} above that of "
             f"{other.base} alone, and {lacking - gained:.2g} above that of {other.base} with "
-            f"{_FALLING}. It is not counted as an effect, for the curve has it; --base "
+            f"{falls.name}. It is not counted as an effect, for the curve has it; --base "
             f"{other.base} searches for it as one. Runs of the same slips at different speeds "
             "would tell them apart.",
         ),
@@ -201,7 +199,7 @@ def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
         and all(
             name in ("slip_ratio", "time_s") or name not in varying for name in effect.covariates
         )
-        and effect.family == "slip velocity"
+        and effect.family == FallingFriction.FAMILY
     )
 
 

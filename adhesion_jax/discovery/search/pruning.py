@@ -14,8 +14,7 @@ from adhesion_jax.discovery.search.state import (
     without,
 )
 from adhesion_jax.discovery.search.trials import is_worth
-from adhesion_jax.effects import EFFECTS
-from adhesion_jax.effects.law import kind_of
+from adhesion_jax.effects import EFFECTS, kind_of
 
 #: A part is not tried to be left out where the half deviance rises by more, to second order.
 _PLAINLY_NEEDED = 50.0

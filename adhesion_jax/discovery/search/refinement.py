@@ -16,7 +16,9 @@ from adhesion_jax.effects import (
     Periodic,
     Spline,
     Threshold,
+    kind_of,
 )
+from adhesion_jax.effects.falling_friction import FallingFriction
 from adhesion_jax.effects.rail_joint import RailJoint
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.effects.slip_bias import SlipBias
@@ -97,7 +99,8 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
         for column in problem.columns
         if label_of(column, problem.measured) in effect.covariates
     ]
-    if effect.family == "slip velocity":
+    of_slip_velocity = effect.family == FallingFriction.FAMILY
+    if of_slip_velocity:
         columns = [column for column in problem.columns if column == "slip_velocity_mps"]
     entries = [
         entry
@@ -112,9 +115,10 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
             for start in Interaction.starts(flat)
             for acts_on in ACTS_ON
         ]
-    if effect.family == "slip velocity" and "vehicle_speed_mps" not in problem.varying:
+    if of_slip_velocity and "vehicle_speed_mps" not in problem.varying:
         # At one speed all is a function of the slip, an offset of which is a matter of form too.
-        entries.append(entry_of("slip_bias", SlipBias.starts({}), problem))
+        starts = SlipBias.starts({})
+        entries.append(entry_of(kind_of(starts[0]), starts, problem))
     for start in _harmonics(effect.parts, problem):
         entries.append(entry_of(f"periodic:{start.column}", [start], problem))
     there = {_form(part) for part in effect.parts}

@@ -10,22 +10,21 @@ from scipy.ndimage import median_filter
 from adhesion_jax.discovery.model.fitting import Fitted
 from adhesion_jax.discovery.model.noise import chain
 from adhesion_jax.discovery.model.problem import Problem, label_of
-from adhesion_jax.discovery.search.catalogue import FAMILIES, Entry
-from adhesion_jax.effects import Effect, Periodic
-from adhesion_jax.effects.rail_joint import RailJoint
-from adhesion_jax.effects.wheel_order import WheelOrder
+from adhesion_jax.discovery.search.catalogue import Entry
+from adhesion_jax.effects import EFFECTS, Effect, Periodic, family_of
+from adhesion_jax.effects.wave import Wave
 
 #: A scan looks at hundreds of places: what it finds must be this sure.
 SCAN_SIGNIFICANT = 0.001
 
 _FLIPS = 1999
 
-#: Bins along an axis for the fast transform; waves shorter than eight bins are not looked for.
-_BINS = {"position_m": 8192, "wheel_angle_rad": 8192}
-_FEW_BINS = 1024
+#: Bins for the fast transform along an axis that a cause is a wave along, and along a plain column;
+#: waves shorter than eight bins are not looked for.
+_BINS, _FEW_BINS = 8192, 1024
 
-#: Axes along which waves are looked for: the condition, and the effect that explains one.
-_AXES = {"position_m": "rail_joint", "wheel_angle_rad": "wheel_order"}
+#: Axes along which causes are waves, by the column: the name of the cause.
+_AXES = dict(sorted((kind.AXIS, name) for name, kind in EFFECTS.items() if issubclass(kind, Wave)))
 
 #: A line in time must go through so many waves in a run: slower ones are the excitation's.
 _WAVES = 6
@@ -41,14 +40,14 @@ _LINE = 10.0
 _NEIGHBOURS = 12
 
 
-class Wave(NamedTuple):
+class Line(NamedTuple):
     """A line in a spectrum."""
 
     entry: Entry
     p: float
 
 
-def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Wave]:
+def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Line]:
     """The strongest coherent wave along each axis, with p adjusted for all lengths by sign flips.
 
     The score of a run at a frequency is the sum over its points of residual times adhesion times
@@ -74,17 +73,14 @@ def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Wave]:
             continue
         start = _start(axis, effect, frequency)
         label = label_of(axis, problem.measured)
-        found.append(
-            Wave(Entry(name, (start,), (label,), ":" in name, FAMILIES.get(name, name)), p)
-        )
+        found.append(Line(Entry(name, (start,), (label,), ":" in name, family_of(name)), p))
     return found
 
 
 def _start(axis: str, effect: str, frequency: float) -> Effect:
-    if effect == "rail_joint":
-        return RailJoint(0.01, 0.01, 0.0, 0.0, length=1 / frequency)
-    if effect == "wheel_order":
-        return WheelOrder(0.01, 0.01, 0.0, 0.0, order=2 * np.pi * frequency)
+    kind = EFFECTS.get(effect)
+    if kind is not None and issubclass(kind, Wave):
+        return kind.of_frequency(frequency)
     return Periodic(0.01, 0.01, frequency, column=axis)
 
 
@@ -117,7 +113,7 @@ def _coherent(
         values = np.asarray(problem.data.columns[problem.columns.index(axis)])
     inside = problem.points > 0
     low, high = values[inside].min(), values[inside].max()
-    bins = _BINS.get(axis, _FEW_BINS)
+    bins = _BINS if axis in _AXES else _FEW_BINS
     cell = np.clip((values - low) / (high - low) * (bins - 1), 0, bins - 1).astype(int)
     runs = values.shape[0]
     sums = np.zeros((runs, 2 * bins))

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from scipy import stats
 from scipy.special import gammaln
 
-from adhesion_jax.curves import Scalar
+from adhesion_jax.curves import BASES, Scalar
 from adhesion_jax.discovery.model.bases import middle_start_under, starts_under
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
@@ -25,8 +25,7 @@ from adhesion_jax.discovery.model.fitting import (
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import PROBES, changes, pack, words_of
 from adhesion_jax.discovery.search.catalogue import Entry
-from adhesion_jax.effects import Covariate, Effect, ShapeTerm
-from adhesion_jax.effects.law import BASES
+from adhesion_jax.effects import EFFECTS, Covariate, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON
 
 #: A probe that keeps less than this share of itself beside the model cannot be told from it.
@@ -110,7 +109,7 @@ def _outright(
 
     p is that of chi-square, times the number of these entries and `_SPENT`.
     """
-    slow = [entry for entry in entries if entry.starts[-1].SLOW]
+    slow = [entry for entry in entries if entry.name in EFFECTS and EFFECTS[entry.name].SLOW]
     found = []
     for entry in slow:
         start = entry.starts[-1]

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from scipy import stats
 
+from adhesion_jax.curves import BASES
 from adhesion_jax.discovery.model.bases import bic, refits
 from adhesion_jax.discovery.model.fitting import (
     gain,
@@ -44,8 +45,8 @@ from adhesion_jax.effects import (
     Covariate,
     Spline,
     Threshold,
+    kind_of,
 )
-from adhesion_jax.effects.law import BASES, kind_of
 
 _ROUNDS = 6
 

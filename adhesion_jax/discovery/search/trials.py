@@ -20,7 +20,7 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.search.screening import SIGNIFICANT, Score
 from adhesion_jax.discovery.types import Candidate
-from adhesion_jax.effects import Covariate, Spline
+from adhesion_jax.effects import EFFECTS, Covariate, Spline
 
 #: An effect is accepted from this share of the loss on, and this many standard errors above zero:
 #: nine times in ten it then predicts runs better that nobody has seen; nineteen times in twenty
@@ -52,8 +52,8 @@ _ALIKE = 0.5
 #: A likelihood ratio below exp(2) decides nothing, however small the gain.
 _CLASS_LEAST = 2.0
 
-#: Errors of the signals: for Burckhardt's curve no data separate the two, for others hardly any.
-OF_SIGNALS = ("slip_bias", "torque_offset")
+#: Errors of the signals: for Burckhardt's curve no data separate them, for others hardly any.
+OF_SIGNALS = tuple(name for name, cause in EFFECTS.items() if cause.OF_SLIP_ALONE)
 
 
 class Trial(NamedTuple):

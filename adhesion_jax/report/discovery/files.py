@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from adhesion_jax.discovery.types import Candidate, Errors, Findings, FoundEffect, Opinion
-from adhesion_jax.effects.law import FORMAT, save_law
+from adhesion_jax.effects.saved import FORMAT, save_law
 from adhesion_jax.files import write_metadata, write_table
 from adhesion_jax.report.discovery.content import page
 from adhesion_jax.report.discovery.figures import FIGURES, draw_discovery

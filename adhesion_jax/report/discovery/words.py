@@ -14,37 +14,7 @@ from adhesion_jax.discovery.types import (
     Interval,
     Opinion,
 )
-
-#: Where a name in words is not just the name without its underscores.
-_NAMES = {
-    "speed": "vehicle speed",
-    "slip_speed": "exponential loss with slip velocity",
-    "load_peak": "normal load on the peak",
-    "load_slope": "normal load on the slope",
-    "patch": "a patch on the rail",
-    "cleaning": "cleaning by slip",
-    "axle_position": "position of the axle",
-    "relaxation": "relaxation of the contact",
-    "delay": "a delay between the signals",
-    "lag": "a lag of the adhesion signal",
-    "curve": "curvature of the track",
-    "mode_asymmetry": "a difference between traction and braking",
-    "slip_bias": "a bias of the slip",
-    "torque_offset": "an offset of the force",
-    "inertia": "inertia of the wheel",
-    "wheel_order": "a wave of the wheel's turns",
-    "rail_joint": "rail joints or corrugation",
-    "drift": "a drift over the campaign",
-    "slip_noise": "noise in the slip signal",
-}
-
-#: Effects of a column: `covariate:wind_mps`.
-_KINDS = {
-    "covariate": "a dependence on {}",
-    "spline": "a smooth dependence on {}",
-    "periodic": "a wave along {}",
-    "product": "a joint dependence on {}",
-}
+from adhesion_jax.effects import KINDS
 
 #: What an effect does to the curve, by what it acts on.
 _ACTS_ON = {
@@ -73,10 +43,9 @@ def one_line(text: str) -> str:
 def humanised(name: str) -> str:
     """An effect's name in words; names of columns stay as they are in the file."""
     kind, _, column = name.partition(":")
-    if column:
-        words = _KINDS.get(kind, kind.replace("_", " ") + " of {}")
-        return words.replace("{}", one_line(column))
-    return _NAMES.get(name, one_line(name.replace("_", " ")))
+    if kind not in KINDS:
+        return one_line(kind.replace("_", " ") + (f" of {column}" if column else ""))
+    return KINDS[kind].PHRASE.replace("{}", one_line(column))
 
 
 def decision(words: str) -> str:

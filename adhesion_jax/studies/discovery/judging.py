@@ -5,71 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from adhesion_jax.discovery.types import Findings, FoundEffect
+from adhesion_jax.effects import EFFECTS
+from adhesion_jax.simulation.one_log import LOG_FORMS
+from adhesion_jax.simulation.plantable import names_for
 from adhesion_jax.simulation.simulator import Campaign
 from adhesion_jax.studies.discovery.tasks import Task
 
-#: Answers that are as right as the name itself: the covariate or axis by another word, or what no
-#: data can tell from it.
-_RIGHT = {
-    "speed": ("covariate:vehicle_speed_mps",),
-    "slip_speed": ("covariate:slip_velocity_mps",),
-    "falling_friction": ("covariate:slip_velocity_mps",),
-    "contact_heating": ("covariate:slip_velocity_mps",),
-    "load_peak": ("covariate:normal_load_N",),
-    "load_slope": ("covariate:normal_load_N",),
-    "humidity": ("covariate:relative_humidity_pct",),
-    "temperature": ("covariate:temperature_C",),
-    "patch": ("covariate:position_m",),
-    "sanding": ("covariate:sanding",),
-    "axle_position": ("covariate:axle",),
-    "curve": ("covariate:curvature_per_m",),
-    "lateral_creep": ("covariate:angle_of_attack_deg",),
-    "load_transfer": ("covariate:acceleration_mps2",),
-    "mode_asymmetry": ("covariate:mode",),
-    "slip_bias": ("torque_offset",),
-    "torque_offset": ("slip_bias",),
-    "wheel_order": ("periodic:wheel_angle_rad",),
-    "rail_joint": ("periodic:position_m",),
-    "drift": ("covariate:time_s", "covariate:campaign_time"),
-    "torsion": ("periodic:time_s",),
-    "unknown_column": ("covariate:rail_age_days",),
-    "product": ("product:",),
-    "periodic": ("periodic:groove_depth_um", "covariate:groove_depth_um"),
-}
-
-
-#: What is as right besides in a log, where the weather only drifts and speed hardly varies.
-_RIGHT_IN_LOGS = {
-    "humidity": ("drift", "covariate:time_s", "covariate:campaign_time"),
-    "falling_friction": ("slip_speed", "contact_heating", "speed"),
-}
-
-
-#: Offsets of the signals: on these a doubt about the shape of the curve is an answer.
-_OFFSETS = ("slip_bias", "torque_offset")
-
-
 #: A class of more names than this counts by its first.
 _LARGEST_CLASS = 4
-
-
-#: The columns that a name of the catalogue blames, where a random effect rests on one of them.
-_COLUMNS_OF = {
-    "humidity": ("relative_humidity_pct",),
-    "temperature": ("temperature_C",),
-    **dict.fromkeys(("load_peak", "load_slope"), ("normal_load_N",)),
-    **dict.fromkeys(
-        ("speed", "slip_speed", "falling_friction", "contact_heating"), ("vehicle_speed_mps",)
-    ),
-    **dict.fromkeys(("patch", "rail_joint"), ("position_m",)),
-    **dict.fromkeys(("curve", "lateral_creep"), ("curvature_per_m",)),
-    "drift": ("rail_age_days", "time_s"),
-}
-
-
-def right_names(effect: str) -> tuple[str, ...]:
-    """Names that stand for a planted effect; one with a colon at its end for all it begins."""
-    return (effect, *_RIGHT.get(effect, ()))
 
 
 def is_one_of(name: str, right: Sequence[str]) -> bool:
@@ -79,7 +22,7 @@ def is_one_of(name: str, right: Sequence[str]) -> bool:
 
 def is_right(effect: str, name: str) -> bool:
     """Whether a reported name stands for a planted effect."""
-    return is_one_of(name, right_names(effect))
+    return is_one_of(name, names_for(effect))
 
 
 def counted(claim: FoundEffect) -> tuple[str, ...]:
@@ -93,7 +36,7 @@ def columns_of(name: str) -> tuple[str, ...]:
     kind, colon, columns = name.partition(":")
     if colon:
         return tuple(columns.replace(",", "*").split("*"))
-    return _COLUMNS_OF.get(kind, ())
+    return EFFECTS[kind].SEEN_IN[:1] if kind in EFFECTS else ()
 
 
 def blamed(claim: FoundEffect, names: Sequence[str]) -> frozenset[str]:
@@ -111,7 +54,7 @@ def judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, obje
     # [hidden, claims]
     names = [[_stands_for(task, one, claim, counted(claim)) for claim in claims] for one in hidden]
     named = [
-        any(hits) or (one in _OFFSETS and _is_doubted(one, findings))
+        any(hits) or (_is_offset(one) and _is_doubted(one, findings))
         for one, hits in zip(hidden, names, strict=True)
     ]
     before, after = (
@@ -149,8 +92,13 @@ def _stands_for(task: Task, hidden: str, claim: FoundEffect, names: Sequence[str
     """Whether a claim by these names stands for a planted effect, or column of a random one."""
     if task.random is not None:
         return hidden in blamed(claim, names)
-    right = (*right_names(hidden), *(_RIGHT_IN_LOGS.get(hidden, ()) if task.log else ()))
+    right = (*names_for(hidden), *(LOG_FORMS[hidden].also_right if task.log else ()))
     return any(is_one_of(name, right) for name in names)
+
+
+def _is_offset(effect: str) -> bool:
+    """Whether a doubt about the shape of the curve is an answer to it."""
+    return effect in EFFECTS and EFFECTS[effect].OF_SLIP_ALONE
 
 
 def _is_doubted(effect: str, findings: Findings) -> bool:

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import beta
 
-from adhesion_jax.effects import EFFECTS
-from adhesion_jax.simulation.planted import BEYOND
+from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import ACTS_ON
 from adhesion_jax.studies.discovery.tasks import AUTOCORRELATIONS
 
@@ -152,7 +151,7 @@ def confusion(sets: pd.DataFrame) -> pd.DataFrame:
     """Counts of sets: planted effect (rows) by the first name that was reported (columns)."""
     chosen = sets[sets["part"] == "confusion"]
     counts = pd.crosstab(chosen["planted"], chosen["first"])
-    rows = [name for name in (*EFFECTS, *BEYOND) if name in counts.index]
+    rows = [name for name in PLANTABLE if name in counts.index]
     others = sorted(name for name in counts.columns if name not in rows and name != "nothing")
     columns = [name for name in (*rows, *others, "nothing") if name in {*counts, *rows, "nothing"}]
     return counts.reindex(index=rows, columns=columns, fill_value=0)

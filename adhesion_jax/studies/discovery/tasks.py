@@ -6,12 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.discovery.search.catalogue import FAMILIES as EFFECT_FAMILIES
-from adhesion_jax.effects import EFFECTS
-from adhesion_jax.simulation.one_log import one_log
-from adhesion_jax.simulation.planted import BEYOND, PLANTABLE
+from adhesion_jax.simulation.one_log import LOG_FORMS, one_log
+from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import ACTS_ON, RandomEffect, draw_random_effect
-from adhesion_jax.simulation.runs import FAMILIES
+from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import FORMS, Campaign, Noise, simulate
 
 #: Effects whose detection is followed over their strength: one or two of each kind.
@@ -55,10 +53,6 @@ LOGS = (
 )
 
 
-#: Effects that are planted in logs.
-LOG_EFFECTS = ("humidity", "sanding", "falling_friction")
-
-
 class Task(NamedTuple):
     """One set of a study."""
 
@@ -88,7 +82,7 @@ def study_tasks(
 
     Null sets; `powers` sets of each effect and strength, then as many of every effect; `pairs` sets
     of two effects; `random` sets of a random effect; of each kind of log `logs` with nothing
-    hidden, and of each effect of LOG_EFFECTS `log_effects`.
+    hidden, and of each effect that logs are given `log_effects`.
 
     Base curves take turns, and so do designed and operational nulls; noise settings are drawn, and
     the second half of the nulls has its autocorrelation drawn anew from .3 to .95. Effects are
@@ -100,10 +94,10 @@ def study_tasks(
 
     def task(part: str, effects: tuple[str, ...], turn: int, visible: float | None = None) -> Task:
         noise = _drawn_noise(generator)
-        block = turn // len(FAMILIES) % 2
+        block = turn // len(BASE_CURVES) % 2
         operational = part == "nothing" and block == 1
         form = FORMS[(turn + block) % 2]
-        base = FAMILIES[turn % len(FAMILIES)]
+        base = BASE_CURVES[turn % len(BASE_CURVES)]
         return Task(part, effects, next(sets), base, operational, form, noise, visible)
 
     nulls = [task("nothing", (), turn) for turn in range(null)]
@@ -113,9 +107,7 @@ def study_tasks(
         for visible in VISIBLE
         for turn in range(powers)
     ]
-    confusion = [
-        task("confusion", (name,), turn) for name in (*EFFECTS, *BEYOND) for turn in range(powers)
-    ]
+    confusion = [task("confusion", (name,), turn) for name in PLANTABLE for turn in range(powers)]
     return [
         *_half_slow(nulls, np.random.default_rng((seed, 3))),
         *power,
@@ -151,10 +143,10 @@ def _pair_tasks(count: int, seed: int) -> list[Task]:
     tasks = []
     for turn in range(count):
         while True:
-            pair = tuple(str(name) for name in generator.choice(PLANTABLE, 2, replace=False))
-            if len({EFFECT_FAMILIES.get(name, name) for name in pair}) == 2:
+            pair = tuple(str(name) for name in generator.choice(list(PLANTABLE), 2, replace=False))
+            if len({PLANTABLE[name].FAMILY for name in pair}) == 2:
                 break
-        base, form = FAMILIES[turn % len(FAMILIES)], FORMS[turn // len(FAMILIES) % 2]
+        base, form = BASE_CURVES[turn % len(BASE_CURVES)], FORMS[turn // len(BASE_CURVES) % 2]
         number = 1_000_000 + 1000 * seed + turn
         tasks.append(
             Task("pair", pair, number, base, False, form, _drawn_noise(generator), visible=None)
@@ -177,7 +169,7 @@ def random_tasks(count: int, generator: np.random.Generator, first: int) -> list
                 part="random",
                 effects=(),
                 seed=first + turn,
-                base=FAMILIES[(turn + turn // len(kinds)) % len(FAMILIES)],
+                base=BASE_CURVES[(turn + turn // len(kinds)) % len(BASE_CURVES)],
                 operational=False,
                 form="exact",
                 noise=_drawn_noise(generator),
@@ -204,7 +196,7 @@ def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
 
     return [
         *(task((), kind) for kind in LOGS for _ in range(null)),
-        *(task((name,), LOGS[turn % len(LOGS)]) for name in LOG_EFFECTS for turn in range(planted)),
+        *(task((name,), LOGS[turn % len(LOGS)]) for name in LOG_FORMS for turn in range(planted)),
     ]
 
 

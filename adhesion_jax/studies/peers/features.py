@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import CURVES, Curve, with_free_values
 from adhesion_jax.simulation.base import refitted
-from adhesion_jax.simulation.runs import FAMILIES
+from adhesion_jax.simulation.runs import BASE_CURVES
 
 #: Columns of the slip itself, which the base curve has already: a name of them is no cause.
 OWN = ("base_adhesion", "slip_size")
@@ -55,7 +55,7 @@ def fit_base(train: pd.DataFrame, test: pd.DataFrame) -> Base:
     slip, adhesion = (train[name].to_numpy(float) for name in ("slip_ratio", "adhesion"))
     level = float(np.quantile(np.abs(adhesion), 0.9)) / 0.3
     best: tuple[float, Curve] | None = None
-    for family in FAMILIES:
+    for family in BASE_CURVES:
         curve = CURVES[family]
         for steeper in (0.5, 1.0, 2.0):
             started = _scaled(curve, level, steeper)

@@ -10,14 +10,14 @@ import pandas as pd
 
 from adhesion_jax.discovery.types import FoundEffect
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.runs import FAMILIES
+from adhesion_jax.simulation.plantable import PLANTABLE, names_for
+from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import FORMS, Noise, simulate
 from adhesion_jax.studies.discovery.judging import (
     blamed,
     columns_of,
     counted,
     is_one_of,
-    right_names,
 )
 from adhesion_jax.studies.discovery.tasks import make_set, random_tasks
 
@@ -28,38 +28,6 @@ PLANTED: Sequence[tuple[str, ...]] = (
     *(("hysteresis",), ("unknown_column",), (), ("rail_joint",), ("falling_friction",), ()),
     *(("curve", "temperature"), ("relaxation",), (), ("drift",), ("mode_asymmetry",), ()),
 )
-
-_SLIP = ("vehicle_speed_mps", "slip_velocity_mps")
-_CLOCK = ("time_s", "time_in_run")
-_CHANGES = ("base_adhesion_change", "slip_size_change")
-
-#: Columns whose name is right for an effect; of features made by hand the beginning of the name.
-RIGHT_COLUMNS = {
-    "humidity": ("relative_humidity_pct",),
-    "temperature": ("temperature_C",),
-    "load_peak": ("normal_load_N",),
-    "load_slope": ("normal_load_N",),
-    "patch": ("position_m",),
-    "rail_joint": ("position_m",),
-    "sanding": ("sanding", "sand_before"),
-    "cleaning": ("work", *_CLOCK, *_SLIP),
-    "lag": _CHANGES,
-    "delay": _CHANGES,
-    "relaxation": (*_CHANGES, "vehicle_speed_mps"),
-    "hysteresis": _CHANGES,
-    "slip_noise": _CHANGES,
-    "curve": ("curvature_per_m", "position_m"),
-    "drift": ("time_s", "rail_age_days"),
-    "unknown_column": ("rail_age_days",),
-    "product": ("gradient_permille", "temperature_C", "position_m"),
-    "mode_asymmetry": ("mode",),
-    "speed": _SLIP,
-    "slip_speed": _SLIP,
-    "falling_friction": _SLIP,
-    "contact_heating": _SLIP,
-    "torsion": ("time_s", "time_in_run"),
-    "load_transfer": ("acceleration",),
-}
 
 
 class Hidden(NamedTuple):
@@ -93,7 +61,7 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
         campaign = simulate(
             PLANTED[number % len(PLANTED)],
             seed=1000 * seed + 500 + number,
-            base=FAMILIES[number % len(FAMILIES)],
+            base=BASE_CURVES[number % len(BASE_CURVES)],
             operational=number % 3 == 2,
             form=FORMS[number // 2 % 2],
             noise=noise,
@@ -101,7 +69,7 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
         yield PeerSet(
             f"simulated_{number:02d}",
             "+".join(campaign.truth) or "nothing",
-            tuple(Hidden(right_names(name), RIGHT_COLUMNS[name]) for name in campaign.truth),
+            tuple(Hidden(names_for(name), PLANTABLE[name].SEEN_IN) for name in campaign.truth),
             campaign.train,
             campaign.test,
             campaign.test_rms_noise,
@@ -160,7 +128,7 @@ def right_columns(names: Sequence[str]) -> tuple[str, ...]:
     columns = [
         column
         for name in names
-        for column in (columns_of(name) if ":" in name else RIGHT_COLUMNS.get(name, ()))
+        for column in (columns_of(name) if name not in PLANTABLE else PLANTABLE[name].SEEN_IN)
     ]
     return tuple(dict.fromkeys(columns))
 

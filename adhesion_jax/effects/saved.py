@@ -1,0 +1,129 @@
+"""Laws with effects as files: names and numbers in JSON."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+
+from adhesion_jax.curves import BASES, Curve
+from adhesion_jax.effects import KINDS, kind_of
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.errors import InputError
+
+#: Of the files of a discovery; a file without one is of format 1.
+FORMAT = 2
+
+#: Effects whose formulas or parameters were others in format 1: read as of today, they would give
+#: other numbers.
+_CHANGED = ("covariate", "product", "slip_noise", "spline")
+
+
+def save_law(path: Path, law: CorrectedLaw) -> None:
+    """As JSON: names and numbers."""
+    curve = law.curve
+    assert isinstance(curve, Curve)
+    name = next(name for name, known in BASES.items() if type(known) is type(curve))
+    path.write_text(
+        json.dumps(
+            {
+                "format": FORMAT,
+                "curve": {"name": name, **_fields(curve)},
+                "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
+                "ranges": dict(law.ranges),
+                "calendar": law.calendar._asdict(),
+            },
+            indent=2,
+        )
+        + "\n"
+    )
+
+
+def load_law(path: Path) -> CorrectedLaw:
+    """A law that was saved; InputError where the file is none."""
+    try:
+        return law_from(path.read_text(encoding="utf-8"), str(path))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); name a law.json.") from None
+    except UnicodeDecodeError:
+        raise _no_law(str(path)) from None
+
+
+def law_from(text: str, source: str) -> CorrectedLaw:
+    """The law that was saved as this text; InputError, which names the source, where it is none."""
+    try:
+        saved = json.loads(text)
+        _check_format(saved, source)
+        curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
+        known, free = type(BASES[curve.pop("name")]), tuple(curve.pop("free"))
+        kinds = [KINDS[effect.pop("name")] for effect in effects]
+        column, start, end = (saved["calendar"][name] for name in Calendar._fields)
+        return CorrectedLaw(
+            known(**_finite(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)),
+            tuple(
+                kind(**_finite(kind.PARAMETERS, effect))
+                for kind, effect in zip(kinds, effects, strict=True)
+            ),
+            {name: _range(*ends) for name, ends in saved["ranges"].items()},
+            Calendar(str(column), *_range(start, end)),
+        )
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise _no_law(source) from None
+
+
+def _check_format(saved: Mapping[str, Any], source: str) -> None:
+    """InputError where the law means something else to this version."""
+    written = saved.get("format", 1)
+    if written > FORMAT:
+        raise InputError(
+            f"{source} is a law of format {written}, and this version reads up to {FORMAT}; "
+            "use the version that saved it, or a newer one."
+        )
+    changed = [effect["name"] for effect in saved["effects"] if effect["name"] in _CHANGED]
+    if written < 2 and changed:
+        raise InputError(
+            f"{source} is a law of format 1 with {' and '.join(changed)}, whose formula has "
+            "changed since; find the effects again with experiments.discover of this version."
+        )
+
+
+def _no_law(source: str) -> InputError:
+    return InputError(f"{source} is not a law saved by experiments.discover; name its law.json.")
+
+
+def _finite(parameters: Iterable[str], fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields, of which the parameters are finite numbers: Python's JSON knows NaN."""
+    if not all(math.isfinite(fields[name]) for name in parameters if name in fields):
+        raise ValueError
+    return fields
+
+
+def _some_of(parameters: Iterable[str], names: tuple[str, ...]) -> tuple[str, ...]:
+    if not names or not set(names) <= set(parameters):
+        raise ValueError
+    return names
+
+
+def _range(low: float, high: float) -> tuple[float, float]:
+    """Two finite numbers in order."""
+    if not -math.inf < low <= high < math.inf:
+        raise ValueError
+    return float(low), float(high)
+
+
+def _fields(module: eqx.Module) -> dict[str, object]:
+    values = {field.name: getattr(module, field.name) for field in dataclasses.fields(module)}
+    return {
+        name: list(value)
+        if isinstance(value, tuple)
+        else value
+        if isinstance(value, str)
+        else float(value)
+        for name, value in values.items()
+    }
