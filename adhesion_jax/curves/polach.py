@@ -77,15 +77,10 @@ def _falling_starts(top: float) -> Sequence[Sequence[float]]:
     return [(1.4 * top, 0.5, 0.5, stiffness, k_s) for stiffness, k_s in rises]
 
 
-def _falling_drawn(level: float, generator: np.random.Generator) -> Mapping[str, float]:
+def _falling_drawn(level: float, generator: np.random.Generator) -> tuple[float, ...]:
+    """Random mu0, a, b, stiffness and k_s."""
     draw = generator.uniform
-    return {
-        "mu0": 1.2 * level,
-        "a": draw(0.35, 0.65),
-        "b": draw(0.2, 0.6),
-        "stiffness": draw(80.0, 200.0),
-        "k_s": draw(0.25, 0.6),
-    }
+    return (1.2 * level, draw(0.35, 0.65), draw(0.2, 0.6), draw(80.0, 200.0), draw(0.25, 0.6))
 
 
 class PolachFalling(Curve):
@@ -120,7 +115,7 @@ class PolachFalling(Curve):
 
     @classmethod
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(**_falling_drawn(level, generator))
+        return cls(*_falling_drawn(level, generator))
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -160,7 +155,7 @@ class PolachScaled(Curve):
 
     @classmethod
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(**_falling_drawn(level, generator))
+        return cls(*_falling_drawn(level, generator))
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
