@@ -115,7 +115,8 @@ class PolachFalling(Curve):
 
     @classmethod
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(*_falling_drawn(level, generator))
+        mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
+        return cls(mu0, a, b, stiffness, k_s)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -155,7 +156,8 @@ class PolachScaled(Curve):
 
     @classmethod
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(*_falling_drawn(level, generator))
+        mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
+        return cls(mu0, a, b, stiffness, k_s)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
