@@ -116,7 +116,7 @@ class PolachFalling(Curve):
     @classmethod
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
         mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
-        return cls(mu0, a, b, stiffness, k_s)
+        return cls(mu0=mu0, a=a, b=b, stiffness=stiffness, k_s=k_s)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -157,7 +157,7 @@ class PolachScaled(Curve):
     @classmethod
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
         mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
-        return cls(mu0, a, b, stiffness, k_s)
+        return cls(mu0=mu0, a=a, b=b, stiffness=stiffness, k_s=k_s)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
