@@ -102,7 +102,7 @@ def main(
 
 
 def compared(part: PeerSet, methods: Sequence[str], discover: Discover, seed: int) -> Iterator[Row]:
-    """One row a method: errors on the test table before and after, names, seconds."""
+    """One row for each method: errors on the test table before and after, names, seconds."""
     train, test = in_runs(part.train), in_runs(part.test)
     began = time.perf_counter()
     base = fit_base(train, test)

@@ -21,7 +21,7 @@ from adhesion_jax.studies.baseline.table import assemble, read_baseline
 
 BASELINE = Path("results/baseline.csv")
 
-#: As many in the baseline as in what is held against it, which the comparison rests on.
+#: Runs in the baseline and in what is compared with it; the comparison rests on equal numbers.
 RUNS = 1024
 
 #: How often every identifier is timed, and a suspect again.

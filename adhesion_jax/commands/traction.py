@@ -65,7 +65,7 @@ def main(
 ) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.
 
-    Every scenario of the paper runs once without noise, and so many times with noise. With an
+    Every scenario of the paper runs once without noise and `--runs` times with noise. With an
     observer, a seeker or a controller named, it takes the place of the paper's own.
     """
     began = time.perf_counter()
@@ -136,7 +136,7 @@ def main(
 
 
 def _plant(name: str) -> PlantFile:
-    """Of a file, or of the name of one that ships."""
+    """The plant of a file, or of the name of one that ships."""
     known = shipped()
     if name in known:
         return read_plant(known[name])

@@ -36,7 +36,7 @@ def recurrence(
     return jax.lax.scan(_step, jnp.zeros(()), (kept, drive))[1]
 
 
-# Of the module, so that it is compiled once.
+# A function of the module, so that the scan is compiled once.
 def _step(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
     state = now[0] * state + now[1]
     return state, state

@@ -15,7 +15,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 
-#: Of the files of a discovery; a file without one is of format 1.
+#: Format number of the files of a discovery; a file without one is of format 1.
 FORMAT = 2
 
 #: Effects whose formulas or parameters were others in format 1: read as of today, they would give
@@ -24,7 +24,7 @@ _CHANGED = ("covariate", "product", "slip_noise", "spline")
 
 
 def save_law(path: Path, law: CorrectedLaw) -> None:
-    """As JSON: names and numbers."""
+    """Write a law as JSON: names and numbers."""
     curve = law.curve
     assert isinstance(curve, Curve)
     name = next(name for name, known in BASES.items() if type(known) is type(curve))

@@ -70,7 +70,7 @@ class ShapeTerm(Effect):
 
 @cache
 def prior_precision(kind: type[ShapeTerm]) -> np.ndarray:
-    """Of the strengths of a term, [strengths, strengths]: g is N(0, _SPREAD^2) at its places."""
+    """Precision of the strengths [strengths, strengths]: g is N(0, _SPREAD^2) at its places."""
     places = kind.at_places()
     return places.T @ places / _SPREAD**2
 

@@ -13,8 +13,8 @@ from adhesion_jax.effects.cause import Bending
 from adhesion_jax.effects.history import has_history
 from adhesion_jax.effects.planting import CleanRuns, Plan, Planted, unchanged
 
-#: The slip may be so many times rougher, or smoother, in one part of a run than it is on the whole;
-#: how rough it is at a point is told by this many points on either side of it.
+#: Multiples of the roughness of the whole run that a part of it may have; the roughness at a point
+#: is estimated from `_AROUND` points on either side of it.
 _ROUGHER = 4.0 ** np.arange(-5, 2)
 _AROUND = 12
 
@@ -96,12 +96,12 @@ class ExpectedSlip(NamedTuple):
 
     @property
     def variance(self) -> Float[Any, "*runs points"]:
-        """Of the slip."""
+        """Variance of the slip."""
         return self.errors[..., 0, 0]
 
     @property
     def covariance(self) -> Float[Any, "*runs points"]:
-        """Of the slip with that of the point before; 0 at the first."""
+        """Covariance of the slip with that of the point before; 0 at the first."""
         both = (self.gains[..., :-1, :, :] @ self.errors[..., 1:, :, :])[..., 0, 0]
         return jnp.concatenate([jnp.zeros_like(both[..., :1]), both], axis=-1)
 
@@ -128,7 +128,7 @@ class _Course(NamedTuple):
 def log_density(
     noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
 ) -> Float[Array, " points"]:
-    """Of each measured slip of one run given those before; 0 of the first."""
+    """Log density of each measured slip of one run given those before; 0 for the first."""
     return _filtered(noise, slip, conditions).log_density
 
 
@@ -152,7 +152,7 @@ def expected_slip(
 
 
 def _around(told: Float[Array, " points"]) -> Float[Array, " points"]:
-    """The sums of what is within reach of each point."""
+    """Sums over the `_AROUND` points on either side of each point."""
     return jnp.convolve(told, jnp.ones(2 * _AROUND + 1), mode="full")[_AROUND : _AROUND + told.size]
 
 

@@ -28,7 +28,7 @@ def legendre(
 
 
 def pairs(columns: Columns) -> list[tuple[float, float, float, float, str, str]]:
-    """For every two columns that vary the ends of both ranges, then both names."""
+    """The ends of both ranges and both names, for every two columns that vary."""
     ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
     varying = [name for name, (low, high) in ends.items() if high > low]
     return [(*ends[one], *ends[other], one, other) for one, other in combinations(varying, 2)]

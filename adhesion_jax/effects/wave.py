@@ -38,12 +38,12 @@ class Wave(Scaling):
 
     @abstractmethod
     def phase(self, conditions: Conditions) -> Float[Array, "..."]:
-        """In rad."""
+        """Phase of the wave, rad."""
 
     @classmethod
     @abstractmethod
     def of_frequency(cls, frequency: float) -> "Wave":
-        """A small wave of so many periods a unit of AXIS."""
+        """A small wave; `frequency` in periods a unit of AXIS."""
 
     def factor(self, slip: Float[Array, "*shape"], conditions: Conditions) -> Float[Array, "..."]:
         phase = self.phase(conditions)

@@ -28,7 +28,7 @@ SLIP_VELOCITY_LIMIT = 10.0
 _POPULATION, _SCALE, _CROSSOVER = 200, 0.9, 0.9
 _GENERATIONS, _SPREAD, _SEED = 2000, 1e-8, 0
 
-#: Of Levenberg-Marquardt, at most.
+#: Largest number of steps of Levenberg-Marquardt.
 _STEPS = 500
 
 #: The search sees at most this many points, evenly chosen in slip; the polish sees all.
@@ -274,7 +274,7 @@ def _fit(
         return jnp.stack([peak.slip, peak.adhesion])
 
     peak = with_free_values(curve, parameters).peak(medians, slip_limit)
-    # Of a parameter that is held the derivative is not asked for: it may not be a number.
+    # The derivative by a parameter that is held may not be a number, and is not needed.
     by_parameter = jnp.where(free, jax.jacfwd(peak_values)(parameters), 0.0)
     peak_se = jnp.sqrt(jnp.diagonal(by_parameter @ covariance @ by_parameter.T))
     # At the end of the range the slip of the largest adhesion is not an estimate.

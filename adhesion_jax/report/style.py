@@ -76,7 +76,7 @@ def thinned(points: pd.DataFrame) -> pd.DataFrame:
 
 
 def panels(count: int, height: float, columns: int = 3) -> tuple[Figure, list[Axes]]:
-    """Small multiples of one height, so many in a row, with room below for a legend of a line.
+    """Small multiples of one height, `columns` in a row, with room below for a legend of one line.
 
     Their places are set in inches: a layout engine takes longer than to draw them.
     """

@@ -43,7 +43,7 @@ def one_log(
     runs: int = 1,
     events: int = 5,
 ) -> Campaign:
-    """A log at 10 Hz of `runs` runs of so many points, and a second one of the same rail as test.
+    """A log at 10 Hz of `runs` runs of `points` points, and a second one of the same rail as test.
 
     The slip measured is that of a wheel speed with white noise of `wheel_speed_noise` m/s: true
     slip + noise/speed. Adhesion is Burckhardt's with AR(1) noise. Every run has its share of the
@@ -110,7 +110,7 @@ def burckhardt(law: Burckhardt, slip: np.ndarray) -> np.ndarray:
 def _course(
     runs: int, points: int, events: int, bends: np.ndarray, generator: np.random.Generator
 ) -> _Course:
-    """One log; what differs from run to run is drawn for each, the rest drifts as over a day."""
+    """Columns and slip of one log; some are drawn for each run, the others drift as over a day."""
     draw = generator.uniform
     clock = _STEP * np.arange(points)
     # Minutes to hours between two runs.

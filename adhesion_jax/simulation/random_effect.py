@@ -1,4 +1,4 @@
-"""Effects drawn at random: smooth functions of columns that nobody has thought of beforehand."""
+"""Effects drawn at random: smooth functions of columns, of no form that a catalogue has."""
 
 from typing import NamedTuple
 
@@ -21,19 +21,19 @@ _SLIP_END = 0.16
 #: Each of two columns has at least this share of the variance of the function, by total effect.
 _NOTABLE = 0.25
 
-#: Cosines whose sum is the function: so many that it is as good as a Gaussian process.
+#: Number of cosines whose sum is the function; with this many it is close to a Gaussian process.
 _FEATURES = 200
 
 
 class RandomEffect(NamedTuple):
-    """What acts on what; the function between them is drawn by the seed of the campaign."""
+    """The columns and the part of the curve that they act on; the function itself is drawn."""
 
     columns: tuple[str, ...]  # one or two of RANDOM_COLUMNS
     acts_on: str
 
 
 def draw_random_effect(acts_on: str, count: int, generator: np.random.Generator) -> RandomEffect:
-    """One that rests on so many columns, drawn without a preference."""
+    """A random effect of `count` columns, all equally likely."""
     columns = generator.choice(RANDOM_COLUMNS, count, replace=False)
     return RandomEffect(tuple(str(name) for name in columns), acts_on)
 

@@ -25,8 +25,8 @@ RECURSION_PEER = "numpy-rls"
 RECURSIONS = ("rls-kiencke", "rls-kiencke-variable", "qp-qian2024-1", "qp-qian2024-2")
 RECURSION_RUNS, RECURSION_SAMPLES = 10_000, 500
 
-#: The runs go through in so many groups, whose states fit into the cache; NumPy, which pays for
-#: every call, is fastest with all of them at once.
+#: Number of groups that the runs go through in, whose states then fit into the cache; NumPy, which
+#: pays for every call, is fastest with all runs at once.
 RECURSION_GROUPS = 5
 
 #: What is timed is optimised, whatever the flags of the environment say.

@@ -48,7 +48,7 @@ def write_discovery(folder: Path, findings: Findings) -> None:
 
 
 def report_json(findings: Findings) -> dict[str, object]:
-    """For programs: names as in the catalogue and the file, errors in adhesion, no NaN but null."""
+    """The findings for programs: names as in catalogue and file; what is missing is null."""
     errors = {"train": findings.train, "test": findings.test}
     return {
         "format": FORMAT,

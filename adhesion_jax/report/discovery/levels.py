@@ -10,7 +10,7 @@ from adhesion_jax.report.style import AFTER, BEFORE, label_text, legend_below, l
 
 
 def level_panels(findings: Findings) -> Figure | None:
-    """One panel a column, one point a run; None where no column differs between runs."""
+    """A panel for each column, a point for each run; None where no column differs between runs."""
     names, _ = level_columns(findings)
     levels = findings.levels
     if levels is None or not names:

@@ -26,7 +26,7 @@ _BINS, _FEWEST_BINS = 10, 3
 #: Fewer runs in a bin give no standard error to go by.
 _RUNS_A_BIN = 4
 
-#: A panel shows the points out to so many of their deviations: the means are what it is for.
+#: Half the height of a panel in standard deviations of its points: the means are what it shows.
 _REACH = 2.2
 
 
@@ -92,7 +92,7 @@ def _places(column: pd.Series) -> tuple[pd.Series, list[str] | None]:
 
 
 def _binned(place: pd.Series, left: pd.Series, run: pd.Series) -> pd.DataFrame:
-    """By bin the mean over runs, its standard error and where it stands."""
+    """For each bin: mean over runs, its standard error, and the place on the axis."""
     if place.nunique() <= _BINS:
         bins = place.rank(method="dense")
     else:

@@ -21,7 +21,7 @@ _QUANTILES: Mapping[float, Mapping[str, Any]] = {
 
 
 def shape_panels(findings: Findings) -> Figure | None:
-    """One panel an effect and column, the other columns at their medians; None without any."""
+    """A panel for each effect and column, other columns at their medians; None without effects."""
     shown = shape_columns(findings)
     if not shown:
         return None

@@ -47,7 +47,7 @@ def _errors_row(name: str, errors: Errors) -> Sequence[str]:
 
 
 def effects_table(findings: Findings) -> Table:
-    """One row a parameter of an effect; one a structure without a cause, whose have no meaning."""
+    """One row for each parameter of an effect; a structure without a cause has one row in all."""
     rows: list[Sequence[str]] = []
     for effect in (*findings.effects, *findings.unexplained):
         explained = effect in findings.effects
@@ -102,7 +102,7 @@ def ranking_table(ranked: list[Candidate]) -> Table:
     )
 
 
-#: As many panels as can be read on a page.
+#: Largest number of panels that can be read on a page.
 _PANELS = 12
 
 

@@ -280,7 +280,7 @@ def _missing(findings: Findings, effects: Sequence[FoundEffect]) -> str:
 
 
 def _size(findings: Findings, effect: FoundEffect) -> str:
-    """By how much adhesion falls or rises over the column that moves it most, or where it does."""
+    """Size, sign and place of the change of adhesion, over the column that changes it most."""
     own = [one for one in findings.dependences if one.effect == effect.name]
     if not own:
         return ""

@@ -89,7 +89,7 @@ def histogram(
 
 
 def _half_width(bound: float, values: np.ndarray) -> float:
-    """So many bounds; where there is none, so many deviations of the estimates."""
+    """Half the width of a histogram: a multiple of the bound or, without one, of the spread."""
     return _WIDTHS * max(bound if np.isfinite(bound) else float(np.std(values)), 1e-9)
 
 
@@ -180,7 +180,7 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
 
 
 def _margins(width: float, height: float) -> dict[str, float]:
-    """In inches: a layout engine takes longer over forty panels than to draw them."""
+    """Places in inches: with forty panels a layout engine takes longer than drawing."""
     return {
         "left": 0.8 / width,
         "right": 1 - 0.1 / width,

@@ -5,7 +5,7 @@ import pandas as pd
 
 from adhesion_jax.studies.baseline.compare import GONE, NEW, REGRESSIONS, SAME
 
-#: Of an identifier that only one of the tables has.
+#: Verdicts on an identifier that only one of the two tables has.
 _WHOLE = {
     NEW: "is not in the baseline; --update takes it in.",
     GONE: "is in the baseline but is no identifier any more; --update takes it out.",

@@ -192,7 +192,7 @@ def _random_lines(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame
 
 
 def _wide(rates: pd.DataFrame) -> pd.DataFrame:
-    """One row a group and strength, one column a quantity: the rate with its interval."""
+    """Rates with their intervals: a row for each group and strength, a column for each quantity."""
     told = rates.assign(
         share=[
             f"{rate:.2f} [{low:.2f}, {high:.2f}]"

@@ -23,7 +23,7 @@ from adhesion_jax.traction.systems.hxd1f import PRINTED_BEST_SLIP, SMES
 
 
 def table(metrics: pd.DataFrame) -> pd.DataFrame:
-    """Of every method on every surface, without noise; t95 is empty where it never is reached."""
+    """Every method on every surface, without noise; t95 is empty where it is never reached."""
     rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] != WHOLE)]
     return pd.DataFrame(
         {

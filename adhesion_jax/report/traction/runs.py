@@ -28,7 +28,7 @@ class Shown(NamedTuple):
 
 
 def shown(case: Case, trace: Trace) -> Shown:
-    """Without the rows after the driver is done."""
+    """The run up to the row at which the driver is done."""
     counts = np.asarray(trace.sample.counts)
     return Shown(case, jax.tree.map(lambda x: jnp.asarray(x[counts]), trace))
 
@@ -41,7 +41,7 @@ class Drawing(NamedTuple):
 
 
 class SpeedUnit(NamedTuple):
-    """Of speeds in a figure: its name, and how many of it are 1 m/s."""
+    """Unit of the speeds in a figure: its name, and how many of it make 1 m/s."""
 
     name: str
     per_mps: float
@@ -85,7 +85,7 @@ def curves(
 
 
 def adhesion(surface: Surface, slips: ArrayLike, train_speed: float) -> Array:
-    """At slip velocities in m/s."""
+    """Adhesion of the surface at slip velocities in m/s."""
     return np.asarray(surface(jnp.asarray(slips), jnp.asarray(train_speed)))
 
 

@@ -105,7 +105,7 @@ def _slip(one: Shown, sought: Shown) -> Panel:
 
 
 def _lyapunov(shown: Sequence[Shown], drawing: Drawing) -> list[Panel]:
-    """Of the paper's controller alone: the function is about its adaptation."""
+    """The function V(t) of the paper's controller; other controllers have none."""
     falling, rate = [], []
     for one in shown:
         controller, plant = one.case.controller, drawing.plant

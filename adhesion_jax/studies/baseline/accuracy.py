@@ -59,7 +59,7 @@ def measure_accuracy(
 
 
 def _campaigns(identifiers: Mapping[str, Identifier], runs: int, seed: int) -> tuple[Config, ...]:
-    """One campaign a home, with all who live there."""
+    """One campaign for each scenario, of all identifiers that are measured on it."""
     residents: dict[Config, list[str]] = {}
     for name, home in homes(identifiers).items():
         residents.setdefault(home, []).append(name)

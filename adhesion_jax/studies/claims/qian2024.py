@@ -24,7 +24,7 @@ FACTORS = {
     "redistribution": ("no", "yes"),
 }
 
-#: Of these numbers a table has one for each variant.
+#: The outcomes, by column of the table of variants.
 OUTCOMES = {
     "rmse": "RMSE of mu_max before the switch",
     "delay": "mean delay after the switch",

@@ -11,7 +11,8 @@ from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import ACTS_ON
 from adhesion_jax.studies.discovery.tasks import AUTOCORRELATIONS
 
-#: Of the removable squared error: removed as well as none, and missed.
+#: An effect is well removed from this share of the removable squared error on, and missed below
+#: that one.
 REMOVED, MISSED = 0.9, 0.1
 
 
@@ -102,7 +103,7 @@ def _random_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
 
 
 def _log_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
-    """Nothing hidden by the kind of log; each effect over all kinds."""
+    """Logs with nothing hidden, by kind of log; logs with an effect, by effect over all kinds."""
     logs = sets[sets["part"] == "log"]
     null = logs["planted"] == "nothing"
     for kind, same in logs[null].groupby("form", sort=False):
@@ -132,7 +133,7 @@ def random_groups(sets: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 
 def shares(sets: pd.DataFrame) -> pd.DataFrame:
-    """Of each group of random effects the share of the removable squared error: its quantiles."""
+    """Quantiles of the share of the removable squared error that was removed, by group."""
     return pd.DataFrame(
         [
             {

@@ -24,8 +24,8 @@ def run_study(
 ) -> pd.DataFrame:
     """One row a set: what was planted, what was reported, the errors and the time it took.
 
-    With more than one worker in so many processes, which must be able to import `discover`; but
-    for the times the rows are the same, in the order of the tasks.
+    More than one worker means that number of processes, which must be able to import `discover`;
+    the rows are the same, in the order of the tasks, save the times.
     """
     rows = []
     with mapped(_row, [(discover, task) for task in tasks], workers) as results:

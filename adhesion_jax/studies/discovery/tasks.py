@@ -181,7 +181,7 @@ def random_tasks(count: int, generator: np.random.Generator, first: int) -> list
 
 
 def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
-    """Of each kind of log so many with nothing hidden; of each effect so many, the kinds by turns.
+    """`null` logs of each kind with nothing hidden; `planted` of each effect, the kinds in turn.
 
     Logs differ by their seed alone, so that there is nothing to draw.
     """
@@ -203,7 +203,7 @@ def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
 def make_set(task: Task) -> Campaign:
     """The campaign of a task; where a visible misfit is wanted, the strength is sought for it.
 
-    A random effect that cannot be seen enough in the noise has so much less of it.
+    Where a random effect stays below the least visible misfit, the noise is reduced until it is not.
     """
     if task.log is not None:
         return one_log(

@@ -16,7 +16,7 @@ from adhesion_jax.simulation.runs import BASE_CURVES
 #: Columns of the slip itself, which the base curve has already: a name of them is no cause.
 OWN = ("base_adhesion", "slip_size")
 
-#: A log without runs is cut into so many blocks: folds and tests go by them.
+#: Number of blocks that a log without runs is cut into; folds and tests go by them.
 _BLOCKS = 12
 
 #: How the parameters go with the level of adhesion and with the steepness of the rise, as powers.

@@ -82,7 +82,7 @@ def dynamic_trees(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Predic
 
 
 def gaussian_process(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
-    """One length scale a column and white noise, on 800 points spread over all runs."""
+    """Length scales by column and white noise, on 800 points spread over all runs."""
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
@@ -122,7 +122,7 @@ PEERS: Mapping[str, Callable[[pd.DataFrame, pd.DataFrame, Base], Prediction]] = 
 
 
 def predicted(method: str, train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
-    """By a method of PEERS on one thread: more threads than free cores slow it down tenfold."""
+    """The answer of a method of PEERS, on one thread: more than there are cores slow it tenfold."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):

@@ -10,7 +10,7 @@ BETTER = 0.05
 
 
 def summarised(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a method: shares removed, names right and false, harm done, seconds a set."""
+    """One row for each method: shares removed, names right and false, harm done, seconds a set."""
     table = []
     for method in dict.fromkeys(rows["method"]):
         own = rows[rows["method"] == method]

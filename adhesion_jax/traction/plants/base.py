@@ -36,7 +36,7 @@ class Held(NamedTuple):
 
 
 class Powers(NamedTuple):
-    """In W, of the whole train: what the motors put in, and where it goes."""
+    """Powers of the whole train in W: what the motors put in, and where it goes."""
 
     motor: Float[Array, ""]
     slip: Float[Array, ""]
@@ -79,19 +79,19 @@ class Plant(eqx.Module):
 
     @abstractmethod
     def derivative(self, state: Any, held: Held) -> Any:
-        """Of each number of the state, per second."""
+        """Time derivative of the state, per second."""
 
     @abstractmethod
     def motor_speed(self, state: Any) -> Float[Array, " axles"]:
-        """Of each motor in rad/s."""
+        """Speed of each motor, rad/s."""
 
     @abstractmethod
     def slip_velocity(self, state: Any) -> Float[Array, "*contacts"]:
-        """Of each contact of wheel and rail in m/s: circumferential speed less train speed."""
+        """Slip velocity of each contact in m/s: circumferential speed less train speed."""
 
     @abstractmethod
     def force(self, state: Any, held: Held) -> Float[Array, "*contacts"]:
-        """At the rail in N, of each contact of one axle of those that are alike."""
+        """Force at the rail in N, for each contact of one axle of those that are alike."""
 
     @abstractmethod
     def energy(self, state: Any) -> Float[Array, ""]:
@@ -99,7 +99,7 @@ class Plant(eqx.Module):
 
     @abstractmethod
     def powers(self, state: Any, held: Held) -> Powers:
-        """The energy changes by `motor` less all others."""
+        """Powers in W: the energy changes by that of the motors less all the others."""
 
     @property
     @abstractmethod
@@ -109,7 +109,7 @@ class Plant(eqx.Module):
     @property
     @abstractmethod
     def radius(self) -> Float[Array, " axles"]:
-        """Of the wheel that the motor's speed tells of, m."""
+        """Radius in m of the wheel that the motor drives."""
 
     @abstractmethod
     def adhesion_of(self, load: Float[Array, " axles"]) -> Float[Array, " axles"]:
@@ -123,14 +123,14 @@ class Plant(eqx.Module):
     def acceleration(
         self, adhesion: Float[Array, " axles"], train_speed: Float[Array, ""]
     ) -> Float[Array, ""]:
-        """Of the train on level track, m/s^2."""
+        """Acceleration of the train on level track, m/s^2."""
 
     def circumferential(self, motor_speed: Float[Array, " axles"]) -> Float[Array, " axles"]:
         """Speed of the wheel at its rim in m/s."""
         return self.radius / self.gear_ratio * motor_speed
 
     def adhesion(self, state: Any, held: Held) -> Float[Array, " axles"]:
-        """Of each axle: the mean of its contacts."""
+        """Mean over the contacts of each axle."""
         found = held.surface(self.slip_velocity(state), state.train_speed)
         return jnp.mean(found.reshape(-1, found.shape[-1]), axis=0)
 

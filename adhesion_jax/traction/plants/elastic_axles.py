@@ -170,7 +170,7 @@ class ElasticAxles(Plant):
         return self.gear_ratio**2 * self.motor_inertia + own
 
     def _efficiency(self, state: ElasticState) -> Float[Array, " axles"]:
-        """Of the gear: where the wheel drives the motor, the motor feels less than it brakes."""
+        """Efficiency of the gear, or its inverse where the wheel drives the motor."""
         drives = state.torque * state.right >= 0
         return jnp.where(drives, self.gear_efficiency, 1 / self.gear_efficiency)
 
