@@ -81,7 +81,7 @@ def _speed(clock: np.ndarray, runs: int, generator: np.random.Generator) -> np.n
 
 
 def _slip(clock: np.ndarray, runs: int, generator: np.random.Generator) -> np.ndarray:
-    """Slip [runs, points]: one to three sweeps from .005 to .06 or up to .16, sine waves or ramps."""
+    """Slip [runs, points]: one to three sweeps from .005 to .06 or up to .16, waves or ramps."""
     phase = clock / clock[-1]
     sweeps = generator.uniform(1.0, 3.2, (runs, 1))
     shift = generator.uniform(0.0, 1.0, (runs, 1))

@@ -89,7 +89,7 @@ def p_values(
     error: Sequence[Array],
     runs: Sequence[Array],
 ) -> Array:
-    """p of each figure, from values, standard errors and runs of both tables; NaN for speed."""
+    """The p of each figure, from values, standard errors and runs of both tables; NaN for speed."""
 
     def of(pair: Sequence[Array], rows: NDArray[np.bool_]) -> list[Array]:
         return [x[rows] for x in pair]

@@ -203,7 +203,7 @@ def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
 def make_set(task: Task) -> Campaign:
     """The campaign of a task; where a visible misfit is wanted, the strength is sought for it.
 
-    Where a random effect stays below the least visible misfit, the noise is reduced until it is not.
+    Where a random effect stays below the least visible misfit, the noise is reduced.
     """
     if task.log is not None:
         return one_log(
