@@ -14,6 +14,7 @@ from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_measured, too_few
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
+from adhesion_jax.wording import listed
 
 #: Rows of data that a campaign may have.
 MOST_ROWS = 1_000_000
@@ -130,7 +131,7 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
     missing = [name for name in needed if name not in there]
     if missing:
         raise InputError(
-            f"The test data lack {_listed(missing)}, which the training data have; add what is "
+            f"The test data lack {listed(missing)}, which the training data have; add what is "
             "missing, or leave it out of the training data too."
         )
     conditions = {name: there[name] for name in runs.record.conditions}
@@ -141,7 +142,7 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
         strange = [axle for axle in test.axles if axle not in runs.axles]
         if strange:
             warnings += (
-                f"The training data have no axle {_listed(strange)}: what is found of the other "
+                f"The training data have no axle {listed(strange)}: what is found of the other "
                 "axles is not applied to it.",
             )
     return test._replace(
@@ -296,7 +297,3 @@ def _run_warnings(grouping: Grouping) -> Iterable[str]:
             f"{single} of {length.size} runs {'has' if single == 1 else 'have'} one point only, "
             "which says nothing of the noise within a run or of effects that act in time."
         )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

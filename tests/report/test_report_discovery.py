@@ -45,7 +45,6 @@ from adhesion_jax.report.discovery.words import (
     in_brackets,
     p_value,
     percent_in_brackets,
-    plus_minus,
 )
 
 EXAMPLES = {

@@ -13,9 +13,9 @@ from adhesion_jax.report.discovery.words import (
     humanised,
     in_brackets,
     p_value,
-    plus_minus,
 )
 from adhesion_jax.report.style import root_axis
+from adhesion_jax.wording import plus_minus
 
 NAN = float("nan")
 

@@ -22,13 +22,12 @@ from adhesion_jax.report.discovery.words import (
     evidence,
     humanised,
     kind_of_run,
-    number,
     one_line,
     opinion_sentence,
-    plus_minus,
     verdict,
 )
 from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.wording import number, plus_minus
 
 
 def page(findings: Findings) -> Page:

@@ -16,9 +16,9 @@ from adhesion_jax.report.discovery.words import (
     one_line,
     p_value,
     percent_in_brackets,
-    plus_minus,
 )
 from adhesion_jax.report.page import Table
+from adhesion_jax.wording import plus_minus
 
 
 def errors_table(findings: Findings) -> Table:

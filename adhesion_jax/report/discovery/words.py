@@ -15,6 +15,7 @@ from adhesion_jax.discovery.types import (
     Opinion,
 )
 from adhesion_jax.effects import KINDS
+from adhesion_jax.wording import listed, number
 
 #: What an effect does to the curve, by what it acts on.
 _ACTS_ON = {
@@ -66,13 +67,6 @@ def column_label(name: str, unit: str = "") -> str:
     return f"{(words or name).replace('_', ' ')} ({COLUMNS[name].unit})"
 
 
-def number(value: float) -> str:
-    """Four digits; nothing where there is no number."""
-    if not np.isfinite(value):
-        return ""
-    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
-
-
 def error(value: float) -> str:
     """Five decimals, so that errors can be compared by eye; four digits of very small ones."""
     if not np.isfinite(value):
@@ -98,18 +92,6 @@ def percent_in_brackets(interval: Interval) -> str:
     return _bracketed(value, *(bound.removesuffix(" %") for bound in bounds))
 
 
-def plus_minus(value: float, standard_error: float) -> str:
-    """A value to the digits that its standard error leaves, and the error to two."""
-    if not np.isfinite(value):
-        return ""
-    if not np.isfinite(standard_error):
-        return number(value)
-    if standard_error <= 1e-9 * abs(value) or standard_error == 0:
-        return f"{value:.6g}"
-    decimals = max(0, 1 - int(np.floor(np.log10(standard_error))))
-    return f"{value:.{decimals}f} ± {standard_error:.{decimals}f}"
-
-
 def p_value(value: float) -> str:
     return f"{value:.2g}" if np.isfinite(value) else ""
 
@@ -120,11 +102,6 @@ def evidence(effect: FoundEffect) -> str:
         if np.isfinite(effect.p_adjusted)
         else "no adjusted p"
     )
-
-
-def listed(words: Sequence[str], conjunction: str = "and") -> str:
-    """`a, b and c`."""
-    return f" {conjunction} ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 
 
 def candidates(effect: FoundEffect) -> tuple[str, ...]:

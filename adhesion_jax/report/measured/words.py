@@ -10,6 +10,7 @@ from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.measured.fit import EXACT, MeasuredFit
 from adhesion_jax.measured.residual import Residual
+from adhesion_jax.wording import plus_minus
 
 #: Differences of BIC and what they are called (Kass and Raftery 1995, J. Am. Stat. Assoc. 90).
 _EVIDENCE = ((10.0, "very strong"), (6.0, "strong"), (2.0, "positive"), (0.0, "hardly any"))
@@ -64,7 +65,7 @@ def printed_table(fits: Mapping[str, MeasuredFit]) -> str:
         fit = fits[name]
         low, high = _mu_max_interval(fit)
         slip_opt = (
-            f"{_digits(float(fit.peak.slip), fit.slip_opt_se)}{fit.slip_unit}"
+            f"{plus_minus(float(fit.peak.slip), fit.slip_opt_se)}{fit.slip_unit}"
             if fit.peak.found
             else "no peak"
         )
@@ -82,8 +83,9 @@ def printed_table(fits: Mapping[str, MeasuredFit]) -> str:
         parameters.append(
             {
                 "curve": name,
-                "parameters +- standard errors": "  ".join(
-                    f"{parameter} {_digits(value, error)}"
+                "parameters ± standard errors": "  ".join(
+                    f"{parameter} {plus_minus(value, error)}"
+                    + ("" if np.isfinite(error) else " (held)")
                     for parameter, value, error in zip(
                         fit.curve.free, fit.parameters, fit.standard_errors, strict=True
                     )
@@ -306,16 +308,6 @@ def _by_bic(fits: Mapping[str, MeasuredFit]) -> list[str]:
 def _mu_max_interval(fit: MeasuredFit) -> tuple[float, float]:
     half = fit.quantile * fit.mu_max_se
     return float(fit.peak.adhesion) - half, float(fit.peak.adhesion) + half
-
-
-def _digits(value: float, error: float) -> str:
-    """A value to the digits that its standard error leaves, and the error to two."""
-    if not np.isfinite(error):
-        return f"{value:.4g} (held)"
-    if error <= 1e-9 * abs(value):
-        return f"{value:.6g}"
-    decimals = max(0, 1 - int(np.floor(np.log10(error))))
-    return f"{value:.{decimals}f} +- {error:.{decimals}f}"
 
 
 def _aligned(table: pd.DataFrame) -> str:

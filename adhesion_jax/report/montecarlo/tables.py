@@ -3,18 +3,12 @@
 import numpy as np
 import pandas as pd
 
-
-def _plus_minus(value: float, error: float) -> str:
-    if not np.isfinite(value):
-        return ""
-    if not np.isfinite(error):
-        return f"{value:.4g}"
-    return f"{value:.4g} ± {error:.1g}"
+from adhesion_jax.wording import plus_minus
 
 
 def _percent_pairs(table: pd.DataFrame, column: str) -> list[str]:
     return [
-        _percent(value) + (f" ± {100 * error:.1g}" if np.isfinite(error + value) else "")
+        f"{plus_minus(100 * value, 100 * error)} %" if np.isfinite(value) else ""
         for value, error in zip(table[column], table[f"{column}_se"], strict=True)
     ]
 
@@ -74,6 +68,6 @@ def tracking_text(table: pd.DataFrame) -> str:
 
 def _pairs(table: pd.DataFrame, column: str) -> list[str]:
     return [
-        _plus_minus(value, error)
+        plus_minus(value, error)
         for value, error in zip(table[column], table[f"{column}_se"], strict=True)
     ]

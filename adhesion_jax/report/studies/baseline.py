@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.studies.baseline.compare import GONE, NEW, REGRESSIONS, SAME
+from adhesion_jax.wording import plus_minus
 
 #: Verdicts on an identifier that only one of the two tables has.
 _WHOLE = {
@@ -40,8 +41,4 @@ def moved_text(compared: pd.DataFrame) -> str:
 
 
 def _pairs(values: pd.Series, errors: pd.Series) -> list[str]:
-    return [
-        ("" if np.isnan(value) else f"{value:.4g}")
-        + (f" ± {error:.1g}" if np.isfinite(error) else "")
-        for value, error in zip(values, errors, strict=True)
-    ]
+    return [plus_minus(value, error) for value, error in zip(values, errors, strict=True)]

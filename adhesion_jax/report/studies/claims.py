@@ -13,6 +13,7 @@ from adhesion_jax.report.montecarlo.figures import LABELS
 from adhesion_jax.report.style import line_styles
 from adhesion_jax.studies.claims.claim import Claim
 from adhesion_jax.studies.claims.he2018_consistency import Fit
+from adhesion_jax.wording import plus_minus
 
 Array = NDArray[np.float64]
 
@@ -29,9 +30,7 @@ def claims_text(table: pd.DataFrame) -> str:
         {
             "claim": [claim.ljust(width) for claim in table["claim"]],
             "paper's": [f"{x:.4g}" if np.isfinite(x) else "" for x in table["paper_number"]],
-            "ours": [
-                f"{x:.4g} ± {error:.1g}" if np.isfinite(error) else f"{x:.4g}" for x, error in pairs
-            ],
+            "ours": [plus_minus(x, error) for x, error in pairs],
             "unit": list(table["unit"]),
             "verdict": list(table["verdict"]),
         },

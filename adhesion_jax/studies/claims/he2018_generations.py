@@ -27,6 +27,7 @@ from adhesion_jax.scenarios import Scenario
 from adhesion_jax.studies.claims.bootstrap import resamples, spread
 from adhesion_jax.studies.claims.claim import HE2018, Claim, verdict_below
 from adhesion_jax.studies.claims.tiled import over_runs
+from adhesion_jax.wording import plus_minus
 
 Numbers = NDArray[np.float64]
 
@@ -193,7 +194,7 @@ def generation_claims(panels: Panels, random: np.random.Generator) -> list[Claim
         medians = [median_with_error(x, random) for x in (scheduled, plain)]
         never = [100 * np.isinf(x) for x in (scheduled, plain)]
         ratio, error = median_ratio(scheduled, plain, random)
-        words = [f"{value:.4g} ± {se:.1g}" for value, se in medians]
+        words = [plus_minus(value, se) for value, se in medians]
         found.append(
             Claim(
                 HE2018,

@@ -12,6 +12,7 @@ from adhesion_jax.metrics.information import quantity_names
 from adhesion_jax.scenarios import Scenario
 from adhesion_jax.studies.claims.bootstrap import resamples, spread
 from adhesion_jax.studies.claims.claim import HE2018, STANDARD_ERRORS, Claim, verdict_below
+from adhesion_jax.wording import plus_minus
 
 Numbers = NDArray[np.float64]
 
@@ -132,9 +133,9 @@ def scatter_claims(blocks: Blocks, random: np.random.Generator) -> list[Claim]:
                         "ratio (1)",
                         verdict_below(ratio, error, 1.0),
                         f"Against the exact optimum the modified algorithm scatters "
-                        f"{modified:.3f} ± {modified_error:.1g} times as much "
+                        f"{plus_minus(modified, modified_error)} times as much "
                         f"({_against_optimum(modified, modified_error)}), the unmodified one "
-                        f"{original:.3f} ± {original_error:.1g} times "
+                        f"{plus_minus(original, original_error)} times "
                         f"({_against_optimum(original, original_error)}), and they miss it in "
                         f"{missed['ml-de-he2018']:.1f} % and {missed['ml-de']:.1f} % of the "
                         "blocks.",
@@ -171,6 +172,7 @@ def tracking_claims(tables: Mapping[str, pd.DataFrame]) -> list[Claim]:
             # The switches of a run have their own noise: independent of each other.
             means[name] = factor * of_method[column].mean()
             errors[name] = factor * np.sqrt((of_method[f"{column}_se"] ** 2).sum()) / len(of_method)
+        written = {name: plus_minus(mean, errors[name]) for name, mean in means.items()}
         for name, words in VARIANTS.items():
             difference = means[name] - means["ml-de"]
             error = float(np.hypot(errors[name], errors["ml-de"]))
@@ -183,9 +185,8 @@ def tracking_claims(tables: Mapping[str, pd.DataFrame]) -> list[Claim]:
                     error,
                     unit,
                     verdict_below(float(difference), error, 0.0),
-                    f"Mean over the switches: {words} {means[name]:.3g} ± {errors[name]:.1g}, the "
-                    f"unmodified algorithm {means['ml-de']:.3g} ± {errors['ml-de']:.1g}, the exact "
-                    f"optimum {means['ml-exact']:.3g} ± {errors['ml-exact']:.1g} "
+                    f"Mean over the switches: {words} {written[name]}, the unmodified algorithm "
+                    f"{written['ml-de']}, the exact optimum {written['ml-exact']} "
                     f"({unit.removesuffix(' points')}), the best that a search can do.",
                 )
             )

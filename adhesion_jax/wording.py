@@ -1,0 +1,35 @@
+"""How a number, a number with its error, and a list are written for a reader."""
+
+import math
+from collections.abc import Sequence
+
+
+def number(value: float) -> str:
+    """Four digits; nothing where there is no number."""
+    if not math.isfinite(value):
+        return ""
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
+def plus_minus(value: float, standard_error: float) -> str:
+    """A value to the digits that its standard error leaves, and the error to two.
+
+    Nothing where the value is not a number, the value alone where it is infinite or has no error.
+    """
+    if math.isnan(value):
+        return ""
+    if math.isinf(value):
+        return f"{value:g}"
+    if not math.isfinite(standard_error):
+        return number(value)
+    if standard_error <= 1e-9 * abs(value) or standard_error == 0:
+        return f"{value:.6g}"
+    decimals = max(0, 1 - math.floor(math.log10(standard_error)))
+    if decimals > 7:  # a row of zeros is hard to read
+        return f"{value:.4g} ± {standard_error:.2g}"
+    return f"{value:.{decimals}f} ± {standard_error:.{decimals}f}"
+
+
+def listed(words: Sequence[str], conjunction: str = "and") -> str:
+    """`a, b and c`."""
+    return f" {conjunction} ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
