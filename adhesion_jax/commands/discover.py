@@ -15,7 +15,7 @@ from adhesion_jax.discovery.engine import discover
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
-from adhesion_jax.simulation.simulator import simulate, write_campaign
+from adhesion_jax.simulation.simulator import simulate, write_set
 
 
 @click.command()
@@ -66,7 +66,7 @@ def main(
     output_directory(out)
     if planted is not None:
         names = [name.strip() for name in planted.split(",") if name.strip() not in ("", "none")]
-        write_campaign(out, simulate(names, seed=seed))
+        write_set(out, simulate(names, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
     with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
 

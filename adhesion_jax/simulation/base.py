@@ -1,4 +1,4 @@
-"""A base law on all runs of a simulated campaign: its adhesion, and what it leaves unexplained."""
+"""A base law on all runs of a simulated set: its adhesion, and what it leaves unexplained."""
 
 import equinox as eqx
 import jax

@@ -9,7 +9,7 @@ import pandas as pd
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.base import misfit, rms
-from adhesion_jax.simulation.simulator import Campaign, Noise, noisy
+from adhesion_jax.simulation.simulator import Noise, SimulatedSet, noisy
 
 #: Seconds between two points.
 _STEP = 0.1
@@ -42,7 +42,7 @@ def one_log(
     points: int = 3000,
     runs: int = 1,
     events: int = 5,
-) -> Campaign:
+) -> SimulatedSet:
     """A log at 10 Hz of `runs` runs of `points` points, and a second one of the same rail as test.
 
     The slip measured is that of a wheel speed with white noise of `wheel_speed_noise` m/s: true
@@ -85,7 +85,7 @@ def one_log(
     table, _ = measured(train, 3)
     held_out, adhesion = measured(test, 4)
     truth = clean(test)
-    return Campaign(
+    return SimulatedSet(
         train=table,
         test=held_out,
         truth=tuple(effects),

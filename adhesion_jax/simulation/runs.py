@@ -1,4 +1,4 @@
-"""The runs of a simulated campaign before any adhesion: excitation, track, weather, vehicle."""
+"""The runs of a simulated set before any adhesion: excitation, track, weather, vehicle."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Simulated campaigns with planted effects: what a discovery can be tested on."""
+"""Simulated sets of runs with planted effects: what a discovery can be tested on."""
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -37,8 +37,8 @@ COLUMNS = (
     *("curvature_per_m", "sanding", "rail_age_days"),
 )
 
-#: The files of a campaign on disk.
-CAMPAIGN_FILES = ("train.csv.gz", "test.csv.gz", "truth.json")
+#: The files of a simulated set on disk.
+SET_FILES = ("train.csv.gz", "test.csv.gz", "truth.json")
 
 FORMS = ("exact", "perturbed")
 
@@ -54,7 +54,7 @@ class Noise(NamedTuple):
     run_scatter: float = 0.005  # relative, from run to run
 
 
-class Campaign(NamedTuple):
+class SimulatedSet(NamedTuple):
     """A training and a test table, one row a point, and all that is true of them."""
 
     train: pd.DataFrame
@@ -84,8 +84,8 @@ def simulate(
     points: int = 200,
     remove: Sequence[str] = (),
     random: RandomEffect | None = None,
-) -> Campaign:
-    """A campaign of runs at 10 Hz, 30 % of the runs held out at random.
+) -> SimulatedSet:
+    """A set of runs at 10 Hz, 30 % of the runs held out at random.
 
     `strength` is the 95th percentile of the change of |adhesion| that each effect alone makes,
     over that of |adhesion| itself; by default it is drawn from .15 to .3 for each. An effect that
@@ -129,7 +129,7 @@ def simulate(
     is_test = np.isin(np.arange(runs), held_out)
     rows = np.repeat(is_test, points)
     bare = curve(slip)
-    return Campaign(
+    return SimulatedSet(
         train=table.loc[~rows, kept].reset_index(drop=True),
         test=table.loc[rows, kept].reset_index(drop=True),
         truth=tuple(effects),
@@ -145,24 +145,22 @@ def simulate(
     )
 
 
-def write_campaign(folder: Path, campaign: Campaign) -> None:
+def write_set(folder: Path, made: SimulatedSet) -> None:
     """train.csv.gz, test.csv.gz with seven digits, and truth.json; all of them or none."""
     truth = {
-        "effects": list(campaign.truth),
-        "parameters": {name: dict(values) for name, values in campaign.parameters.items()},
-        "random": None if campaign.random is None else campaign.random._asdict(),
-        "base": campaign.base,
-        "base_parameters": {
-            name: float(getattr(campaign.curve, name)) for name in campaign.curve.free
-        },
-        **campaign.noise._asdict(),
-        "visible": campaign.visible,
-        "test_rms_noise": campaign.test_rms_noise,
-        "test_rms_effect": campaign.test_rms_effect,
+        "effects": list(made.truth),
+        "parameters": {name: dict(values) for name, values in made.parameters.items()},
+        "random": None if made.random is None else made.random._asdict(),
+        "base": made.base,
+        "base_parameters": {name: float(getattr(made.curve, name)) for name in made.curve.free},
+        **made.noise._asdict(),
+        "visible": made.visible,
+        "test_rms_noise": made.test_rms_noise,
+        "test_rms_effect": made.test_rms_effect,
     }
-    with staged(folder, CAMPAIGN_FILES) as stage:
-        for name, table in (("train", campaign.train), ("test", campaign.test)):
-            # Without a time stamp, so that equal campaigns are equal files.
+    with staged(folder, SET_FILES) as stage:
+        for name, table in (("train", made.train), ("test", made.test)):
+            # Without a time stamp, so that equal sets are equal files.
             table.to_csv(
                 stage / f"{name}.csv.gz",
                 index=False,

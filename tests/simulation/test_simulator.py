@@ -16,7 +16,7 @@ from adhesion_jax.simulation.simulator import (
     COLUMNS,
     Noise,
     simulate,
-    write_campaign,
+    write_set,
 )
 
 #: Columns that a table has only where an effect needs them.
@@ -168,7 +168,7 @@ def test_two_effects_at_once_have_both_parameters_and_columns_can_be_removed():
 
 def test_a_campaign_is_written_and_read(tmp_path):
     campaign = simulate(["temperature"], seed=4)
-    write_campaign(tmp_path, campaign)
+    write_set(tmp_path, campaign)
     first = (tmp_path / "train.csv.gz").read_bytes()
     read = pd.read_csv(tmp_path / "test.csv.gz")
     pd.testing.assert_frame_equal(read, campaign.test, rtol=1e-6, atol=1e-9)
@@ -176,7 +176,7 @@ def test_a_campaign_is_written_and_read(tmp_path):
     assert truth["effects"] == ["temperature"]
     assert truth["test_rms_effect"] == campaign.test_rms_effect
     assert set(truth["base_parameters"]) == {*campaign.curve.free}
-    write_campaign(tmp_path, campaign)
+    write_set(tmp_path, campaign)
     assert (tmp_path / "train.csv.gz").read_bytes() == first
 
 

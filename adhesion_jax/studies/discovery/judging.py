@@ -8,7 +8,7 @@ from adhesion_jax.discovery.types import Findings, FoundEffect
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.simulation.one_log import LOG_FORMS
 from adhesion_jax.simulation.plantable import names_for
-from adhesion_jax.simulation.simulator import Campaign
+from adhesion_jax.simulation.simulator import SimulatedSet
 from adhesion_jax.studies.discovery.tasks import Task
 
 #: A class of more names than this counts by its first.
@@ -44,7 +44,7 @@ def blamed(claim: FoundEffect, names: Sequence[str]) -> frozenset[str]:
     return frozenset(claim.covariates).union(*(columns_of(name) for name in names))
 
 
-def judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, object]:
+def judged(task: Task, made: SimulatedSet, findings: Findings) -> dict[str, object]:
     reported = (*findings.effects, *findings.unexplained)
     claims = list(reported)
     if task.log is not None:
@@ -83,7 +83,7 @@ def judged(task: Task, campaign: Campaign, findings: Findings) -> dict[str, obje
         else np.nan,
         "before": before,
         "after": after,
-        "removed": np.nan if noisy_slip else removed_share(before, after, campaign.test_rms_noise),
+        "removed": np.nan if noisy_slip else removed_share(before, after, made.test_rms_noise),
         "worse": bool(after > before),
     }
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.discovery.types import Findings
-from adhesion_jax.simulation.simulator import Campaign
+from adhesion_jax.made.executor import mapped
+from adhesion_jax.simulation.simulator import SimulatedSet
 from adhesion_jax.studies.discovery.judging import judged
 from adhesion_jax.studies.discovery.tasks import Task, make_set
 
@@ -36,19 +36,19 @@ def run_study(
 
 
 def _row(discover: Discover, task: Task) -> dict[str, object]:
-    campaign = make_set(task)
+    made = make_set(task)
     began, cpu_began = time.perf_counter(), time.process_time()
-    findings = discover(campaign.train, campaign.test, task.seed)
+    findings = discover(made.train, made.test, task.seed)
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
     return {
-        **_described(task, campaign),
-        **judged(task, campaign, findings),
+        **_described(task, made),
+        **judged(task, made, findings),
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
     }
 
 
-def _described(task: Task, campaign: Campaign) -> dict[str, object]:
+def _described(task: Task, made: SimulatedSet) -> dict[str, object]:
     planted, acts_on, rests_on, form = "+".join(task.effects) or "nothing", "", "", task.form
     if task.random is not None:
         acts_on, rests_on = task.random.acts_on, "*".join(task.random.columns)
@@ -60,12 +60,12 @@ def _described(task: Task, campaign: Campaign) -> dict[str, object]:
         "part": task.part,
         "planted": planted,
         "seed": task.seed,
-        "base": campaign.base,
+        "base": made.base,
         "design": "operational" if task.operational else "designed",
         "form": form,
-        **campaign.noise._asdict(),
+        **made.noise._asdict(),
         "wanted": np.nan if task.visible is None else task.visible,
-        "visible": campaign.visible,
+        "visible": made.visible,
         "acts_on": acts_on,
         "rests_on": rests_on,
     }

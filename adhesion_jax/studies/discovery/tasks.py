@@ -10,7 +10,7 @@ from adhesion_jax.simulation.one_log import LOG_FORMS, one_log
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import ACTS_ON, RandomEffect, draw_random_effect
 from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import FORMS, Campaign, Noise, simulate
+from adhesion_jax.simulation.simulator import FORMS, Noise, SimulatedSet, simulate
 
 #: Effects whose detection is followed over their strength: one or two of each kind.
 FOLLOWED = (
@@ -200,8 +200,8 @@ def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
     ]
 
 
-def make_set(task: Task) -> Campaign:
-    """The campaign of a task; where a visible misfit is wanted, the strength is sought for it.
+def make_set(task: Task) -> SimulatedSet:
+    """The set of a task; where a visible misfit is wanted, the strength is sought for it.
 
     Where a random effect stays below the least visible misfit, the noise is reduced.
     """
@@ -216,7 +216,7 @@ def make_set(task: Task) -> Campaign:
             points=task.log.points,
         )
 
-    def with_strength(strength: float | None, noise: Noise = task.noise) -> Campaign:
+    def with_strength(strength: float | None, noise: Noise = task.noise) -> SimulatedSet:
         return simulate(
             task.effects,
             seed=task.seed,
@@ -231,12 +231,12 @@ def make_set(task: Task) -> Campaign:
     if task.visible is None:
         return with_strength(None)
     strength = 0.1
-    campaign = with_strength(strength)
+    made = with_strength(strength)
     # The misfit grows about as the strength does: two corrections come within a few per cent.
     for _ in range(2):
-        strength = float(np.clip(strength * task.visible / campaign.visible, 1e-4, 1.0))
-        campaign = with_strength(strength)
-    if task.random is not None and campaign.visible < _LEAST_VISIBLE:
-        quieter = task.noise.sigma * campaign.visible / _RANDOM_VISIBLE[0]
+        strength = float(np.clip(strength * task.visible / made.visible, 1e-4, 1.0))
+        made = with_strength(strength)
+    if task.random is not None and made.visible < _LEAST_VISIBLE:
+        quieter = task.noise.sigma * made.visible / _RANDOM_VISIBLE[0]
         return with_strength(strength, task.noise._replace(sigma=quieter))
-    return campaign
+    return made
