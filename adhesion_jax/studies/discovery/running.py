@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.discovery.types import Findings
-from adhesion_jax.made.executor import mapped
 from adhesion_jax.simulation.simulator import SimulatedSet
 from adhesion_jax.studies.discovery.judging import judged
 from adhesion_jax.studies.discovery.tasks import Task, make_set
