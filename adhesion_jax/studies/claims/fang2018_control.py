@@ -117,11 +117,10 @@ def _observed(quiet: Quiet) -> Claim:
 
 def _rate_feedback(quiet: Quiet) -> list[Claim]:
     stood = quiet.figure(_STARTS, "stood")
-    weak = quiet.figure(_WEAK, "utilisation_settled", "2")
     reached = 3.6 * float(np.max(np.asarray(quiet.trace(_WEAK).sample.train_speed)))
-    torque = quiet.trace(_WEAK).sample
-    moving = np.asarray(torque.segment) == 0
-    last = float(np.abs(np.asarray(torque.torque))[moving, 0][-1])
+    weak_torque = np.abs(np.asarray(quiet.trace(_WEAK).sample.torque))
+    second_half = weak_torque[len(weak_torque) // 2 :]
+    left = float(second_half.mean())
     return [
         Claim(
             FANG2018,
@@ -137,14 +136,14 @@ def _rate_feedback(quiet: Quiet) -> list[Claim]:
             FANG2018,
             "With Eq. 8 the torque dies away and the train coasts",
             _NONE,
-            last,
+            left,
             _NONE,
-            "N m at the end",
-            verdict_if(last < 0.05 * float(SYSTEM.driver.traction)),
+            "N m, mean of the second half",
+            verdict_if(left < 0.05 * float(SYSTEM.driver.traction)),
             f"K1 = 1000 N m s and K2 = 18000 N m, from 30 km/h on: the train gets to "
-            f"{reached:.0f} km/h"
-            + (f" and uses {100 * weak:.0f} % on road 2" if np.isfinite(weak) else "")
-            + f". With K1 = 19000 N m s the torque swings instead: "
+            f"{reached:.0f} km/h and stays there; for a moment, whenever it is slower again and "
+            f"the driver's demand stands, the torque is up to {second_half.max():.0f} N m. With "
+            "K1 = 19000 N m s the torque swings instead: "
             f"{100 * quiet.figure(_SWINGS, 'utilisation_settled', '2'):.0f} % on road 2, "
             f"{100 * quiet.figure(_SWINGS, 'utilisation_settled', '3'):.0f} % on road 3.",
         ),
