@@ -169,18 +169,18 @@ def test_the_fastest_rate_of_hxd1f_is_that_of_its_creep(surface, rate):
     assert found == pytest.approx(rate, abs=1.0)
     step = RK4_STABLE / found
 
-    jitted = jax.jit(derivative)
-
+    @jax.jit
     def at_last(share):
         """The slip velocity after many steps of this share of the limit."""
-        state = rolling
-        for _ in range(400):
-            state = rk4(jitted, state, share * step)
-        return float(plant.slip_velocity(state)[0])
+        state = jax.lax.fori_loop(
+            0, 400, lambda _, state: rk4(derivative, state, share * step), rolling
+        )
+        return plant.slip_velocity(state)[0]
 
     # Beyond the limit the steps leave the equilibrium, for a fixed point that is none of the plant.
-    assert at_last(0.9) == pytest.approx(at_last(0.2), rel=0.01)
-    assert abs(at_last(1.1) - at_last(0.2)) > at_last(0.2)
+    beyond, below, far_below = (float(at_last(share)) for share in (1.1, 0.9, 0.2))
+    assert below == pytest.approx(far_below, rel=0.01)
+    assert abs(beyond - far_below) > far_below
 
 
 def test_torque_is_limited_by_torque_and_by_power():

@@ -78,7 +78,8 @@ CAPTIONS: Mapping[str, str] = {
     "the paper prints it. Dotted: the best slips that the paper prints. Slip beyond 3 m/s is cut.",
     "fig_09_map": "Figure 9: the operating point over the adhesion curves.",
     "fig_10_lyapunov": "Figure 10: the Lyapunov function, and how fast it changes. The largest "
-    "adhesion of the surface is in it: it jumps when the rail changes.",
+    "adhesion of the surface is in it: it jumps when the rail changes. Rates below -5 "
+    "m²/s³ are cut.",
 }
 
 
