@@ -16,9 +16,9 @@ from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import FIGURES, Totals
-from adhesion_jax.metrics.moments import Moments
+from adhesion_jax.metrics.moments import KnownMoments
 from adhesion_jax.runtime import CORES, shared_program
-from adhesion_jax.traction.loop import Loop, Timing, Trace, run, trace
+from adhesion_jax.traction.loop import Loop, Timing, Trace, check, run, timing, trace
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
 
@@ -36,7 +36,7 @@ WHOLE = "all"
 #: Values of the column noise.
 QUIET, NOISY = "none", "yes"
 
-#: What is said of a segment by the share of its runs in a figure.
+#: What is said of a segment where a figure, which is 1 or 0 in a run, is 1.
 _STATUSES = {
     "stood": "the train never moves",
     "rolled_back": "the train rolls back",
@@ -56,14 +56,23 @@ class Judged(NamedTuple):
     steps: int  # of the plant, in all runs
 
 
-class _Unit(NamedTuple):
+class Unit(NamedTuple):
     """Work of one process: cases of one form without noise, or some noisy runs of a case."""
 
+    cases: tuple[int, ...]  # by their numbers
     loops: tuple[Loop, ...]
     grid: Timing
     seed: int
     scenario: str
     runs: range | None
+
+
+class Plan(NamedTuple):
+    """What is run of the cases of a system, and how often each of them is run with noise."""
+
+    cases: Sequence[Case]
+    units: Sequence[Unit]
+    runs: int
 
 
 class _Result(NamedTuple):
@@ -73,80 +82,65 @@ class _Result(NamedTuple):
     compile_seconds: float
 
 
-def judge(
-    system: System,
-    cases: Sequence[Case],
-    plant: Plant,
-    grids: Sequence[Timing],
-    runs: int,
-    seed: int,
-    progress: Callable[[str], None],
-    workers: int = CORES,
-) -> Judged:
-    """The figures of every case on its grid, without noise and over some runs with noise.
+def planned(
+    system: System, cases: Sequence[Case], plant: Plant, runs: int = 0, seed: int = 0
+) -> Plan:
+    """Every case once without noise, those of one form together, and some runs with noise.
+
+    InputError where a seeker and a controller do not go together, or a case has no grid of steps.
+    """
+    alike: dict[tuple[object, Timing], list[tuple[int, Loop]]] = defaultdict(list)
+    noisy = []
+    for number, case in enumerate(cases):
+        loop = built(system, case, plant)
+        check(loop)
+        grid = timing(loop, system.step, system.control_period or system.step, system.duration)
+        alike[_form(loop), grid].append((number, loop))
+        for tile in _tiles(runs):
+            disturbed = (built(system, case, plant, noisy=True),)
+            noisy.append(Unit((number,), disturbed, grid, seed, case.scenario, tile))
+    quiet = []
+    for (_, grid), members in alike.items():
+        numbers, loops = zip(*members, strict=True)
+        quiet.append(Unit(numbers, loops, grid, seed, "", None))
+    return Plan(cases, [*quiet, *noisy], runs)
+
+
+def judge(plan: Plan, progress: Callable[[str], None], workers: int = CORES) -> Judged:
+    """The figures of every case, without noise and over its runs with noise.
 
     `progress` is given the method of a unit of work whenever one is done.
     """
-    work = _work(system, cases, plant, grids, runs, seed)
     traces: dict[int, Trace] = {}
-    tally: dict[tuple[int, str], Moments] = {}
+    tally: dict[tuple[int, str], KnownMoments] = {}
     seconds = compile_seconds = 0.0
     steps = 0
-    with mapped(_judged, [unit for unit, _ in work], min(workers, len(work))) as results:
-        for (unit, members), result in zip(work, results, strict=True):
+    work = [(unit,) for unit in plan.units]
+    with mapped(_judged, work, min(workers, len(work))) as results:
+        for unit, result in zip(plan.units, results, strict=True):
             seconds += result.seconds
             compile_seconds += result.compile_seconds
             steps += len(next(iter(result.figures.values()))) * _steps(unit.grid)
             if unit.runs is None:
-                for lane, case in enumerate(members):
+                for lane, case in enumerate(unit.cases):
                     tally[case, QUIET] = _moments(result.figures, slice(lane, lane + 1))
                     traces[case] = jax.tree.map(lambda x, i=lane: x[i], result.trace)
             else:
-                part = _moments(result.figures, slice(0, runs - unit.runs.start))
-                key = members[0], NOISY
+                part = _moments(result.figures, slice(0, plan.runs - unit.runs.start))
+                key = unit.cases[0], NOISY
                 tally[key] = tally[key].plus(part) if key in tally else part
-            progress(cases[members[0]].method)
+            progress(plan.cases[unit.cases[0]].method)
     metrics = pd.concat(
         [
             _rows(case, noise, tally[number, noise])
-            for number, case in enumerate(cases)
+            for number, case in enumerate(plan.cases)
             for noise in (QUIET, NOISY)
             if (number, noise) in tally
         ],
         ignore_index=True,
     )
-    in_order = [traces[number] for number in range(len(cases))]
+    in_order = [traces[number] for number in range(len(plan.cases))]
     return Judged(metrics, in_order, seconds, compile_seconds, steps)
-
-
-def units(
-    system: System, cases: Sequence[Case], plant: Plant, grids: Sequence[Timing], runs: int
-) -> int:
-    """How often `judge` reports progress."""
-    return len(_work(system, cases, plant, grids, runs, 0))
-
-
-def _work(
-    system: System,
-    cases: Sequence[Case],
-    plant: Plant,
-    grids: Sequence[Timing],
-    runs: int,
-    seed: int,
-) -> list[tuple[_Unit, tuple[int, ...]]]:
-    """The units, and the numbers of the cases that each is about."""
-    alike: dict[object, list[int]] = defaultdict(list)
-    for number, case in enumerate(cases):
-        alike[_form(built(system, case, plant)), grids[number]].append(number)
-    found = []
-    for members in alike.values():
-        loops = tuple(built(system, cases[number], plant) for number in members)
-        found.append((_Unit(loops, grids[members[0]], seed, "", None), tuple(members)))
-    for number, case in enumerate(cases):
-        loop = built(system, case, plant, noisy=True)
-        for tile in _tiles(runs):
-            found.append((_Unit((loop,), grids[number], seed, case.scenario, tile), (number,)))
-    return found
 
 
 def _tiles(runs: int) -> list[range]:
@@ -159,14 +153,14 @@ def _steps(grid: Timing) -> int:
     return grid.samples * grid.sample * grid.control
 
 
-def _judged(
-    loops: tuple[Loop, ...], grid: Timing, seed: int, scenario: str, runs: range | None
-) -> _Result:
-    drawn = runs is None
-    keys = noise_keys(seed, scenario, jnp.asarray(range(len(loops)) if runs is None else runs))
-    stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
+def _judged(unit: Unit) -> _Result:
+    drawn = unit.runs is None
+    numbers = range(len(unit.loops)) if unit.runs is None else unit.runs
+    keys = noise_keys(unit.seed, unit.scenario, jnp.asarray(numbers))
+    stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *unit.loops)
     began = time.perf_counter()
-    compiled = _compiled(jax.tree.structure((stacked, keys)), _kinds((stacked, keys)), grid, drawn)
+    form = jax.tree.structure((stacked, keys))
+    compiled = _compiled(form, _kinds((stacked, keys)), unit.grid, drawn)
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
     found = jax.block_until_ready(compiled(jax.tree.leaves((stacked, keys))))
@@ -211,7 +205,10 @@ def _compiled(
         return jax.vmap(of_run, (None, 0))(loop, keys), None
 
     def make() -> jax.stages.Compiled:
-        return jax.jit(unit).lower([*kinds]).compile()
+        # What is drawn runs once, and takes longer to compile than to run: without the fusion
+        # emitters it takes half the time to compile.
+        lowered = jax.jit(unit).lower([*kinds])
+        return lowered.compile({"xla_cpu_use_fusion_emitters": False} if drawn else None)
 
     return shared_program(pickle.dumps((form, str(kinds), grid, drawn)), make)
 
@@ -229,18 +226,11 @@ def _figures(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
     return {name: jnp.concatenate([1.0 * part[name] for part in found]) for name in FIGURES}
 
 
-def _moments(figures: Figures, runs: slice) -> Moments:
-    """Of the figures, and of whether each is a number: one that is none in a run is left out."""
-    taken = {name: figure[runs] for name, figure in figures.items()}
-    known = {_known(name): 1.0 * np.isfinite(x) for name, x in taken.items()}
-    return Moments.of({name: np.where(np.isfinite(x), x, 0.0) for name, x in taken.items()} | known)
+def _moments(figures: Figures, runs: slice) -> KnownMoments:
+    return KnownMoments.of({name: figure[runs] for name, figure in figures.items()})
 
 
-def _known(name: str) -> str:
-    return f"{name} is known"
-
-
-def _rows(case: Case, noise: str, moments: Moments) -> pd.DataFrame:
+def _rows(case: Case, noise: str, moments: KnownMoments) -> pd.DataFrame:
     """One row a segment, and one for the whole run: each metric and its standard error."""
     columns: dict[str, Any] = {
         "scenario": case.scenario,
@@ -249,28 +239,21 @@ def _rows(case: Case, noise: str, moments: Moments) -> pd.DataFrame:
         "noise": noise,
     }
     for name in FIGURES:
-        count = moments.total[_known(name)]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = moments.total[name] / count
-            variance = np.maximum(moments.total_square[name] / count - mean**2, 0.0)
-            error = np.where(count > 1, np.sqrt(variance / (count - 1)), np.nan)
-        columns[name], columns[f"{name}_se"] = mean, error
-    shares = [np.nan_to_num(columns[name]) for name in _STATUSES]
-    seen = moments.total[_known("utilisation")] > 0
-    columns["status"] = [
-        _status(dict(zip(_STATUSES.values(), share, strict=True)), moments.runs)
-        if there
-        else "not reached"
-        for there, *share in zip(seen, *shares, strict=True)
-    ]
+        columns[name] = moments.mean(name)
+        columns[f"{name}_se"] = moments.standard_error(name)
+    places = range(len(columns["segment"]))
+    columns["status"] = [_status(moments, place) for place in places]
     return pd.DataFrame(columns)
 
 
-def _status(shares: Mapping[str, float], runs: int) -> str:
+def _status(moments: KnownMoments, segment: int) -> str:
     """In words, with the number of runs where there are several."""
-    told = {words: round(share * runs) for words, share in shares.items() if share > 0}
+    if not moments.known["utilisation"][segment]:
+        return "not reached"
+    counts = {words: int(moments.total[name][segment]) for name, words in _STATUSES.items()}
+    told = {words: count for words, count in counts.items() if count}
     if not told:
         return "regular"
-    if runs == 1:
+    if moments.runs == 1:
         return ", ".join(told)
-    return ", ".join(f"{words} in {count} of {runs} runs" for words, count in told.items())
+    return ", ".join(f"{words} in {count} of {moments.runs} runs" for words, count in told.items())

@@ -17,7 +17,7 @@ from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.report.studies import claims as report
 from adhesion_jax.scenarios import Options
 from adhesion_jax.studies.claims.fang2018 import slope_claims, slope_config
-from adhesion_jax.studies.claims.fang2018_control import control_claims
+from adhesion_jax.studies.claims.fang2018_control import control_claims, control_units
 from adhesion_jax.studies.claims.he2018_consistency import (
     consistency_claims,
     consistency_fits,
@@ -36,7 +36,7 @@ from adhesion_jax.studies.claims.he2018_tracking import (
     scatter_claims,
     tracking_claims,
 )
-from adhesion_jax.studies.claims.hxd1f import hxd1f_claims
+from adhesion_jax.studies.claims.hxd1f import hxd1f_claims, hxd1f_units
 from adhesion_jax.studies.claims.qian2024 import (
     FACTORS,
     factorial_claims,
@@ -47,15 +47,14 @@ from adhesion_jax.studies.claims.qian2024 import (
     variants,
 )
 from adhesion_jax.studies.claims.tiled import tile_count
-from adhesion_jax.studies.claims.uyulan2018 import uyulan_claims
+from adhesion_jax.studies.claims.uyulan2018 import uyulan_claims, uyulan_units
 
-#: The claims on traction control, and the units of work of each.
+#: The claims on traction control, and how many units of work each of them is.
 CONTROL = {
-    "Uyulan 2018": uyulan_claims,
-    "Fang 2018, control": control_claims,
-    "HXD1F 2019": hxd1f_claims,
+    "Uyulan 2018": (uyulan_claims, uyulan_units),
+    "Fang 2018, control": (control_claims, control_units),
+    "HXD1F 2019": (hxd1f_claims, hxd1f_units),
 }
-CONTROL_UNITS = 6 + 2 + 11
 
 
 def configs(runs: int, seed: int) -> tuple[Config, Config]:
@@ -81,7 +80,7 @@ def main(runs: int, seed: int, out: Path) -> None:
     steps = sum(map(progress_steps, (experiment_1, experiment_2, readings, slope)))
     steps += 2 * tile_count(runs)
     steps += sum(progress_steps(part, variants()) for part in factorial_configs(runs, seed))
-    steps += CONTROL_UNITS
+    steps += sum(units() for _, units in CONTROL.values())
     figures = ("generations", "consistency", "factorial")
     own = ("claims.csv", *(f"claims_{name}.png" for name in figures))
     with staged(directory, own) as stage:
@@ -111,7 +110,7 @@ def main(runs: int, seed: int, out: Path) -> None:
             factorial = factorial_table(runs, seed, stage_of("factorial"))
             found += factorial_claims(factorial)
             found += slope_claims(slope, stage_of("Fang 2018"))
-            for words, claims in CONTROL.items():
+            for words, (claims, _) in CONTROL.items():
                 found += claims(stage_of(words))
         table = report.claims_table(found)
         write_table(stage / "claims.csv", table)

@@ -8,7 +8,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.traction import judge, units
+from adhesion_jax.campaign.traction import judge, planned
 from adhesion_jax.commands.command import FiniteRange, output_directory
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
@@ -22,12 +22,11 @@ from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
 from adhesion_jax.report.traction.runs import Drawing, shown
 from adhesion_jax.traction.controllers import CONTROLLERS
-from adhesion_jax.traction.loop import check, timing
 from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
 from adhesion_jax.traction.seekers import SEEKERS
 from adhesion_jax.traction.systems import SYSTEMS
-from adhesion_jax.traction.systems.base import NO_SEEKER, built, with_parts
+from adhesion_jax.traction.systems.base import NO_SEEKER, with_parts
 
 _POINT = "operating_point"
 _POINT_CAPTION = "The operating point over the adhesion curves while the surface changes."
@@ -70,23 +69,19 @@ def main(
     """
     began = time.perf_counter()
     system, subject = SYSTEMS[name], SUBJECTS[name]
+    system = system._replace(step=step or system.step)
     plant = _plant(plant_name or system.plant)
-    step = step or system.step
-    cases = with_parts(system.cases(step), observer, seeker, controller)
-    grids = []
-    for case in cases:
-        loop = built(system, case, plant.plant)
-        check(loop)
-        grids.append(timing(loop, step, system.control_period or step, system.duration))
+    cases = with_parts(system.cases(system.step), observer, seeker, controller)
+    plan = planned(system, cases, plant.plant, runs, seed)
     directory = output_directory(out or Path("out") / f"traction-{name}")
     with staged(directory, OWN_FILES) as stage:
-        with tqdm(total=units(system, cases, plant.plant, grids, runs), unit="unit") as bar:
+        with tqdm(total=len(plan.units), unit="unit") as bar:
 
             def progress(method: str) -> None:
                 bar.set_description(method)
                 bar.update()
 
-            judged = judge(system, cases, plant.plant, grids, runs, seed, progress)
+            judged = judge(plan, progress)
         table = subject.table(judged.metrics)
         write_table(stage / "table.csv", table)
         write_table(stage / "metrics.csv", judged.metrics)
@@ -116,8 +111,8 @@ def main(
                 "controller": controller,
                 "runs": runs,
                 "seed": seed,
-                "step_s": step,
-                "control_period_s": system.control_period or step,
+                "step_s": system.step,
+                "control_period_s": system.control_period or system.step,
                 "plant_steps": judged.steps,
                 "plant_steps_per_cpu_second": judged.steps / judged.seconds,
                 "seconds": seconds,

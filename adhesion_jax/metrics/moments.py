@@ -47,3 +47,44 @@ class Moments(NamedTuple):
             return np.asarray(np.full_like(self.total[name], np.nan))
         variance = self.total_square[name] / self.runs - self.mean(name) ** 2
         return np.asarray(np.sqrt(np.maximum(variance, 0.0) / (self.runs - 1)))
+
+
+class KnownMoments(NamedTuple):
+    """Number, sum and sum of squares of the values of some statistics that are finite.
+
+    A statistic need not be known in every run (a time until something happens is not where it
+    never does): mean and error are those of the runs in which it is, NaN where there are too few.
+    """
+
+    runs: int
+    known: Mapping[str, Array]
+    total: Mapping[str, Array]
+    total_square: Mapping[str, Array]
+
+    @staticmethod
+    def of(statistics: Mapping[str, Array]) -> "KnownMoments":
+        """Of statistics with the runs along the first axis."""
+        known = Moments.of({name: 1.0 * np.isfinite(x) for name, x in statistics.items()})
+        values = Moments.of(
+            {name: np.where(np.isfinite(x), x, 0.0) for name, x in statistics.items()}
+        )
+        return KnownMoments(values.runs, known.total, values.total, values.total_square)
+
+    def plus(self, other: "KnownMoments") -> "KnownMoments":
+        return KnownMoments(
+            self.runs + other.runs,
+            {name: self.known[name] + other.known[name] for name in self.known},
+            {name: self.total[name] + other.total[name] for name in self.total},
+            {name: self.total_square[name] + other.total_square[name] for name in self.total},
+        )
+
+    def mean(self, name: str) -> Array:
+        """Over the runs in which it is known."""
+        known = self.known[name]
+        return np.asarray(self.total[name] / np.where(known > 0, known, np.nan))
+
+    def standard_error(self, name: str) -> Array:
+        """Of the mean; not a number where it is known in a single run or in none."""
+        known = np.where(self.known[name] > 1, self.known[name], np.nan)
+        variance = self.total_square[name] / known - self.mean(name) ** 2
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0) / (known - 1)))

@@ -4,8 +4,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
@@ -35,17 +33,14 @@ def rk4(derivative: Callable[[S], S], state: S, step: Float[Array, ""] | float) 
     )
 
 
-def rates(derivative: Callable[[S], S], state: S) -> np.ndarray:
-    """The eigenvalues of a plant linearised about a state, in 1/s."""
+def jacobian(derivative: Callable[[S], S], state: S) -> Float[Array, "numbers numbers"]:
+    """A of d x/dt = A x for small x off a state; its eigenvalues are the rates of the plant in 1/s.
+
+    The numbers of the state are in the order of its leaves.
+    """
     flat, whole = ravel_pytree(state)
 
-    def flattened(values: Array) -> Array:
+    def flattened(values: Float[Array, " numbers"]) -> Float[Array, " numbers"]:
         return ravel_pytree(derivative(whole(values)))[0]
 
-    return np.linalg.eigvals(np.asarray(jax.jacfwd(flattened)(jnp.asarray(flat))))
-
-
-def largest_step(derivative: Callable[[S], S], state: S) -> float:
-    """The step of RK4 in seconds that the fastest decaying mode about a state allows."""
-    fastest = float(np.max(-rates(derivative, state).real))
-    return RK4_STABLE / fastest if fastest > 0 else np.inf
+    return jax.jacfwd(flattened)(flat)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.errors import InputError
@@ -16,7 +17,7 @@ from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import Sample, Totals
 from adhesion_jax.traction.controllers import Controller
 from adhesion_jax.traction.driver import BRAKING, DONE, Driver, lowered
-from adhesion_jax.traction.integration import RK4_STABLE, rates, rk4
+from adhesion_jax.traction.integration import RK4_STABLE, jacobian, rk4
 from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.plants.base import Held, Plant, held_by, limited
 from adhesion_jax.traction.rails import Rails
@@ -126,21 +127,33 @@ def _whole(time: float, unit: float, what: str, units: str) -> int:
 
 def largest_step(loop: Loop) -> tuple[float, str]:
     """The largest step of the plant in s, and what it is due to."""
-    fastest = 0.0
-    speed = jnp.maximum(loop.train_speed, 1.0)
-    # At no slip at all the sign of an odd law has no slope.
-    rolling = _motor_speed(loop.plant, speed, jnp.full_like(loop.slip, 1e-6))
-    state = loop.plant.init(rolling, speed)
-    for number in range(loop.rails.segments):
-        surface = loop.rails.surface(jnp.asarray(number))
-        held = Held(jnp.zeros_like(loop.slip), surface, loop.slope)
-        found = rates(lambda state, held=held: loop.plant.derivative(state, held), state)
-        fastest = max(fastest, float(abs(found).max()))
-    by_plant = RK4_STABLE / fastest if fastest > 0 else jnp.inf
+    found = _jacobians(loop.plant, loop.rails, loop.train_speed, loop.slip, loop.slope)
+    fastest = float(np.abs(np.linalg.eigvals(found)).max())
+    by_plant = RK4_STABLE / fastest if fastest > 0 else np.inf
     by_observer = loop.observer.largest_step(loop.nominal)
     if by_observer < by_plant:
         return by_observer, "the observer, which is integrated by explicit Euler,"
     return by_plant, "the plant, which is integrated by RK4,"
+
+
+@jax.jit
+def _jacobians(
+    plant: Plant,
+    rails: Rails,
+    train_speed: Float[Array, ""],
+    slip: Float[Array, " axles"],
+    slope: Float[Array, ""],
+) -> Float[Array, "segments numbers numbers"]:
+    """Of the plant that rolls almost without slip on each of the surfaces."""
+    speed = jnp.maximum(train_speed, 1.0)
+    # At no slip at all the sign of an odd law has no slope.
+    state = plant.init(_motor_speed(plant, speed, jnp.full_like(slip, 1e-6)), speed)
+
+    def on(segment: Int[Array, ""]) -> Float[Array, "numbers numbers"]:
+        held = Held(jnp.zeros_like(slip), rails.surface(segment), slope)
+        return jacobian(lambda state: plant.derivative(state, held), state)
+
+    return jax.vmap(on)(jnp.arange(rails.segments))
 
 
 def check(loop: Loop) -> None:

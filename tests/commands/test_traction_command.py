@@ -1,92 +1,22 @@
-"""Many runs of a system, and the command that judges them."""
+"""The command that runs a system and judges it."""
 
 import json
 import sys
 
-import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
-from adhesion_jax.campaign.traction import judge, units
 from adhesion_jax.commands.command import run
 from adhesion_jax.commands.traction import main
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.report.traction import SUBJECTS
-from adhesion_jax.studies.claims.hxd1f import settling
-from adhesion_jax.studies.claims.traction import plant_of
-from adhesion_jax.traction.loop import timing
-from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.plants.reading import shipped
 from adhesion_jax.traction.systems import SYSTEMS
-from adhesion_jax.traction.systems.base import built, with_parts
 
 #: Parts of one program, for what has to be run through the command.
 QUICK = ["--observer", "full-dimension", "--seeker", "constant-slip", "--step", "2e-4"]
-
-
-def judged(runs, workers=1, name="hxd1f", duration=0.3, seed=0):
-    system = SYSTEMS[name]._replace(duration=duration)
-    plant = plant_of(system)
-    cases = with_parts(system.cases(system.step), "full-dimension", "constant-slip", "barrier")
-    period = system.control_period or system.step
-    grids = [timing(built(system, case, plant), system.step, period, duration) for case in cases]
-    told = []
-    found = judge(system, cases, plant, grids, runs, seed, told.append, workers)
-    assert len(told) == units(system, cases, plant, grids, runs)
-    return found
-
-
-@pytest.fixture(scope="module")
-def few():
-    return judged(40)
-
-
-def test_runs_have_their_numbers_from_seed_and_run_alone(few):
-    # 3 runs are in a tile of 32, 40 in one of 64: the first three are the same to the bit.
-    three, again = judged(3), judged(3)
-    pd.testing.assert_frame_equal(three.metrics, again.metrics, check_exact=True)
-    other = judged(3, seed=1)
-    noisy = three.metrics["noise"] == "yes"
-    assert (three.metrics["utilisation"] != other.metrics["utilisation"])[noisy].any()
-    quiet = few.metrics["noise"] == "none"
-    pd.testing.assert_frame_equal(
-        few.metrics[quiet], three.metrics[~noisy], check_exact=True, check_like=True
-    )
-
-
-def test_processes_give_the_numbers_of_one(few):
-    pd.testing.assert_frame_equal(few.metrics, judged(40, workers=2).metrics, check_exact=True)
-
-
-def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
-    twenty = judged(20).metrics
-    noisy = (twenty["noise"] == "yes") & (twenty["segment"] == "dry")
-    one, many = twenty[noisy].iloc[0], few.metrics[noisy].iloc[0]
-    for name in ("utilisation", "tracking_rms", "adhesion_rms"):
-        # sd/sqrt(n - 1), of twenty runs and of forty.
-        deviations = np.sqrt([19, 39]) * [one[f"{name}_se"], many[f"{name}_se"]]
-        assert 0.5 < deviations[0] / deviations[1] < 2
-        assert abs(one[name] - many[name]) < 5 * np.hypot(one[f"{name}_se"], many[f"{name}_se"])
-
-
-def test_parts_take_the_place_of_the_papers():
-    system = SYSTEMS["uyulan2018"]
-    cases = system.cases(system.step)
-    assert with_parts(cases, None, None, None) is cases
-    found = with_parts(cases, "kalman", None, None)
-    assert [case.scenario for case in found] == list(dict.fromkeys(c.scenario for c in cases))
-    assert {case.method for case in found} == {"observer kalman"}
-    assert all(case.seeker is cases[0].seeker for case in found)
-    whole_law = with_parts(cases, None, None, "slope-feedback")
-    assert all(case.seeker is None for case in whole_law)
-
-
-def test_a_double_pole_settles_as_its_step_response():
-    plant = plant_of(SYSTEMS["hxd1f"])
-    # (1 + x) exp(-x) = .02 at x = 5.83; means over 2 ms.
-    assert settling(FullDimension(-100.0), plant) == pytest.approx(0.0583, abs=0.0025)
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -60,11 +60,12 @@ CAPTIONS: Mapping[str, str] = {
     "fig_12_slip": "Figure 12: slip velocity. Dotted: the best slips that the paper prints, .20 "
     "m/s on the dry and .08 m/s on the wet rail. Slip beyond .5 m/s is cut.",
     "fig_13_adhesion": "Figure 13: adhesion, and the largest that the surface has.",
-    "fig_14_map": "Figure 14: the operating point over the adhesion curves.",
+    "fig_14_map": "Figure 14: the operating point over the adhesion curves. Slip beyond .6 m/s "
+    "is cut.",
     "fig_15_torque": "Figure 15: torque of a motor with a sliding mode and with the barrier.",
 }
 
 
 def _slip(one: Shown) -> Panel:
-    marks = [Mark(f"paper, {name}", y=slip) for name, slip in PRINTED_BEST_SLIP.items()]
+    marks = [Mark("paper's best slip", y=slip) for slip in PRINTED_BEST_SLIP.values()]
     return slips(one, one.case.method, marks, limits=(-0.05, 0.5))

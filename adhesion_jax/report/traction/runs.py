@@ -138,9 +138,14 @@ def torques(one: Shown, title: str, marks: Sequence[Mark] = ()) -> Panel:
 
 
 def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: SpeedUnit = MPS) -> Panel:
-    """The operating point in traction over the adhesion curves."""
+    """The operating point in traction over the adhesion curves, as far as they are drawn."""
     rows = one.trace.sample
     driven = np.asarray(rows.counts) & (np.asarray(rows.direction) > 0)
     slip = unit.of(mean_of_axles(rows.slip))[driven]
-    track = Line("operating point", slip, mean_of_axles(rows.adhesion)[driven])
+    end = max(np.max(line.x) for line in lines)
+    track = Line(
+        "operating point",
+        np.where(slip <= end, slip, np.nan),
+        mean_of_axles(rows.adhesion)[driven],
+    )
     return Panel(title, f"slip velocity ({unit.name})", "adhesion (1)", [*lines, track])

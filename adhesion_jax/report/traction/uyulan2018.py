@@ -56,7 +56,10 @@ def figures(drawing: Drawing) -> Mapping[str, Sequence[Panel]]:
         "fig_04_surfaces": [_surfaces(shown)],
         "fig_05_speeds": [speeds(one, one.case.scenario) for one in shown],
         "fig_06_adhesion": [adhesions(one, one.case.scenario) for one in shown],
-        "fig_07_torque": [torques(one, one.case.scenario, [Mark("20 s", x=20.0)]) for one in shown],
+        "fig_07_torque": [
+            torques(one, one.case.scenario, [Mark("the paper's saturation", x=20.0)])
+            for one in shown
+        ],
         "fig_08_slip": [_slip(one, sought[one.case.scenario]) for one in shown],
         "fig_09_map": [
             over_curves(one, one.case.scenario, curves(surfaces(one), _SPEED, 5.0)) for one in shown
@@ -72,15 +75,17 @@ CAPTIONS: Mapping[str, str] = {
     "fig_06_adhesion": "Figure 6: adhesion, and the largest that the surface has.",
     "fig_07_torque": "Figure 7: torque of a motor; the paper has a saturation at 20 s.",
     "fig_08_slip": "Figure 8: slip with the true optimum as reference, and slip with the seeker as "
-    "the paper prints it. Dotted: the best slips that the paper prints. The start at 5 m/s is cut.",
+    "the paper prints it. Dotted: the best slips that the paper prints. Slip beyond 3 m/s is cut.",
     "fig_09_map": "Figure 9: the operating point over the adhesion curves.",
     "fig_10_lyapunov": "Figure 10: the Lyapunov function, and how fast it changes. The largest "
-    "adhesion of the surface is in it: it jumps when the rail changes.",
+    "adhesion of the surface is in it: it jumps when the rail changes. Rates below -5 "
+    "m²/s³ are cut.",
 }
 
 
 def _surfaces(shown: Sequence[Shown]) -> Panel:
-    found = {name: surface for one in shown for name, surface in surfaces(one).items()}
+    known = {name: surface for one in shown for name, surface in surfaces(one).items()}
+    found = {name: known[name] for name in PRINTED_BEST_SLIP if name in known}
     marks = [
         Mark("paper's best slip", slip, float(adhesion(found[name], slip, _SPEED)))
         for name, slip in PRINTED_BEST_SLIP.items()

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import pandas as pd
 
-from adhesion_jax.campaign.traction import WHOLE, judge
-from adhesion_jax.traction.loop import Trace, timing
+from adhesion_jax.campaign.traction import WHOLE, judge, planned
+from adhesion_jax.traction.loop import Trace
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped
-from adhesion_jax.traction.systems.base import Case, System, built
+from adhesion_jax.traction.systems.base import Case, System
 
 
 class Quiet(NamedTuple):
@@ -50,9 +50,10 @@ def quiet_runs(
     system: System, cases: Sequence[Case], plant: Plant, progress: Callable[[str], None]
 ) -> Quiet:
     """Each case once, on a plant that control knows exactly."""
-    period = system.control_period or system.step
-    grids = [
-        timing(built(system, case, plant), system.step, period, system.duration) for case in cases
-    ]
-    judged = judge(system, cases, plant, grids, 0, 0, progress)
+    judged = judge(planned(system, cases, plant), progress)
     return Quiet(cases, plant, judged.metrics, judged.traces)
+
+
+def quiet_units(system: System) -> int:
+    """How often `quiet_runs` of all cases of a system reports progress."""
+    return len(planned(system, system.cases(system.step), plant_of(system)).units)

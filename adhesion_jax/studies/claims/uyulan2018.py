@@ -13,7 +13,7 @@ from adhesion_jax.studies.claims.claim import (
     verdict_if,
     verdict_near,
 )
-from adhesion_jax.studies.claims.traction import Quiet, plant_of, quiet_runs
+from adhesion_jax.studies.claims.traction import Quiet, plant_of, quiet_runs, quiet_units
 from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
@@ -29,7 +29,19 @@ _MOTOR = 120e3
 #: The best slip on the dry, the wet and the low surface, m/s.
 _BEST = float(SURFACES["dry"].peak(jnp.asarray(10.0)).slip)
 
+#: What is varied by a share that is unknown to control, and by how much.
+_VARIED = tuple(
+    (names, factor)
+    for factor in (0.8, 1.2)
+    for names in (("static_mass", "dynamic_mass", "wheel_load"), ("motor_inertia",))
+)
+
 _NONE = float("nan")
+
+
+def uyulan_units() -> int:
+    """How often `uyulan_claims` reports progress."""
+    return quiet_units(SYSTEM) + len(_VARIED)
 
 
 def uyulan_claims(progress: Callable[[str], None]) -> list[Claim]:
@@ -223,13 +235,12 @@ def _other_parameters(quiet: Quiet, plant: Plant, progress: Callable[[str], None
     case = [case for case in quiet.cases if case.scenario == "dry-low" and case.method == _TRUE]
     nominal = quiet.figure(_TRUE, "tracking_rms", scenario="dry-low")
     seen = []
-    for factor in (0.8, 1.2):
-        for names in (("static_mass", "dynamic_mass", "wheel_load"), ("motor_inertia",)):
-            other = dataclasses.replace(
-                plant, **{name: factor * getattr(plant, name) for name in names}
-            )
-            varied = quiet_runs(SYSTEM, case, other, progress)
-            seen.append(varied.figure(_TRUE, "tracking_rms_settled", "low"))
+    for names, factor in _VARIED:
+        other = dataclasses.replace(
+            plant, **{name: factor * getattr(plant, name) for name in names}
+        )
+        varied = quiet_runs(SYSTEM, case, other, progress)
+        seen.append(varied.figure(_TRUE, "tracking_rms_settled", "low"))
     ours = max(seen)
     settled = quiet.figure(_TRUE, "tracking_rms_settled", "low", "dry-low")
     return Claim(

@@ -1,0 +1,113 @@
+"""The cases of a system: each once without noise, and many runs with noise."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+from adhesion_jax.campaign.keys import noise_keys
+from adhesion_jax.campaign.traction import judge, planned
+from adhesion_jax.metrics.closed_loop import FIGURES, by_segment, figures, whole
+from adhesion_jax.studies.claims.traction import plant_of
+from adhesion_jax.traction.loop import run
+from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.traction.systems.base import with_parts
+
+
+def plan_of(runs, duration=0.3, seed=0):
+    system = SYSTEMS["hxd1f"]._replace(duration=duration)
+    cases = with_parts(system.cases(system.step), "full-dimension", "constant-slip", "barrier")
+    return planned(system, cases, plant_of(system), runs, seed)
+
+
+def judged(runs, workers=1, seed=0):
+    plan, told = plan_of(runs, seed=seed), []
+    found = judge(plan, told.append, workers)
+    assert len(told) == len(plan.units)
+    return found
+
+
+@pytest.fixture(scope="module")
+def few():
+    return judged(40)
+
+
+def test_runs_have_their_numbers_from_seed_and_run_alone(few):
+    # 3 runs are in a tile of 32, 40 in one of 64: the first three are the same to the bit.
+    three, again = judged(3), judged(3)
+    pd.testing.assert_frame_equal(three.metrics, again.metrics, check_exact=True)
+    other = judged(3, seed=1)
+    noisy = three.metrics["noise"] == "yes"
+    assert (three.metrics["utilisation"] != other.metrics["utilisation"])[noisy].any()
+    quiet = few.metrics["noise"] == "none"
+    pd.testing.assert_frame_equal(
+        few.metrics[quiet], three.metrics[~noisy], check_exact=True, check_like=True
+    )
+
+
+def test_processes_give_the_numbers_of_one(few):
+    pd.testing.assert_frame_equal(few.metrics, judged(40, workers=2).metrics, check_exact=True)
+
+
+def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
+    twenty = judged(20).metrics
+    noisy = (twenty["noise"] == "yes") & (twenty["segment"] == "dry")
+    one, many = twenty[noisy].iloc[0], few.metrics[noisy].iloc[0]
+    for name in ("utilisation", "tracking_rms", "adhesion_rms"):
+        # sd/sqrt(n - 1), of twenty runs and of forty.
+        deviations = np.sqrt([19, 39]) * [one[f"{name}_se"], many[f"{name}_se"]]
+        assert 0.5 < deviations[0] / deviations[1] < 2
+        assert abs(one[name] - many[name]) < 5 * np.hypot(one[f"{name}_se"], many[f"{name}_se"])
+
+
+def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
+    plan, runs = plan_of(40), 40
+    unit = next(unit for unit in plan.units if unit.runs is not None)
+    (loop,), grid = unit.loops, unit.grid
+    one = jax.jit(lambda key: run(loop, grid, key))
+    found = []
+    for key in noise_keys(0, plan.cases[0].scenario, jnp.arange(runs)):
+        totals = one(key)
+        dry = jax.tree.map(lambda values: values[:1], by_segment(totals))
+        parts = [figures(part, grid.sample_period) for part in (dry, whole(totals))]
+        found.append([[float(part[name][0]) for part in parts] for name in FIGURES])
+    rows = few.metrics[few.metrics["noise"] == "yes"]
+    assert rows["segment"].tolist() == ["dry", "wet", "snow", "all"]
+    for name, values in zip(FIGURES, np.array(found).transpose(1, 2, 0), strict=True):
+        for row, each in zip((0, 3), values, strict=True):
+            known = each[np.isfinite(each)]
+            mean = known.mean() if len(known) else np.nan
+            error = known.std(ddof=1) / np.sqrt(len(known)) if len(known) > 1 else np.nan
+            assert rows[name].iloc[row] == pytest.approx(mean, rel=1e-6, nan_ok=True), name
+            # The error is a difference of sums of squares, of which a few digits cancel.
+            expected = pytest.approx(error, rel=1e-4, abs=1e-7 * abs(mean), nan_ok=True)
+            assert rows[f"{name}_se"].iloc[row] == expected, name
+    # The other rails begin at 5 and at 10 s.
+    assert rows["status"].tolist() == ["regular", "not reached", "not reached", "regular"]
+
+
+def test_a_train_stands_coasts_or_runs_away_under_eq_8():
+    stands, coasts, runs_away = (
+        "Eq. 8 from rest, K1 19000, K2 18000",
+        "Eq. 8, K1 1000, K2 18000",
+        "Eq. 8, K1 19000, 1.05 of critical K2",
+    )
+    system = SYSTEMS["fang2018"]._replace(duration=120.0, step=1e-3)
+    cases = [
+        case for case in system.cases(system.step) if case.method in (stands, coasts, runs_away)
+    ]
+    found = judge(planned(system, cases, plant_of(system)), lambda _: None, 1)
+    status = found.metrics.set_index(["method", "segment"])["status"]
+    assert status[stands, "1"] == status[stands, "all"] == "the train never moves"
+    assert status[coasts, "1"] == status[coasts, "all"] == "regular"
+    assert status[coasts, "2"] == status[stands, "2"] == "not reached"
+    assert status[runs_away, "2"] == status[runs_away, "all"] == "slip runs away"
+    assert status[runs_away, "3"] == "not reached"
+    # The controller takes over at 30 km/h: the torque of 1590 N m dies away, but for a moment
+    # whenever the train is slower again and the driver's demand stands.
+    coasting = found.traces[1].sample
+    assert 30 < 3.6 * coasting.train_speed.max() < 31
+    assert np.abs(coasting.torque[-1500:, 0]).mean() < 0.05 * 1590
+    # 5 times the best slip of road 2, 5.5 km/h.
+    assert 3.6 * found.traces[2].sample.slip[-1, 0] > 27.5

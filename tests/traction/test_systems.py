@@ -1,0 +1,123 @@
+"""The three systems against the numbers known of their papers' methods."""
+
+import dataclasses
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from adhesion_jax.metrics.closed_loop import by_segment, figures, whole
+from adhesion_jax.traction.loop import run, timing
+from adhesion_jax.traction.plants.reading import read_plant, shipped
+from adhesion_jax.traction.sensors import Sensors
+from adhesion_jax.traction.systems import SYSTEMS, fang2018, uyulan2018
+from adhesion_jax.traction.systems.base import built, with_parts
+
+KEY = jax.random.key(0)
+
+
+def loops_of(name, method):
+    """Of each scenario under a method."""
+    system = SYSTEMS[name]
+    plant = read_plant(shipped()[system.plant]).plant
+    cases = system.cases(system.step)
+    return [built(system, case, plant) for case in cases if case.method == method]
+
+
+def grid_of(name, loop, duration=None):
+    system = SYSTEMS[name]
+    period = system.control_period or system.step
+    return timing(loop, system.step, period, duration or system.duration)
+
+
+@cache
+def utilisation(method):
+    """Of the HXD1F on the dry, the wet and the snowy rail."""
+    (loop,) = loops_of("hxd1f", method)
+    grid = grid_of("hxd1f", loop)
+    totals = jax.jit(run, static_argnums=1)(loop, grid, KEY)
+    return np.asarray(figures(by_segment(totals), grid.sample_period)["utilisation"])
+
+
+def test_eq_9_settles_on_roads_2_and_3_by_its_gain():
+    (loop,) = loops_of("fang2018", "Eq. 9, K2 7000")
+    # Road 2 begins at 55 km/h, road 3 at 85 km/h: two seconds settle, and eight are counted.
+    grid = grid_of("fang2018", loop, 10.0)
+
+    @jax.jit
+    @jax.vmap
+    def settled(gain, kmh):
+        controller = dataclasses.replace(loop.controller, adhesion_gain=gain)
+        tuned = dataclasses.replace(loop, controller=controller, train_speed=kmh / 3.6)
+        return figures(by_segment(run(tuned, grid, KEY)), grid.sample_period)
+
+    gains = jnp.array([7000.0, 18000.0, 1.02 * fang2018.CRITICAL])
+    starts = jnp.array([55.0, 85.0])
+    found = settled(jnp.tile(gains, 2), jnp.repeat(starts, 3))
+
+    def by_road(name):
+        values = np.asarray(found[name]).reshape(2, 3, -1)
+        return np.array([values[0, :, 1], values[1, :, 2]])
+
+    slips = [[2.65, 4.64, 5.71], [2.25, 3.52, 4.15]]
+    np.testing.assert_allclose(3.6 * by_road("slip_settled"), slips, rtol=0.02)
+    shares = [[0.813, 0.983, 0.995], [0.875, 0.991, 0.998]]
+    np.testing.assert_allclose(by_road("utilisation_settled"), shares, atol=0.005)
+
+
+def test_the_printed_seeker_of_uyulan_estimates_as_it_does():
+    loops = loops_of("uyulan2018", "as printed")
+    grid = grid_of("uyulan2018", loops[0])
+    rails = jax.tree.map(lambda *each: jnp.stack(each), *(loop.rails for loop in loops))
+
+    @jax.jit
+    @jax.vmap
+    def error(rails):
+        totals = run(dataclasses.replace(loops[0], rails=rails), grid, KEY)
+        return figures(whole(totals), grid.sample_period)["estimation_rms"][0]
+
+    # In the order of Table 1, whose own row no reading gives.
+    assert [*uyulan2018.PRINTED][3] == ("dry", "wet")
+    expected = [0.1874, 0.1877, 0.1885, 0.1857, 0.1866, 0.1869]
+    np.testing.assert_allclose(error(rails), expected, rtol=0.01)
+
+
+def test_differential_acceleration_uses_less_than_the_seeker():
+    used = utilisation("DAC")
+    np.testing.assert_allclose(used, [0.854, 0.666, 0.605], atol=0.02)
+
+
+def test_the_lag_of_a_double_pole_loses_the_wet_rail():
+    used = utilisation("SMES, full dimension -233, ABLF")
+    np.testing.assert_allclose(used[:2], [0.888, 0.49], atol=0.02)
+
+
+def test_an_encoder_turns_with_the_motor_and_its_pulses_disturb_the_observer():
+    (loop,) = loops_of("hxd1f", "SMES, full dimension -233, ABLF")
+    found = {}
+    for pulses in (0, 100_000, 2000):
+        counting = dataclasses.replace(loop, sensors=Sensors(period=1e-3, pulses=pulses))
+        grid = grid_of("hxd1f", counting, 1.0)
+        totals = jax.jit(run, static_argnums=1)(counting, grid, KEY)
+        found[pulses] = figures(by_segment(totals), grid.sample_period)
+    none, fine, coarse = (float(found[pulses]["adhesion_rms"][0]) for pulses in found)
+    # A pulse of the fine one is .06 rad/s in a sample of 1 ms, one of the coarse one 3.1 rad/s.
+    assert fine == pytest.approx(none, rel=0.1)
+    assert fine != none
+    assert coarse > 5 * none
+    used = [float(found[pulses]["utilisation"][0]) for pulses in (0, 100_000)]
+    assert used[1] == pytest.approx(used[0], rel=0.02)
+
+
+def test_parts_take_the_place_of_the_papers():
+    system = SYSTEMS["uyulan2018"]
+    cases = system.cases(system.step)
+    assert with_parts(cases, None, None, None) is cases
+    found = with_parts(cases, "kalman", None, None)
+    assert [case.scenario for case in found] == list(dict.fromkeys(c.scenario for c in cases))
+    assert {case.method for case in found} == {"observer kalman"}
+    assert all(case.seeker is cases[0].seeker for case in found)
+    whole_law = with_parts(cases, None, None, "slope-feedback")
+    assert all(case.seeker is None for case in whole_law)
