@@ -46,6 +46,7 @@ from adhesion_jax.report.discovery.words import (
     p_value,
     percent_in_brackets,
 )
+from adhesion_jax.wording import plus_minus
 
 EXAMPLES = {
     "null": null,

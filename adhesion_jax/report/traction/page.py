@@ -10,6 +10,7 @@ from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.report.page import Block, Items, Page, Paragraph, Picture, Section, Table
 from adhesion_jax.traction.plants.reading import TAGS, PlantFile
 from adhesion_jax.traction.systems.base import System
+from adhesion_jax.wording import plus_minus
 
 #: The figures of a segment that the page shows; metrics.csv has them all.
 _SHOWN = ("utilisation", "t95", "tracking_rms", "slip_energy_share", "torque_variation")
@@ -84,7 +85,7 @@ def _metrics_table(metrics: pd.DataFrame, noise: str) -> Table:
     cells = [
         [
             *(str(row[name]) for name in names),
-            *(_pair(row[name], row[f"{name}_se"]) for name in _SHOWN),
+            *(plus_minus(row[name], row[f"{name}_se"]) for name in _SHOWN),
             str(row["status"]),
         ]
         for _, row in rows.iterrows()
@@ -93,12 +94,6 @@ def _metrics_table(metrics: pd.DataFrame, noise: str) -> Table:
     return Table(
         [*names, *headings, "status"], cells, headings, f"{len(cells)} rows: methods and segments"
     )
-
-
-def _pair(value: float, error: float) -> str:
-    if not np.isfinite(value):
-        return ""
-    return f"{value:.4g} ± {error:.1g}" if np.isfinite(error) else f"{value:.4g}"
 
 
 def _parameters(plant: PlantFile) -> Sequence[Block]:
