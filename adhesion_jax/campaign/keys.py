@@ -7,14 +7,14 @@ from jaxtyping import Array, Int, Key
 
 
 def noise_keys(seed: int, scenario: str, runs: Int[Array, " runs"]) -> Key[Array, " runs"]:
-    """One key a run for its data: every identifier sees the same noise."""
+    """A key for the data of each run: every identifier sees the same noise."""
     return _keys(seed, (scenario, "noise"), runs)
 
 
 def solver_keys(
     seed: int, scenario: str, identifier: str, runs: Int[Array, " runs"]
 ) -> Key[Array, " runs"]:
-    """One key a run for an identifier's own randomness."""
+    """A key for each run for an identifier's own randomness."""
     return _keys(seed, (scenario, "solver", identifier), runs)
 
 

@@ -47,7 +47,7 @@ def estimate_rows(
     estimates: Mapping[str, Estimate],
     runs: np.ndarray,
 ) -> pd.DataFrame:
-    """One row a run, identifier and block of the tables that are `_STORED`."""
+    """A row for each run, identifier and block of the tables that are `_STORED`."""
     tables = scenario.tables()
     groups = [group for name in _STORED if name in tables for group in tables[name]]
     blocks = np.array(sorted({block for group in groups for block in group.blocks}))
@@ -77,7 +77,7 @@ def estimate_rows(
 def tracking_table(
     config: Config, scenario: Scenario, seen: Mapping[str, list[Tracking]]
 ) -> pd.DataFrame:
-    """One row an identifier and stretch of rail."""
+    """A row for each identifier and stretch of rail."""
     rails = [rail for b, rail in enumerate(scenario.rails) if rail != (None, *scenario.rails)[b]]
     rows = []
     for name, parts in seen.items():

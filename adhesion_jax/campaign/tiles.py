@@ -26,7 +26,7 @@ from adhesion_jax.scenarios import SCENARIOS, Options
 
 TILE = 128
 
-#: Of the compiler's levels the lowest that does not make the programs slower.
+#: The lowest optimisation level of the compiler that does not make the programs slower.
 _COMPILER: dict[str, str | bool] = {"xla_backend_optimization_level": "1"}
 
 

@@ -22,9 +22,9 @@ from adhesion_jax.traction.loop import Loop, Timing, Trace, check, run, timing, 
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
 
-#: A tile has a multiple of so many runs, and at most so many: few lose time by the calls of each
-#: step, more by leaving the cache. There is no matrix product or sum over runs in a loop, so that
-#: the result of a run does not depend on the runs beside it, to the bit.
+#: The runs of a tile: a multiple of the first number, at most the second. With fewer runs the calls
+#: at each step take longer than the work, with more the states leave the cache. No loop has a
+#: matrix product or a sum over runs, so that a run gives the same bits whatever runs beside it.
 _LEAST, _MOST = 32, 512
 
 #: A run that is drawn has at most this many rows.
@@ -185,7 +185,7 @@ def _compiled(
     grid: Timing,
     drawn: bool,
 ) -> Callable[[list[Any]], tuple[dict[str, jax.Array], Trace | None]]:
-    """Of a stack of loops and their keys: the figures, and the rows of what is drawn.
+    """Figures of a stack of loops under their keys, and the rows of what is drawn.
 
     One loop with many keys stands for as many runs of it.
     """
@@ -220,7 +220,7 @@ def _every(grid: Timing) -> int:
 
 
 def _figures(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
-    """Of each segment, and last of the whole run."""
+    """The figures of each segment and, last, of the whole run."""
     parts = (closed_loop.by_segment(totals), closed_loop.whole(totals))
     found = [closed_loop.figures(part, grid.sample_period) for part in parts]
     return {name: jnp.concatenate([1.0 * part[name] for part in found]) for name in FIGURES}
@@ -231,7 +231,7 @@ def _moments(figures: Figures, runs: slice) -> KnownMoments:
 
 
 def _rows(case: Case, noise: str, moments: KnownMoments) -> pd.DataFrame:
-    """One row a segment, and one for the whole run: each metric and its standard error."""
+    """A row for each segment and one for the whole run: metrics and their standard errors."""
     columns: dict[str, Any] = {
         "scenario": case.scenario,
         "method": case.method,

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt64
 
-#: Tracking and estimation are also told without this time after a switch, in s.
+#: Tracking and estimation errors are also given without this time after a switch, s.
 SETTLED = 2.0
 
 #: t95 is the start of the first stretch of this length in s in which this share of the samples has

@@ -23,7 +23,7 @@ class Moments(NamedTuple):
 
     @staticmethod
     def of(statistics: Mapping[str, Array]) -> "Moments":
-        """Of statistics with the runs along the first axis."""
+        """Moments of statistics whose first axis is that of the runs."""
         runs = len(next(iter(statistics.values())))
         return Moments(
             runs,
@@ -42,7 +42,7 @@ class Moments(NamedTuple):
         return np.asarray(self.total[name] / self.runs)
 
     def standard_error(self, name: str) -> Array:
-        """Of the mean; not a number for a single run."""
+        """Standard error of the mean; not a number for a single run."""
         if self.runs < 2:
             return np.asarray(np.full_like(self.total[name], np.nan))
         variance = self.total_square[name] / self.runs - self.mean(name) ** 2
@@ -63,7 +63,7 @@ class KnownMoments(NamedTuple):
 
     @staticmethod
     def of(statistics: Mapping[str, Array]) -> "KnownMoments":
-        """Of statistics with the runs along the first axis."""
+        """Moments of statistics whose first axis is that of the runs."""
         known = Moments.of({name: 1.0 * np.isfinite(x) for name, x in statistics.items()})
         values = Moments.of(
             {name: np.where(np.isfinite(x), x, 0.0) for name, x in statistics.items()}
@@ -84,7 +84,7 @@ class KnownMoments(NamedTuple):
         return np.asarray(self.total[name] / np.where(known > 0, known, np.nan))
 
     def standard_error(self, name: str) -> Array:
-        """Of the mean; not a number where it is known in a single run or in none."""
+        """Standard error of the mean; not a number where one run or none is known."""
         known = np.where(self.known[name] > 1, self.known[name], np.nan)
         variance = self.total_square[name] / known - self.mean(name) ** 2
         return np.asarray(np.sqrt(np.maximum(variance, 0.0) / (known - 1)))

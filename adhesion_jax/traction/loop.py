@@ -144,9 +144,9 @@ def _jacobians(
     slip: Float[Array, " axles"],
     slope: Float[Array, ""],
 ) -> Float[Array, "segments numbers numbers"]:
-    """Of the plant that rolls almost without slip on each of the surfaces."""
+    """The largest step of a plant that rolls almost without slip on each of the surfaces, s."""
     speed = jnp.maximum(train_speed, 1.0)
-    # At no slip at all the sign of an odd law has no slope.
+    # Not at slip zero, where the sign in an odd law has no derivative.
     state = plant.init(_motor_speed(plant, speed, jnp.full_like(slip, 1e-6)), speed)
 
     def on(segment: Int[Array, ""]) -> Float[Array, "numbers numbers"]:
@@ -170,7 +170,7 @@ def run(loop: Loop, grid: Timing, key: PRNGKeyArray) -> Totals:
 
 
 def trace(loop: Loop, grid: Timing, key: PRNGKeyArray, every: int = 1) -> tuple[Totals, Trace]:
-    """One run as it goes: its totals, and a row for every so many samples of the metrics.
+    """One run as it goes: its totals, and a row for every `every` samples of the metrics.
 
     `every` divides the samples of the run.
     """
@@ -245,7 +245,7 @@ def _start(loop: Loop, grid: Timing) -> _State:
 
 
 def _measured(loop: Loop, sensed: Sensed, load: Float[Array, " axles"]) -> Measured:
-    """What the sensors give, and the true load only to the observer that says it is told."""
+    """The sensors' signals, and the true load for an observer that declares it is given."""
     told = load if loop.observer.TOLD_LOAD else None
     return Measured(sensed.motor_speed, sensed.train_speed, sensed.slip, told)
 

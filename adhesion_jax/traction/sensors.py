@@ -60,7 +60,7 @@ class Sensors(eqx.Module):
         drawn: Float[Array, " speeds"],
         step: float,
     ) -> "Sensed":
-        """With the true speeds sampled, where a sample is due."""
+        """The sensors after the true speeds have been sampled, where a sample is due."""
         motor_speed, train_speed = speeds
         counted = sensed.counted
         if self.pulses:

@@ -11,7 +11,7 @@ class Measured(NamedTuple):
     motor_speed: Float[Array, " axles"]  # rad/s
     train_speed: Float[Array, ""]  # m/s
     slip: Float[Array, " axles"]  # from both and from the radius as it is known, m/s
-    load: Float[Array, " axles"] | None  # the true one, for the observer that says it is told
+    load: Float[Array, " axles"] | None  # the true one, for an observer that declares it is given
 
 
 class Signals(NamedTuple):
@@ -26,7 +26,7 @@ class Signals(NamedTuple):
     load: Float[Array, " axles"]  # of the motor, as observed, N m
     adhesion: Float[Array, " axles"]  # as observed
     slip_beside: Float[Array, " axles"]  # m/s, with the same lag as the adhesion observed
-    optimum: Float[Array, " axles"] | None  # for the seeker that says it is told, m/s
+    optimum: Float[Array, " axles"] | None  # m/s, for a seeker that declares it is given
 
 
 class Reference(NamedTuple):

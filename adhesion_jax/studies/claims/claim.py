@@ -15,7 +15,7 @@ STANDARD_ERRORS = 3.0
 
 
 class Claim(NamedTuple):
-    """One row of the table; the paper's number is not a number where it prints none."""
+    """One row of the table; `paper_number` is NaN where the paper prints none."""
 
     paper: str
     claim: str
@@ -46,8 +46,8 @@ def verdict_equal(ours: float, error: float, expected: float) -> str:
     return REPRODUCED if agrees else NOT_REPRODUCED
 
 
-#: A number without noise agrees with a printed one within this share of it; with one that was read
-#: off a figure or is told as "about", within the second.
+#: Largest relative difference at which a number without noise agrees with a printed one, and with
+#: one that was read off a figure or that the paper gives as "about".
 PRINTED, READ_OFF = 0.01, 0.10
 
 

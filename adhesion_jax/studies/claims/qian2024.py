@@ -79,7 +79,7 @@ def factorial_configs(runs: int, seed: int) -> tuple[Config, Config]:
 
 
 def factorial_table(runs: int, seed: int, progress: Callable[[str], None]) -> pd.DataFrame:
-    """One row a variant: its settings, and each outcome with its standard error."""
+    """A row for each variant: its settings, and each outcome with its standard error."""
     rows = pd.DataFrame(list(product((0, 1), repeat=3)), columns=list(FACTORS))
     rows.insert(0, "variant", list(variants()))
     for config, suffix in zip(factorial_configs(runs, seed), ("", "_outliers"), strict=True):

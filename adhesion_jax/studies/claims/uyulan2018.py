@@ -160,7 +160,7 @@ def _saturation(quiet: Quiet) -> Claim:
 
 
 def _lyapunov(quiet: Quiet, plant: Plant) -> Claim:
-    """Of the column dry-low, whose best slip is the same on both surfaces."""
+    """Settling on the column dry-low, whose best slip is the same on both surfaces."""
     rows = quiet.trace(_TRUE, "dry-low")
     case = next(case for case in quiet.cases if case.method == _TRUE)
     controller = case.controller
@@ -168,7 +168,7 @@ def _lyapunov(quiet: Quiet, plant: Plant) -> Claim:
         raise TypeError("the function is that of elastic axles under the adaptive controller")
     error = rows.sample.slip - rows.sample.optimum
     layer = float(controller.layer)
-    # Of the dry surface throughout: with another mu_max the function itself would change.
+    # The function is that of the dry surface throughout: it contains mu_max.
     largest = jnp.broadcast_to(rows.sample.largest[0], error.shape)
     bound = rows.controller.bound
     values = np.asarray(lyapunov(controller, plant, bound, error, largest))[:, 0]
