@@ -82,6 +82,6 @@ def _frame(passage: _Passage) -> tuple[Figure, Axes]:
     axis = figure.subplots()
     draw_lines(axis, passage.lines, line_styles([line.label for line in passage.lines]))
     axis.set(title=passage.title, xlabel="slip velocity (m/s)", ylabel="adhesion (1)")
-    axis.legend(loc="upper right", title="rail")
+    figure.legend(loc="outside lower center", ncols=2, title="rail")
     light_frame(axis)
     return figure, axis
