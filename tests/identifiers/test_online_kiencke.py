@@ -113,7 +113,7 @@ def test_instruments_are_those_of_a_loop_in_numpy(switched):
     record, estimate = switched
     slip, adhesion = (np.asarray(x)[0] for x in (record.slip, record.adhesion))
     expected, resets = loop_of_instruments(slip, adhesion)
-    np.testing.assert_array_equal(np.flatnonzero(np.asarray(estimate.forgetting) == 0), resets)
+    np.testing.assert_array_equal(np.flatnonzero(np.asarray(estimate.reset)), resets)
     assert len(resets) == 1
     # The median deviation of a handful of residuals jumps between them, which makes a difference
     # of rounding grow at first; later estimates forget it.
