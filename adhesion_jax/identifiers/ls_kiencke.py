@@ -58,7 +58,7 @@ class LinearLeastSquares(Identifier):
             g22=jnp.sum(squared * u2 * u2),
         )
         objective = jnp.sum(residual(known, record, x) ** 2)
-        finite = jnp.isfinite(objective)
+        finite = jnp.isfinite(objective) & jnp.all(jnp.isfinite(x))
         fit = Fit(
             jnp.where(finite, x, state.fit.parameters),
             jnp.where(finite, covariance(sums), state.fit.covariance),

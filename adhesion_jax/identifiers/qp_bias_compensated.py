@@ -24,8 +24,8 @@ from adhesion_jax.identifiers.kiencke_linear import (
 from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.records import Known, Record
 
-#: Of the noise that would leave H without curvature, at most this share is believed: after a
-#: switch the residuals are not noise, and the program must stay convex.
+#: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
+#: curvature: after a switch the residuals are larger than noise, and the program must stay convex.
 _MOST = 0.5
 
 
@@ -102,7 +102,7 @@ class BiasCompensatedProgram(Identifier):
             eta * old.m12 + size**3,
             eta * old.m22 + size**4,
             eta * old.f1 + size,
-            eta * old.squares,  # the residual is known once x is
+            eta * old.squares,  # the residual of this sample is added below, when x is known
             eta * old.weights + 1,
         )
         s2 = variance(normal, noise)

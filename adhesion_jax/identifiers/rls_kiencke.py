@@ -79,7 +79,7 @@ class RecursiveLeastSquares(Identifier):
         pu1, pu2 = p11 * u1 + p12 * u2, p12 * u1 + p22 * u2
         innovation = z - x1 * u1 - x2 * u2
         share = 1 / (eta + u1 * pu1 + u2 * pu2)
-        # The residual at the new x is the innovation times eta times the same share.
+        # The residual at the new x is the innovation times eta/(eta + U'P U).
         squared = (innovation * eta * share) ** 2
         gain1, gain2, growth = pu1 * share, pu2 * share, 1 / eta
         return Recursion(

@@ -96,7 +96,8 @@ class Tracker(eqx.Module):
         close = jnp.abs(mu_max - truth) < TRACKED * truth
         streak = jnp.where(close, jnp.where(s == seen.stretch, seen.streak, 0) + 1, 0)
         settled = (seen.settled[s] == 1) | (streak >= self.criteria.in_a_row)
-        # Until it is settled the delay is that of a row which begins now, or has begun.
+        # Until the delay is settled it is counted to the start of the row of tracked steps that
+        # ends now, or to the next step where there is no such row.
         delay = jnp.where(seen.settled[s] == 1, seen.delay[s], since + 1 - streak)
 
         resets = jnp.where(reset, 1.0, 0.0) if self.resets else jnp.asarray(jnp.nan)
@@ -141,7 +142,8 @@ def tracking_row(seen: Tracking, stretch: int, unit: str) -> Mapping[str, object
     }
     length = at["length"][0]
     rows: dict[str, object] = {"unit": unit}
-    # A row of in-a-row steps that begins too near the end cannot settle: never tracked.
+    # Tracked steps that begin too near the end are too few in a row: the stretch counts as one
+    # that was never tracked, and its delay as the length of the stretch.
     delay = np.where(at["settled"] == 1, at["delay"], length)
     figures = {
         "delay_median": _median(delay),
@@ -153,7 +155,7 @@ def tracking_row(seen: Tracking, stretch: int, unit: str) -> Mapping[str, object
     }
     for name, (value, error) in figures.items():
         rows |= {name: value, f"{name}_se": error}
-    if stretch == 0:  # it did not begin with a switch
+    if stretch == 0:  # the first stretch does not begin with a switch
         for name in ("missed_share", "overshoot"):
             rows |= {name: np.nan, f"{name}_se": np.nan}
     return rows

@@ -28,7 +28,7 @@ from adhesion_jax.scenarios.noise import draw_noise
 #: Seconds from point to point.
 _STEP = 0.1
 
-#: The box goes from a share of a parameter to as many times the parameter.
+#: The box of a parameter reaches from its value divided by this to its value times this.
 _BOX = 5.0
 
 #: The slips are the same in every run; adhesion and conditions are its own.
@@ -97,7 +97,7 @@ class Corrected(Scenario):
         return true_quantities(stacked([self.known.curve]), self.known)
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        """Of the curve's parameters from this run, its effects and conditions known."""
+        """For the parameters of the curve from this run, its effects and conditions known."""
         curve = self.known.curve
         conditions = {name: values[0] for name, values in record.conditions.items()}
 
@@ -188,7 +188,7 @@ def corrected(options: Options) -> Corrected:
         known=Known(curve=law.curve, lower=lower, upper=upper, conditions=middle),
     )
     try:
-        # The law itself knows best what it rests on: it asks for it.
+        # A law asks for the columns it needs by name, so a missing one is a KeyError.
         jax.eval_shape(scenario.draw, jax.random.key(0))
     except KeyError as missing:
         raise InputError(

@@ -26,10 +26,10 @@ _VEHICLE_SPEED, _SAMPLING = 20.0, 0.01
 #: The slip velocity goes from an eighth of its largest value to that and back in this time, s.
 _PERIOD, _LEAST = 8.0, 0.125
 
-#: The largest slip, in terms of the slip of the peak.
+#: The largest slip of the stream over the slip of the peak.
 _BEYOND = 1.6
 
-#: Of the measured slip velocity, m/s: a wheel encoder's.
+#: Standard deviation of the measured slip velocity, m/s, as of a wheel encoder.
 _SIGMA_VELOCITY = 0.005
 
 #: Every run measures its own signals at the same times.

@@ -18,7 +18,7 @@ from adhesion_jax.scenarios.growing import growing_tables, prefixes
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
 
-#: When Qian et al. 2024 reads its figures.
+#: Numbers of samples after which Qian et al. 2024 reads its figures.
 _CHECKPOINTS = (30, 230, 250)
 
 

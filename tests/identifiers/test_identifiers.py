@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.optimize import minimize_scalar
 
-from adhesion_jax.curves import free_values
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.curves.polach import PolachFalling
@@ -118,6 +118,9 @@ CURVE_PAIRS = [pair for pair in PAIRS if pair[0] in CURVE_METHODS]
 
 #: Where a rail drifts, has another curve or an effect on it, no curve is the truth of a block.
 HAVE_TRUTH = [p for p in CURVE_PAIRS if not p[1].startswith(("drift", "mismatch", "corrected"))]
+
+#: Methods that take whole blocks; the others take one sample after the other.
+BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
 
 #: A short scenario that each method takes.
 HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
@@ -275,43 +278,81 @@ def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     assert same == (name not in EVOLUTION)  # only a random search has a randomness of its own
 
 
-@pytest.mark.parametrize(("name", "scenario_name"), HAVE_TRUTH)
-def test_data_without_any_noise_give_the_truth_back(name, scenario_name):
-    options = dataclasses.replace(SMALL[scenario_name], sigma=0.0)
-    scenario = SCENARIOS[scenario_name](options)
+#: Shares of searches without noise that find the truth, over some thousands of runs, on dry, common
+#: and wet rail. A population may collapse before it arrives, most of all one that starts far away
+#: (Eq. 16 alone, dry rail); the repaired variant is slow on the wet rail rather than wrong.
+MEASURED = {
+    "ml-de": (0.9868, 0.9836, 0.8066),
+    "ml-de-eq16": (0.3252, 0.9800, 0.8337),
+    "ml-de-eq17": (0.9971, 0.9998, 0.8018),
+    "ml-de-he2018": (0.9766, 0.9990, 0.8958),
+    "ml-de-robust": (1.0, 1.0, 0.9229),
+}
+
+#: The same of Gauss-Newton, which has no safeguard, on the random slips of `qian2024`.
+GAUSS_NEWTON = {"gn-jaxopt": 0.8745, "gn-optimistix": 0.8628}
+
+#: What finds the truth in every run.
+SURE = [
+    (name, case)
+    for name, case in HAVE_TRUTH
+    if name not in EVOLUTION and (name not in GAUSS_NEWTON or case != "qian2024")
+]
+
+
+def found_the_truth(estimate, scenario):
+    """Whether all parameters are within 1e-4 of the truth, [runs, blocks]."""
+    truth = scenario.quantities()
+    expected = np.stack([truth[name] for name in scenario.known.curve.free], axis=-1)
+    return np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
+
+
+@pytest.mark.parametrize(("name", "case"), SURE)
+def test_data_without_any_noise_give_the_truth_back(name, case):
+    scenario_name, options = CASES[case]
+    scenario = SCENARIOS[scenario_name](dataclasses.replace(options, sigma=0.0))
     records, estimate = identified(IDENTIFIERS[name], scenario)
-    true = scenario.quantities()
-    expected = np.stack([true[name] for name in scenario.known.curve.free], axis=-1)
-    right = np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
-    status = np.asarray(estimate.status)
-    # Of a growing sequence the whole: the first few points hardly show c3. Of a stream the first
-    # rail: how soon the second one is found is another question.
+    right = found_the_truth(estimate, scenario)
+    # Where a sequence grows, all of it: the first few points hardly show c3. On a stream, the
+    # first rail: how soon the second one is found is another question.
     whole = np.all(np.broadcast_to(records.mask, records.adhesion.shape), axis=-1)
     whole &= np.array(scenario.rails) == scenario.rails[0] if scenario.known.by_sample else True
-    if name not in EVOLUTION:
-        assert np.all((right | (status != Status.TRUSTED))[whole])
-    # He's variants miss the optimum in some of the searches, most of all from a start far away
-    # (Eq. 16 alone); how often is measured with the claims. Gauss-Newton has no safeguard.
-    least = 0.25 if name in EVOLUTION else 0.7 if name.startswith("gn") else 1.0
-    assert np.mean(right[whole]) >= (0.9 if name == "ml-de-robust" else least)
+    assert np.all(right[whole])
+    assert np.all((right | (np.asarray(estimate.status) != Status.TRUSTED))[whole])
 
 
-@pytest.mark.parametrize("name", CURVE_METHODS)
-def test_with_hardly_any_noise_every_rail_is_recovered_or_the_status_says_why_not(name):
-    recovered = []
+def assert_share(right, rate):
+    """As many as the rate makes probable, neither fewer nor more: 1e-4 in either tail."""
+    low, high = stats.binom.ppf([1e-4, 1 - 1e-4], right.size, rate)
+    assert low <= np.sum(right) <= high
+
+
+@pytest.mark.parametrize(("place", "rail"), list(enumerate(("dry", "common", "wet"))))
+@pytest.mark.parametrize("name", EVOLUTION)
+def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, place, rail):
+    scenario = SCENARIOS["single"](Options(rail=rail, sigma=1e-9, points=120))
+    _, estimate = identified(IDENTIFIERS[name], scenario, runs=256)
+    right = found_the_truth(estimate, scenario)
+    assert_share(right, MEASURED[name][place])
+    if name in ("ml-de-eq17", "ml-de-he2018", "ml-de-robust"):
+        assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
+
+
+def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
+    scenario = SCENARIOS["qian2024"](Options(points=120, sigma=0.0))
+    for name, rate in GAUSS_NEWTON.items():
+        _, estimate = identified(IDENTIFIERS[name], scenario, runs=256)
+        right = found_the_truth(estimate, scenario)
+        assert_share(right[:, -1], rate)
+        assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
+
+
+@pytest.mark.parametrize("name", [name for name in CURVE_METHODS if name not in EVOLUTION])
+def test_with_hardly_any_noise_every_rail_is_recovered(name):
     for rail in ("dry", "common", "wet"):
         scenario = SCENARIOS[HOME[name]](Options(rail=rail, sigma=1e-9, points=120))
         _, estimate = identified(IDENTIFIERS[name], scenario)
-        expected = np.asarray(free_values(scenario.truth[-1]))
-        right = np.all(np.abs(parameters_of(estimate)[:, -1] / expected - 1) < 1e-4, axis=-1)
-        status = np.asarray(estimate.status[:, -1])
-        if name not in EVOLUTION or name == "ml-de-robust":
-            assert np.all(right | (status != Status.TRUSTED)), rail
-        recovered.append(right)
-    # A population may collapse before it arrives: He's variants do in some per cent of the runs,
-    # and cannot know it. The repaired one is slow rather than wrong.
-    everywhere = not name.startswith(("ml-de", "gn"))
-    assert np.mean(recovered) >= (1.0 if everywhere else 0.7), recovered
+        assert np.all(found_the_truth(estimate, scenario)[:, -1]), rail
 
 
 @pytest.mark.parametrize("scenario_name", [case for name, case in PAIRS if name == "ml-exact"])
@@ -460,14 +501,36 @@ def test_the_status_says_why_an_estimate_cannot_be_trusted(name):
     assert on_box == Status.ON_BOX or (on_box == Status.NOT_CONVERGED and name in GRADIENT)
 
 
-@pytest.mark.parametrize("name", CURVE_METHODS)
-def test_data_that_are_not_numbers_are_never_trusted(name):
-    adhesion = np.full(SLIP.size, 0.3)
-    adhesion[17] = np.nan
-    known = WIDE if HOME[name] == "single" else KIENCKE
-    estimate = fit_to(IDENTIFIERS[name], known, SLIP, adhesion)
-    assert all(np.isfinite(value) for value in estimate.values.values())
-    assert Status(int(estimate.status)) not in (Status.TRUSTED, Status.ON_BOX)
+@pytest.mark.parametrize("name", BATCH)
+def test_a_block_that_is_not_finite_is_left_out_and_the_next_one_is_not_touched_by_it(name):
+    case = "he2018-blocks" if accepts(name, "he2018-blocks") else "qian2024"
+    scenario, records, plain = small(name, case)
+    spoiled = records._replace(adhesion=records.adhesion.at[:, 1, 17].set(jnp.nan))
+    keys = jax.random.split(jax.random.key(7), RUNS)
+    batch = programs(scenario.run_axes)
+    estimate = batch.identify(IDENTIFIERS[name], scenario.known, spoiled, keys)
+    assert np.all(np.asarray(estimate.status)[:, 1] == Status.NOT_FINITE)
+    np.testing.assert_array_equal(estimate.skipped[:, 1], np.sum(np.asarray(records.mask)[1]))
+    for value, other in zip(estimate.values.values(), plain.values.values(), strict=True):
+        np.testing.assert_array_equal(value[:, 0], other[:, 0])
+        np.testing.assert_array_equal(value[:, 1], value[:, 0])
+        assert np.all(np.isfinite(value))
+    np.testing.assert_array_equal(np.delete(estimate.skipped, 1, axis=1), 0)
+    if case == "he2018-blocks":  # no point of the next block is one of the block before
+        assert np.all(np.asarray(estimate.status)[:, 2] != Status.NOT_FINITE)
+
+
+@pytest.mark.parametrize("name", BATCH)
+def test_a_record_without_points_tells_nothing(name):
+    case = "he2018-blocks" if accepts(name, "he2018-blocks") else "qian2024"
+    scenario, records, _ = small(name, case)
+    none = jnp.zeros_like(records.mask)
+    keys = jax.random.split(jax.random.key(7), RUNS)
+    estimate = programs(scenario.run_axes).identify(
+        IDENTIFIERS[name], scenario.known, records._replace(mask=none, fresh=none), keys
+    )
+    assert all(np.all(np.isfinite(value)) for value in estimate.values.values())
+    assert not np.any(np.isin(estimate.status, (Status.TRUSTED, Status.ON_BOX)))
 
 
 def test_of_two_reasons_the_graver_one_is_told():
