@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
-from adhesion_jax.curves import Curve
+from adhesion_jax.curves import SLIP_LIMIT, Conditions, Curve, Scalar
 
 
 class Record(NamedTuple):
@@ -19,17 +19,31 @@ class Record(NamedTuple):
     conditions: Mapping[str, Float[Array, "*blocks points"]]
 
 
-#: The axes of `Scenario.run_axes` where the slips are the same in every run.
-SHARED_SLIP: Any = Record(None, 0, None, None, {})  # type: ignore[arg-type]
+def record_axes(slip: int | None, adhesion: int | None, conditions: Any) -> Any:
+    """A record of axis numbers for `jax.vmap`; mask and freshness are shared by all runs."""
+    return Record(slip, adhesion, None, None, conditions)  # type: ignore[arg-type]
+
+
+#: The axes of `Scenario.run_axes` where the slips are the same in every run, and where they differ.
+SHARED_SLIP, OWN_SLIP = record_axes(None, 0, {}), record_axes(0, 0, {})
 
 
 class Known(eqx.Module):
-    """What a scenario tells an identifier: the form of the curve, where to start and the box.
+    """What an identifier is told: the form of the curve, where to start, the box, what is asked.
 
     The free parameters of `curve` hold the start; the others are known. `lower` and `upper`
-    bound the free parameters, in their order.
+    bound the free parameters, in their order. The peak is asked under `conditions` (a scalar for
+    each column that the curve needs) and between slip 0 and `slip_limit`; where slip is a
+    velocity, so is that limit.
     """
 
     curve: Curve
     lower: Float[Array, " free"]
     upper: Float[Array, " free"]
+    conditions: Conditions = eqx.field(default_factory=dict)
+    slip_limit: Scalar = SLIP_LIMIT
+    #: Whether a method is given one sample at a time and followed at each of them; a block of a
+    #: run is then what lies between two reports.
+    by_sample: bool = eqx.field(default=False, static=True)
+    #: The quantities asked for; the parameters of the curve come with those of its peak.
+    asked: tuple[str, ...] = eqx.field(default=("mu_max", "slip_opt"), static=True)

@@ -44,11 +44,11 @@ def choose_identifiers(
         return tuple(
             name
             for name, identifier in identifiers.items()
-            if name not in ABLATIONS and identifier.accepts(scenario) is None
+            if name not in ABLATIONS and identifier.accepts(scenario.known) is None
         )
     _refuse_unknown(config, identifiers)
     for name in config.identifiers:
-        reason = identifiers[name].accepts(scenario)
+        reason = identifiers[name].accepts(scenario.known)
         if reason is not None:
             raise InputError(
                 f"--identifiers {name} does not go with --scenario {config.scenario}: {reason}."
@@ -69,7 +69,9 @@ def main_job(config: Config) -> list[Config]:
         try:
             built = build_scenario(part)
             if config.identifiers:
-                suited = [n for n in config.identifiers if IDENTIFIERS[n].accepts(built) is None]
+                suited = [
+                    n for n in config.identifiers if IDENTIFIERS[n].accepts(built.known) is None
+                ]
                 part = dataclasses.replace(part, identifiers=tuple(suited) or config.identifiers)
             choose_identifiers(part, built)
         except InputError as refusal:

@@ -151,14 +151,14 @@ def _gathered(
         truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
         # Where the exact optimum is not known, or not looked for, no gap to it is a failure.
         optima = {
-            name: estimates.get(REFERENCE, e) if identifiers[name].fits_last_record else e
+            name: estimates.get(REFERENCE, e) if identifiers[name].FITS_LAST_RECORD else e
             for name, e in estimates.items()
         }
         _count(tally, rows, scenario, estimates, optima, tracking, truth)
         keep(estimate_rows(config, scenario, names, estimates, runs))
         for name in names:
             seen[name].append(tracking[name])
-        if scenario.by_sample and tile < _BAND_TILES:
+        if scenario.known.by_sample and tile < _BAND_TILES:
             first_tiles.append({name: estimates[name] for name in names})
 
     tables = {
@@ -191,7 +191,7 @@ def _methods(
     One method of each compiled form first, so that the workers begin by compiling different ones.
     """
     reference = identifiers.get(REFERENCE)
-    has_reference = reference is not None and reference.accepts(scenario) is None
+    has_reference = reference is not None and reference.accepts(scenario.known) is None
     methods = dict.fromkeys((*([REFERENCE] if has_reference else []), *names))
     first_of_form = {jax.tree.structure(identifiers[name]): name for name in reversed(methods)}
     firsts = [name for name in methods if name in first_of_form.values()]

@@ -8,7 +8,7 @@ import pandas as pd
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.identifiers import Estimate, Status
-from adhesion_jax.metrics.tracking import Tracking, tracking_row
+from adhesion_jax.metrics.tracking import Tracking, criteria_of, tracking_row
 from adhesion_jax.scenarios import Scenario
 
 #: Tables whose blocks are kept run by run; the others pool too many.
@@ -37,7 +37,12 @@ def row_columns(scenarios: Sequence[Scenario]) -> list[str]:
 
 def _identified(scenario: Scenario) -> tuple[str, ...]:
     """The parameters of the curve that is identified, if it is a curve."""
-    return scenario.known.curve.free if "mu_max" in scenario.quantities() else ()
+    return scenario.known.curve.free if "mu_max" in scenario.known.asked else ()
+
+
+def _kept_share(estimate: Estimate) -> np.ndarray:
+    """The factor by which the past was last discounted; a reset keeps nothing of it."""
+    return np.where(estimate.reset, 0.0, estimate.forgetting)
 
 
 def estimate_rows(
@@ -67,7 +72,7 @@ def estimate_rows(
         columns |= {
             "status": [Status(code).name.lower() for code in np.ravel(estimate.status)],
             "objective": np.ravel(estimate.objective),
-            "forgetting": np.ravel(estimate.forgetting),
+            "forgetting": np.ravel(_kept_share(estimate)),
             "evaluations": np.ravel(estimate.evaluations),
         }
         frames.append(pd.DataFrame(columns))
@@ -79,12 +84,13 @@ def tracking_table(
 ) -> pd.DataFrame:
     """A row for each identifier and stretch of rail."""
     rails = [rail for b, rail in enumerate(scenario.rails) if rail != (None, *scenario.rails)[b]]
+    unit = criteria_of(scenario.known).unit
     rows = []
     for name, parts in seen.items():
         runs: Tracking = jax.tree.map(lambda *x: np.concatenate(x), *parts)
         for stretch, rail in enumerate(rails):
             names = {"scenario": config.scenario, "identifier": name, "rail": rail}
-            rows.append({**names, **tracking_row(runs, stretch, scenario.by_sample)})
+            rows.append({**names, **tracking_row(runs, stretch, unit)})
     return pd.DataFrame(rows)
 
 
@@ -95,8 +101,10 @@ def bands_table(
     frames = []
     for name in tiles[0]:
         found = [tile[name] for tile in tiles]
-        tracked = {q: [estimate.values[q] for estimate in found] for q in scenario.quantities()}
-        tracked["forgetting"] = [estimate.forgetting for estimate in found]
+        tracked = {
+            q: [np.asarray(estimate.values[q]) for estimate in found] for q in scenario.quantities()
+        }
+        tracked["forgetting"] = [_kept_share(estimate) for estimate in found]
         for quantity, parts in tracked.items():
             low, middle, high = np.quantile(np.concatenate(parts), [0.05, 0.5, 0.95], axis=0)
             columns = {

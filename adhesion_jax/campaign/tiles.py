@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Key
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.identifiers import Estimate, Identifier, follow
-from adhesion_jax.metrics.tracking import Course, Tracking
+from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
 from adhesion_jax.runtime import shared_program
 from adhesion_jax.scenarios import SCENARIOS, Options
@@ -108,12 +108,13 @@ def _compiled(
     def make() -> jax.stages.Compiled:
         scenario = SCENARIOS[scenario_name](options)
         mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
-        course = Course.of(scenario.rails, mu_max, scenario.by_sample)
+        criteria = criteria_of(scenario.known)
         in_axes = (None, None, scenario.run_axes, 0, None)
 
         def tile(leaves: list[Array]) -> tuple[Estimate, Tracking]:
             method, records, keys = jax.tree.unflatten(structure, leaves)
-            return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, course)
+            tracker = Tracker.of(scenario.rails, mu_max, criteria, method.RESETS)
+            return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
 
         return jax.jit(tile).lower(leaves).compile(_COMPILER)
 

@@ -231,7 +231,7 @@ def _draw(stage: Path, jobs: Sequence[Job], tables: Mapping[str, pd.DataFrame]) 
     for name, scenario, identifiers in jobs:
         truth = pd.DataFrame(scenario.quantities())
         truth.insert(0, "block", np.arange(len(truth)))
-        if scenario.by_sample:
+        if scenario.known.by_sample:
             steps = np.asarray(scenario.draw(jax.random.key(0)).slip).shape[-1]
             of_job = tables["bands"][tables["bands"]["scenario"] == name]
             figures.bands(stage / "bands.png", truth, of_job, steps)

@@ -3,19 +3,18 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.metrics.tracking import Course, Tracking, start_tracking, track
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 State = Any  # each identifier carries its own
-Carry = tuple[State, Tracking]
+Seen = Any  # each reducer its own
+Carry = tuple[State, Seen]
 
 
 class Status(IntEnum):
@@ -34,9 +33,12 @@ class Status(IntEnum):
 
 
 _SENTENCES = {
-    Status.NOT_FINITE: "The solver left the real numbers; the values are those it started from.",
+    Status.NOT_FINITE: "The solver produced NaN or infinity; the previous estimate is reported.",
     Status.INADMISSIBLE: "The curve gives no positive adhesion; the values are as found.",
-    Status.NO_PEAK: "No peak between slip 0 and 1; mu_max is the largest adhesion in that range.",
+    Status.NO_PEAK: (
+        "No peak between slip 0 and the largest slip asked for; "
+        "mu_max is the largest adhesion in that range."
+    ),
     Status.NOT_CONVERGED: "The solver stopped before it converged; the values are its last.",
     Status.ON_BOX: "A parameter lies on its bound; standard errors are those without the bound.",
     Status.TRUSTED: "The solver converged to a peak inside the box.",
@@ -47,16 +49,20 @@ class Estimate(NamedTuple):
     """What every method reports.
 
     `values` are named scalars (c1, c2, c3, mu_max, slip_opt, or slope); metrics read these, so
-    a method without a curve fits in. `covariance` is that of the values, in their order.
+    a method without a curve fits in. `covariance` is that of the values, in their order. Under
+    `jax.jit` only what is used of an estimate is computed: a controller that reads slip_opt at
+    every sample does not pay for the covariance.
     """
 
     values: Mapping[str, Float[Array, "..."]]
     covariance: Float[Array, "... values values"]
     status: Int[Array, "..."]  # a Status
     objective: Float[Array, "..."]  # sum of squared residuals over the last record
-    #: The factor its past was last discounted by: 0 at a reset, NaN for a method without a past.
+    reset: Bool[Array, "..."]  # whether the past was given up in the last record
+    #: The factor by which the past was last discounted; NaN for a method without a past.
     forgetting: Float[Array, "..."]
     evaluations: Int[Array, "..."]  # of the model on the whole record, for this update
+    skipped: Int[Array, "..."]  # points of the last record left out because they are not finite
 
 
 class Identifier(eqx.Module):
@@ -67,11 +73,14 @@ class Identifier(eqx.Module):
 
     #: Whether it looks for the least sum of squares over the last record: only then is a gap to
     #: the exact optimum a failure.
-    fits_last_record: eqx.AbstractClassVar[bool]
+    FITS_LAST_RECORD: eqx.AbstractClassVar[bool]
+
+    #: Whether it ever gives up its past at once, on data that contradict it.
+    RESETS: eqx.AbstractClassVar[bool]
 
     @abstractmethod
-    def accepts(self, scenario: Scenario) -> str | None:
-        """None, or the reason why this method cannot work on the scenario."""
+    def accepts(self, known: Known) -> str | None:
+        """None, or the reason why this method cannot work on what is known and asked."""
 
     @abstractmethod
     def init(self, known: Known, key: PRNGKeyArray) -> State:
@@ -86,9 +95,26 @@ class Identifier(eqx.Module):
         """What is known now."""
 
 
-def needs_blocks(scenario: Scenario) -> str | None:
-    """None, or the reason why a method without a past cannot work on the scenario."""
-    if not scenario.by_sample:
+@runtime_checkable
+class Reducer(Protocol):
+    """Keeps of a run what is asked about its course, one step after the other."""
+
+    def init(self) -> Seen:
+        """Nothing seen yet."""
+
+    def update(
+        self,
+        seen: Seen,
+        block: Int[Array, ""],
+        values: Mapping[str, Float[Array, ""]],
+        reset: Bool[Array, ""],
+    ) -> Seen:
+        """After one more step, in the block of this number: its values, and if it was a reset."""
+
+
+def needs_blocks(known: Known) -> str | None:
+    """None, or the reason why a method without a past cannot work on this."""
+    if not known.by_sample:
         return None
     return "it takes whole blocks, and this scenario gives one sample at a time"
 
@@ -104,30 +130,36 @@ def identify(identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyA
 
 
 def follow(
-    identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray, course: Course
-) -> tuple[Estimate, Tracking]:
-    """`identify`, and what is seen of the method on its way, at every step.
+    identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray, reducer: Reducer
+) -> tuple[Estimate, Seen]:
+    """`identify`, and what the reducer has seen of the method at every step.
 
-    A step is a whole block or, where the course is by sample, one sample of it.
+    A step is a whole block or, where `known.by_sample`, one sample of it. `reset`, `forgetting`
+    and `skipped` of an estimate are those of all the steps since the one before: any reset, the
+    least factor, the sum.
     """
 
-    def one_step(carry: Carry, step: tuple[Array, Record]) -> tuple[Carry, Estimate]:
+    def one_step(carry: Carry, step: tuple[Array, Record]) -> tuple[Carry, tuple[Array, ...]]:
         (state, seen), (block, record) = carry, step
         state = identifier.update(state, record)
-        estimate = identifier.estimate(state)
-        mu_max = estimate.values.get("mu_max", jnp.asarray(jnp.nan))
-        return (state, track(course, seen, block, mu_max, estimate.forgetting)), estimate
+        now = identifier.estimate(state)
+        seen = reducer.update(seen, block, now.values, now.reset)
+        return (state, seen), (now.reset, now.forgetting, now.skipped)
 
     def one_block(carry: Carry, numbered: tuple[Array, Record]) -> tuple[Carry, Estimate]:
         block, record = numbered
-        steps = record.mask.shape[-1] if course.by_sample else 1
+        steps = record.mask.shape[-1] if known.by_sample else 1
         parts = jax.tree.map(lambda x: x.reshape(steps, -1), record)
-        carry, estimates = jax.lax.scan(one_step, carry, (jnp.full(steps, block), parts))
-        last: Estimate = jax.tree.map(lambda x: x[-1], estimates)
-        # The least of the factors, so that a reset between two reports is seen.
-        return carry, last._replace(forgetting=jnp.min(estimates.forgetting))
+        carry, (reset, forgetting, skipped) = jax.lax.scan(
+            one_step, carry, (jnp.full(steps, block), parts)
+        )
+        return carry, identifier.estimate(carry[0])._replace(
+            reset=jnp.any(reset),
+            forgetting=jnp.min(forgetting),
+            skipped=jnp.sum(skipped, dtype=jnp.int32),
+        )
 
-    start = (identifier.init(known, key), start_tracking(course))
+    start = (identifier.init(known, key), reducer.init())
     count = blocks.mask.shape[-2]
     (_, seen), estimates = jax.lax.scan(one_block, start, (jnp.arange(count), blocks))
     return estimates, seen

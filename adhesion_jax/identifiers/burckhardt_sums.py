@@ -8,14 +8,13 @@ from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.identifiers.base import needs_blocks
 from adhesion_jax.optim.variable_projection import Sums, summarise, sums_at
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 
-def needs_burckhardt(scenario: Scenario) -> str | None:
-    """None, or the reason why the scenario does not have this form."""
-    curve = scenario.known.curve
-    if scenario.by_sample:
-        return needs_blocks(scenario)
+def needs_burckhardt(known: Known) -> str | None:
+    """None, or the reason why what is known does not have this form."""
+    curve = known.curve
+    if known.by_sample:
+        return needs_blocks(known)
     if type(curve) is Burckhardt and curve.free == ("c1", "c2", "c3"):
         return None
     return "it is written for Burckhardt's curve with c1, c2 and c3 unknown"

@@ -25,14 +25,14 @@ class Fit(NamedTuple):
     parameters: Float[Array, " free"]
     covariance: Float[Array, "free free"]
     objective: Float[Array, ""]  # sum of squared residuals over the record
-    forgetting: Float[Array, ""]
     evaluations: Int[Array, ""]
     converged: Bool[Array, ""]
     finite: Bool[Array, ""]
+    skipped: Int[Array, ""]  # points of the record left out because they are not finite
 
 
 class FitState(NamedTuple):
-    """The state of a batch method: the last fit, and what the next one starts from."""
+    """The state of a batch method: the last fit, which is what the next one starts from."""
 
     known: Known
     key: PRNGKeyArray  # a solver's own randomness, new for every block
@@ -43,8 +43,7 @@ def start(known: Known, key: PRNGKeyArray) -> FitState:
     parameters = free_values(known.curve)
     size = parameters.size
     zero, no = jnp.int32(0), jnp.zeros((), dtype=bool)
-    nothing, none = jnp.zeros(()), jnp.asarray(jnp.nan)
-    empty = Fit(parameters, jnp.zeros((size, size)), nothing, none, zero, no, ~no)
+    empty = Fit(parameters, jnp.zeros((size, size)), jnp.zeros(()), zero, no, ~no, zero)
     return FitState(known, key, empty)
 
 
@@ -65,27 +64,42 @@ def evaluate(
     """What the record says of parameters that minimise the sum of squares.
 
     Their covariance is the inverse information times the noise variance, which is estimated
-    from the residual. Parameters that are not finite are replaced by those of the previous fit.
+    from the residual. A record that makes the sum of squares NaN or infinite is left out whole,
+    and the previous parameters stay: were single points masked out, every run of a batch would
+    have a mask of its own, and what runs with the same slips share would be computed in each.
     """
-    finite = jnp.all(jnp.isfinite(parameters))
-    parameters = jnp.where(finite, parameters, previous.parameters)
     curve = with_free_values(known.curve, parameters)
     adhesion, information = adhesion_and_information(
         curve, record.slip, record.mask, record.conditions
     )
     objective = jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2)
-    variance = objective / jnp.maximum(jnp.sum(record.mask) - parameters.size, 1)
+    finite = jnp.isfinite(objective) & jnp.all(jnp.isfinite(parameters))
+    points = jnp.sum(record.mask, dtype=jnp.int32)
+    variance = objective / jnp.maximum(points - parameters.size, 1)
     covariance = variance * inverse_information(information)
-    none, count = jnp.asarray(jnp.nan), evaluations.astype(jnp.int32)
-    return Fit(parameters, covariance, objective, none, count, converged, finite)
+    return Fit(
+        jnp.where(finite, parameters, previous.parameters),
+        jnp.where(finite, covariance, previous.covariance),
+        objective,
+        evaluations.astype(jnp.int32),
+        converged & (points >= parameters.size),
+        finite,
+        jnp.where(finite, 0, points),
+    )
 
 
-def to_estimate(state: FitState) -> Estimate:
+def without_past(state: FitState) -> Estimate:
+    """The estimate of a method that knows its last record alone."""
+    return to_estimate(state.known, state.fit, jnp.asarray(jnp.nan), jnp.zeros((), dtype=bool))
+
+
+def to_estimate(
+    known: Known, fit: Fit, forgetting: Float[Array, ""], reset: Bool[Array, ""]
+) -> Estimate:
     """Values, their covariance and status."""
-    known, fit = state.known, state.fit
     curve = with_free_values(known.curve, fit.parameters)
-    covariance = quantity_covariance(curve, fit.covariance)
-    peak = curve.peak({})
+    covariance = quantity_covariance(curve, fit.covariance, known)
+    peak = curve.peak(known.conditions, known.slip_limit)
     status = jnp.select(
         [
             ~fit.finite,
@@ -104,5 +118,14 @@ def to_estimate(state: FitState) -> Estimate:
         Status.TRUSTED.value,
     )
     # A plain dict would come out of a compiled function with its names sorted.
-    named = OrderedDict(zip(quantity_names(curve), quantities(curve), strict=True))
-    return Estimate(named, covariance, status, fit.objective, fit.forgetting, fit.evaluations)
+    named = OrderedDict(zip(quantity_names(curve), quantities(curve, known), strict=True))
+    return Estimate(
+        named,
+        covariance,
+        status,
+        fit.objective,
+        reset,
+        forgetting,
+        fit.evaluations,
+        fit.skipped,
+    )

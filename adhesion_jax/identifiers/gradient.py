@@ -7,10 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
-from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, to_estimate
+from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, without_past
 from adhesion_jax.optim.least_squares import Solver
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 
 class GradientLeastSquares(Identifier):
@@ -19,13 +18,14 @@ class GradientLeastSquares(Identifier):
     After a block on which the solver did not converge the next one starts from the centre again.
     """
 
-    fits_last_record: ClassVar[bool] = True
+    FITS_LAST_RECORD: ClassVar[bool] = True
+    RESETS: ClassVar[bool] = False
 
     solver: Solver = eqx.field(static=True)
     steps: int = eqx.field(static=True)  # at most; a batch waits for its slowest run
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_blocks(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_blocks(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> FitState:
         return start(known, key)
@@ -44,4 +44,4 @@ class GradientLeastSquares(Identifier):
         return state._replace(fit=fit)
 
     def estimate(self, state: FitState) -> Estimate:
-        return to_estimate(state)
+        return without_past(state)

@@ -7,17 +7,19 @@ Source: Qian et al. 2024, Eq. 3 to 6.
 """
 
 import dataclasses
+from functools import partial
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import free_values
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers.curve_fit import Fit, residual
+from adhesion_jax.identifiers.base import Estimate
+from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
+from adhesion_jax.identifiers.online import OnlineState, R, Step, over_fresh_samples
 from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 #: The program in the box is pulled to the start by this share of the information: enough to
 #: settle it while one sample alone is known, too little to be seen afterwards.
@@ -53,9 +55,9 @@ class Normal(NamedTuple):
     g22: Float[Array, ""]
 
 
-def needs_kiencke(scenario: Scenario) -> str | None:
-    """None, or the reason why the scenario does not have this form."""
-    curve = scenario.known.curve
+def needs_kiencke(known: Known) -> str | None:
+    """None, or the reason why what is known does not have this form."""
+    curve = known.curve
     if type(curve) is Kiencke and curve.free == ("p1", "p2"):
         return None
     return "it is written for Kiencke's curve with a0 known, p1 and p2 unknown"
@@ -151,18 +153,22 @@ def with_residual(normal: Normal, sample: Regression, weight: Float[Array, ""], 
     )
 
 
-def fitted(
-    known: Known,
-    record: Record,
-    previous: Fit,
-    parameters: Float[Array, "2"],
+def after_record(step: Step[R], state: OnlineState, record: Record) -> OnlineState:
+    """The state of an online method, whose recursion holds the estimate `x`, one record on."""
+    state = over_fresh_samples(partial(step, state.known), state, record)
+    misfit = residual(state.known, record, jnp.stack(state.recursion.x))
+    squares = jnp.where(jnp.isfinite(misfit), misfit, 0.0) ** 2
+    return state._replace(objective=jnp.sum(squares))
+
+
+def online_estimate(
+    state: OnlineState,
     covariance: Float[Array, "2 2"],
-    forgetting: Float[Array, ""],
-    evaluations: Int[Array, ""],
     converged: Bool[Array, ""],
-) -> Fit:
-    """The fit at these parameters; where they are not finite, at those of the previous fit."""
-    finite = jnp.all(jnp.isfinite(parameters))
-    parameters = jnp.where(finite, parameters, previous.parameters)
-    objective = jnp.sum(residual(known, record, parameters) ** 2)
-    return Fit(parameters, covariance, objective, forgetting, evaluations, converged, finite)
+    forgetting: Float[Array, ""],
+    reset: Bool[Array, ""] | None = None,
+) -> Estimate:
+    """The estimate of an online method, whose recursion is finite at all times."""
+    x, yes = jnp.stack(state.recursion.x), jnp.ones((), dtype=bool)
+    fit = Fit(x, covariance, state.objective, state.samples, converged, yes, state.skipped)
+    return to_estimate(state.known, fit, forgetting, ~yes if reset is None else reset)

@@ -6,17 +6,15 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
-from adhesion_jax.identifiers.curve_fit import FitState, start, to_estimate
+from adhesion_jax.identifiers.curve_fit import Fit, FitState, residual, start, without_past
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
     covariance,
-    fitted,
     needs_kiencke,
     regression,
     solve,
 )
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 
 class LinearLeastSquares(Identifier):
@@ -25,10 +23,11 @@ class LinearLeastSquares(Identifier):
     On a slippery rail p2 may come out negative; there is no peak then, and that is a failure.
     """
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = False
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_blocks(scenario) or needs_kiencke(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_blocks(known) or needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> FitState:
         return start(known, key)
@@ -51,16 +50,25 @@ class LinearLeastSquares(Identifier):
             zero,
         )
         x = solve(sums)
-        points = jnp.sum(record.mask)
+        points = jnp.sum(record.mask, dtype=jnp.int32)
         squared = (z - x[0] * u1 - x[1] * u2) ** 2 * points / jnp.maximum(points - 2, 1)
         sums = sums._replace(
             g11=jnp.sum(squared * u1 * u1),
             g12=jnp.sum(squared * u1 * u2),
             g22=jnp.sum(squared * u2 * u2),
         )
-        none, one, yes = jnp.asarray(jnp.nan), jnp.int32(1), jnp.ones((), dtype=bool)
-        fit = fitted(known, record, state.fit, x, covariance(sums), none, one, yes)
+        objective = jnp.sum(residual(known, record, x) ** 2)
+        finite = jnp.isfinite(objective) & jnp.all(jnp.isfinite(x))
+        fit = Fit(
+            jnp.where(finite, x, state.fit.parameters),
+            jnp.where(finite, covariance(sums), state.fit.covariance),
+            objective,
+            jnp.int32(1),
+            finite,
+            finite,
+            jnp.where(finite, 0, points),
+        )
         return state._replace(fit=fit)
 
     def estimate(self, state: FitState) -> Estimate:
-        return to_estimate(state)
+        return without_past(state)

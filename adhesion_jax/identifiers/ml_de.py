@@ -8,11 +8,10 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
-from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, to_estimate
+from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, without_past
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.variable_projection import sum_of_squares
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 #: He et al. 2018, Table 2.
 POPULATION, GENERATIONS, CROSSOVER = 20, 300, 0.6
@@ -31,7 +30,8 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
     over the block is our reading of its innovation).
     """
 
-    fits_last_record: ClassVar[bool] = True
+    FITS_LAST_RECORD: ClassVar[bool] = True
+    RESETS: ClassVar[bool] = False
 
     local_share: Float[Array, ""]
     radius: Float[Array, ""]
@@ -40,8 +40,8 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
     scale_least: Float[Array, ""]
     reflect: Bool[Array, ""]
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_burckhardt(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_burckhardt(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> FitState:
         return start(known, key)
@@ -87,7 +87,7 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
         return FitState(known, key, fit)
 
     def estimate(self, state: FitState) -> Estimate:
-        return to_estimate(state)
+        return without_past(state)
 
 
 def _variant(

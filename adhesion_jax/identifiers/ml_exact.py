@@ -7,10 +7,9 @@ from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
-from adhesion_jax.identifiers.curve_fit import FitState, evaluate, start, to_estimate
+from adhesion_jax.identifiers.curve_fit import FitState, evaluate, start, without_past
 from adhesion_jax.optim import variable_projection
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 
 class ExactMaximumLikelihood(Identifier):
@@ -21,10 +20,11 @@ class ExactMaximumLikelihood(Identifier):
     arg max for arg min).
     """
 
-    fits_last_record: ClassVar[bool] = True
+    FITS_LAST_RECORD: ClassVar[bool] = True
+    RESETS: ClassVar[bool] = False
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_burckhardt(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_burckhardt(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> FitState:
         return start(known, key)
@@ -39,4 +39,4 @@ class ExactMaximumLikelihood(Identifier):
         return state._replace(fit=fit)
 
     def estimate(self, state: FitState) -> Estimate:
-        return to_estimate(state)
+        return without_past(state)

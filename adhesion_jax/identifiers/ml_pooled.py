@@ -7,24 +7,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.scipy.special import betainc
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from adhesion_jax.curves import free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.burckhardt_sums import (
     burckhardt_information,
     burckhardt_sums,
     needs_burckhardt,
 )
-from adhesion_jax.identifiers.curve_fit import Fit, FitState, residual, start, to_estimate
+from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
 from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import variable_projection
 from adhesion_jax.optim.variable_projection import Solution, Sums
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 _PARAMETERS = 3
 
-#: Noise below this share of the adhesion (squared) is that of rounding in the sums.
+#: Residuals whose squares add up to less than this share of the squared adhesion are those of
+#: rounding in the sums.
 _ROUNDING = 1e-12
 
 
@@ -37,8 +38,14 @@ class Pool(NamedTuple):
 
 
 class PooledState(NamedTuple):
-    batch: FitState
+    """The pool, and of the last record what an estimate tells of it."""
+
+    known: Known
     pool: Pool
+    objective: Float[Array, ""]  # sum of squared residuals
+    finite: Bool[Array, ""]
+    reset: Bool[Array, ""]
+    skipped: Int[Array, ""]
 
 
 def penalty(
@@ -73,22 +80,26 @@ class PooledMaximumLikelihood(Identifier):
     begins anew with the block. The rail is taken as constant within a block.
     """
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = True
 
     level: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.asarray(1e-4))
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_burckhardt(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_burckhardt(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> PooledState:
         zero = jnp.zeros(())
         series = jnp.zeros(variable_projection.DEGREE)
         empty = Sums(zero, zero, zero, series, series, series)
-        return PooledState(start(known, key), Pool(empty, zero, Solution(zero, zero, zero, zero)))
+        c1, c2, c3 = free_values(known.curve)
+        no = jnp.zeros((), dtype=bool)
+        pool = Pool(empty, zero, Solution(a=c1, b=c3, nu=c2, objective=zero))
+        return PooledState(known, pool, zero, ~no, no, jnp.int32(0))
 
     def update(self, state: PooledState, record: Record) -> PooledState:
         """Only fresh points enter the pool, so that blocks may overlap."""
-        known, pool = state.batch.known, state.pool
+        known, pool = state.known, state.pool
         sums = burckhardt_sums(known, record._replace(mask=record.fresh))
         points = jnp.sum(record.fresh, dtype=float)
         both = jax.tree.map(jnp.add, pool.sums, sums)
@@ -100,42 +111,42 @@ class PooledMaximumLikelihood(Identifier):
         )
         alone, joint = (jax.tree.map(itemgetter(i), found) for i in range(2))
         cost = penalty(joint.objective, pool.found.objective + alone.objective, both.yy, count)
-        # Three points or fewer are met by a curve of their own, and say nothing against another.
+        # A curve passes through any three points, so as few say nothing against another one.
         comparable = jnp.minimum(pool.points, points) > _PARAMETERS
         changed = comparable & (chance(cost, count) < self.level)
-        first = pool.points == 0
         grown, new = Pool(both, count, joint), Pool(sums, points, alone)
         after = jax.tree.map(lambda a, b: jnp.where(changed, a, b), new, grown)
-        # A block that is not finite is left out, for it would never leave the pool again.
+        # A block that is not finite is left out, for it would stay in the sums of the pool. So is
+        # an empty one, which may be the first: without points the optimum is any point of the box.
         finite = jnp.isfinite(joint.objective)
-        after = jax.tree.map(lambda a, b: jnp.where(finite, a, b), after, pool)
-        forgetting = jnp.where(finite & (changed | first), 0.0, 1.0)
-        return PooledState(self._fitted(state.batch, record, after, forgetting, finite), after)
+        after = jax.tree.map(lambda a, b: jnp.where(finite & (points > 0), a, b), after, pool)
+        misfit = residual(known, record, _parameters(after))
+        return PooledState(
+            known,
+            after,
+            jnp.sum(misfit**2),
+            finite,
+            finite & changed,
+            jnp.where(finite, 0, jnp.sum(record.fresh, dtype=jnp.int32)),
+        )
 
-    def _fitted(
-        self,
-        batch: FitState,
-        record: Record,
-        pool: Pool,
-        forgetting: Float[Array, ""],
-        finite: Array,
-    ) -> FitState:
-        """The optimum of the pool with its covariance, and its misfit to the last record."""
-        known, found = batch.known, pool.found
-        parameters = jnp.stack([found.a, found.nu, found.b])
-        parameters = jnp.where(finite, parameters, batch.fit.parameters)
-        variance = found.objective / jnp.maximum(pool.points - _PARAMETERS, 1.0)
-        information = burckhardt_information(pool.sums, known, parameters)
+    def estimate(self, state: PooledState) -> Estimate:
+        """The optimum of the pool with its covariance."""
+        pool, parameters = state.pool, _parameters(state.pool)
+        variance = pool.found.objective / jnp.maximum(pool.points - _PARAMETERS, 1.0)
+        information = burckhardt_information(pool.sums, state.known, parameters)
         fit = Fit(
             parameters,
             jnp.maximum(variance, 0.0) * inverse_information(information),
-            jnp.sum(residual(known, record, parameters) ** 2),
-            forgetting,
+            state.objective,
             jnp.int32(2 * variable_projection.EVALUATIONS),
-            jnp.ones((), dtype=bool),
-            finite,
+            pool.points >= _PARAMETERS,
+            state.finite,
+            state.skipped,
         )
-        return batch._replace(fit=fit)
+        return to_estimate(state.known, fit, jnp.ones(()), state.reset)
 
-    def estimate(self, state: PooledState) -> Estimate:
-        return to_estimate(state.batch)
+
+def _parameters(pool: Pool) -> Float[Array, "3"]:
+    """c1, c2 and c3."""
+    return jnp.stack([pool.found.a, pool.found.nu, pool.found.b])

@@ -1,32 +1,31 @@
 """The quadratic program of Qian et al. 2024 without the bias of noise in the regressors."""
 
-from functools import partial
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from adhesion_jax.curves import free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
     Pair,
     Regression,
+    after_record,
     covariance,
     discounted,
-    fitted,
     forgetting,
     needs_kiencke,
+    online_estimate,
     regression,
     solve_in_box,
     with_residual,
 )
-from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
-#: Of the noise that would leave H without curvature, at most this share is believed: after a
-#: switch the residuals are not noise, and the program must stay convex.
+#: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
+#: curvature: after a switch the residuals are larger than noise, and the program must stay convex.
 _MOST = 0.5
 
 
@@ -60,41 +59,30 @@ class BiasCompensatedProgram(Identifier):
     Source: Söderström 2007, Automatica 43:939-958 (bias-eliminating least squares), for this case.
     """
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = False
 
     eta_least: Float[Array, ""]
     eta_most: Float[Array, ""]
     gain: Float[Array, ""]
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_kiencke(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        batch = start(known, key)
         zero = jnp.zeros(())
         normal = Normal(*(zero for _ in Normal._fields))
         noise = Noise(*(zero for _ in Noise._fields))
-        x = (batch.fit.parameters[0], batch.fit.parameters[1])
-        return OnlineState(batch, Recursion(normal, noise, jnp.int32(0), x, self.eta_most))
+        x1, x2 = free_values(known.curve)
+        return begin(known, Recursion(normal, noise, jnp.int32(0), (x1, x2), self.eta_most))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        known = state.batch.known
-        recursion = over_fresh_samples(partial(self._step, known), state.recursion, record)
-        normal, noise, samples, x, eta = recursion
-        fit = fitted(
-            known,
-            record,
-            state.batch.fit,
-            jnp.stack(x),
-            covariance(compensated(normal, noise, variance(normal, noise))),
-            eta,
-            jnp.sum(record.fresh, dtype=jnp.int32),
-            samples > 1,
-        )
-        return OnlineState(state.batch._replace(fit=fit), recursion)
+        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
-        return to_estimate(state.batch)
+        normal, noise, samples, _, eta = state.recursion
+        clear = compensated(normal, noise, variance(normal, noise))
+        return online_estimate(state, covariance(clear), samples > 1, eta)
 
     def _step(
         self,
@@ -114,7 +102,7 @@ class BiasCompensatedProgram(Identifier):
             eta * old.m12 + size**3,
             eta * old.m22 + size**4,
             eta * old.f1 + size,
-            eta * old.squares,  # the residual is known once x is
+            eta * old.squares,  # the residual of this sample is added below, when x is known
             eta * old.weights + 1,
         )
         s2 = variance(normal, noise)

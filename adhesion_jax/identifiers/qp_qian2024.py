@@ -1,29 +1,28 @@
 """Qian et al. 2024: a quadratic program at every sample, with a time-varying forgetting factor."""
 
-from functools import partial
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from adhesion_jax.curves import free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
     Pair,
     Regression,
+    after_record,
     covariance,
     discounted,
-    fitted,
     forgetting,
     needs_kiencke,
+    online_estimate,
     regression,
     solve_in_box,
     with_residual,
 )
-from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 #: Information matrices (h11, h12, h22) of the last five samples, the latest first.
 History = tuple[tuple[Array, Array, Array], ...]
@@ -47,7 +46,8 @@ class QuadraticProgram(Identifier):
     standard deviations where S_1 and S_2 are printed as variances, whose unit is another).
     """
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = False
 
     weight_falls: Bool[Array, ""]
     eta_least: Float[Array, ""]
@@ -57,34 +57,24 @@ class QuadraticProgram(Identifier):
     low: Float[Array, ""]
     high: Float[Array, ""]
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_kiencke(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        batch = start(known, key)
         zero = jnp.zeros(())
         normal = Normal(*(zero for _ in Normal._fields))
         history = tuple((zero, zero, zero) for _ in range(5))
-        x = (batch.fit.parameters[0], batch.fit.parameters[1])
-        return OnlineState(batch, Recursion(normal, history, jnp.int32(0), x, self.eta_most))
+        x1, x2 = free_values(known.curve)
+        return begin(known, Recursion(normal, history, jnp.int32(0), (x1, x2), self.eta_most))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        known, fit = state.batch.known, state.batch.fit
-        recursion = over_fresh_samples(partial(self._step, known), state.recursion, record)
-        fit = fitted(
-            known,
-            record,
-            fit,
-            jnp.stack(recursion.x),
-            covariance(recursion.normal),
-            recursion.eta,
-            jnp.sum(record.fresh, dtype=jnp.int32),
-            recursion.samples > 1,
-        )
-        return OnlineState(state.batch._replace(fit=fit), recursion)
+        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
-        return to_estimate(state.batch)
+        recursion = state.recursion
+        return online_estimate(
+            state, covariance(recursion.normal), recursion.samples > 1, recursion.eta
+        )
 
     def _step(
         self,

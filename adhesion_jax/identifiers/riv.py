@@ -1,6 +1,5 @@
 """Refined instrumental variables on Kiencke's linear form: recursive, robust, with resets."""
 
-from functools import partial
 from typing import ClassVar, NamedTuple, cast
 
 import jax
@@ -10,40 +9,46 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from adhesion_jax.curves import free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import start, to_estimate
-from adhesion_jax.identifiers.kiencke_linear import fitted, needs_kiencke, regression
-from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.identifiers.kiencke_linear import (
+    after_record,
+    needs_kiencke,
+    online_estimate,
+    regression,
+)
+from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
-#: So many samples are kept, and fitted anew with each that comes until there are so many: by then
-#: the estimate is near enough for the instruments of a sample never to be computed again.
+#: Number of latest samples that are kept. Until an estimate rests on this many it is fitted to all
+#: of them again with every sample; after that it is close enough to the truth that the instruments
+#: of a sample need not be computed a second time.
 LENGTH = 40
 
-#: Passes over the kept samples: from nothing, the first of them least squares, and from the
-#: estimate before, which then differs by one sample.
+#: Passes over the kept samples: without an estimate to begin with (the first pass is then ordinary
+#: least squares), and with the estimate of the sample before, which differs by one sample.
 _FROM_NOTHING, _FROM_ESTIMATE = 5, 2
 
-#: An estimate that rests on fewer samples is made from nothing with the next one.
+#: An estimate that rests on fewer samples than this is not used to begin the next one.
 _FEW = 10
 
-#: A sample votes for a reset by its innovation over its standard deviation: so many of the last
-#: so many beyond a limit. The first rule answers a switch, the second one too small for it. With
-#: Gaussian noise either is met less than once in 10^9 samples; with three per cent of outliers
-#: ten times as wide the first is, twice in 10^6. Nobody votes among the first `LENGTH` samples of
-#: a run: a scale from twenty residuals may be a third of the truth. A switch among these goes
-#: unanswered where it makes the residuals, and with them the scale, large.
+#: (votes, samples, limit): a reset takes this many of this many latest samples whose innovation
+#: exceeds this many of its standard deviations. The first rule finds a switch, the second one that
+#: is too small for the first. With Gaussian noise either rule holds less than once in 10^9 samples;
+#: with three per cent of outliers ten times as wide the first one holds twice in 10^6. The first
+#: `LENGTH` samples of a run have no vote, because a scale from twenty residuals may be a third of
+#: the true one; a switch among them is missed if it makes the residuals, and so the scale, large.
 _FAST, _SLOW = (4, 5, 3.0), (8, 10, 2.2)
 
-#: Median of |n| for a standard Gaussian n, and the step of its recursion that has least variance
-#: per sample: 1/(density of log |n| at the median).
+#: Median of |n| for a standard Gaussian n, and the step of the recursion for the logarithm of that
+#: median that gives it the least variance: 1/(density of log |n| at the median).
 _MEDIAN, _STEP = 0.6745, 2.333
 
-#: No sensor of adhesion is finer; data without noise would leave no scale.
+#: Least standard deviation of the noise, finer than any sensor of adhesion: data without noise
+#: would otherwise bring the scale to zero, and residuals are divided by it.
 _FINEST = 1e-9
 
-#: Below five samples two parameters leave too few residuals for a scale; the adhesion gives one.
+#: With fewer than five samples two parameters leave too few residuals to tell their scale; until
+#: then it is at least this share of the largest adhesion.
 _SCALE_OF_ADHESION = 0.05
 
 
@@ -53,11 +58,11 @@ class Kept(NamedTuple):
     size: Float[Array, " length"]  # |slip|
     adhesion: Float[Array, " length"]
     surprise: Float[Array, " length"]  # |nu|, or 0 where it is no vote
-    used: Bool[Array, " length"]  # since the reset, or a vote for it
+    used: Bool[Array, " length"]  # whether it came after the last reset, or was a vote for it
 
 
 class Sums(NamedTuple):
-    """Sum w zeta U' and sum w zeta Z, the prior among them; then counts for the covariance."""
+    """Sum w zeta U' and sum w zeta Z with the prior, then sums that the covariance needs."""
 
     h11: Float[Array, ""]
     h12: Float[Array, ""]
@@ -76,8 +81,8 @@ class Recursion(NamedTuple):
     x: Float[Array, "2"]
     scale: Float[Array, ""]
     samples: Int[Array, ""]
-    age: Int[Array, ""]  # samples since the reset, those that were asked for it among them
-    past: Float[Array, ""]  # 0 where the record held a reset, else 1
+    age: Int[Array, ""]  # samples since the reset, the voters of the slow rule counted in
+    reset: Bool[Array, ""]  # whether there was one in the last record
 
 
 class RefinedInstruments(Identifier):
@@ -89,45 +94,39 @@ class RefinedInstruments(Identifier):
     nu = r over its standard deviation. While the estimate is young it is iterated on the samples
     kept; afterwards each sample is weighed once, with the estimate before it. When the votes of
     the last samples say that the curve has changed, only the voters are kept.
+
+    A sample at slip 0 is passed over: adhesion is 0 there whatever the curve, so a wheel at
+    standstill would make the scale that of the sensor at rest and every sample after it a vote.
+    So is one that repeats the slip and the adhesion of the sample before it to the last digit, as
+    a signal does that has stopped: its noise is the same again and does not average out.
     Source: Young 2011, Recursive Estimation and Time-Series Analysis, chapter 7; Huber 1981,
     Robust Statistics, sections 7.6 (covariance) and 5.1 (median deviation).
     """
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = True
 
     huber: Float[Array, ""]
     gain: Float[Array, ""]  # least gain of the scale
     prior: Float[Array, ""]  # standard deviation of the start, as a share of the box
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_kiencke(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        batch = start(known, key)
         empty, zero, none = jnp.zeros(LENGTH), jnp.zeros(()), jnp.int32(0)
         kept = Kept(empty, empty, empty, empty > 0)
         sums = Sums(*(zero for _ in Sums._fields))
-        x, scale = batch.fit.parameters, jnp.asarray(_FINEST)
-        return OnlineState(batch, Recursion(kept, sums, x, scale, none, none, zero))
+        x, scale = free_values(known.curve), jnp.asarray(_FINEST)
+        return begin(known, Recursion(kept, sums, x, scale, none, none, empty[0] > 0))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        known = state.batch.known
-        recursion = state.recursion._replace(past=jnp.ones(()))
-        recursion = over_fresh_samples(partial(self._step, known), recursion, record)
-        fit = fitted(
-            known,
-            record,
-            state.batch.fit,
-            recursion.x,
-            _covariance(recursion.sums),
-            recursion.past,
-            jnp.sum(record.fresh, dtype=jnp.int32),
-            recursion.sums.number > 2,
-        )
-        return OnlineState(state.batch._replace(fit=fit), recursion)
+        recursion = state.recursion._replace(reset=jnp.zeros((), dtype=bool))
+        return after_record(self._step, state._replace(recursion=recursion), record)
 
     def estimate(self, state: OnlineState) -> Estimate:
-        return to_estimate(state.batch)
+        sums, reset = state.recursion.sums, state.recursion.reset
+        return online_estimate(state, _covariance(sums), sums.number > 2, jnp.ones(()), reset)
 
     def _step(
         self,
@@ -136,13 +135,27 @@ class RefinedInstruments(Identifier):
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
     ) -> Recursion:
-        size, adhesion = jnp.abs(slip), jnp.sign(slip) * adhesion
+        size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
+        last = recursion.kept
+        repeats = (size == last.size[0]) & (adhesion == last.adhesion[0])
+        taken = self._taken(known, recursion, size, adhesion)
+        return jax.tree.map(
+            lambda new, old: jnp.where((size == 0) | repeats, old, new), taken, recursion
+        )
+
+    def _taken(
+        self,
+        known: Known,
+        recursion: Recursion,
+        size: Float[Array, ""],
+        adhesion: Float[Array, ""],
+    ) -> Recursion:
         sums, x, nu = self._taken_up(known, recursion, size, adhesion)
         kept, reset = _voted(recursion, size, adhesion, nu)
 
         samples = recursion.samples + 1
         age = jnp.where(reset, _SLOW[1], jnp.minimum(recursion.age + 1, LENGTH + 1))
-        # The noise is that of the sensor, not of the rail: its scale outlives a reset.
+        # Noise comes from the sensor and not from the rail, so its scale is kept at a reset.
         step = jnp.maximum(_STEP / samples, self.gain)
         factor = jnp.exp(step * jnp.where(jnp.abs(nu) > _MEDIAN, 0.5, -0.5))
         scale = jnp.maximum(recursion.scale * factor, _FINEST)
@@ -151,8 +164,7 @@ class RefinedInstruments(Identifier):
         passes = jnp.where(anew, _FROM_NOTHING, jnp.where(age <= LENGTH, _FROM_ESTIMATE, 0))
         first = samples <= LENGTH
         x, sums, scale = self._refitted(known, kept, x, sums, scale, anew, first, passes)
-        past = jnp.where(reset, 0.0, recursion.past)
-        return Recursion(kept, sums, x, scale, samples, age, past)
+        return Recursion(kept, sums, x, scale, samples, age, recursion.reset | reset)
 
     def _taken_up(
         self,
@@ -214,7 +226,7 @@ class RefinedInstruments(Identifier):
             x, _, scale = carry
             d, model = _curve(known, x, size)
             residual = adhesion - model
-            # Two parameters have been fitted to the residuals.
+            # Two parameters have been fitted, which makes the residuals smaller than the noise.
             spread = jnp.sqrt(count / jnp.maximum(count - 2, 1)) / _MEDIAN
             deviation = spread * _median(jnp.abs(residual), used)
             deviation = jnp.where(
@@ -255,7 +267,10 @@ def _curve(
 def _voted(
     recursion: Recursion, size: Float[Array, ""], adhesion: Float[Array, ""], nu: Float[Array, ""]
 ) -> tuple[Kept, Bool[Array, ""]]:
-    """The samples kept with the latest, only voters where they ask for a reset, and if they do."""
+    """The kept samples with the latest among them, and whether there is a reset.
+
+    After a reset only the samples that voted for it are used.
+    """
     surprise = jnp.where(recursion.samples < LENGTH, 0.0, jnp.abs(nu))
     latest = (size, adhesion, surprise, jnp.ones((), dtype=bool))
     kept = Kept(
@@ -269,19 +284,19 @@ def _voted(
     is_fast, is_slow = jnp.sum(fast) >= _FAST[0], jnp.sum(slow) >= _SLOW[0]
     reset = is_fast | is_slow
     return kept._replace(
-        surprise=jnp.where(reset, 0.0, kept.surprise),  # nobody votes twice
+        surprise=jnp.where(reset, 0.0, kept.surprise),  # a sample votes for one reset at most
         used=jnp.where(is_fast, fast, jnp.where(is_slow, slow, kept.used)),
     ), reset
 
 
 def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Float[Array, ""]:
-    """Of the values that are used; there is one at least."""
+    """The median of the values that are used, of which there is at least one."""
     ordered, count = jnp.sort(jnp.where(used, values, jnp.inf)), jnp.sum(used)
     return (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
 
 
 def _solution(known: Known, sums: Sums) -> Float[Array, "2"]:
-    """The x in the box; the sums are symmetric like those of least squares."""
+    """The solution in the box, as if the sums were those of least squares (h12 for h21)."""
     ranges = [(known.lower[i], known.upper[i]) for i in (0, 1)]
     return jnp.stack(bounded_pair(sums.f1, sums.f2, sums.h11, sums.h22, sums.h12, *ranges))
 
@@ -304,8 +319,8 @@ def _covariance(sums: Sums) -> Float[Array, "2 2"]:
     return squared * clipping * jnp.array([[i11, i12], [i12, i22]])
 
 
-#: huber: 2 costs .5 % of the root mean square error without outliers, and with three per cent of
-#: them does as well as 1.5. gain: of the median over some fifty samples, so that the scale is
-#: known to 8 %. prior: a tenth of the box, felt with a handful of samples, or later where the noise
-#: leaves p2 unknown within hundreds (wet rail, ten times the noise).
+#: huber = 2 makes the root mean square error without outliers .5 % larger, and with three per cent
+#: of them does as well as 1.5. gain = .02 lets the scale follow some fifty samples, so that its
+#: standard error is 8 %. prior = .1: a deviation of a tenth of the box matters with a handful of
+#: samples, or longer where p2 stays uncertain by hundreds (wet rail, ten times the noise).
 riv = RefinedInstruments(*map(jnp.asarray, (2.0, 0.02, 0.1)))

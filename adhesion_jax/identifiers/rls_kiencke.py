@@ -1,22 +1,22 @@
 """Recursive least squares with exponential forgetting on the linear form of Kiencke's curve."""
 
-from functools import partial
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from adhesion_jax.curves import free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import start, to_estimate
 from adhesion_jax.identifiers.kiencke_linear import (
-    fitted,
+    Pair,
+    after_record,
     forgetting,
     needs_kiencke,
+    online_estimate,
     regression,
 )
-from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
 _PRIOR = 1e5
@@ -25,8 +25,7 @@ _PRIOR = 1e5
 class Recursion(NamedTuple):
     """The estimate, P = (sum w U U')^-1 and G = sum w^2 e^2 U U', w the discount."""
 
-    x1: Float[Array, ""]
-    x2: Float[Array, ""]
+    x: Pair
     p11: Float[Array, ""]
     p12: Float[Array, ""]
     p22: Float[Array, ""]
@@ -43,42 +42,29 @@ class RecursiveLeastSquares(Identifier):
     Source: Ljung 1999, System Identification, section 11.2; eta as in Qian et al. 2024, Eq. 9.
     """
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = False
 
     eta_least: Float[Array, ""]
     eta_most: Float[Array, ""]
     gain: Float[Array, ""]
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        return needs_kiencke(scenario)
+    def accepts(self, known: Known) -> str | None:
+        return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        batch = start(known, key)
         zero, wide = jnp.zeros(()), jnp.asarray(_PRIOR**2)
-        x1, x2 = batch.fit.parameters
-        return OnlineState(
-            batch, Recursion(x1, x2, wide, zero, wide, zero, zero, zero, self.eta_most)
-        )
+        x1, x2 = free_values(known.curve)
+        return begin(known, Recursion((x1, x2), wide, zero, wide, zero, zero, zero, self.eta_most))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        known = state.batch.known
-        recursion = over_fresh_samples(partial(self._step, known), state.recursion, record)
-        x1, x2, p11, p12, p22, g11, g12, g22, eta = recursion
-        p = jnp.array([[p11, p12], [p12, p22]])
-        fit = fitted(
-            known,
-            record,
-            state.batch.fit,
-            jnp.stack([x1, x2]),
-            p @ jnp.array([[g11, g12], [g12, g22]]) @ p,
-            eta,
-            jnp.sum(record.fresh, dtype=jnp.int32),
-            jnp.ones((), dtype=bool),
-        )
-        return OnlineState(state.batch._replace(fit=fit), recursion)
+        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
-        return to_estimate(state.batch)
+        _, p11, p12, p22, g11, g12, g22, eta = state.recursion
+        p = jnp.array([[p11, p12], [p12, p22]])
+        covariance = p @ jnp.array([[g11, g12], [g12, g22]]) @ p
+        return online_estimate(state, covariance, jnp.ones((), dtype=bool), eta)
 
     def _step(
         self,
@@ -87,18 +73,17 @@ class RecursiveLeastSquares(Identifier):
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
     ) -> Recursion:
-        x1, x2, p11, p12, p22, g11, g12, g22, _ = recursion
+        (x1, x2), p11, p12, p22, g11, g12, g22, _ = recursion
         u1, u2, z = regression(known, slip, adhesion)
         eta = forgetting(known, slip, adhesion, (x1, x2), self.eta_least, self.eta_most, self.gain)
         pu1, pu2 = p11 * u1 + p12 * u2, p12 * u1 + p22 * u2
         innovation = z - x1 * u1 - x2 * u2
         share = 1 / (eta + u1 * pu1 + u2 * pu2)
-        # The residual at the new x is the innovation times eta times the same share.
+        # The residual at the new x is the innovation times eta/(eta + U'P U).
         squared = (innovation * eta * share) ** 2
         gain1, gain2, growth = pu1 * share, pu2 * share, 1 / eta
         return Recursion(
-            x1 + gain1 * innovation,
-            x2 + gain2 * innovation,
+            (x1 + gain1 * innovation, x2 + gain2 * innovation),
             (p11 - pu1 * gain1) * growth,
             (p12 - pu1 * gain2) * growth,
             (p22 - pu2 * gain2) * growth,

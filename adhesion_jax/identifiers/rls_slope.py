@@ -7,16 +7,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
-from adhesion_jax.identifiers.online import over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, begin, over_fresh_samples
 from adhesion_jax.optim.recursive_slope import slope_step
 from adhesion_jax.records import Known, Record
-from adhesion_jax.scenarios import Scenario
 
-#: Of theta in units of s^2: nothing is known of the slope at first.
+#: Variance of the slope at the start, per unit of the noise variance: nothing is known of it.
 _DIFFUSE = 1e12
 
 
-class SlopeState(NamedTuple):
+class Recursion(NamedTuple):
     """The filters, the recursion, and the covariance of its error per unit of the noise.
 
     `uu`, `ud` and `dd` are E u^2, E u d and E d^2, u the noise that is left in the filtered
@@ -54,45 +53,51 @@ class RecursiveSlope(Identifier):
     in phi, which takes the share of that noise in E phi^2 off the slope.
     """
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = False
 
     gamma: Float[Array, ""]  # s^4/m^2
     time_constant: Float[Array, ""]  # of the low-pass, s
 
-    def accepts(self, scenario: Scenario) -> str | None:
-        if "slope" in scenario.quantities():
+    def accepts(self, known: Known) -> str | None:
+        if "slope" in known.asked:
             return None
         return "it gives the slope of the curve alone, which this scenario does not ask for"
 
-    def init(self, known: Known, key: PRNGKeyArray) -> SlopeState:
+    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         zero, one, none = jnp.zeros(()), jnp.ones(()), jnp.asarray(jnp.nan)
         p = jnp.asarray(_DIFFUSE)
-        return SlopeState(none, zero, zero, zero, p, one, zero, one, zero, p, zero, zero)
+        return begin(
+            known, Recursion(none, zero, zero, zero, p, one, zero, one, zero, p, zero, zero)
+        )
 
-    def update(self, state: SlopeState, record: Record) -> SlopeState:
+    def update(self, state: OnlineState, record: Record) -> OnlineState:
         names = ("slip_velocity_mps", "time_s")
-        return over_fresh_samples(self._step, state, record, names)
+        state = over_fresh_samples(self._step, state, record, names)
+        return state._replace(objective=state.recursion.residual**2)
 
-    def estimate(self, state: SlopeState) -> Estimate:
-        variance = state.squares / jnp.maximum(state.samples, 1.0) * state.dd
-        finite = jnp.isfinite(state.theta) & jnp.isfinite(variance)
+    def estimate(self, state: OnlineState) -> Estimate:
+        recursion: Recursion = state.recursion
+        variance = recursion.squares / jnp.maximum(recursion.samples, 1.0) * recursion.dd
         return Estimate(
-            OrderedDict(slope=state.theta),
+            OrderedDict(slope=recursion.theta),
             variance[None, None],
-            jnp.where(finite, Status.TRUSTED.value, Status.NOT_FINITE.value),
-            state.residual**2,
-            state.kappa,
-            jnp.int32(1),
+            jnp.where(recursion.samples > 0, Status.TRUSTED.value, Status.NOT_CONVERGED.value),
+            state.objective,
+            jnp.zeros((), dtype=bool),
+            recursion.kappa,
+            state.samples,
+            state.skipped,
         )
 
     def _step(
         self,
-        state: SlopeState,
+        state: Recursion,
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
         slip_velocity: Float[Array, ""],
         time: Float[Array, ""],
-    ) -> SlopeState:
+    ) -> Recursion:
         first = jnp.isnan(state.time)
         span = jnp.where(first, 1.0, time - state.time)
         share = -jnp.expm1(-span / self.time_constant)
@@ -104,11 +109,12 @@ class RecursiveSlope(Identifier):
         found = slope_step(state.theta, state.p, y, phi, self.gamma)
         gain, innovation = found.gain, found.innovation
 
-        # The noise of y is rise (e - u), e that of the sample; that of the innovation, less d phi.
+        # The noise of y is rise (e - u), where e is the noise of the sample; the innovation has
+        # the error of theta in it besides: rise (e - u) - d phi.
         kept, keep = 1 / found.scale, 1 - share
         uu, ud, dd = state.uu, state.ud, state.dd
         unit = rise**2 * (1 + uu) + phi**2 * dd + 2 * rise * phi * ud
-        taken = SlopeState(
+        taken = Recursion(
             time=time,
             adhesion=state.adhesion + span * y,
             slip_velocity=state.slip_velocity + span * phi,
@@ -123,7 +129,7 @@ class RecursiveSlope(Identifier):
             samples=state.samples + 1,
         )
         begun = state._replace(time=time, adhesion=adhesion, slip_velocity=slip_velocity)
-        return SlopeState(*(jnp.where(first, a, b) for a, b in zip(begun, taken, strict=True)))
+        return Recursion(*(jnp.where(first, a, b) for a, b in zip(begun, taken, strict=True)))
 
 
 #: Neither number is printed. Our reading: where slip velocity changes by 1 m/s^2 and samples are

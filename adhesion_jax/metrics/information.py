@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_free_values
+from adhesion_jax.records import Known
 
 C = TypeVar("C", bound=Curve)
 
@@ -18,18 +19,21 @@ def quantity_names(curve: Curve) -> tuple[str, ...]:
     return (*curve.free, "mu_max", "slip_opt")
 
 
-def quantities(curve: Curve) -> Float[Array, " values"]:
-    """The free parameters, the largest adhesion and its slip."""
-    peak = curve.peak({})
+def quantities(curve: Curve, known: Known) -> Float[Array, " values"]:
+    """The free parameters, the largest adhesion and its slip.
+
+    Here and below `known` says under which conditions and up to which slip the peak is asked.
+    """
+    peak = curve.peak(known.conditions, known.slip_limit)
     return jnp.concatenate([free_values(curve), jnp.stack([peak.adhesion, peak.slip])])
 
 
-_quantities_of_many = jax.jit(jax.vmap(quantities))
+_quantities_of_many = jax.jit(jax.vmap(quantities, in_axes=(0, None)))
 
 
-def true_quantities(curves: Curve) -> Mapping[str, np.ndarray]:
+def true_quantities(curves: Curve, known: Known) -> Mapping[str, np.ndarray]:
     """`quantities` of stacked curves, by name."""
-    values = np.asarray(_quantities_of_many(curves))
+    values = np.asarray(_quantities_of_many(curves, known))
     return dict(zip(quantity_names(curves), values.T, strict=True))
 
 
@@ -82,10 +86,10 @@ def inverse_information(information: Float[Array, "free free"]) -> Float[Array, 
 
 
 def quantity_covariance(
-    curve: Curve, covariance: Float[Array, "free free"]
+    curve: Curve, covariance: Float[Array, "free free"], known: Known
 ) -> Float[Array, "values values"]:
     """Covariance of `quantities` by the delta method, from that of the free parameters."""
-    gradient = jax.jacfwd(lambda values: quantities(with_free_values(curve, values)))(
+    gradient = jax.jacfwd(lambda values: quantities(with_free_values(curve, values), known))(
         free_values(curve)
     )
     return gradient @ covariance @ gradient.T
@@ -97,10 +101,11 @@ def bound_of_blocks(
     mask: Bool[Array, "blocks points"],
     conditions: Conditions,
     sigma: Scalar,
+    known: Known,
 ) -> Float[Array, "blocks values"]:
     """`cramer_rao_bound` of each block on its own; the curves are stacked."""
-    return jax.vmap(cramer_rao_bound, in_axes=(0, 0, 0, 0, None))(
-        curves, slip, mask, conditions, sigma
+    return jax.vmap(cramer_rao_bound, in_axes=(0, 0, 0, 0, None, None))(
+        curves, slip, mask, conditions, sigma, known
     )
 
 
@@ -110,18 +115,19 @@ def cramer_rao_bound(
     mask: Bool[Array, " points"],
     conditions: Conditions,
     sigma: Scalar,
+    known: Known,
 ) -> Float[Array, " values"]:
     """Smallest standard deviation of an unbiased estimate of each of `quantities`.
 
     For independent Gaussian noise of standard deviation sigma and parameters without bounds.
     """
     _, information = adhesion_and_information(curve, slip, mask, conditions)
-    return bound_of_information(curve, information, sigma)
+    return bound_of_information(curve, information, sigma, known)
 
 
 def bound_of_information(
-    curve: Curve, information: Float[Array, "free free"], sigma: Scalar
+    curve: Curve, information: Float[Array, "free free"], sigma: Scalar, known: Known
 ) -> Float[Array, " values"]:
     """Smallest standard deviation of each of `quantities` where J'J is this."""
     covariance = sigma**2 * inverse_information(information)
-    return jnp.sqrt(jnp.diagonal(quantity_covariance(curve, covariance)))
+    return jnp.sqrt(jnp.diagonal(quantity_covariance(curve, covariance, known)))

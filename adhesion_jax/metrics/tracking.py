@@ -10,39 +10,31 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import NDArray
 
-#: A rail is tracked when mu_max is within this share of the truth ...
+from adhesion_jax.records import Known
+
+#: The rail is tracked while the error of mu_max is smaller than this share of its true value.
 TRACKED = 0.03
 
-#: ... for this many steps in a row: samples of a stream, or blocks.
-_IN_A_ROW = {True: 10, False: 1}
 
-#: A reset within this many steps of a switch answers it; a later one is false.
-_GRACE = {True: 20, False: 1}
+class Criteria(NamedTuple):
+    """What counts as tracked, as answered and as overshoot, in steps of the kind named `unit`."""
 
-#: Overshoot is looked for in this many steps after a switch.
-_TRANSIENT = {True: 100, False: 5}
+    unit: str
+    in_a_row: int  # the delay ends with the first of this many tracked steps in a row
+    grace: int  # a reset within this many steps of a switch answers it; a later one is false
+    transient: int  # overshoot is looked for in this many steps after a switch
 
 
-class Course(eqx.Module):
-    """What a run has in store: for each block its stretch and the true mu_max."""
+BY_SAMPLE = Criteria("sample", in_a_row=10, grace=20, transient=100)
+BY_BLOCK = Criteria("block", in_a_row=1, grace=1, transient=5)
 
-    stretch: Int[Array, " blocks"]
-    truth: Float[Array, " blocks"]
-    before: Float[Array, " blocks"]  # true mu_max at the end of the stretch before; NaN: none
-    stretches: int = eqx.field(static=True)
-    by_sample: bool = eqx.field(static=True)
 
-    @staticmethod
-    def of(rails: Sequence[str], truth: NDArray[np.float64], by_sample: bool) -> "Course":
-        """From the rail and the true mu_max of each block; another rail, another stretch."""
-        starts = np.array([b > 0 and rails[b] != rails[b - 1] for b in range(len(rails))])
-        stretch = np.cumsum(starts)
-        ends = np.concatenate([[np.nan], truth[np.flatnonzero(starts) - 1]])
-        arrays = (jnp.asarray(stretch), jnp.asarray(truth), jnp.asarray(ends[stretch]))
-        return Course(*arrays, int(stretch[-1]) + 1, by_sample)
+def criteria_of(known: Known) -> Criteria:
+    """Those of a step: a method is followed at every sample, or at every block."""
+    return BY_SAMPLE if known.by_sample else BY_BLOCK
 
 
 class Tracking(NamedTuple):
@@ -58,55 +50,71 @@ class Tracking(NamedTuple):
     delay: Int[Array, " stretches"]
     settled: Int[Array, " stretches"]  # 1 where the delay is final
     length: Int[Array, " stretches"]  # steps gone by
-    resets: Float[Array, " stretches"]  # in answer to a switch; NaN: not a method that resets
+    resets: Float[Array, " stretches"]  # in answer to a switch; NaN: a method without resets
     false_resets: Float[Array, " stretches"]
     overshoot: Float[Array, " stretches"]
 
 
-def start_tracking(course: Course) -> Tracking:
-    none = jnp.zeros(course.stretches, dtype=int)
-    zero = jnp.zeros(course.stretches)
-    return Tracking(jnp.int64(0), jnp.int64(0), none, none, none, zero, zero, zero)
+class Tracker(eqx.Module):
+    """Reduces a run to its `Tracking`: for each block its stretch and the true mu_max."""
 
+    stretch: Int[Array, " blocks"]
+    truth: Float[Array, " blocks"]
+    before: Float[Array, " blocks"]  # true mu_max at the end of the stretch before; NaN: none
+    stretches: int = eqx.field(static=True)
+    criteria: Criteria = eqx.field(static=True)
+    resets: bool = eqx.field(static=True)  # whether the method has any
 
-def track(
-    course: Course,
-    seen: Tracking,
-    block: Int[Array, ""],
-    mu_max: Float[Array, ""],
-    forgetting: Float[Array, ""],
-) -> Tracking:
-    """One step on; `forgetting` is what the method kept of its past, 0 at a reset.
+    @staticmethod
+    def of(
+        rails: Sequence[str], truth: NDArray[np.float64], criteria: Criteria, resets: bool
+    ) -> "Tracker":
+        """From the rail and the true mu_max of each block; another rail, another stretch."""
+        starts = np.array([b > 0 and rails[b] != rails[b - 1] for b in range(len(rails))])
+        stretch = np.cumsum(starts)
+        ends = np.concatenate([[np.nan], truth[np.flatnonzero(starts) - 1]])
+        arrays = (jnp.asarray(stretch), jnp.asarray(truth), jnp.asarray(ends[stretch]))
+        return Tracker(*arrays, int(stretch[-1]) + 1, criteria, resets)
 
-    A method without a past (NaN), or one that discounts it (between 0 and 1), has no resets.
-    """
-    s, truth = course.stretch[block], course.truth[block]
-    since = seen.length[s]
-    close = jnp.abs(mu_max - truth) < TRACKED * truth
-    streak = jnp.where(close, jnp.where(s == seen.stretch, seen.streak, 0) + 1, 0)
-    settled = (seen.settled[s] == 1) | (streak >= _IN_A_ROW[course.by_sample])
-    # Until it is settled the delay is that of a row which begins now, or has begun.
-    delay = jnp.where(seen.settled[s] == 1, seen.delay[s], since + 1 - streak)
+    def init(self) -> Tracking:
+        """Nothing seen yet."""
+        none = jnp.zeros(self.stretches, dtype=int)
+        zero = jnp.zeros(self.stretches)
+        return Tracking(jnp.int64(0), jnp.int64(0), none, none, none, zero, zero, zero)
 
-    keeps_or_resets = (forgetting == 0) | (forgetting == 1)
-    reset = jnp.where(keeps_or_resets, forgetting == 0, jnp.nan)
-    answer = (since < _GRACE[course.by_sample]) & ~jnp.isnan(course.before[block])
-    first = (since == 0) & jnp.isnan(course.before[block])  # the start of a run is no reset
-    answering = jnp.where(answer, reset, 0 * reset)
-    false = jnp.where(answer | first, 0 * reset, reset)
+    def update(
+        self,
+        seen: Tracking,
+        block: Int[Array, ""],
+        values: Mapping[str, Float[Array, ""]],
+        reset: Bool[Array, ""],
+    ) -> Tracking:
+        """One step on: what is identified after it, and whether it brought a reset."""
+        s, truth, before = self.stretch[block], self.truth[block], self.before[block]
+        mu_max = values.get("mu_max", jnp.asarray(jnp.nan))
+        since = seen.length[s]
+        close = jnp.abs(mu_max - truth) < TRACKED * truth
+        streak = jnp.where(close, jnp.where(s == seen.stretch, seen.streak, 0) + 1, 0)
+        settled = (seen.settled[s] == 1) | (streak >= self.criteria.in_a_row)
+        # Until the delay is settled it is counted to the start of the row of tracked steps that
+        # ends now, or to the next step where there is no such row.
+        delay = jnp.where(seen.settled[s] == 1, seen.delay[s], since + 1 - streak)
 
-    beyond = jnp.sign(truth - course.before[block]) * (mu_max - truth) / truth
-    counts = (since < _TRANSIENT[course.by_sample]) & (beyond > seen.overshoot[s])
-    return Tracking(
-        s,
-        streak,
-        seen.delay.at[s].set(delay),
-        seen.settled.at[s].set(settled.astype(int)),
-        seen.length.at[s].add(1),
-        seen.resets.at[s].add(answering),
-        seen.false_resets.at[s].add(false),
-        seen.overshoot.at[s].set(jnp.where(counts, beyond, seen.overshoot[s])),
-    )
+        resets = jnp.where(reset, 1.0, 0.0) if self.resets else jnp.asarray(jnp.nan)
+        answers = (since < self.criteria.grace) & ~jnp.isnan(before)
+
+        beyond = jnp.sign(truth - before) * (mu_max - truth) / truth
+        counts = (since < self.criteria.transient) & (beyond > seen.overshoot[s])
+        return Tracking(
+            s,
+            streak,
+            seen.delay.at[s].set(delay),
+            seen.settled.at[s].set(settled.astype(int)),
+            seen.length.at[s].add(1),
+            seen.resets.at[s].add(jnp.where(answers, resets, 0 * resets)),
+            seen.false_resets.at[s].add(jnp.where(answers, 0 * resets, resets)),
+            seen.overshoot.at[s].set(jnp.where(counts, beyond, seen.overshoot[s])),
+        )
 
 
 def _mean(x: NDArray[np.float64]) -> tuple[float, float]:
@@ -122,16 +130,20 @@ def _median(x: NDArray[np.float64]) -> tuple[float, float]:
     return float(np.median(x)), float(high - low) / 2
 
 
-def tracking_row(seen: Tracking, stretch: int, by_sample: bool) -> Mapping[str, object]:
-    """One row of the table: a method on one stretch, from arrays [runs, stretches]."""
+def tracking_row(seen: Tracking, stretch: int, unit: str) -> Mapping[str, object]:
+    """One row of the table: a method on one stretch, from arrays [runs, stretches].
+
+    `unit` is that of the criteria.
+    """
     at = {
         name: np.asarray(x, dtype=float)[:, stretch]
         for name, x in seen._asdict().items()
         if np.ndim(x) == 2
     }
     length = at["length"][0]
-    rows: dict[str, object] = {"unit": "sample" if by_sample else "block"}
-    # A row of in-a-row steps that begins too near the end cannot settle: never tracked.
+    rows: dict[str, object] = {"unit": unit}
+    # Tracked steps that begin too near the end are too few in a row: the stretch counts as one
+    # that was never tracked, and its delay as the length of the stretch.
     delay = np.where(at["settled"] == 1, at["delay"], length)
     figures = {
         "delay_median": _median(delay),
@@ -143,7 +155,7 @@ def tracking_row(seen: Tracking, stretch: int, by_sample: bool) -> Mapping[str, 
     }
     for name, (value, error) in figures.items():
         rows |= {name: value, f"{name}_se": error}
-    if stretch == 0:  # it did not begin with a switch
+    if stretch == 0:  # the first stretch does not begin with a switch
         for name in ("missed_share", "overshoot"):
             rows |= {name: np.nan, f"{name}_se": np.nan}
     return rows

@@ -40,17 +40,12 @@ class Options:
 
 
 class Scenario(eqx.Module):
-    """Draws runs. `rails` names the rail of each block.
-
-    Where `by_sample`, a method is given the samples of a block one at a time and is followed at
-    each of them; a block is then what lies between two reports.
-    """
+    """Draws runs. `rails` names the rail of each block."""
 
     known: eqx.AbstractVar[Known]
     rails: eqx.AbstractVar[tuple[str, ...]]
     sigma: eqx.AbstractVar[float]
     outliers: eqx.AbstractVar[float]
-    by_sample: eqx.AbstractVar[bool]
     #: Zero for each field of a record that differs from run to run, None for one shared by all.
     run_axes: eqx.AbstractVar[Any]
 

@@ -36,7 +36,6 @@ class Blocks(Scenario):
     slip: Float[Array, " points"]
     truth: tuple[Curve, ...]
     known: Known
-    by_sample: bool = eqx.field(default=False, static=True)
     run_axes: Any = eqx.field(default=SHARED_SLIP, static=True)
     lag_one: float = eqx.field(default=0.0, static=True)
 
@@ -48,7 +47,7 @@ class Blocks(Scenario):
         return Record(slip, clean + noise, every, every, {})
 
     def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(stacked(self.truth))
+        return true_quantities(stacked(self.truth), self.known)
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
         """For noise of the correlation there is: its inverse covariance whitens J exactly."""
@@ -56,7 +55,7 @@ class Blocks(Scenario):
         def of_block(curve: Curve) -> Float[Array, " values"]:
             _, sensitivity = adhesion_and_sensitivity(curve, self.slip, {})
             information = information_of(whitened(sensitivity, self.lag_one))
-            return bound_of_information(curve, information, self.sigma)
+            return bound_of_information(curve, information, self.sigma, self.known)
 
         return jax.vmap(of_block)(stacked(self.truth))
 

@@ -10,16 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from adhesion_jax.curves import (
-    SLIP_LIMIT,
-    Conditions,
-    Curve,
-    Peak,
-    Scalar,
-    free_values,
-    with_free_values,
-)
-from adhesion_jax.curves.polach import PolachFalling, PolachScaled
+from adhesion_jax.curves import Curve, free_values, with_free_values
 from adhesion_jax.effects.conditions import NOMINAL_RADIUS
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_from
@@ -30,7 +21,7 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.blocks import one_block
 from adhesion_jax.scenarios.noise import draw_noise
@@ -38,29 +29,11 @@ from adhesion_jax.scenarios.noise import draw_noise
 #: Seconds from point to point.
 _STEP = 0.1
 
-#: The box goes from a share of a parameter to as many times the parameter.
+#: The box of a parameter reaches from its value divided by this to its value times this.
 _BOX = 5.0
 
 #: The slips are the same in every run; adhesion and conditions are its own.
-_RUN_AXES = Record(None, 0, None, None, 0)  # type: ignore[arg-type]
-
-
-class FallingAtReference(PolachFalling):
-    """PolachFalling; a peak that is asked for without a speed is that at `reference_speed`, m/s."""
-
-    reference_speed: Scalar = 0.0
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return super().peak({"vehicle_speed_mps": self.reference_speed, **conditions}, slip_limit)
-
-
-class ScaledAtReference(PolachScaled):
-    """PolachScaled; a peak that is asked for without a speed is that at `reference_speed`, m/s."""
-
-    reference_speed: Scalar = 0.0
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return super().peak({"vehicle_speed_mps": self.reference_speed, **conditions}, slip_limit)
+_RUN_AXES = record_axes(None, 0, 0)
 
 
 class Corrected(Scenario):
@@ -72,11 +45,12 @@ class Corrected(Scenario):
     its range at the vehicle speed, the angle of the wheel from a random one on, the time from a
     random one of the campaign on.
 
-    The truth is the curve below the effects: its parameters and its peak, where it needs a speed
-    that in the middle of the range. An identifier is told the form of that curve, and where the
-    conditions are part of that form it knows them, but it knows of no effect. Its bias, RMSE and
-    coverage are held against the bound of one who knows effects and conditions and lacks the
-    parameters of the curve alone: what lies between them is the price of ignoring the effects.
+    The truth is the curve below the effects: its parameters and its peak, under conditions in the
+    middle of their ranges where the curve needs any. An identifier is told the form of that curve,
+    and where the conditions are part of that form it knows them, but it knows of no effect. Its
+    bias, RMSE and coverage are held against the bound of one who knows effects and conditions and
+    lacks the parameters of the curve alone: what lies between them is the price of ignoring the
+    effects.
     """
 
     rails: tuple[str, ...] = eqx.field(static=True)
@@ -85,7 +59,6 @@ class Corrected(Scenario):
     slip: Float[Array, " points"]
     law: CorrectedLaw
     known: Known
-    by_sample: bool = eqx.field(default=False, static=True)
     run_axes: Any = eqx.field(default=_RUN_AXES, static=True)
 
     def conditions(self, key: PRNGKeyArray) -> dict[str, Float[Array, " points"]]:
@@ -122,10 +95,10 @@ class Corrected(Scenario):
         return Record(self.slip[None], clean + noise, every, every, measured)
 
     def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(stacked([self.known.curve]))
+        return true_quantities(stacked([self.known.curve]), self.known)
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        """Of the curve's parameters from this run, its effects and conditions known."""
+        """For the parameters of the curve from this run, its effects and conditions known."""
         curve = self.known.curve
         conditions = {name: values[0] for name, values in record.conditions.items()}
 
@@ -135,7 +108,7 @@ class Corrected(Scenario):
 
         _, push = jax.linearize(adhesion, free_values(curve))
         information = information_of(jax.vmap(push)(jnp.eye(len(curve.free))))
-        return bound_of_information(curve, information, self.sigma)[None]
+        return bound_of_information(curve, information, self.sigma, self.known)[None]
 
     def support(self) -> np.ndarray:
         return np.array([self.slip.size])
@@ -184,20 +157,9 @@ def _box(curve: Curve) -> tuple[Float[Array, " free"], Float[Array, " free"]]:
     return jnp.array(lower), jnp.array(upper)
 
 
-def _at_reference(curve: Curve, ranges: Mapping[str, tuple[float, float]]) -> Curve:
-    """The curve with a peak that can be asked for without conditions."""
-    kinds = {PolachFalling: FallingAtReference, PolachScaled: ScaledAtReference}
-    kind = kinds.get(type(curve))
-    if kind is None or "vehicle_speed_mps" not in ranges:
-        return curve
-    fields = {field.name: getattr(curve, field.name) for field in dataclasses.fields(curve)}
-    at: Curve = kind(**fields, reference_speed=sum(ranges["vehicle_speed_mps"]) / 2)
-    return at
-
-
 @jax.jit
-def _has_peak(curve: Curve) -> Bool[Array, ""]:
-    return curve.peak({}).found
+def _has_peak(known: Known) -> Bool[Array, ""]:
+    return known.curve.peak(known.conditions, known.slip_limit).found
 
 
 def corrected(options: Options) -> Corrected:
@@ -216,25 +178,25 @@ def corrected(options: Options) -> Corrected:
         )
     law = law_from(options.law, "the file of --law")
     assert isinstance(law.curve, Curve)
-    curve = _at_reference(law.curve, law.ranges)
-    lower, upper = _box(curve)
+    lower, upper = _box(law.curve)
+    middle = {name: sum(law.ranges[name]) / 2 for name in law.curve.NEEDS if name in law.ranges}
     scenario = Corrected(
         rails=("corrected",),
         sigma=0.01 if options.sigma is None else options.sigma,
         outliers=options.outliers or 0.0,
         slip=jnp.linspace(0.0, options.slip_max or 0.2, options.points or 500),
-        law=dataclasses.replace(law, curve=curve),
-        known=Known(curve=curve, lower=lower, upper=upper),
+        law=law,
+        known=Known(curve=law.curve, lower=lower, upper=upper, conditions=middle),
     )
     try:
-        # The law itself knows best what it rests on: it asks for it.
+        # A law asks for the columns it needs by name, so a missing one is a KeyError.
         jax.eval_shape(scenario.draw, jax.random.key(0))
     except KeyError as missing:
         raise InputError(
             f"the law of --law rests on {missing.args[0]} and has no range of it; add one to its "
             "ranges, the smallest and the largest value."
         ) from None
-    if not bool(_has_peak(curve)):
+    if not bool(_has_peak(scenario.known)):
         raise InputError(
             "the curve of --law has no peak between slip 0 and 1, so that there is no mu_max to "
             "be identified; discover the law with another --base."

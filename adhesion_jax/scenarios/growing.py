@@ -47,7 +47,6 @@ class GrowingSequence(Scenario):
     slip: Float[Array, " points"]
     truth: tuple[Curve, ...]
     known: Known
-    by_sample: bool = eqx.field(default=False, static=True)
     run_axes: Any = eqx.field(default=SHARED_SLIP, static=True)
 
     def draw(self, key: PRNGKeyArray) -> Record:
@@ -60,11 +59,16 @@ class GrowingSequence(Scenario):
         )
 
     def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(stacked(self.truth))
+        return true_quantities(stacked(self.truth), self.known)
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
         return bound_of_blocks(
-            stacked(self.truth), record.slip, record.mask, record.conditions, self.sigma
+            stacked(self.truth),
+            record.slip,
+            record.mask,
+            record.conditions,
+            self.sigma,
+            self.known,
         )
 
     def support(self) -> np.ndarray:

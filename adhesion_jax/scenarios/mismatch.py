@@ -55,7 +55,6 @@ class Mismatch(Scenario):
     slip: Float[Array, " points"]
     truth: tuple[PolachFalling, ...]
     known: Known
-    by_sample: bool = eqx.field(default=False, static=True)
     run_axes: Any = eqx.field(default=SHARED_SLIP, static=True)
 
     @property

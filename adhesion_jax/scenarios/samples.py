@@ -1,5 +1,6 @@
 """A stream that is followed sample by sample, on a rail that changes."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from adhesion_jax.metrics.information import (
     quantity_covariance,
     true_quantities,
 )
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import OWN_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, rail_named
@@ -25,8 +26,11 @@ from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, 
 #: Samples between two reports.
 _BLOCK = 10
 
-#: Every so many blocks there is a checkpoint.
+#: Blocks between two checkpoints.
 _SPACING = 5
+
+#: A stream is followed at every sample.
+_KNOWN = dataclasses.replace(QIAN2024, by_sample=True)
 
 
 class Samples(Scenario):
@@ -43,8 +47,7 @@ class Samples(Scenario):
     drifts: bool = eqx.field(static=True)
     curves: Kiencke  # its parameters are those of each sample, [samples]
     known: Known
-    by_sample: bool = eqx.field(default=True, static=True)
-    run_axes: Any = eqx.field(default=Record(0, 0, None, None, {}), static=True)  # type: ignore[arg-type]
+    run_axes: Any = eqx.field(default=OWN_SLIP, static=True)
 
     def draw(self, key: PRNGKeyArray) -> Record:
         slip_key, noise_key = jax.random.split(key)
@@ -57,7 +60,7 @@ class Samples(Scenario):
         return Record(slip.reshape(shape), adhesion.reshape(shape), every, every, {})
 
     def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(self._truth())
+        return true_quantities(self._truth(), self.known)
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
         truth = self._truth()
@@ -66,7 +69,7 @@ class Samples(Scenario):
         first = np.arange(len(self.rails)) + 1 - self.support() // _BLOCK
         since = total - jnp.where((first > 0)[:, None, None], total[first - 1], 0.0)
         covariance = self.sigma**2 * jax.vmap(inverse_information)(since)
-        covariance = jax.vmap(quantity_covariance)(truth, covariance)
+        covariance = jax.vmap(quantity_covariance, (0, 0, None))(truth, covariance, self.known)
         bound = jnp.sqrt(jnp.diagonal(covariance, axis1=-2, axis2=-1))
         return jnp.full_like(bound, jnp.nan) if self.drifts else bound
 
@@ -146,7 +149,7 @@ def qian2024_switch(options: Options) -> Samples:
         slip_max=options.slip_max or 0.2,
         drifts=False,
         curves=_of_samples([KIENCKE_RAILS[rail] for rail in rails]),
-        known=QIAN2024,
+        known=_KNOWN,
     )
 
 
@@ -173,5 +176,5 @@ def drift(options: Options) -> Samples:
         curves=_of_samples(
             [peak_matched(float(peak.slip), share * float(peak.adhesion)) for share in left]
         ),
-        known=QIAN2024,
+        known=_KNOWN,
     )

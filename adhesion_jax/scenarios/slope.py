@@ -1,5 +1,6 @@
 """A wheel whose slip velocity moves up and down across the peak, for the slope of the curve."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +12,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
@@ -25,15 +26,16 @@ _VEHICLE_SPEED, _SAMPLING = 20.0, 0.01
 #: The slip velocity goes from an eighth of its largest value to that and back in this time, s.
 _PERIOD, _LEAST = 8.0, 0.125
 
-#: The largest slip, in terms of the slip of the peak.
+#: The largest slip of the stream over the slip of the peak.
 _BEYOND = 1.6
 
-#: Of the measured slip velocity, m/s: a wheel encoder's.
+#: Standard deviation of the measured slip velocity, m/s, as of a wheel encoder.
 _SIGMA_VELOCITY = 0.005
 
 #: Every run measures its own signals at the same times.
-_OWN: Any = {"slip_velocity_mps": 0, "time_s": None}
-_RUN_AXES: Any = Record(0, 0, None, None, _OWN)  # type: ignore[arg-type]
+_RUN_AXES = record_axes(0, 0, {"slip_velocity_mps": 0, "time_s": None})
+
+_KNOWN = dataclasses.replace(HE2018, by_sample=True, asked=("slope",))
 
 
 class SlopeStream(Scenario):
@@ -50,7 +52,6 @@ class SlopeStream(Scenario):
     slip_max: float = eqx.field(static=True)
     truth: tuple[Curve, ...]
     known: Known
-    by_sample: bool = eqx.field(default=True, static=True)
     run_axes: Any = eqx.field(default=_RUN_AXES, static=True)
 
     def time(self) -> Float[Array, "blocks points"]:
@@ -116,5 +117,5 @@ def fang2018_slope(options: Options) -> SlopeStream:
         outliers=options.outliers or 0.0,
         slip_max=options.slip_max or _BEYOND * float(truth.peak({}).slip),
         truth=(truth,) * blocks,
-        known=HE2018,
+        known=_KNOWN,
     )

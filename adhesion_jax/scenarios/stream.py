@@ -12,13 +12,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import OWN_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Options, Scenario
 from adhesion_jax.scenarios.growing import growing_tables, prefixes
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
 
-#: When Qian et al. 2024 reads its figures.
+#: Numbers of samples after which Qian et al. 2024 reads its figures.
 _CHECKPOINTS = (30, 230, 250)
 
 
@@ -35,8 +35,7 @@ class Stream(Scenario):
     slip_max: float = eqx.field(static=True)
     truth: tuple[Curve, ...]
     known: Known
-    by_sample: bool = eqx.field(default=False, static=True)
-    run_axes: Any = eqx.field(default=Record(0, 0, None, None, {}), static=True)  # type: ignore[arg-type]
+    run_axes: Any = eqx.field(default=OWN_SLIP, static=True)
 
     def draw(self, key: PRNGKeyArray) -> Record:
         slip_key, noise_key = jax.random.split(key)
@@ -51,11 +50,16 @@ class Stream(Scenario):
         )
 
     def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(stacked(self.truth))
+        return true_quantities(stacked(self.truth), self.known)
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
         return bound_of_blocks(
-            stacked(self.truth), record.slip, record.mask, record.conditions, self.sigma
+            stacked(self.truth),
+            record.slip,
+            record.mask,
+            record.conditions,
+            self.sigma,
+            self.known,
         )
 
     def support(self) -> np.ndarray:

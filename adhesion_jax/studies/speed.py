@@ -13,7 +13,7 @@ from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.tiles import TILE, draw_tile, identify_tile
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION
-from adhesion_jax.records import Record
+from adhesion_jax.records import Record, record_axes
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
 
@@ -36,7 +36,10 @@ _OPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "3"}
 def timed(seed: int) -> tuple[str, ...]:
     """What takes turns in `block_table`: the peer, and every identifier that suits the blocks."""
     scenario = build_scenario(Config(seed=seed))
-    return (PEER, *(name for name, one in IDENTIFIERS.items() if one.accepts(scenario) is None))
+    return (
+        PEER,
+        *(name for name, one in IDENTIFIERS.items() if one.accepts(scenario.known) is None),
+    )
 
 
 def block_table(repeats: int, seed: int, progress: Callable[[str], None]) -> pd.DataFrame:
@@ -87,7 +90,7 @@ def recursion_table(repeats: int, seed: int) -> pd.DataFrame:
         Record(jnp.asarray(slip[:, runs]), jnp.asarray(adhesion[:, runs]), every, every, {})
         for runs in np.split(np.arange(RECURSION_RUNS), RECURSION_GROUPS)
     ]
-    axes = Record(1, 1, None, None, {})  # type: ignore[arg-type]
+    axes = record_axes(1, 1, {})
 
     def over_runs(method: Identifier) -> Callable[[], object]:
         state = method.init(known, jax.random.key(0))

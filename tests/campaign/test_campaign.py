@@ -21,7 +21,7 @@ from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.scenarios import Options
-from adhesion_jax.scenarios.rails import RAILS
+from adhesion_jax.scenarios.rails import HE2018, RAILS
 
 
 def collect(config, workers=1):
@@ -46,8 +46,8 @@ BOUNDS = {
 @pytest.mark.parametrize("rail", BOUNDS)
 def test_cramer_rao_bound_agrees_with_tabulated_values(rail):
     slip = jnp.linspace(0, 0.2, 500)
-    bound = cramer_rao_bound(RAILS[rail], slip, jnp.ones(500, dtype=bool), {}, 0.01)
-    share = 100 * np.asarray(bound) / np.asarray(quantities(RAILS[rail]))
+    bound = cramer_rao_bound(RAILS[rail], slip, jnp.ones(500, dtype=bool), {}, 0.01, HE2018)
+    share = 100 * np.asarray(bound) / np.asarray(quantities(RAILS[rail], HE2018))
     assert share == pytest.approx(np.array(BOUNDS[rail]), rel=0.025)
 
 
@@ -63,7 +63,7 @@ def test_cramer_rao_bound_from_the_analytic_sensitivities():
     gradient = np.vstack([np.eye(3), of_peak, of_slip])
     expected = np.sqrt(np.diag(gradient @ covariance @ gradient.T))
     every = jnp.ones(300, dtype=bool)
-    bound = cramer_rao_bound(RAILS["dry"], jnp.asarray(slip), every, {}, 0.02)
+    bound = cramer_rao_bound(RAILS["dry"], jnp.asarray(slip), every, {}, 0.02, HE2018)
     assert np.asarray(bound) == pytest.approx(expected, rel=1e-9)
 
 
@@ -203,7 +203,7 @@ def test_the_tables_say_what_the_estimates_say(small):
     summary = campaign.tables["summary"]
     assert list(campaign.tables) == ["summary", "switches", "tracking"]
     truth = dict(
-        zip(quantity_names(RAILS["wet"]), np.asarray(quantities(RAILS["wet"])), strict=True)
+        zip(quantity_names(RAILS["wet"]), np.asarray(quantities(RAILS["wet"], HE2018)), strict=True)
     )
     # The first block after a switch (4) stands in the other table.
     chosen = estimates[(estimates["identifier"] == "ml-exact") & (estimates["block"] == 5)]

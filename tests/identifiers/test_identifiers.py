@@ -1,22 +1,41 @@
 import dataclasses
 import functools
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.optimize import minimize_scalar
 
-from adhesion_jax.curves import free_values
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status, identify
+from adhesion_jax.curves.polach import PolachFalling
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.humidity import Humidity
+from adhesion_jax.effects.law import CorrectedLaw, save_law
+from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import SHARED_SLIP, Known, Record
 from adhesion_jax.scenarios import SCENARIOS, Options
 from adhesion_jax.scenarios.blocks import Blocks
 
 RUNS = 8
+
+
+def law_text(curve):
+    """A law as it is given to a scenario: the curve, and an effect of humidity on its level."""
+    effect = Humidity(k=-0.05, centre=50.0, width=150.0, reference=50.0)
+    ranges = {"relative_humidity_pct": (30.0, 90.0), "vehicle_speed_mps": (10.0, 30.0)}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "law.json"
+        save_law(path, CorrectedLaw(curve, (effect,), ranges, Calendar("run_order", 0.0, 59.0)))
+        return path.read_text()
+
+
 #: As few shapes as there can be: scenarios of one shape share their compiled programs.
 SMALL = {
     "single": Options(points=120),
@@ -28,6 +47,14 @@ SMALL = {
     "coloured": Options(points=120),
     "mismatch": Options(points=120),
     "mismatch-kiencke": Options(points=120),
+    "fang2018-slope": Options(points=200),
+    "corrected": Options(points=120, law=law_text(Burckhardt(c1=0.8287, c2=45.45, c3=0.4))),
+}
+#: And a curve whose peak depends on a condition, which `Known` says.
+FALLING = "corrected: falling friction"
+_RAIL = PolachFalling(mu0=0.55, a=0.4, b=0.6, stiffness=150.0, k_s=0.4)
+CASES = {name: (name, SMALL.get(name, Options())) for name in SCENARIOS} | {
+    FALLING: ("corrected", Options(points=120, law=law_text(_RAIL)))
 }
 NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
 
@@ -42,47 +69,58 @@ quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimizati
 #: Methods that know no box: what they find is what the sums say.
 UNBOUNDED = ("ls-kiencke", "rls-kiencke", "rls-kiencke-variable")
 
-#: Mask and mostly slip are shared by all runs: one program serves every scenario of a size, and
-#: the variants of a method that differ in numbers alone.
-SHARED = Record(None, 0, None, None, {})
-OWN_SLIP = Record(0, 0, None, None, {})
-
 
 def draw(scenario, key):
     return scenario.draw(key)
 
 
-def identify_jit(axes):
-    return quick_jit(jax.vmap(identify, in_axes=(None, None, axes, 0)))
+class Programs:
+    """To draw and to identify runs whose records differ along these axes.
+
+    One program serves every scenario of a size, and the variants of a method that differ in
+    numbers alone.
+    """
+
+    def __init__(self, axes):
+        self.draw = quick_jit(jax.vmap(draw, (None, 0), axes))
+        self.identify = quick_jit(jax.vmap(identify, in_axes=(None, None, axes, 0)))
 
 
-def draw_jit(axes):
-    return quick_jit(jax.vmap(draw, (None, 0), axes))
+_MADE = {}
 
 
-identify_batch, draw_batch = identify_jit(SHARED), draw_jit(SHARED)
-identify_own_slip, draw_own_slip = identify_jit(OWN_SLIP), draw_jit(OWN_SLIP)
+def programs(axes):
+    """Made once: axes cannot be hashed, their text can."""
+    return _MADE.setdefault(str(axes), Programs(axes))
 
 
 def identified(identifier, scenario, runs=RUNS, seed=0, solver_seed=7):
     """The records and estimates of some runs, as a campaign asks for them."""
     keys = jax.random.split(jax.random.key(seed), runs)
     solver_keys = jax.random.split(jax.random.key(solver_seed), runs)
-    shared = scenario.run_axes == SHARED
-    assert shared or scenario.run_axes == OWN_SLIP
-    records = (draw_batch if shared else draw_own_slip)(scenario, keys)
-    batch = identify_batch if shared else identify_own_slip
-    return records, batch(identifier, scenario.known, records, solver_keys)
+    batch = programs(scenario.run_axes)
+    records = batch.draw(scenario, keys)
+    return records, batch.identify(identifier, scenario.known, records, solver_keys)
 
 
-def accepts(name, scenario_name):
-    return IDENTIFIERS[name].accepts(SCENARIOS[scenario_name](SMALL[scenario_name])) is None
+@functools.cache
+def scenario_of(case):
+    name, options = CASES[case]
+    return SCENARIOS[name](options)
 
 
-PAIRS = [(name, other) for other in SMALL for name in CURVE_METHODS if accepts(name, other)]
+def accepts(name, case):
+    return IDENTIFIERS[name].accepts(scenario_of(case).known) is None
 
-#: Where a rail drifts, or has another curve, no curve is the truth of a block.
-HAVE_TRUTH = [pair for pair in PAIRS if not pair[1].startswith(("drift", "mismatch"))]
+
+PAIRS = [(name, case) for case in CASES for name in IDENTIFIERS if accepts(name, case)]
+CURVE_PAIRS = [pair for pair in PAIRS if pair[0] in CURVE_METHODS]
+
+#: Where a rail drifts, has another curve or an effect on it, no curve is the truth of a block.
+HAVE_TRUTH = [p for p in CURVE_PAIRS if not p[1].startswith(("drift", "mismatch", "corrected"))]
+
+#: Methods that take whole blocks; the others take one sample after the other.
+BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
 
 #: A short scenario that each method takes.
 HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
@@ -90,8 +128,8 @@ HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CU
 
 @functools.cache
 def small(identifier, scenario_name):
-    scenario = SCENARIOS[scenario_name](SMALL[scenario_name])
-    assert IDENTIFIERS[identifier].accepts(scenario) is None
+    scenario = scenario_of(scenario_name)
+    assert IDENTIFIERS[identifier].accepts(scenario.known) is None
     return scenario, *identified(IDENTIFIERS[identifier], scenario)
 
 
@@ -100,30 +138,53 @@ def parameters_of(estimate):
     return np.stack([estimate.values[name] for name in names], axis=-1)
 
 
-def law(parameters, slip, a0=40.0):
-    """Adhesion without the package: Burckhardt's three parameters or Kiencke's two."""
+def law(parameters, slip, a0=40.0, speed=None):
+    """Adhesion without the package: Kiencke's two parameters, Burckhardt's three, Polach's five."""
     if parameters.shape[-1] == 2:
         p1, p2 = np.moveaxis(parameters[..., None], -2, 0)
         return a0 * slip / (1 + p1 * slip + p2 * slip**2)
+    if parameters.shape[-1] == 5:
+        mu0, a, b, stiffness, k_s = np.moveaxis(parameters[..., None], -2, 0)
+        friction = mu0 * ((1 - a) * np.exp(-b * slip * speed) + a)
+        e = np.pi * stiffness * slip / (4 * friction)
+        return 2 * friction / np.pi * (e / (1 + e**2) + np.arctan(k_s * e))
     c1, c2, c3 = np.moveaxis(parameters[..., None], -2, 0)
     return c1 * (1 - np.exp(-c2 * slip)) - c3 * slip
 
 
-def peak_slip(parameters):
+def peak_slip(parameters, speed=None):
     """The slip of the peak, or the largest one where the curve still rises there."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if parameters.shape[-1] == 2:
             slip = parameters[..., 1] ** -0.5
+        elif parameters.shape[-1] == 5:
+            slip = np.array([searched_peak(p, speed) for p in parameters.reshape(-1, 5)])
+            slip = slip.reshape(parameters.shape[:-1])
         else:
             c1, c2, c3 = np.moveaxis(parameters, -1, 0)
             slip = np.log(c1 * c2 / c3) / c2
     return np.where(np.isfinite(slip), np.clip(slip, 0, 1), 1.0)
 
 
+def searched_peak(parameters, speed):
+    """By scipy, about the best of a fine grid."""
+    grid = np.concatenate([[0.0], np.logspace(-5, 0, 2001)])
+    best = np.argmax(law(parameters, grid, speed=speed))
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+    found = minimize_scalar(
+        lambda slip: -law(parameters, np.array([slip]), speed=speed)[0],
+        bounds=ends,
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    return 1.0 if best == grid.size - 1 else found.x
+
+
 def raw_sum_of_squares(parameters, records, a0=40.0):
     """sum (z - f)^2 over the points that are there, [runs, blocks], without the package."""
     slip, mask = np.asarray(records.slip), np.asarray(records.mask)
-    misfit = np.asarray(records.adhesion) - law(parameters, slip, a0)
+    speed = records.conditions.get("vehicle_speed_mps")
+    misfit = np.asarray(records.adhesion) - law(parameters, slip, a0, speed)
     return np.sum(np.where(mask, misfit, 0.0) ** 2, axis=-1)
 
 
@@ -131,42 +192,35 @@ def signature(estimate):
     return jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), estimate)
 
 
-@pytest.mark.parametrize(("name", "scenario_name"), PAIRS)
-def test_every_identifier_keeps_the_contract_on_every_scenario(name, scenario_name):
-    scenario, records, estimate = small(name, scenario_name)
-    peers = ("ml-exact", "ls-kiencke", "rls-kiencke")
-    peer = next(other for other in peers if accepts(other, scenario_name))
-    _, _, other = small(peer, scenario_name)
-    shape = (RUNS, len(scenario.rails))
-    names = (*scenario.known.curve.free, "mu_max", "slip_opt")
+def test_every_identifier_accepts_a_case_and_every_case_has_an_identifier():
+    assert {name for name, _ in PAIRS} == set(IDENTIFIERS)
+    assert {case for _, case in PAIRS} == set(CASES)
 
+
+@pytest.mark.parametrize(("name", "case"), PAIRS)
+def test_every_identifier_keeps_the_contract_on_every_scenario(name, case):
+    scenario, _, estimate = small(name, case)
+    peers = ("lm-jaxopt", "rls-kiencke", "rls-slope")
+    peer = next(other for other in peers if accepts(other, case))
+    known, shape = scenario.known, (RUNS, len(scenario.rails))
+    names = known.asked if name == "rls-slope" else (*known.curve.free, "mu_max", "slip_opt")
+
+    assert set(known.asked) <= set(names)
+    assert set(scenario.quantities()) <= set(names)
     assert tuple(estimate.values) == names
-    assert signature(estimate) == signature(other)
+    assert signature(estimate) == signature(small(peer, case)[2])
     assert {leaf.shape for leaf in estimate.values.values()} == {shape}
     assert estimate.covariance.shape == (*shape, len(names), len(names))
     assert estimate.status.shape == estimate.objective.shape == estimate.evaluations.shape == shape
     assert estimate.objective.dtype == jnp.float64
     assert set(np.unique(estimate.status)) <= {int(status) for status in Status}
     assert np.all(estimate.evaluations > 0)
+    np.testing.assert_array_equal(estimate.skipped, 0)
+    if not IDENTIFIERS[name].RESETS:
+        assert not np.any(estimate.reset)
 
-    parameters = parameters_of(estimate)
     for value in (*estimate.values.values(), estimate.objective):
         assert np.all(np.isfinite(value))
-    lower, upper = np.asarray(scenario.known.lower), np.asarray(scenario.known.upper)
-    if name not in UNBOUNDED:
-        assert np.all(parameters >= lower - 1e-14 * np.abs(lower))
-        assert np.all(parameters <= upper * (1 + 1e-14))
-    peak = peak_slip(parameters)
-    np.testing.assert_allclose(estimate.values["slip_opt"], peak, rtol=1e-9)
-    a0 = getattr(scenario.known.curve, "a0", None)
-    top = law(parameters, peak[..., None], a0)[..., 0]
-    np.testing.assert_allclose(estimate.values["mu_max"], top, rtol=1e-9)
-
-    objective = np.asarray(estimate.objective)
-    np.testing.assert_allclose(objective, raw_sum_of_squares(parameters, records, a0), rtol=1e-9)
-    if peer == "ml-exact":
-        assert np.all(objective >= np.asarray(other.objective) - 1e-6 * scenario.sigma**2)
-
     covariance = np.asarray(estimate.covariance)
     assert np.all(np.isfinite(covariance))
     deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
@@ -176,6 +230,30 @@ def test_every_identifier_keeps_the_contract_on_every_scenario(name, scenario_na
     correlation = np.divide(covariance, product, np.zeros_like(covariance), where=product > 0)
     np.testing.assert_allclose(correlation, np.swapaxes(correlation, -1, -2), atol=1e-6)
     assert np.all(np.abs(correlation) <= 1 + 1e-6)
+
+
+@pytest.mark.parametrize(("name", "case"), CURVE_PAIRS)
+def test_values_objective_and_status_are_those_of_the_curve_that_was_found(name, case):
+    scenario, records, estimate = small(name, case)
+    known, parameters = scenario.known, parameters_of(estimate)
+    lower, upper = np.asarray(known.lower), np.asarray(known.upper)
+    if name not in UNBOUNDED:
+        assert np.all(parameters >= lower - 1e-14 * np.abs(lower))
+        assert np.all(parameters <= upper * (1 + 1e-14))
+
+    # The middle of the speeds, which `Known` asks for where the curve needs one.
+    a0, speed = getattr(known.curve, "a0", None), 20.0
+    peak = peak_slip(parameters, speed)
+    within = 1e-9 if case != FALLING else 1e-4  # a flat top hides the place of a peak
+    np.testing.assert_allclose(estimate.values["slip_opt"], peak, rtol=within)
+    top = law(parameters, peak[..., None], a0, speed)[..., 0]
+    np.testing.assert_allclose(estimate.values["mu_max"], top, rtol=1e-9)
+
+    objective = np.asarray(estimate.objective)
+    np.testing.assert_allclose(objective, raw_sum_of_squares(parameters, records, a0), rtol=1e-9)
+    if accepts("ml-exact", case):
+        optimum = np.asarray(small("ml-exact", case)[2].objective)
+        assert np.all(objective >= optimum - 1e-6 * scenario.sigma**2)
 
     on_box = np.any(
         (parameters <= lower + 1e-4 * (upper - lower))
@@ -200,46 +278,84 @@ def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     assert same == (name not in EVOLUTION)  # only a random search has a randomness of its own
 
 
-@pytest.mark.parametrize(("name", "scenario_name"), HAVE_TRUTH)
-def test_data_without_any_noise_give_the_truth_back(name, scenario_name):
-    options = dataclasses.replace(SMALL[scenario_name], sigma=0.0)
-    scenario = SCENARIOS[scenario_name](options)
+#: Shares of searches without noise that find the truth, over some thousands of runs, on dry, common
+#: and wet rail. A population may collapse before it arrives, most of all one that starts far away
+#: (Eq. 16 alone, dry rail); the repaired variant is slow on the wet rail rather than wrong.
+MEASURED = {
+    "ml-de": (0.9868, 0.9836, 0.8066),
+    "ml-de-eq16": (0.3252, 0.9800, 0.8337),
+    "ml-de-eq17": (0.9971, 0.9998, 0.8018),
+    "ml-de-he2018": (0.9766, 0.9990, 0.8958),
+    "ml-de-robust": (1.0, 1.0, 0.9229),
+}
+
+#: The same of Gauss-Newton, which has no safeguard, on the random slips of `qian2024`.
+GAUSS_NEWTON = {"gn-jaxopt": 0.8745, "gn-optimistix": 0.8628}
+
+#: What finds the truth in every run.
+SURE = [
+    (name, case)
+    for name, case in HAVE_TRUTH
+    if name not in EVOLUTION and (name not in GAUSS_NEWTON or case != "qian2024")
+]
+
+
+def found_the_truth(estimate, scenario):
+    """Whether all parameters are within 1e-4 of the truth, [runs, blocks]."""
+    truth = scenario.quantities()
+    expected = np.stack([truth[name] for name in scenario.known.curve.free], axis=-1)
+    return np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
+
+
+@pytest.mark.parametrize(("name", "case"), SURE)
+def test_data_without_any_noise_give_the_truth_back(name, case):
+    scenario_name, options = CASES[case]
+    scenario = SCENARIOS[scenario_name](dataclasses.replace(options, sigma=0.0))
     records, estimate = identified(IDENTIFIERS[name], scenario)
-    true = scenario.quantities()
-    expected = np.stack([true[name] for name in scenario.known.curve.free], axis=-1)
-    right = np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
-    status = np.asarray(estimate.status)
-    # Of a growing sequence the whole: the first few points hardly show c3. Of a stream the first
-    # rail: how soon the second one is found is another question.
+    right = found_the_truth(estimate, scenario)
+    # Where a sequence grows, all of it: the first few points hardly show c3. On a stream, the
+    # first rail: how soon the second one is found is another question.
     whole = np.all(np.broadcast_to(records.mask, records.adhesion.shape), axis=-1)
-    whole &= np.array(scenario.rails) == scenario.rails[0] if scenario.by_sample else True
-    if name not in EVOLUTION:
-        assert np.all((right | (status != Status.TRUSTED))[whole])
-    # He's variants miss the optimum in some of the searches, most of all from a start far away
-    # (Eq. 16 alone); how often is measured with the claims. Gauss-Newton has no safeguard.
-    least = 0.25 if name in EVOLUTION else 0.7 if name.startswith("gn") else 1.0
-    assert np.mean(right[whole]) >= (0.9 if name == "ml-de-robust" else least)
+    whole &= np.array(scenario.rails) == scenario.rails[0] if scenario.known.by_sample else True
+    assert np.all(right[whole])
+    assert np.all((right | (np.asarray(estimate.status) != Status.TRUSTED))[whole])
 
 
-@pytest.mark.parametrize("name", CURVE_METHODS)
-def test_with_hardly_any_noise_every_rail_is_recovered_or_the_status_says_why_not(name):
-    recovered = []
+def assert_share(right, rate):
+    """As many as the rate makes probable, neither fewer nor more: 1e-4 in either tail."""
+    low, high = stats.binom.ppf([1e-4, 1 - 1e-4], right.size, rate)
+    assert low <= np.sum(right) <= high
+
+
+@pytest.mark.parametrize(("place", "rail"), list(enumerate(("dry", "common", "wet"))))
+@pytest.mark.parametrize("name", EVOLUTION)
+def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, place, rail):
+    scenario = SCENARIOS["single"](Options(rail=rail, sigma=1e-9, points=120))
+    _, estimate = identified(IDENTIFIERS[name], scenario, runs=256)
+    right = found_the_truth(estimate, scenario)
+    assert_share(right, MEASURED[name][place])
+    if name in ("ml-de-eq17", "ml-de-he2018", "ml-de-robust"):
+        assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
+
+
+def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
+    scenario = SCENARIOS["qian2024"](Options(points=120, sigma=0.0))
+    for name, rate in GAUSS_NEWTON.items():
+        _, estimate = identified(IDENTIFIERS[name], scenario, runs=256)
+        right = found_the_truth(estimate, scenario)
+        assert_share(right[:, -1], rate)
+        assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
+
+
+@pytest.mark.parametrize("name", [name for name in CURVE_METHODS if name not in EVOLUTION])
+def test_with_hardly_any_noise_every_rail_is_recovered(name):
     for rail in ("dry", "common", "wet"):
         scenario = SCENARIOS[HOME[name]](Options(rail=rail, sigma=1e-9, points=120))
         _, estimate = identified(IDENTIFIERS[name], scenario)
-        expected = np.asarray(free_values(scenario.truth[-1]))
-        right = np.all(np.abs(parameters_of(estimate)[:, -1] / expected - 1) < 1e-4, axis=-1)
-        status = np.asarray(estimate.status[:, -1])
-        if name not in EVOLUTION or name == "ml-de-robust":
-            assert np.all(right | (status != Status.TRUSTED)), rail
-        recovered.append(right)
-    # A population may collapse before it arrives: He's variants do in some per cent of the runs,
-    # and cannot know it. The repaired one is slow rather than wrong.
-    everywhere = not name.startswith(("ml-de", "gn"))
-    assert np.mean(recovered) >= (1.0 if everywhere else 0.7), recovered
+        assert np.all(found_the_truth(estimate, scenario)[:, -1]), rail
 
 
-@pytest.mark.parametrize("scenario_name", [s for n, s in PAIRS if n == "ml-exact"])
+@pytest.mark.parametrize("scenario_name", [case for name, case in PAIRS if name == "ml-exact"])
 def test_no_perturbation_inside_the_box_improves_the_exact_optimum(scenario_name):
     scenario, records, estimate = small("ml-exact", scenario_name)
     lower, upper = np.asarray(scenario.known.lower), np.asarray(scenario.known.upper)
@@ -350,7 +466,7 @@ def fit_to(identifier, known, slip, adhesion):
     every = jnp.ones(slip.shape, dtype=bool)
     record = Record(slip, adhesion, every, every, {})
     keys = jax.random.split(jax.random.key(0), RUNS)
-    estimate = identify_batch(identifier, known, record, keys)
+    estimate = programs(SHARED_SLIP).identify(identifier, known, record, keys)
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0, 0], estimate)
 
 
@@ -385,19 +501,59 @@ def test_the_status_says_why_an_estimate_cannot_be_trusted(name):
     assert on_box == Status.ON_BOX or (on_box == Status.NOT_CONVERGED and name in GRADIENT)
 
 
-@pytest.mark.parametrize("name", CURVE_METHODS)
-def test_data_that_are_not_numbers_are_never_trusted(name):
-    adhesion = np.full(SLIP.size, 0.3)
-    adhesion[17] = np.nan
-    known = WIDE if HOME[name] == "single" else KIENCKE
-    estimate = fit_to(IDENTIFIERS[name], known, SLIP, adhesion)
-    assert all(np.isfinite(value) for value in estimate.values.values())
-    assert Status(int(estimate.status)) not in (Status.TRUSTED, Status.ON_BOX)
+@pytest.mark.parametrize("name", BATCH)
+def test_a_block_that_is_not_finite_is_left_out_and_the_next_one_is_not_touched_by_it(name):
+    case = "he2018-blocks" if accepts(name, "he2018-blocks") else "qian2024"
+    scenario, records, plain = small(name, case)
+    spoiled = records._replace(adhesion=records.adhesion.at[:, 1, 17].set(jnp.nan))
+    keys = jax.random.split(jax.random.key(7), RUNS)
+    batch = programs(scenario.run_axes)
+    estimate = batch.identify(IDENTIFIERS[name], scenario.known, spoiled, keys)
+    assert np.all(np.asarray(estimate.status)[:, 1] == Status.NOT_FINITE)
+    np.testing.assert_array_equal(estimate.skipped[:, 1], np.sum(np.asarray(records.mask)[1]))
+    for value, other in zip(estimate.values.values(), plain.values.values(), strict=True):
+        np.testing.assert_array_equal(value[:, 0], other[:, 0])
+        np.testing.assert_array_equal(value[:, 1], value[:, 0])
+        assert np.all(np.isfinite(value))
+    np.testing.assert_array_equal(np.delete(estimate.skipped, 1, axis=1), 0)
+    if case == "he2018-blocks":  # no point of the next block is one of the block before
+        assert np.all(np.asarray(estimate.status)[:, 2] != Status.NOT_FINITE)
 
 
-def test_statuses_are_sentences_and_the_graver_has_the_higher_code():
-    assert [int(s) for s in sorted(Status, reverse=True)] == [5, 4, 3, 2, 1, 0]
-    assert Status(0) is Status.TRUSTED
+@pytest.mark.parametrize("name", BATCH)
+def test_a_record_without_points_tells_nothing(name):
+    case = "he2018-blocks" if accepts(name, "he2018-blocks") else "qian2024"
+    scenario, records, _ = small(name, case)
+    none = jnp.zeros_like(records.mask)
+    keys = jax.random.split(jax.random.key(7), RUNS)
+    estimate = programs(scenario.run_axes).identify(
+        IDENTIFIERS[name], scenario.known, records._replace(mask=none, fresh=none), keys
+    )
+    assert all(np.all(np.isfinite(value)) for value in estimate.values.values())
+    assert not np.any(np.isin(estimate.status, (Status.TRUSTED, Status.ON_BOX)))
+
+
+def test_of_two_reasons_the_graver_one_is_told():
+    """The peak at slip 2.5 lies beyond the largest slip asked for, and c3 on its bound."""
+    adhesion = 0.6 * (1 - np.exp(-1.5 * SLIP)) - 0.02 * SLIP
+    held = Known(WIDE.curve, jnp.array([0.01, 0.2, 0.03]), WIDE.upper)
+    free = Known(WIDE.curve, WIDE.lower, WIDE.upper, slip_limit=3.0)
+    both = Known(WIDE.curve, jnp.array([0.01, 0.2, 0.03]), WIDE.upper, slip_limit=3.0)
+    found = {
+        name: fit_to(IDENTIFIERS["ml-exact"], known, SLIP, adhesion)
+        for name, known in (("no peak, on box", held), ("neither", free), ("on box", both))
+    }
+    assert found["no peak, on box"].values["c3"] == pytest.approx(0.03)
+    assert found["on box"].values["c3"] == pytest.approx(0.03)
+    assert {name: Status(int(e.status)) for name, e in found.items()} == {
+        "no peak, on box": Status.NO_PEAK,
+        "neither": Status.TRUSTED,
+        "on box": Status.ON_BOX,
+    }
+    assert found["neither"].values["slip_opt"] == pytest.approx(np.log(0.6 * 1.5 / 0.02) / 1.5)
+
+
+def test_statuses_are_sentences():
     for status in Status:
         assert status.sentence.endswith(".")
     assert len({status.sentence for status in Status}) == len(Status)
@@ -407,14 +563,14 @@ def test_statuses_are_sentences_and_the_graver_has_the_higher_code():
 def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
     truth = Kiencke(a0=40.0, p1=31.29, p2=100.0)
     scenario = Blocks(("dry",), 0.001, 0.0, jnp.linspace(0.0, 0.2, 100), (truth,), KIENCKE)
-    reason = IDENTIFIERS[name].accepts(scenario)
+    reason = IDENTIFIERS[name].accepts(scenario.known)
     if name.startswith("ml"):
         assert reason is not None
         assert "Burckhardt" in reason
         return
     if name not in GRADIENT:  # the conformance test runs it
         assert reason is None
-        assert "Kiencke" in IDENTIFIERS[name].accepts(SCENARIOS["single"](Options()))
+        assert "Kiencke" in IDENTIFIERS[name].accepts(SCENARIOS["single"](Options()).known)
         return
     assert reason is None
     if name.startswith("gn"):
@@ -433,12 +589,6 @@ def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
 def test_a_known_parameter_makes_the_methods_of_three_unknowns_decline():
     curve = Burckhardt(c1=0.5, c2=30.0, c3=0.08, free=("c1", "c2"))
     known = Known(curve, jnp.array([0.1, 10.0]), jnp.array([1.0, 50.0]))
-    truth = (Burckhardt(c1=0.8, c2=40.0, c3=0.08),)
-    scenario = Blocks(("dry",), 0.01, 0.0, jnp.linspace(0.0, 0.2, 100), truth, known)
-    assert IDENTIFIERS["ml-exact"].accepts(scenario) is not None
-    assert IDENTIFIERS["ml-de"].accepts(scenario) is not None
-    assert IDENTIFIERS["lm-optimistix"].accepts(scenario) is None
-
-
-def test_ablations_are_identifiers():
-    assert set(ABLATIONS) < set(IDENTIFIERS)
+    assert IDENTIFIERS["ml-exact"].accepts(known) is not None
+    assert IDENTIFIERS["ml-de"].accepts(known) is not None
+    assert IDENTIFIERS["lm-optimistix"].accepts(known) is None

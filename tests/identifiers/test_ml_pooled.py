@@ -15,7 +15,7 @@ from adhesion_jax.identifiers.burckhardt_sums import burckhardt_information, bur
 from adhesion_jax.identifiers.ml_pooled import chance, penalty
 from adhesion_jax.optim.variable_projection import minimise
 from adhesion_jax.records import SHARED_SLIP, Known, Record
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
+from adhesion_jax.scenarios import SCENARIOS, Options
 from adhesion_jax.scenarios.rails import HE2018, RAILS
 
 RUNS = 16
@@ -69,7 +69,7 @@ def test_the_estimate_is_that_of_all_raw_points_since_the_last_reset(name, optio
     fresh, slip = records.fresh, records.slip
     x, y, run = np.zeros(0), np.zeros(0), 0
     for block in range(slip.shape[0]):
-        if estimate.forgetting[run, block] == 0:
+        if estimate.reset[run, block]:
             x, y = np.zeros(0), np.zeros(0)
         taken = fresh[block]
         x = np.append(x, slip[block][taken])
@@ -96,9 +96,9 @@ def test_the_estimate_is_that_of_all_raw_points_since_the_last_reset(name, optio
 
 def test_a_switch_resets_the_pool_and_nothing_else_does():
     scenario, _, estimate = pooled("he2018-blocks", Options(points=120, blocks=9))
-    expected = np.ones((RUNS, 9))
-    expected[:, [0, 3, 6]] = 0
-    np.testing.assert_array_equal(estimate.forgetting, expected)
+    expected = np.zeros((RUNS, 9), dtype=bool)
+    expected[:, [3, 6]] = True
+    np.testing.assert_array_equal(estimate.reset, expected)
     truth = scenario.quantities()["mu_max"]
     for rail in range(3):
         last = 3 * rail + 2
@@ -174,23 +174,18 @@ def test_a_block_that_is_not_finite_is_left_out_of_the_pool():
     assert np.all(np.asarray(estimate.status)[:, 2] == Status.TRUSTED)
     assert np.all(np.isfinite(estimate.values["mu_max"]))
     np.testing.assert_array_equal(estimate.values["mu_max"][:, 1], estimate.values["mu_max"][:, 0])
-    np.testing.assert_array_equal(np.asarray(estimate.forgetting)[:, :3], [[0, 1, 1]] * RUNS)
+    assert not np.any(np.asarray(estimate.reset)[:, :3])
+    np.testing.assert_array_equal(estimate.skipped, [[0, 120] + 7 * [0]] * RUNS)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1e-9])
 def test_data_with_hardly_any_noise_reset_it_at_the_switches_alone(sigma):
     scenario, _, estimate = pooled("he2018-blocks", Options(points=120, blocks=9, sigma=sigma))
-    expected = np.ones((RUNS, 9))
-    expected[:, [0, 3, 6]] = 0
-    np.testing.assert_array_equal(estimate.forgetting, expected)
+    expected = np.zeros((RUNS, 9), dtype=bool)
+    expected[:, [3, 6]] = True
+    np.testing.assert_array_equal(estimate.reset, expected)
     truth = scenario.quantities()
     for name in ("c1", "c2", "c3", "mu_max"):
         np.testing.assert_allclose(
             estimate.values[name], np.tile(truth[name], (RUNS, 1)), rtol=1e-5
         )
-
-
-def test_it_takes_what_the_exact_method_takes():
-    for name in SCENARIOS.keys() - set(NEEDS_LAW):
-        scenario = SCENARIOS[name](Options())
-        assert POOLED.accepts(scenario) == IDENTIFIERS["ml-exact"].accepts(scenario), name

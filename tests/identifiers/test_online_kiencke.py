@@ -113,7 +113,7 @@ def test_instruments_are_those_of_a_loop_in_numpy(switched):
     record, estimate = switched
     slip, adhesion = (np.asarray(x)[0] for x in (record.slip, record.adhesion))
     expected, resets = loop_of_instruments(slip, adhesion)
-    np.testing.assert_array_equal(np.flatnonzero(np.asarray(estimate.forgetting) == 0), resets)
+    np.testing.assert_array_equal(np.flatnonzero(np.asarray(estimate.reset)), resets)
     assert len(resets) == 1
     # The median deviation of a handful of residuals jumps between them, which makes a difference
     # of rounding grow at first; later estimates forget it.
@@ -156,13 +156,67 @@ def test_samples_one_by_one_give_what_records_of_many_give(name):
     np.testing.assert_array_equal(many.status, single.status[at])
 
 
-def test_slip_and_adhesion_may_change_sign_together(switched):
-    record, estimate = switched
+ONLINE = [
+    name
+    for name, method in IDENTIFIERS.items()
+    if method.accepts(SCENARIOS["qian2024-switch"](Options()).known) is None
+]
+
+
+@pytest.mark.parametrize("name", ONLINE)
+def test_braking_is_traction_with_other_signs_and_slip_zero_says_nothing_of_the_curve(name):
     scenario = SCENARIOS["qian2024-switch"](Options(points=200, outliers=0.03))
+    record = flat(scenario.draw(jax.random.key(3)))
+    at_rest = np.arange(9, 200, 10)
+    noise = 0.01 * jax.random.normal(jax.random.key(4), (at_rest.size,))
+    record = record._replace(
+        slip=record.slip.at[:, at_rest].set(0.0), adhesion=record.adhesion.at[:, at_rest].set(noise)
+    )
+    found = parameters(one_by_one(name, scenario, record, 200))
     sign = jnp.where(jnp.arange(200) % 3 == 0, -1.0, 1.0)
     turned = record._replace(slip=sign * record.slip, adhesion=sign * record.adhesion)
-    other = one_by_one("riv", scenario, turned, 200)
-    np.testing.assert_allclose(parameters(other), parameters(estimate), rtol=1e-9)
+    np.testing.assert_allclose(
+        parameters(one_by_one(name, scenario, turned, 200)), found, rtol=1e-9
+    )
+    if name != "qp-bias-compensated":  # it learns the variance of the noise from such a sample
+        np.testing.assert_allclose(found[at_rest], found[at_rest - 1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ONLINE)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_sample_that_is_not_finite_is_left_out_and_counted(name, value):
+    """The estimates are those of a stream in which there is no such sample."""
+    scenario = SCENARIOS["qian2024-switch"](Options(points=200))
+    record = scenario.draw(jax.random.key(3))
+    gap = record._replace(fresh=record.fresh.at[[2, 11], 4].set(False))
+    spoiled = record._replace(
+        adhesion=record.adhesion.at[2, 4].set(value), slip=record.slip.at[11, 4].set(value)
+    )
+    expected, found = (
+        jax.jit(identify)(IDENTIFIERS[name], scenario.known, one, jax.random.key(1))
+        for one in (gap, spoiled)
+    )
+    for quantity in found.values:
+        np.testing.assert_array_equal(found.values[quantity], expected.values[quantity])
+    np.testing.assert_array_equal(found.covariance, expected.covariance)
+    np.testing.assert_array_equal(found.status, expected.status)
+    assert np.all(np.isfinite(found.objective))
+    np.testing.assert_array_equal(np.flatnonzero(found.skipped), [2, 11])
+    np.testing.assert_array_equal(found.skipped[np.array([2, 11])], 1)
+
+
+def test_a_stop_and_a_signal_that_repeats_itself_leave_riv_as_it_was(switched):
+    record, estimate = switched
+    scenario = SCENARIOS["qian2024-switch"](Options(points=200, outliers=0.03))
+    place = np.repeat(np.arange(200), np.where(np.arange(200) == 49, 51, 1))
+    halted = jax.tree.map(lambda x: x[:, place], record)
+    repeated = one_by_one("riv", scenario, halted, 250)
+    at_rest = np.r_[50:75]
+    halted = halted._replace(slip=halted.slip.at[:, at_rest].set(0.0))
+    stopped = one_by_one("riv", scenario, halted, 250)
+    for other in (repeated, stopped):
+        np.testing.assert_array_equal(parameters(other)[100:], parameters(estimate)[50:])
+        np.testing.assert_array_equal(other.reset[100:], estimate.reset[50:])
 
 
 @functools.cache

@@ -7,35 +7,39 @@ import pytest
 
 from adhesion_jax.campaign.config import Config, main_job
 from adhesion_jax.errors import InputError
-from adhesion_jax.metrics.tracking import Course, start_tracking, track, tracking_row
+from adhesion_jax.metrics.tracking import BY_BLOCK, BY_SAMPLE, Tracker, tracking_row
 
 DRY, COMMON = 0.8, 0.3
 
 
-def followed(course, values, factors):
-    """What is seen of one run: mu_max and forgetting factor of each step, [blocks, steps]."""
+def followed(tracker, values, resets):
+    """What is seen of one run: mu_max of each step and whether it is a reset, [blocks, steps]."""
 
     def step(seen, now):
-        return track(course, seen, *now), None
+        block, mu_max, reset = now
+        return tracker.update(seen, block, {"mu_max": mu_max}, reset), None
 
     blocks = jnp.repeat(jnp.arange(len(values)), values.shape[1])
-    steps = (blocks, jnp.asarray(values.ravel()), jnp.asarray(factors.ravel()))
-    return jax.jit(lambda: jax.lax.scan(step, start_tracking(course), steps)[0])()
+    steps = (blocks, jnp.asarray(values.ravel()), jnp.asarray(resets.ravel()))
+    return jax.jit(lambda: jax.lax.scan(step, tracker.init(), steps)[0])()
 
 
-def stream(after, factors_after=None):
-    """A stream of 100 samples on dry rail, tracked from the first, then these on common rail."""
-    course = Course.of(["dry"] * 10 + ["common"] * 10, np.repeat([DRY, COMMON], 10), True)
+def stream(after, resets_after=(), has_resets=True):
+    """A stream of 100 samples on dry rail, tracked from the first, then these on common rail.
+
+    `resets_after` are the samples on the common rail at which there is a reset.
+    """
+    rails, truth = ["dry"] * 10 + ["common"] * 10, np.repeat([DRY, COMMON], 10)
+    tracker = Tracker.of(rails, truth, BY_SAMPLE, has_resets)
     values = np.concatenate([np.full(100, DRY), after]).reshape(20, 10)
-    factors = np.ones((20, 10))
-    if factors_after is not None:
-        factors[10:] = np.reshape(factors_after, (10, 10))
-    return followed(course, values, factors)
+    resets = np.zeros(200, dtype=bool)
+    resets[100 + np.array(resets_after, dtype=int)] = True
+    return followed(tracker, values, resets.reshape(20, 10))
 
 
-def rows_of(seen, stretch, by_sample=True):
+def rows_of(seen, stretch, unit="sample"):
     runs = jax.tree.map(lambda x: np.stack([x, x]), seen)
-    return tracking_row(runs, stretch, by_sample)
+    return tracking_row(runs, stretch, unit)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 7, 37, 90])
@@ -72,13 +76,10 @@ def test_overshoot_is_the_furthest_beyond_the_truth_seen_from_the_rail_before():
 
 
 def test_a_reset_within_twenty_samples_answers_a_switch_and_a_later_one_is_false():
-    factors = np.ones(100)
-    factors[[19, 20, 60]] = 0
-    row = rows_of(stream(np.full(100, COMMON), factors), 1)
+    row = rows_of(stream(np.full(100, COMMON), [19, 20, 60]), 1)
     assert row["missed_share"] == 0
     assert row["false_resets_per_1000"] == pytest.approx(1000 * 2 / 100)
-    factors[19] = 1
-    assert rows_of(stream(np.full(100, COMMON), factors), 1)["missed_share"] == 1
+    assert rows_of(stream(np.full(100, COMMON), [20, 60]), 1)["missed_share"] == 1
 
 
 def test_a_method_that_never_answers_has_missed_the_switch():
@@ -87,25 +88,23 @@ def test_a_method_that_never_answers_has_missed_the_switch():
     assert row["false_resets_per_1000"] == 0
 
 
-@pytest.mark.parametrize("factor", [0.99, np.nan])
-def test_resets_are_not_asked_of_a_method_that_discounts_or_has_no_past(factor):
-    row = rows_of(stream(np.full(100, COMMON), np.full(100, factor)), 1)
+def test_a_method_without_resets_has_missed_none_and_made_no_false_ones():
+    row = rows_of(stream(np.full(100, COMMON), has_resets=False), 1)
     assert np.isnan(row["missed_share"])
     assert np.isnan(row["false_resets_per_1000"])
 
 
 def test_blocks_are_counted_one_by_one():
     rails = ["dry"] * 3 + ["common"] * 4
-    course = Course.of(rails, np.repeat([DRY, COMMON], [3, 4]), False)
+    tracker = Tracker.of(rails, np.repeat([DRY, COMMON], [3, 4]), BY_BLOCK, True)
     values = np.array([DRY, DRY, DRY, DRY, DRY, COMMON, COMMON])[:, None]
-    factors = np.array([0.0, 1, 1, 0, 0, 1, 1])[:, None]
-    seen = followed(course, values, factors)
-    row = rows_of(seen, 1, by_sample=False)
+    resets = np.array([0, 0, 0, 1, 1, 0, 0], dtype=bool)[:, None]
+    seen = followed(tracker, values, resets)
+    row = rows_of(seen, 1, "block")
     assert row["delay_mean"] == 2
     assert row["missed_share"] == 0
     assert row["false_resets_per_1000"] == pytest.approx(1000 / 4)
-    # The first block of a run is not a reset.
-    assert rows_of(seen, 0, by_sample=False)["false_resets_per_1000"] == 0
+    assert rows_of(seen, 0, "block")["false_resets_per_1000"] == 0
 
 
 def test_identifiers_that_nothing_in_the_main_job_takes_are_named():

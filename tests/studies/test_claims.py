@@ -316,7 +316,7 @@ def test_bound_of_a_padded_block_is_that_of_the_block_alone():
     scenario = build_scenario(Config("single"))
     record = scenario.draw(jax.random.key(0))
     expected = cramer_rao_bound(
-        scenario.truth[0], record.slip[0], record.mask[0], {}, scenario.sigma
+        scenario.truth[0], record.slip[0], record.mask[0], {}, scenario.sigma, scenario.known
     )
     rows = sized().query("points == 500")
     np.testing.assert_allclose(rows["crlb"], expected, rtol=1e-12)

@@ -35,12 +35,13 @@ RUNS = 128  # one tile: in this process, no workers
 class Wrapped(Identifier):
     """A method in the place of another."""
 
-    fits_last_record: ClassVar[bool] = True
+    FITS_LAST_RECORD: ClassVar[bool] = True
+    RESETS: ClassVar[bool] = False
 
     inner: Identifier
 
-    def accepts(self, scenario):
-        return self.inner.accepts(scenario)
+    def accepts(self, known):
+        return self.inner.accepts(known)
 
     def init(self, known, key):
         return self.inner.init(known, key)
@@ -253,7 +254,7 @@ def test_every_identifier_has_a_home_and_reaches_a_worker_as_it_is():
 
 def test_a_method_without_a_scenario_is_refused():
     class Nowhere(Wrapped):
-        def accepts(self, scenario):
+        def accepts(self, known):
             return "it is for nothing"
 
     with pytest.raises(InputError, match="nowhere accepts none"):

@@ -28,7 +28,9 @@ def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
     built = [(place, build_scenario(place)) for place in places]
     found = {}
     for name, identifier in identifiers.items():
-        accepted = [place for place, scenario in built if identifier.accepts(scenario) is None]
+        accepted = [
+            place for place, scenario in built if identifier.accepts(scenario.known) is None
+        ]
         if not accepted:
             raise InputError(f"identifier {name} accepts none of the scenarios.")
         found[name] = accepted[0]

@@ -95,14 +95,14 @@ def consistency_table(
         return tile(noise_keys(seed, "claims-consistency", chosen))
 
     estimates = over_runs(runs, of_tile, partial(progress, "consistency"))
-    truth = np.asarray(quantities(curve))
+    truth = np.asarray(quantities(curve, known))
     free = estimates[..., : len(known.curve.free)]
     on_box = np.asarray(on_bound(jnp.asarray(free), known.lower, known.upper)).any(axis=-1)
     moments = Moments.of(
         {"squared_error": (estimates - truth) ** 2, "on_box": on_box.astype(float)}
     )
     rmse = np.sqrt(moments.mean("squared_error"))
-    bounds = jax.vmap(lambda slip, mask: cramer_rao_bound(curve, slip, mask, {}, sigma))
+    bounds = jax.vmap(lambda slip, mask: cramer_rao_bound(curve, slip, mask, {}, sigma, known))
     names = quantity_names(known.curve)
     return pd.DataFrame(
         {
