@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Identifier
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options, Scenario
+from adhesion_jax.scenarios import SCENARIOS, Options, Scenario, build
 
 #: What runs when no scenario is named: curves identified block by block, and a stream.
 MAIN_JOB = ("he2018-blocks", "qian2024-switch")
@@ -29,11 +29,7 @@ def build_scenario(config: Config) -> Scenario:
         raise InputError(
             f"--scenario {config.scenario} is unknown; the scenarios are {', '.join(SCENARIOS)}."
         )
-    if config.options.law is not None and config.scenario not in NEEDS_LAW:
-        raise InputError(
-            f"--law does not go with --scenario {config.scenario}, but with {', '.join(NEEDS_LAW)}."
-        )
-    return SCENARIOS[config.scenario](config.options)
+    return build(config.scenario, config.options)
 
 
 def choose_identifiers(
@@ -59,8 +55,8 @@ def choose_identifiers(
 def main_job(config: Config) -> list[Config]:
     """The configurations of `MAIN_JOB` that take the options and the identifiers of `config`.
 
-    A scenario whom an option does not suit is left out, and an identifier where it is not
-    accepted; InputError where nothing is left of them.
+    Scenarios that do not support one of the options are skipped, and so are identifiers that a
+    scenario rejects. InputError if nothing remains.
     """
     _refuse_unknown(config, IDENTIFIERS)
     parts, refusals = [], []

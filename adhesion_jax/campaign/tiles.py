@@ -22,7 +22,7 @@ from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
 from adhesion_jax.runtime import shared_program
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import Options, build
 
 TILE = 128
 
@@ -75,7 +75,7 @@ def identify_tile(config: Config, tile: int, name: str, method: Identifier) -> T
 
 @lru_cache
 def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]], Record]:
-    scenario = SCENARIOS[scenario_name](options)
+    scenario = build(scenario_name, options)
     return jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))
 
 
@@ -83,7 +83,7 @@ def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]
 def _bound(
     scenario_name: str, options: Options
 ) -> Callable[[Record], Float[Array, "runs blocks values"]]:
-    scenario = SCENARIOS[scenario_name](options)
+    scenario = build(scenario_name, options)
     return jax.jit(jax.vmap(scenario.bound, in_axes=(scenario.run_axes,), axis_size=TILE))
 
 
@@ -106,7 +106,7 @@ def _compiled(
     leaves, structure = jax.tree.flatten(arguments)
 
     def make() -> jax.stages.Compiled:
-        scenario = SCENARIOS[scenario_name](options)
+        scenario = build(scenario_name, options)
         mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
         criteria = criteria_of(scenario.known)
         in_axes = (None, None, scenario.run_axes, 0, None)

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -33,6 +33,7 @@ from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, tracking_text
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario
 from adhesion_jax.scenarios.growing import GrowingSequence
+from adhesion_jax.scenarios.options import Declared, declared
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.scenarios.stream import Stream
 
@@ -71,30 +72,38 @@ class Job(NamedTuple):
         return Job(config.scenario, scenario, choose_identifiers(config, scenario))
 
 
+def scenario_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with an option for every argument that some scenario takes."""
+    known: dict[str, Declared] = {}
+    takers: dict[str, list[str]] = {}
+    for scenario, build in SCENARIOS.items():
+        for name, one in declared(build).items():
+            known.setdefault(name, one)
+            takers.setdefault(name, []).append(scenario)
+    for name, one in reversed(known.items()):
+        whose = "" if len(takers[name]) == len(SCENARIOS) else f" For {', '.join(takers[name])}."
+        flag = f"--{name.replace('_', '-')}"
+        command = click.option(flag, type=_type(one), help=one.option.help + whose)(command)
+    return command
+
+
+def _type(one: Declared) -> click.ParamType | type:
+    option = one.option
+    if option.is_file:
+        return click.Path(path_type=Path)
+    if one.kind is int:
+        return click.IntRange(
+            int(option.low or 0), None if option.high is None else int(option.high)
+        )
+    if one.kind is float:
+        return FiniteRange(option.low, option.high, option.low_open, option.high_open)
+    return one.kind
+
+
 @click.command()
 @click.option("--scenario", help=f"What is identified (by default {' and '.join(MAIN_JOB)}).")
 @click.option("--identifiers", help="Names divided by commas; by default all that fit.")
-@click.option("--rail", help="Rail of a scenario that has one rail.")
-@click.option(
-    "--sigma", type=FiniteRange(min=0, max=10), help="Noise of the adhesion signal (0.01)."
-)
-@click.option("--points", type=click.IntRange(min=4, max=10**6), help="Points in a block (500).")
-@click.option(
-    "--slip-max",
-    type=FiniteRange(min=0, max=1, min_open=True),
-    help="Largest slip of the excitation.",
-)
-@click.option(
-    "--outliers",
-    type=FiniteRange(min=0, max=1, max_open=True),
-    help="Share of points with ten times the noise (0).",
-)
-@click.option("--blocks", type=click.IntRange(min=1), help="Blocks of a run.")
-@click.option(
-    "--law",
-    type=click.Path(path_type=Path),
-    help="The law.json of experiments.discover that the scenario corrected is about.",
-)
+@scenario_options
 @click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
 @click.option(
@@ -111,16 +120,10 @@ class Job(NamedTuple):
 def main(
     scenario: str | None,
     identifiers: str | None,
-    rail: str | None,
-    sigma: float | None,
-    points: int | None,
-    slip_max: float | None,
-    outliers: float | None,
-    blocks: int | None,
-    law: Path | None,
     runs: int,
     seed: int,
     out: Path,
+    **options: object,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
     asked = Config(
@@ -128,7 +131,10 @@ def main(
         if identifiers is not None
         else (),
         options=Options(
-            rail, sigma, points, slip_max, outliers, blocks, None if law is None else _text(law)
+            **{
+                name: _text(name, value) if isinstance(value, Path) else value
+                for name, value in options.items()
+            }
         ),
         runs=runs,
         seed=seed,
@@ -177,22 +183,23 @@ def main(
     click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 
-def _text(path: Path) -> str:
-    """What stands in the file of --law; InputError where it cannot be read."""
+def _text(option: str, path: Path) -> str:
+    """What stands in the file of an option; InputError where it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
         reason = error.strerror
     except UnicodeDecodeError:
         reason = "it is no text"
-    raise InputError(f"--law {path} cannot be read ({reason}); name a law.json.") from None
+    raise InputError(f"--{option} {path} cannot be read ({reason}); name another file.") from None
 
 
 def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
     """The command line, a law among the options as what it says."""
-    config = dataclasses.asdict(asked)
-    if asked.options.law is not None:
-        config["options"]["law"] = json.loads(asked.options.law)
+    options = dict(asked.options)
+    if "law" in options:
+        options["law"] = json.loads(options["law"])
+    config = {**dataclasses.asdict(replace(asked, options=Options())), "options": options}
     return {**config, "scenario": ",".join(part.scenario for part in parts)}
 
 

@@ -3,18 +3,20 @@
 from collections.abc import Callable, Mapping
 
 from adhesion_jax.scenarios.base import Group as Group
-from adhesion_jax.scenarios.base import Options as Options
 from adhesion_jax.scenarios.base import Scenario as Scenario
 from adhesion_jax.scenarios.blocks import coloured, he2018_blocks, single
 from adhesion_jax.scenarios.corrected import corrected
 from adhesion_jax.scenarios.growing import he2018_1
 from adhesion_jax.scenarios.mismatch import mismatch, mismatch_kiencke
+from adhesion_jax.scenarios.options import Options as Options
+from adhesion_jax.scenarios.options import check, declared
 from adhesion_jax.scenarios.samples import drift, qian2024_switch
 from adhesion_jax.scenarios.slope import fang2018_slope
 from adhesion_jax.scenarios.stream import qian2024
 
-#: Command-line name to the function that builds the scenario from a user's options.
-SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
+#: Command-line name to the function that builds the scenario; its arguments are the options that a
+#: user may change, with their defaults.
+SCENARIOS: Mapping[str, Callable[..., Scenario]] = {
     "single": single,
     "coloured": coloured,
     "he2018-1": he2018_1,
@@ -28,5 +30,13 @@ SCENARIOS: Mapping[str, Callable[[Options], Scenario]] = {
     "corrected": corrected,
 }
 
-#: Scenarios that cannot do without a law, and the only ones that take one.
-NEEDS_LAW = ("corrected",)
+
+def build(name: str, options: Options = Options()) -> Scenario:  # noqa: B008  (immutable)
+    """The scenario of this name with a user's options; InputError where they do not fit it."""
+    check(name, SCENARIOS[name], options)
+    return SCENARIOS[name](**options)
+
+
+def needs_options(name: str) -> bool:
+    """Whether the scenario cannot be built without something that only a user can give."""
+    return any(one.required for one in declared(SCENARIOS[name]).values())

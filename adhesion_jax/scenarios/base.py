@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -23,20 +22,6 @@ class Group(NamedTuple):
     blocks: tuple[int, ...]
     switched: int | None = None
     k: int | None = None
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a user may change about a scenario; None leaves the scenario's own default."""
-
-    rail: str | None = None
-    sigma: float | None = None
-    points: int | None = None
-    slip_max: float | None = None
-    outliers: float | None = None
-    blocks: int | None = None
-    #: What a law.json says, not where it lies: it is carried to worker processes and metadata.
-    law: str | None = None
 
 
 class Scenario(eqx.Module):

@@ -19,8 +19,9 @@ from adhesion_jax.metrics.information import (
     true_quantities,
 )
 from adhesion_jax.records import SHARED_SLIP, Known, Record
-from adhesion_jax.scenarios.base import Group, Options, Scenario
+from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise, whitened
+from adhesion_jax.scenarios.options import BlockCount, Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
 
@@ -80,57 +81,69 @@ class Blocks(Scenario):
         return {"summary": summary, "switches": switches}
 
 
-def _blocks(rails: tuple[str, ...], options: Options, lag_one: float = 0.0) -> Blocks:
+def _blocks(
+    rails: tuple[str, ...],
+    sigma: float,
+    points: int,
+    slip_max: float,
+    outliers: float,
+    lag_one: float = 0.0,
+) -> Blocks:
     return Blocks(
         rails=rails,
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip=jnp.linspace(0.0, options.slip_max or 0.2, options.points or 500),
+        sigma=sigma,
+        outliers=outliers,
+        slip=jnp.linspace(0.0, slip_max, points),
         truth=tuple(RAILS[rail] for rail in rails),
         known=HE2018,
         lag_one=lag_one,
     )
 
 
-def one_block(name: str, options: Options) -> None:
-    """InputError where a scenario of one block is asked for several."""
-    if options.blocks is not None:
-        raise InputError(f"--blocks does not go with --scenario {name}, which has one block.")
-
-
-def single(options: Options) -> Blocks:
+def single(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = 500,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Blocks:
     """One block of 500 points, slip 0 to 0.2, on one rail (dry)."""
-    one_block("single", options)
-    return _blocks((rail_named(options.rail or "dry"),), options)
+    return _blocks((rail_named(rail),), sigma, points, slip_max, outliers)
 
 
 #: Correlation of neighbours in `coloured`: that of a filter with a time constant of 4.5 samples.
 _COLOURED = 0.8
 
 
-def coloured(options: Options) -> Blocks:
+def coloured(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = 500,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Blocks:
     """As single, but neighbouring points share their noise (first-order autoregressive, 0.8).
 
     The noise of a point is as large as ever. That a method takes it as white costs it a per cent
     or two of its accuracy at most; but it believes that the points tell nine times more than
     they do, so its standard errors are a third of the true ones.
     """
-    one_block("coloured", options)
-    return _blocks((rail_named(options.rail or "dry"),), options, _COLOURED)
+    return _blocks((rail_named(rail),), sigma, points, slip_max, outliers, _COLOURED)
 
 
-def he2018_blocks(options: Options) -> Blocks:
+def he2018_blocks(
+    blocks: BlockCount = 12,
+    sigma: Sigma = 0.01,
+    points: Points = 500,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Blocks:
     """Blocks of 500 points, slip 0 to 0.2, dry, common and wet rail in turn (He Exp. 2 and 3)."""
-    if options.rail is not None:
+    if blocks < 6:
         raise InputError(
-            "--rail does not go with --scenario he2018-blocks, "
-            "which has its own rail sequence (dry, common, wet)."
-        )
-    count = 12 if options.blocks is None else options.blocks
-    if count < 6:
-        raise InputError(
-            f"--blocks {count} is too few for --scenario he2018-blocks; "
+            f"--blocks {blocks} is too few for --scenario he2018-blocks; "
             "each of its three rails needs two blocks, so at least 6."
         )
     order = tuple(RAILS)
-    return _blocks(tuple(order[3 * block // count] for block in range(count)), options)
+    rails = tuple(order[3 * block // blocks] for block in range(blocks))
+    return _blocks(rails, sigma, points, slip_max, outliers)

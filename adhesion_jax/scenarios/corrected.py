@@ -22,9 +22,9 @@ from adhesion_jax.metrics.information import (
     true_quantities,
 )
 from adhesion_jax.records import Known, Record, record_axes
-from adhesion_jax.scenarios.base import Group, Options, Scenario
-from adhesion_jax.scenarios.blocks import one_block
+from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.options import Law, Outliers, Points, Sigma, SlipMax
 
 #: Seconds from point to point.
 _STEP = 0.1
@@ -162,31 +162,29 @@ def _has_peak(known: Known) -> Bool[Array, ""]:
     return known.curve.peak(known.conditions, known.slip_limit).found
 
 
-def corrected(options: Options) -> Corrected:
+def corrected(
+    law: Law,
+    sigma: Sigma = 0.01,
+    points: Points = 500,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Corrected:
     """One block a run under a law with effects (--law), for who knows only the curve below them.
 
     InputError where the law has no peak or rests on what is not known.
     """
-    one_block("corrected", options)
-    if options.rail is not None:
-        raise InputError(
-            "--rail does not go with --scenario corrected, whose rail is that of --law."
-        )
-    if options.law is None:
-        raise InputError(
-            "--scenario corrected needs --law FILE, a law.json that experiments.discover wrote."
-        )
-    law = law_from(options.law, "the file of --law")
-    assert isinstance(law.curve, Curve)
-    lower, upper = _box(law.curve)
-    middle = {name: sum(law.ranges[name]) / 2 for name in law.curve.NEEDS if name in law.ranges}
+    truth = law_from(law, "the file of --law")
+    curve, ranges = truth.curve, truth.ranges
+    assert isinstance(curve, Curve)
+    lower, upper = _box(curve)
+    middle = {name: sum(ranges[name]) / 2 for name in curve.NEEDS if name in ranges}
     scenario = Corrected(
         rails=("corrected",),
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip=jnp.linspace(0.0, options.slip_max or 0.2, options.points or 500),
-        law=law,
-        known=Known(curve=law.curve, lower=lower, upper=upper, conditions=middle),
+        sigma=sigma,
+        outliers=outliers,
+        slip=jnp.linspace(0.0, slip_max, points),
+        law=truth,
+        known=Known(curve=curve, lower=lower, upper=upper, conditions=middle),
     )
     try:
         # A law asks for the columns it needs by name, so a missing one is a KeyError.

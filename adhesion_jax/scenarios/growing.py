@@ -12,8 +12,9 @@ from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
 from adhesion_jax.records import SHARED_SLIP, Known, Record
-from adhesion_jax.scenarios.base import Group, Options, Scenario
+from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
 _PREFIXES = 20
@@ -78,26 +79,27 @@ class GrowingSequence(Scenario):
         return growing_tables(self.rails[0], self.lengths)
 
 
-def he2018_1(options: Options) -> GrowingSequence:
+def he2018_1(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = 500,
+    slip_max: SlipMax = 0.5,
+    outliers: Outliers = 0.0,
+) -> GrowingSequence:
     """500 points, slip 0 to 0.5, on one rail (dry), estimated at 20 lengths (He Exp. 1)."""
-    if options.blocks is not None:
-        raise InputError(
-            "--blocks does not go with --scenario he2018-1, which is one growing sequence."
-        )
-    points = options.points or 500
     lengths = tuple(round(points * (j + 1) / _PREFIXES) for j in range(_PREFIXES))
     if lengths[0] < 5:
         raise InputError(
             f"--points {points} is too few for --scenario he2018-1; "
             "the first of its 20 lengths needs 5 points, so at least 100."
         )
-    rail = rail_named(options.rail or "dry")
+    rail = rail_named(rail)
     return GrowingSequence(
         rails=(rail,) * _PREFIXES,
         lengths=lengths,
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip=jnp.linspace(0.0, options.slip_max or 0.5, points),
+        sigma=sigma,
+        outliers=outliers,
+        slip=jnp.linspace(0.0, slip_max, points),
         truth=(RAILS[rail],) * _PREFIXES,
         known=HE2018,
     )

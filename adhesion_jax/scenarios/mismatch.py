@@ -16,9 +16,9 @@ from adhesion_jax.curves.polach import PolachFalling
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import adhesion_and_information, inverse_information
 from adhesion_jax.records import SHARED_SLIP, Known, Record
-from adhesion_jax.scenarios.base import Group, Options, Scenario
-from adhesion_jax.scenarios.blocks import one_block
+from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 
 #: C = G a b c11/Q of Kalker's linear theory (1967, thesis, Delft): G = 8.1e10 Pa, Hertzian half
 #: axes a b = 43 mm^2 (wheel of 0.6 m on a rail head of 0.3 m), c11 = 4.3, Q = 100 kN.
@@ -98,44 +98,56 @@ def _peak(curve: Curve, conditions: Conditions) -> Float[Array, "2"]:
     return jnp.stack([peak.adhesion, peak.slip])
 
 
-def _mismatch(name: str, rail: str, known: Known, options: Options) -> Mismatch:
-    one_block(name, options)
+def _mismatch(
+    rail: str, known: Known, sigma: float, points: int, slip_max: float, outliers: float
+) -> Mismatch:
     return Mismatch(
         rails=(rail,),
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip=jnp.linspace(0.0, options.slip_max or 0.2, options.points or 500),
+        sigma=sigma,
+        outliers=outliers,
+        slip=jnp.linspace(0.0, slip_max, points),
         truth=(POLACH_RAILS[rail],),
         known=known,
     )
 
 
-def _polach_rail(name: str, options: Options) -> str:
-    """The rail asked for, where Polach's law has parameters for it."""
-    rail = options.rail or "dry"
+def _check_rail(name: str, rail: str) -> None:
+    """InputError where Polach's law has no parameters for a rail."""
     if rail not in POLACH_RAILS:
         raise InputError(
             f"--rail {rail} does not go with --scenario {name}; "
             f"the rails of Polach's law are {', '.join(POLACH_RAILS)}."
         )
-    return rail
 
 
-def mismatch(options: Options) -> Mismatch:
+def mismatch(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = 500,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Mismatch:
     """As single, but the rail follows Polach's law while Burckhardt's curve is assumed."""
-    return _mismatch("mismatch", _polach_rail("mismatch", options), _BURCKHARDT, options)
+    _check_rail("mismatch", rail)
+    return _mismatch(rail, _BURCKHARDT, sigma, points, slip_max, outliers)
 
 
-def mismatch_kiencke(options: Options) -> Mismatch:
+def mismatch_kiencke(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = 500,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Mismatch:
     """As mismatch, but Kiencke's curve is assumed, its initial slope known to be the true one.
 
     The slope is C (kA + kS)/2; p2 of up to 10,000 keeps the peak above slip 0.01.
     """
-    rail = _polach_rail("mismatch-kiencke", options)
+    _check_rail("mismatch-kiencke", rail)
     truth = POLACH_RAILS[rail]
     known = Known(
         curve=Kiencke(a0=truth.stiffness * (truth.k_a + truth.k_s) / 2, p1=100.0, p2=500.0),
         lower=jnp.array([-2.0, 1.0]),
         upper=jnp.array([2000.0, 10_000.0]),
     )
-    return _mismatch("mismatch-kiencke", rail, known, options)
+    return _mismatch(rail, known, sigma, points, slip_max, outliers)

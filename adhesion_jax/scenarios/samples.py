@@ -19,8 +19,9 @@ from adhesion_jax.metrics.information import (
     true_quantities,
 )
 from adhesion_jax.records import OWN_SLIP, Known, Record
-from adhesion_jax.scenarios.base import Group, Options, Scenario
+from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, rail_named
 
 #: Samples between two reports.
@@ -120,33 +121,29 @@ def _of_samples(curves: Sequence[Kiencke]) -> Kiencke:
     return together
 
 
-def _samples(name: str, options: Options) -> int:
-    """How many samples, checked; the blocks and the two halves must come out even."""
-    if options.blocks is not None:
-        raise InputError(f"--blocks does not go with --scenario {name}, which is one stream.")
-    points = options.points or 1000
+def _check_samples(name: str, points: int) -> None:
+    """InputError where a number of samples does not divide into blocks and two equal halves."""
     if points % (2 * _BLOCK) or points < 10 * _BLOCK:
         raise InputError(
             f"--points {points} does not go with --scenario {name}; "
             f"it takes a multiple of {2 * _BLOCK}, at least {10 * _BLOCK}."
         )
-    return points
 
 
-def qian2024_switch(options: Options) -> Samples:
+def qian2024_switch(
+    sigma: Sigma = 0.01,
+    points: Points = 1000,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Samples:
     """1000 samples at random slips, from dry to common rail at sample 500 (Qian 2024, Fig. 4-6)."""
-    if options.rail is not None:
-        raise InputError(
-            "--rail does not go with --scenario qian2024-switch, "
-            "which has its own rail sequence (dry, common)."
-        )
-    half = _samples("qian2024-switch", options) // 2
-    rails = ("dry",) * half + ("common",) * half
+    _check_samples("qian2024-switch", points)
+    rails = ("dry",) * (points // 2) + ("common",) * (points // 2)
     return Samples(
         rails=rails[_BLOCK - 1 :: _BLOCK],
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip_max=options.slip_max or 0.2,
+        sigma=sigma,
+        outliers=outliers,
+        slip_max=slip_max,
         drifts=False,
         curves=_of_samples([KIENCKE_RAILS[rail] for rail in rails]),
         known=_KNOWN,
@@ -157,21 +154,27 @@ def qian2024_switch(options: Options) -> Samples:
 _LOST_TO_HUMIDITY = 0.17
 
 
-def drift(options: Options) -> Samples:
+def drift(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = 1000,
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Samples:
     """1000 samples while humidity rises from 20 to 100 %, which takes 17 % of the adhesion.
 
     The peak sinks in proportion to humidity at a constant slip; the initial slope, which is
     elastic, stays.
     """
-    count = _samples("drift", options)
-    rail = rail_named(options.rail or "dry")
+    _check_samples("drift", points)
+    rail = rail_named(rail)
     peak = KIENCKE_RAILS[rail].peak({})
-    left = 1 - _LOST_TO_HUMIDITY * np.arange(count) / (count - 1)
+    left = 1 - _LOST_TO_HUMIDITY * np.arange(points) / (points - 1)
     return Samples(
-        rails=(rail,) * (count // _BLOCK),
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip_max=options.slip_max or 0.2,
+        rails=(rail,) * (points // _BLOCK),
+        sigma=sigma,
+        outliers=outliers,
+        slip_max=slip_max,
         drifts=True,
         curves=_of_samples(
             [peak_matched(float(peak.slip), share * float(peak.adhesion)) for share in left]

@@ -13,8 +13,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Known, Record, record_axes
-from adhesion_jax.scenarios.base import Group, Options, Scenario
+from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
 #: Samples between two reports, and reports between two checkpoints.
@@ -97,25 +98,26 @@ class SlopeStream(Scenario):
         }
 
 
-def fang2018_slope(options: Options) -> SlopeStream:
+def fang2018_slope(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = 1800,
+    slip_max: SlipMax | None = None,
+    outliers: Outliers = 0.0,
+) -> SlopeStream:
     """1800 samples while slip velocity moves across the peak and back, for d mu/d v_s."""
-    if options.blocks is not None:
-        raise InputError(
-            "--blocks does not go with --scenario fang2018-slope, which is one stream."
-        )
-    points = 1800 if options.points is None else options.points
     if points % _BLOCK or points < _BLOCK * _SPACING:
         raise InputError(
             f"--points {points} does not go with --scenario fang2018-slope; "
             f"it takes a multiple of {_BLOCK}, at least {_BLOCK * _SPACING}."
         )
-    rail = rail_named(options.rail or "dry")
+    rail = rail_named(rail)
     truth, blocks = RAILS[rail], points // _BLOCK
     return SlopeStream(
         rails=(rail,) * blocks,
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip_max=options.slip_max or _BEYOND * float(truth.peak({}).slip),
+        sigma=sigma,
+        outliers=outliers,
+        slip_max=_BEYOND * float(truth.peak({}).slip) if slip_max is None else slip_max,
         truth=(truth,) * blocks,
         known=_KNOWN,
     )

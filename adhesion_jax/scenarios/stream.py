@@ -13,9 +13,10 @@ from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
 from adhesion_jax.records import OWN_SLIP, Known, Record
-from adhesion_jax.scenarios.base import Group, Options, Scenario
+from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.growing import growing_tables, prefixes
 from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
 
 #: Numbers of samples after which Qian et al. 2024 reads its figures.
@@ -69,24 +70,27 @@ class Stream(Scenario):
         return growing_tables(self.rails[0], self.lengths)
 
 
-def qian2024(options: Options) -> Stream:
+def qian2024(
+    rail: Rail = "dry",
+    sigma: Sigma = 0.01,
+    points: Points = _CHECKPOINTS[-1],
+    slip_max: SlipMax = 0.2,
+    outliers: Outliers = 0.0,
+) -> Stream:
     """250 samples on one rail (dry), slip uniform on 0 to 0.2, Kiencke with a0 known."""
-    if options.blocks is not None:
-        raise InputError("--blocks does not go with --scenario qian2024, which is one stream.")
-    points = options.points or _CHECKPOINTS[-1]
     if points < _CHECKPOINTS[0]:
         raise InputError(
             f"--points {points} is too few for --scenario qian2024; "
             f"its first estimate is asked for after {_CHECKPOINTS[0]}."
         )
     lengths = (*(k for k in _CHECKPOINTS if k < points), points)
-    rail = rail_named(options.rail or "dry")
+    rail = rail_named(rail)
     return Stream(
         rails=(rail,) * len(lengths),
         lengths=lengths,
-        sigma=0.01 if options.sigma is None else options.sigma,
-        outliers=options.outliers or 0.0,
-        slip_max=options.slip_max or 0.2,
+        sigma=sigma,
+        outliers=outliers,
+        slip_max=slip_max,
         truth=(KIENCKE_RAILS[rail],) * len(lengths),
         known=QIAN2024,
     )

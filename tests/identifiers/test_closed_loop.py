@@ -9,13 +9,13 @@ import pytest
 
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.records import Record
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import build
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, RAILS
 
 RUNS, SPEED, SAMPLING = 4, 20.0, 0.01
 
 BY_SAMPLE = {"kiencke": "qian2024-switch", "slope": "fang2018-slope"}
-KNOWN = {kind: SCENARIOS[name](Options()).known for kind, name in BY_SAMPLE.items()}
+KNOWN = {kind: build(name).known for kind, name in BY_SAMPLE.items()}
 ONLINE = [
     (name, kind)
     for name, method in IDENTIFIERS.items()

@@ -1,4 +1,3 @@
-import dataclasses
 import functools
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +19,7 @@ from adhesion_jax.effects.law import CorrectedLaw, save_law
 from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.records import SHARED_SLIP, Known, Record
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import SCENARIOS, Options, build
 from adhesion_jax.scenarios.blocks import Blocks
 
 RUNS = 8
@@ -106,7 +105,7 @@ def identified(identifier, scenario, runs=RUNS, seed=0, solver_seed=7):
 @functools.cache
 def scenario_of(case):
     name, options = CASES[case]
-    return SCENARIOS[name](options)
+    return build(name, options)
 
 
 def accepts(name, case):
@@ -310,7 +309,7 @@ def found_the_truth(estimate, scenario):
 @pytest.mark.parametrize(("name", "case"), SURE)
 def test_data_without_any_noise_give_the_truth_back(name, case):
     scenario_name, options = CASES[case]
-    scenario = SCENARIOS[scenario_name](dataclasses.replace(options, sigma=0.0))
+    scenario = build(scenario_name, Options(**{**options, "sigma": 0.0}))
     records, estimate = identified(IDENTIFIERS[name], scenario)
     right = found_the_truth(estimate, scenario)
     # Where a sequence grows, all of it: the first few points hardly show c3. On a stream, the
@@ -330,7 +329,7 @@ def assert_share(right, rate):
 @pytest.mark.parametrize(("place", "rail"), list(enumerate(("dry", "common", "wet"))))
 @pytest.mark.parametrize("name", EVOLUTION)
 def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, place, rail):
-    scenario = SCENARIOS["single"](Options(rail=rail, sigma=1e-9, points=120))
+    scenario = build("single", Options(rail=rail, sigma=1e-9, points=120))
     _, estimate = identified(IDENTIFIERS[name], scenario, runs=256)
     right = found_the_truth(estimate, scenario)
     assert_share(right, MEASURED[name][place])
@@ -339,7 +338,7 @@ def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, pla
 
 
 def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
-    scenario = SCENARIOS["qian2024"](Options(points=120, sigma=0.0))
+    scenario = build("qian2024", Options(points=120, sigma=0.0))
     for name, rate in GAUSS_NEWTON.items():
         _, estimate = identified(IDENTIFIERS[name], scenario, runs=256)
         right = found_the_truth(estimate, scenario)
@@ -350,7 +349,7 @@ def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
 @pytest.mark.parametrize("name", [name for name in CURVE_METHODS if name not in EVOLUTION])
 def test_with_hardly_any_noise_every_rail_is_recovered(name):
     for rail in ("dry", "common", "wet"):
-        scenario = SCENARIOS[HOME[name]](Options(rail=rail, sigma=1e-9, points=120))
+        scenario = build(HOME[name], Options(rail=rail, sigma=1e-9, points=120))
         _, estimate = identified(IDENTIFIERS[name], scenario)
         assert np.all(found_the_truth(estimate, scenario)[:, -1]), rail
 
@@ -369,7 +368,7 @@ def test_no_perturbation_inside_the_box_improves_the_exact_optimum(scenario_name
 
 
 def test_standard_errors_of_the_exact_method_are_the_scatter_of_many_runs():
-    scenario = SCENARIOS["single"](Options())
+    scenario = build("single")
     _, estimate = identified(IDENTIFIERS["ml-exact"], scenario, runs=400)
     truth = scenario.truth[0]
     peak = truth.peak({})
@@ -435,7 +434,7 @@ def test_de_variants_differ_where_the_paper_says():
     uniform = IDENTIFIERS["ml-de"]
     assert float(local.local_share) == 1.0
     assert float(uniform.local_share) == 0.0
-    scenario = SCENARIOS["single"](SMALL["single"])
+    scenario = build("single", SMALL["single"])
     near, far = (
         Known(Burckhardt(*start), scenario.known.lower, scenario.known.upper)
         for start in ((0.8287, 45.45, 0.4), (0.11, 11.0, 0.06))
@@ -570,7 +569,7 @@ def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
         return
     if name not in GRADIENT:  # the conformance test runs it
         assert reason is None
-        assert "Kiencke" in IDENTIFIERS[name].accepts(SCENARIOS["single"](Options()).known)
+        assert "Kiencke" in IDENTIFIERS[name].accepts(build("single").known)
         return
     assert reason is None
     if name.startswith("gn"):

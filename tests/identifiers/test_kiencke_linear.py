@@ -11,14 +11,14 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.optim.quadratic_program import bounded_pair
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import QIAN2024
 
 A0 = 40.0
 
 
 def stream(rail="dry", points=250, sigma=0.01, seed=0):
-    scenario = SCENARIOS["qian2024"](Options(rail=rail, points=points, sigma=sigma))
+    scenario = build("qian2024", Options(rail=rail, points=points, sigma=sigma))
     return scenario, scenario.draw(jax.random.key(seed))
 
 

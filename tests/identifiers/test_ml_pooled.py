@@ -15,7 +15,7 @@ from adhesion_jax.identifiers.burckhardt_sums import burckhardt_information, bur
 from adhesion_jax.identifiers.ml_pooled import chance, penalty
 from adhesion_jax.optim.variable_projection import minimise
 from adhesion_jax.records import SHARED_SLIP, Known, Record
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import HE2018, RAILS
 
 RUNS = 16
@@ -28,7 +28,7 @@ identify_batch = quick_jit(jax.vmap(identify, (None, None, SHARED_SLIP, 0)))
 
 @functools.cache
 def pooled(scenario_name, options):
-    scenario = SCENARIOS[scenario_name](options)
+    scenario = build(scenario_name, options)
     keys = jax.random.split(jax.random.key(3), RUNS)
     records = jax.vmap(scenario.draw, out_axes=SHARED_SLIP)(keys)
     estimate = identify_batch(POOLED, scenario.known, records, keys)
@@ -165,7 +165,7 @@ def test_the_information_from_the_sums_is_that_of_the_points(top, side):
 
 
 def test_a_block_that_is_not_finite_is_left_out_of_the_pool():
-    scenario = SCENARIOS["he2018-blocks"](Options(points=120, blocks=9))
+    scenario = build("he2018-blocks", Options(points=120, blocks=9))
     keys = jax.random.split(jax.random.key(3), RUNS)
     records = jax.vmap(scenario.draw, out_axes=SHARED_SLIP)(keys)
     spoiled = records._replace(adhesion=records.adhesion.at[:, 1, 5].set(jnp.nan))

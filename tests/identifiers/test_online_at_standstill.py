@@ -13,7 +13,7 @@ import pytest
 
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.records import Record
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import build
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024
 
 RUNS, SIGMA, SPEED, SAMPLING = 256, 0.01, 20.0, 0.01
@@ -26,7 +26,7 @@ MIDDLE = slice(BEFORE, BEFORE + DURING)
 #: What stands in the middle; of a gap nothing does, and the others are held against it.
 DISTURBANCES = ("gap", "standstill", "constant slip", "repeated sample", "outlier", "not finite")
 
-SLOPE = SCENARIOS["fang2018-slope"](Options())
+SLOPE = build("fang2018-slope")
 TRUTH = KIENCKE_RAILS["dry"]
 MU_MAX = float(TRUTH.peak({}).adhesion)
 
@@ -123,7 +123,7 @@ CASES = [(name, one) for name in (*OWN, *PRINTED) for one in DISTURBANCES[1:]]
 
 
 def test_every_method_that_takes_single_samples_is_among_them():
-    by_sample = [SCENARIOS[name](Options()).known for name in ("qian2024-switch", "fang2018-slope")]
+    by_sample = [build(name).known for name in ("qian2024-switch", "fang2018-slope")]
     online = {n for n, i in IDENTIFIERS.items() if any(i.accepts(k) is None for k in by_sample)}
     assert online == {*OWN, *PRINTED}
 

@@ -12,7 +12,7 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.identifiers.qp_bias_compensated import BiasCompensatedProgram
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import QIAN2024
 
 A0 = 40.0
@@ -104,7 +104,7 @@ def loop_of_instruments(slip, adhesion):
 @pytest.fixture(scope="module")
 def switched():
     """A stream with a switch at sample 100 and outliers, and the estimates of `riv`."""
-    scenario = SCENARIOS["qian2024-switch"](Options(points=200, outliers=0.03))
+    scenario = build("qian2024-switch", Options(points=200, outliers=0.03))
     record = flat(scenario.draw(jax.random.key(3)))
     return record, one_by_one("riv", scenario, record, 200)
 
@@ -124,7 +124,7 @@ def test_instruments_are_those_of_a_loop_in_numpy(switched):
 @pytest.mark.parametrize("rail", ["dry", "common"])
 def test_instruments_come_near_the_robust_nonlinear_fit(rail):
     """A batch M-estimate by scipy; the recursion may be a small part of a standard error away."""
-    scenario = SCENARIOS["qian2024"](Options(rail=rail))
+    scenario = build("qian2024", Options(rail=rail))
     record = scenario.draw(jax.random.key(0))
     estimate = one_by_one("riv", scenario, record, 250)
     slip, adhesion = (np.asarray(x)[-1] for x in (record.slip, record.adhesion))
@@ -145,7 +145,7 @@ def test_instruments_come_near_the_robust_nonlinear_fit(rail):
 
 @pytest.mark.parametrize("name", ["riv", "qp-bias-compensated"])
 def test_samples_one_by_one_give_what_records_of_many_give(name):
-    scenario = SCENARIOS["qian2024"](Options(sigma=0.05))
+    scenario = build("qian2024", Options(sigma=0.05))
     record = scenario.draw(jax.random.key(2))
     many = jax.jit(identify)(IDENTIFIERS[name], scenario.known, record, jax.random.key(1))
     single = one_by_one(name, scenario, record, 250)
@@ -159,13 +159,13 @@ def test_samples_one_by_one_give_what_records_of_many_give(name):
 ONLINE = [
     name
     for name, method in IDENTIFIERS.items()
-    if method.accepts(SCENARIOS["qian2024-switch"](Options()).known) is None
+    if method.accepts(build("qian2024-switch").known) is None
 ]
 
 
 @pytest.mark.parametrize("name", ONLINE)
 def test_braking_is_traction_with_other_signs_and_slip_zero_says_nothing_of_the_curve(name):
-    scenario = SCENARIOS["qian2024-switch"](Options(points=200, outliers=0.03))
+    scenario = build("qian2024-switch", Options(points=200, outliers=0.03))
     record = flat(scenario.draw(jax.random.key(3)))
     at_rest = np.arange(9, 200, 10)
     noise = 0.01 * jax.random.normal(jax.random.key(4), (at_rest.size,))
@@ -186,7 +186,7 @@ def test_braking_is_traction_with_other_signs_and_slip_zero_says_nothing_of_the_
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_sample_that_is_not_finite_is_left_out_and_counted(name, value):
     """The estimates are those of a stream in which there is no such sample."""
-    scenario = SCENARIOS["qian2024-switch"](Options(points=200))
+    scenario = build("qian2024-switch", Options(points=200))
     record = scenario.draw(jax.random.key(3))
     gap = record._replace(fresh=record.fresh.at[[2, 11], 4].set(False))
     spoiled = record._replace(
@@ -207,7 +207,7 @@ def test_a_sample_that_is_not_finite_is_left_out_and_counted(name, value):
 
 def test_a_stop_and_a_signal_that_repeats_itself_leave_riv_as_it_was(switched):
     record, estimate = switched
-    scenario = SCENARIOS["qian2024-switch"](Options(points=200, outliers=0.03))
+    scenario = build("qian2024-switch", Options(points=200, outliers=0.03))
     place = np.repeat(np.arange(200), np.where(np.arange(200) == 49, 51, 1))
     halted = jax.tree.map(lambda x: x[:, place], record)
     repeated = one_by_one("riv", scenario, halted, 250)
@@ -280,7 +280,7 @@ def loop_of_compensation(slip, adhesion):
 
 
 def test_the_compensated_program_is_that_of_a_loop_in_numpy():
-    scenario = SCENARIOS["qian2024"](Options(sigma=0.05))
+    scenario = build("qian2024", Options(sigma=0.05))
     record = scenario.draw(jax.random.key(0))
     slip, adhesion = (np.asarray(x)[-1] for x in (record.slip, record.adhesion))
     found = parameters(one_by_one("qp-bias-compensated", scenario, record, 250))[-1]
@@ -288,7 +288,7 @@ def test_the_compensated_program_is_that_of_a_loop_in_numpy():
 
 
 def test_compensation_removes_the_bias_of_noise_in_the_regressors():
-    scenario = SCENARIOS["qian2024"](Options(sigma=0.1))
+    scenario = build("qian2024", Options(sigma=0.1))
     keys = jax.random.split(jax.random.key(0), 512)
     records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
     run = jax.jit(jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0)))

@@ -13,16 +13,16 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.identifiers.rls_slope import RecursiveSlope, rls_slope
 from adhesion_jax.records import Record
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
+from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
 from adhesion_jax.scenarios.rails import HE2018
 
-STREAM = SCENARIOS["fang2018-slope"](Options())
+STREAM = build("fang2018-slope")
 RUNS = 100
 
 
 @functools.cache
 def streams(options=Options()):  # noqa: B008
-    scenario = SCENARIOS["fang2018-slope"](options)
+    scenario = build("fang2018-slope", options)
     keys = jax.random.split(jax.random.key(0), RUNS)
     records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
     run = jax.jit(jax.vmap(identify, (None, None, scenario.run_axes, 0)))
@@ -175,7 +175,7 @@ def test_a_sample_that_is_not_finite_is_left_out_and_counted():
 
 @pytest.mark.parametrize("rail", ["dry", "common", "wet"])
 def test_the_stream_crosses_the_peak_and_its_truth_is_the_derivative(rail):
-    scenario = SCENARIOS["fang2018-slope"](Options(rail=rail))
+    scenario = build("fang2018-slope", Options(rail=rail))
     record = scenario.draw(jax.random.key(1))
     curve, time = scenario.truth[0], np.asarray(record.conditions["time_s"])
     peak = float(curve.peak({}).slip)
@@ -197,8 +197,8 @@ def test_the_stream_crosses_the_peak_and_its_truth_is_the_derivative(rail):
 
 
 def test_the_slope_is_asked_for_here_alone_and_by_nobody_else():
-    for name in SCENARIOS.keys() - set(NEEDS_LAW):
-        accepted = rls_slope.accepts(SCENARIOS[name](Options()).known) is None
+    for name in [name for name in SCENARIOS if not needs_options(name)]:
+        accepted = rls_slope.accepts(build(name).known) is None
         assert accepted == (name == "fang2018-slope"), name
     takers = [name for name, method in IDENTIFIERS.items() if method.accepts(STREAM.known) is None]
     assert takers == ["rls-slope"]
@@ -215,7 +215,7 @@ def test_the_slope_is_asked_for_here_alone_and_by_nobody_else():
 )
 def test_options_that_do_not_fit_are_refused_by_name(options, option):
     with pytest.raises(InputError, match=option) as refused:
-        SCENARIOS["fang2018-slope"](options)
+        build("fang2018-slope", options)
     assert str(refused.value).endswith(".")
 
 

@@ -28,7 +28,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.runtime import compilation_folder
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
+from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
 from adhesion_jax.studies.baseline.accuracy import homes
 
 DRY = Burckhardt(c1=0.8287, c2=45.45, c3=0.4)
@@ -113,13 +113,13 @@ def test_who_ignores_humidity_is_wrong_by_what_it_takes(humid):
 
 
 def test_without_effects_it_is_a_single_block(tmp_path):
-    scenario = SCENARIOS["corrected"](options(tmp_path))
-    single = SCENARIOS["single"](Options())
+    scenario = build("corrected", options(tmp_path))
+    single = build("single")
     key = jax.random.key(2)
     bound = bound_of(scenario, scenario.draw(key))
     np.testing.assert_allclose(bound, bound_of(single, single.draw(key)), rtol=1e-9)
-    silent = SCENARIOS["corrected"](options(tmp_path, sigma=0.0))
-    clean = SCENARIOS["single"](Options(sigma=0.0)).draw(key).adhesion
+    silent = build("corrected", options(tmp_path, sigma=0.0))
+    clean = build("single", Options(sigma=0.0)).draw(key).adhesion
     np.testing.assert_allclose(silent.draw(key).adhesion, clean, atol=1e-15)
     truth = single.quantities()
     for name, value in scenario.quantities().items():
@@ -144,8 +144,8 @@ def test_without_effects_it_is_a_single_block(tmp_path):
 
 def test_the_bound_knows_the_conditions(tmp_path):
     """With a factor f on the whole curve the information on its parameters is f^2 as large."""
-    scenario = SCENARIOS["corrected"](options(tmp_path, HUMIDITY))
-    plain = SCENARIOS["single"](Options())
+    scenario = build("corrected", options(tmp_path, HUMIDITY))
+    plain = build("single")
     record = scenario.draw(jax.random.key(1))
     (humidity,) = np.unique(record.conditions["relative_humidity_pct"])
     factor = 1 + STRENGTH * np.tanh((humidity - 50) / 150) / np.tanh(50 / 150)
@@ -154,7 +154,7 @@ def test_the_bound_knows_the_conditions(tmp_path):
 
 
 def test_conditions_are_those_of_one_operating_point_a_run(tmp_path):
-    scenario = SCENARIOS["corrected"](options(tmp_path, ranges=RANGES, calendar=FIVE_DAYS))
+    scenario = build("corrected", options(tmp_path, ranges=RANGES, calendar=FIVE_DAYS))
     keys = jax.random.split(jax.random.key(0), 400)
     columns = {k: np.asarray(v) for k, v in jax.vmap(scenario.conditions)(keys).items()}
     for name, (low, high) in RANGES.items():
@@ -181,7 +181,7 @@ def test_every_effect_of_the_catalogue_acts(tmp_path):
     effects = [kind.starts(flat)[0] for kind in EFFECTS.values()]
     age = Covariate(k=0.1, reference=100.0, scale=60.0, column="rail_age_days")
     chosen = options(tmp_path, *effects, age, ranges=RANGES, calendar=FIVE_DAYS)
-    scenario = SCENARIOS["corrected"](chosen)
+    scenario = build("corrected", chosen)
     record = scenario.draw(jax.random.key(0))
     assert np.isfinite(record.adhesion).all()
     bound = bound_of(scenario, record)
@@ -192,7 +192,7 @@ def test_every_effect_of_the_catalogue_acts(tmp_path):
 def test_a_curve_that_falls_with_speed_has_its_peak_at_the_middle_of_the_speeds(tmp_path):
     curve = PolachFalling(mu0=0.55, a=0.4, b=0.6, stiffness=150.0, k_s=0.4)
     ranges = {"vehicle_speed_mps": (10.0, 30.0)}
-    scenario = SCENARIOS["corrected"](options(tmp_path, curve=curve, ranges=ranges, sigma=0.0))
+    scenario = build("corrected", options(tmp_path, curve=curve, ranges=ranges, sigma=0.0))
     fine = curve(jnp.linspace(0.0, 0.2, 20001), {"vehicle_speed_mps": 20.0})
     assert scenario.quantities()["mu_max"] == pytest.approx(float(jnp.max(fine)), rel=1e-6)
     record = scenario.draw(jax.random.key(3))
@@ -213,14 +213,14 @@ def test_a_curve_that_falls_with_speed_has_its_peak_at_the_middle_of_the_speeds(
 
 
 def test_the_slope_of_a_law_is_no_question(tmp_path):
-    reason = IDENTIFIERS["rls-slope"].accepts(SCENARIOS["corrected"](options(tmp_path)).known)
+    reason = IDENTIFIERS["rls-slope"].accepts(build("corrected", options(tmp_path)).known)
     assert reason is not None
 
 
 def test_a_law_is_asked_for_here_alone(tmp_path):
     law = saved(tmp_path, HUMIDITY).read_text()
     for name in SCENARIOS:
-        if name in NEEDS_LAW:
+        if needs_options(name):
             continue
         with pytest.raises(InputError, match="--law does not go with"):
             build_scenario(Config(name, options=Options(law=law)))
@@ -256,18 +256,18 @@ def broken(law, path, value):
 def test_what_is_no_law_is_refused(tmp_path, path, value):
     law = saved(tmp_path, HUMIDITY).read_text()
     with pytest.raises(InputError, match="is not a law saved by"):
-        SCENARIOS["corrected"](Options(law=broken(law, path, value)))
+        build("corrected", Options(law=broken(law, path, value)))
 
 
 def test_laws_that_nothing_can_be_identified_of_are_refused(tmp_path):
     without_peak = options(tmp_path, curve=Polach(mu0=0.3, stiffness=100.0))
     with pytest.raises(InputError, match="has no peak"):
-        SCENARIOS["corrected"](without_peak)
+        build("corrected", without_peak)
     with pytest.raises(InputError, match="rests on relative_humidity_pct and has no range"):
-        SCENARIOS["corrected"](options(tmp_path, HUMIDITY, ranges={}))
+        build("corrected", options(tmp_path, HUMIDITY, ranges={}))
     wave = WheelOrder(0.03, 0.03, 0.0, 0.0, order=1.0)
     with pytest.raises(InputError, match="rests on wheel_angle_rad"):
-        SCENARIOS["corrected"](options(tmp_path, wave))
+        build("corrected", options(tmp_path, wave))
 
 
 def test_the_command_refuses_in_one_sentence(tmp_path, monkeypatch, capsys):

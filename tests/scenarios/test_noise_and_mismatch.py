@@ -12,7 +12,7 @@ from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.records import SHARED_SLIP
-from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.noise import coloured, draw_noise, whitened
 from adhesion_jax.scenarios.rails import HE2018, RAILS
 
@@ -64,7 +64,7 @@ def test_outliers_are_ten_times_the_coloured_noise():
 
 @pytest.mark.parametrize("rail", RAILS)
 def test_the_bound_is_that_of_the_dense_inverse_covariance(rail):
-    scenario = SCENARIOS["coloured"](Options(rail=rail, points=200, sigma=0.02))
+    scenario = build("coloured", Options(rail=rail, points=200, sigma=0.02))
     c1, c2, c3 = (float(x) for x in free_values(RAILS[rail]))
     slip = np.linspace(0, 0.2, 200)
     decay = np.exp(-c2 * slip)
@@ -82,7 +82,7 @@ def test_the_bound_is_that_of_the_dense_inverse_covariance(rail):
 
 def test_least_squares_hardly_loses_by_colour_but_claims_a_third_of_its_error():
     """Both shares as computed for least squares on noise of this covariance in NumPy."""
-    scenario = SCENARIOS["coloured"](Options())
+    scenario = build("coloured")
     estimate = identified("ml-exact", scenario, 400)
     inside = np.asarray(estimate.status)[:, 0] == Status.TRUSTED
     assert inside.mean() > 0.95
@@ -98,7 +98,7 @@ def test_least_squares_hardly_loses_by_colour_but_claims_a_third_of_its_error():
 
 
 def test_coloured_is_single_but_for_the_noise():
-    one, other = (SCENARIOS[name](Options(sigma=0.0)) for name in ("single", "coloured"))
+    one, other = (build(name, Options(sigma=0.0)) for name in ("single", "coloured"))
     np.testing.assert_array_equal(
         one.draw(jax.random.key(0)).adhesion, other.draw(jax.random.key(0)).adhesion
     )
@@ -136,7 +136,7 @@ def grid_peak(theta, k_a):
 @pytest.mark.parametrize("name", MISMATCHES)
 @pytest.mark.parametrize("rail", TRUTHS)
 def test_the_truth_is_polachs_curve_and_its_peak_lies_within_the_block(name, rail):
-    scenario = SCENARIOS[name](Options(rail=rail, sigma=0.0))
+    scenario = build(name, Options(rail=rail, sigma=0.0))
     record = scenario.draw(jax.random.key(0))
     theta, k_a = TRUTHS[rail]
     slip = np.linspace(0, 0.2, 500)
@@ -150,7 +150,7 @@ def test_the_truth_is_polachs_curve_and_its_peak_lies_within_the_block(name, rai
 
 @pytest.mark.parametrize("rail", TRUTHS)
 def test_the_bound_is_that_of_the_true_curve(rail):
-    scenario = SCENARIOS["mismatch"](Options(rail=rail, sigma=0.02))
+    scenario = build("mismatch", Options(rail=rail, sigma=0.02))
     theta, k_a = TRUTHS[rail]
     theta, slip = np.array(theta), np.linspace(0, 0.2, 500)
 
@@ -174,7 +174,7 @@ def test_the_bound_is_that_of_the_true_curve(rail):
 
 def test_the_initial_slope_that_kiencke_is_told_is_the_true_one():
     for rail, slope in (("dry", 105.0), ("wet", 30.0)):
-        scenario = SCENARIOS["mismatch-kiencke"](Options(rail=rail))
+        scenario = build("mismatch-kiencke", Options(rail=rail))
         theta, k_a = TRUTHS[rail]
         assert float(scenario.known.curve.a0) == pytest.approx(slope)
         assert polach(theta, 1e-9, k_a) / 1e-9 == pytest.approx(slope, rel=1e-6)
@@ -184,7 +184,7 @@ def test_the_initial_slope_that_kiencke_is_told_is_the_true_one():
 @pytest.mark.parametrize("rail", TRUTHS)
 def test_the_nearest_curve_lies_well_inside_the_box(name, rail):
     """So that it is the wrong form that is judged; and it misses the peak of the truth."""
-    scenario = SCENARIOS[name](Options(rail=rail, sigma=1e-4))
+    scenario = build(name, Options(rail=rail, sigma=1e-4))
     method = "ml-exact" if name == "mismatch" else "lm-optimistix"
     estimate = identified(method, scenario, 16)
     assert np.all(np.asarray(estimate.status) == Status.TRUSTED)
@@ -209,7 +209,7 @@ def test_the_nearest_curve_lies_well_inside_the_box(name, rail):
 
 def test_who_takes_a_mismatch():
     def takers(name):
-        known = SCENARIOS[name](Options()).known
+        known = build(name).known
         return {n for n, method in IDENTIFIERS.items() if method.accepts(known) is None}
 
     burckhardt, kiencke = takers("mismatch"), takers("mismatch-kiencke")
@@ -221,10 +221,10 @@ def test_who_takes_a_mismatch():
 @pytest.mark.parametrize("name", ["coloured", *MISMATCHES])
 def test_options_that_do_not_fit_are_refused_by_name(name):
     with pytest.raises(InputError, match="--blocks"):
-        SCENARIOS[name](Options(blocks=2))
+        build(name, Options(blocks=2))
     with pytest.raises(InputError, match="--rail icy") as refused:
-        SCENARIOS[name](Options(rail="icy"))
+        build(name, Options(rail="icy"))
     assert str(refused.value).endswith(".")
     if name in MISMATCHES:
         with pytest.raises(InputError, match=r"--rail common .* dry, wet"):
-            SCENARIOS[name](Options(rail="common"))
+            build(name, Options(rail="common"))

@@ -15,7 +15,7 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
+from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
 from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, QIAN2024, RAILS
 from adhesion_jax.scenarios.samples import Samples
 
@@ -34,7 +34,7 @@ SLIP_MAX = dict.fromkeys(SIZES, 0.2) | {"he2018-1": 0.5}
 
 #: The slope of fang2018-slope is another kind of question, and so are its tests; a law of a user's
 #: own has its tests with laws.
-NAMES = [name for name in SCENARIOS if name not in ("fang2018-slope", *NEEDS_LAW)]
+NAMES = [name for name in SCENARIOS if name != "fang2018-slope" and not needs_options(name)]
 WHITE = [name for name in NAMES if name != "coloured"]
 
 #: Streams, in which every sample has a slip of its own, and those followed at every sample.
@@ -61,7 +61,7 @@ def noise_of(scenario, key):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_has_the_blocks_and_points_that_are_promised(name):
-    scenario = SCENARIOS[name](Options())
+    scenario = build(name)
     record = scenario.draw(jax.random.key(0))
     shape = SIZES[name]
     assert record.slip.shape == record.adhesion.shape == record.mask.shape == shape
@@ -91,7 +91,7 @@ def test_a_run_has_the_blocks_and_points_that_are_promised(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_point_is_fresh_once(name):
     """Blocks that overlap hold a point again and again; a method that is a stream takes it once."""
-    record = SCENARIOS[name](Options()).draw(jax.random.key(0))
+    record = build(name).draw(jax.random.key(0))
     mask, fresh = np.asarray(record.mask), np.asarray(record.fresh)
     assert not np.any(fresh & ~mask)
     if name in ("he2018-1", "qian2024"):
@@ -104,7 +104,7 @@ def test_every_point_is_fresh_once(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_options_change_what_they_name(name):
     options = Options(sigma=0.1, points=200, slip_max=0.3)
-    scenario = SCENARIOS[name](options)
+    scenario = build(name, options)
     record = scenario.draw(jax.random.key(0))
     blocks = 2 if name == "qian2024" else SIZES[name][0]  # no checkpoint beyond the last point
     assert record.slip.shape == ((20, 10) if name in BY_SAMPLE else (blocks, 200))
@@ -112,14 +112,14 @@ def test_options_change_what_they_name(name):
     assert scenario.sigma == 0.1
     noise = noise_of(scenario, jax.random.key(0))
     assert np.std(noise if name in BY_SAMPLE else noise[-1]) == pytest.approx(0.1, rel=0.2)
-    silent = SCENARIOS[name](Options(sigma=0.0))
+    silent = build(name, Options(sigma=0.0))
     assert np.max(np.abs(noise_of(silent, jax.random.key(0)))) < 1e-15
 
 
 @pytest.mark.parametrize("name", WHITE)
 @pytest.mark.parametrize("sigma", [0.01, 0.1])
 def test_noise_is_normal_with_the_given_deviation(name, sigma):
-    scenario = SCENARIOS[name](Options(sigma=sigma))
+    scenario = build(name, Options(sigma=sigma))
     # The last block: of a growing sequence the others hold the same points.
     draw = jax.jit(jax.vmap(scenario.draw))
     record = draw(jax.random.split(jax.random.key(1), 100))
@@ -139,16 +139,16 @@ def test_noise_is_normal_with_the_given_deviation(name, sigma):
 
 
 def test_the_blocks_of_a_run_have_their_own_noise_and_a_growing_sequence_only_one():
-    blocks = noise_of(SCENARIOS["he2018-blocks"](Options()), jax.random.key(2))
+    blocks = noise_of(build("he2018-blocks"), jax.random.key(2))
     correlation = np.corrcoef(blocks)[np.triu_indices(12, 1)]
     assert np.max(np.abs(correlation)) < 4.5 / np.sqrt(500)
-    growing = noise_of(SCENARIOS["he2018-1"](Options()), jax.random.key(2))
+    growing = noise_of(build("he2018-1"), jax.random.key(2))
     np.testing.assert_array_equal(growing, np.broadcast_to(growing[0], growing.shape))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_key_decides_the_noise(name):
-    scenario = SCENARIOS[name](Options())
+    scenario = build(name)
     one, again, other = (
         noise_of(scenario, key) for key in map(jax.random.key, (3, 3, 4))
     )  # fmt: skip
@@ -162,7 +162,7 @@ def test_the_key_decides_the_noise(name):
 @pytest.mark.parametrize("name", WHITE)
 def test_outliers_have_ten_times_the_deviation_and_the_share_asked_for(name):
     def drawn(share):
-        scenario = SCENARIOS[name](Options(outliers=share))
+        scenario = build(name, Options(outliers=share))
         last = slice(None) if name in BY_SAMPLE else -1
         return np.stack([noise_of(scenario, jax.random.key(k))[last] for k in range(40)]).ravel()
 
@@ -177,7 +177,7 @@ def test_outliers_have_ten_times_the_deviation_and_the_share_asked_for(name):
 
 @pytest.mark.parametrize("points", [100, 137, 500])
 def test_the_masks_of_a_growing_sequence_are_prefixes_that_grow_to_the_whole(points):
-    scenario = SCENARIOS["he2018-1"](Options(points=points))
+    scenario = build("he2018-1", Options(points=points))
     mask = np.asarray(scenario.draw(jax.random.key(0)).mask)
     seen = mask.sum(axis=1)
     assert mask.shape == (20, points)
@@ -187,20 +187,20 @@ def test_the_masks_of_a_growing_sequence_are_prefixes_that_grow_to_the_whole(poi
         assert not row[count:].any()
     assert seen[-1] == points
     np.testing.assert_allclose(seen, points * np.arange(1, 21) / 20, atol=0.5)
-    others = SCENARIOS["he2018-blocks"](Options(points=points)).draw(jax.random.key(0)).mask
+    others = build("he2018-blocks", Options(points=points)).draw(jax.random.key(0)).mask
     assert np.all(others)
 
 
 @pytest.mark.parametrize(("count", "switches"), [(None, (4, 8)), (150, (50, 100)), (6, (2, 4))])
 def test_rails_come_in_order_and_switch_where_they_should(count, switches):
-    rails = SCENARIOS["he2018-blocks"](Options(blocks=count)).rails
+    rails = build("he2018-blocks", Options(blocks=count)).rails
     assert len(rails) == (count or 12)
     assert list(dict.fromkeys(rails)) == ["dry", "common", "wet"]
     assert tuple(b for b in range(1, len(rails)) if rails[b] != rails[b - 1]) == switches
 
 
 def test_tables_pool_each_rail_without_the_first_block_after_a_switch():
-    tables = SCENARIOS["he2018-blocks"](Options()).tables()
+    tables = build("he2018-blocks").tables()
     assert set(tables) == {"summary", "switches"}
     summary = {group.rail: group for group in tables["summary"]}
     assert summary["dry"].blocks == (0, 1, 2, 3)
@@ -209,8 +209,8 @@ def test_tables_pool_each_rail_without_the_first_block_after_a_switch():
     assert [summary[rail].switched for rail in ("dry", "common", "wet")] == [None, 1, 2]
     assert [g.switched for g in tables["switches"]] == [1, 2]
     assert [(g.rail, g.blocks) for g in tables["switches"]] == [("common", (4,)), ("wet", (8,))]
-    assert set(SCENARIOS["single"](Options()).tables()) == {"summary"}
-    growing = SCENARIOS["he2018-1"](Options()).tables()
+    assert set(build("single").tables()) == {"summary"}
+    growing = build("he2018-1").tables()
     assert [g.blocks for g in growing["summary"]] == [(19,)]
     assert [g.k for g in growing["checkpoints"]] == [25 * (j + 1) for j in range(20)]
     assert [g.blocks for g in growing["checkpoints"]] == [(j,) for j in range(20)]
@@ -218,7 +218,7 @@ def test_tables_pool_each_rail_without_the_first_block_after_a_switch():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_shared_by_all_runs_is_declared(name):
-    scenario = SCENARIOS[name](Options(points=100))
+    scenario = build(name, Options(points=100))
     keys = jax.random.split(jax.random.key(5), 3)
     # vmap refuses None for a field that differs between runs.
     batch = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
@@ -232,9 +232,9 @@ def test_what_is_shared_by_all_runs_is_declared(name):
 
 def test_one_rail_can_be_chosen_where_there_is_one():
     for name, rails in (("single", RAILS), ("he2018-1", RAILS), ("qian2024", KIENCKE_RAILS)):
-        assert set(SCENARIOS[name](Options()).rails) == {"dry"}
+        assert set(build(name).rails) == {"dry"}
         for rail in ("common", "wet"):
-            scenario = SCENARIOS[name](Options(rail=rail))
+            scenario = build(name, Options(rail=rail))
             assert set(scenario.rails) == {rail}
             assert scenario.truth[0] is rails[rail]
 
@@ -284,7 +284,7 @@ def test_the_rails_are_those_of_the_paper_and_lie_inside_the_box_like_the_start(
 )
 def test_options_that_do_not_fit_are_refused_by_name(name, options, option):
     with pytest.raises(InputError, match=option) as refused:
-        SCENARIOS[name](options)
+        build(name, options)
     sentence = str(refused.value)
     assert sentence.endswith(".")
     assert "\n" not in sentence
@@ -293,7 +293,7 @@ def test_options_that_do_not_fit_are_refused_by_name(name, options, option):
 
 
 def test_a_switching_stream_is_on_dry_then_on_common_rail():
-    scenario = SCENARIOS["qian2024-switch"](Options(sigma=0.0))
+    scenario = build("qian2024-switch", Options(sigma=0.0))
     record = scenario.draw(jax.random.key(3))
     slip, adhesion = np.ravel(record.slip), np.ravel(record.adhesion)
     for rail, part in (("dry", slice(500)), ("common", slice(500, 1000))):
@@ -309,7 +309,7 @@ def test_a_switching_stream_is_on_dry_then_on_common_rail():
 
 
 def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
-    scenario = SCENARIOS["qian2024-switch"](Options())
+    scenario = build("qian2024-switch")
     record = scenario.draw(jax.random.key(4))
     bound = np.asarray(jax.jit(lambda record: scenario.bound(record))(record))
     slip = np.ravel(record.slip)
@@ -333,7 +333,7 @@ def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
 
 
 def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_slip():
-    scenario = SCENARIOS["drift"](Options(rail="common"))
+    scenario = build("drift", Options(rail="common"))
     first, last = (jax.tree.map(lambda x: x[k], scenario.curves) for k in (0, -1))  # noqa: B023
     values = dict(zip(quantity_names(first), quantities(first, QIAN2024), strict=True))
     assert values["mu_max"] == pytest.approx(float(RAILS["common"].peak({}).adhesion), rel=1e-12)

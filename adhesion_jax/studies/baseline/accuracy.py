@@ -10,7 +10,7 @@ from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.runtime import CORES
-from adhesion_jax.scenarios import NEEDS_LAW, SCENARIOS, Options
+from adhesion_jax.scenarios import SCENARIOS, Options, needs_options
 from adhesion_jax.studies.baseline.table import ACCURACY, KEYS
 
 #: Where an identifier is measured: the first of these that it accepts, so that it compiles once;
@@ -24,7 +24,7 @@ HOMES = (
 
 def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
     """The home of each identifier; InputError where one accepts no scenario at all."""
-    places = (*HOMES, *(Config(name) for name in SCENARIOS if name not in NEEDS_LAW))
+    places = (*HOMES, *(Config(name) for name in SCENARIOS if not needs_options(name)))
     built = [(place, build_scenario(place)) for place in places]
     found = {}
     for name, identifier in identifiers.items():

@@ -1,0 +1,98 @@
+"""What a user may change about a scenario: each scenario declares it by the arguments it takes."""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
+
+from adhesion_jax.errors import InputError
+
+
+class Option(NamedTuple):
+    """How an argument of a scenario is asked for on the command line."""
+
+    help: str
+    low: float | None = None
+    high: float | None = None
+    low_open: bool = False  # whether the bound itself is left out
+    high_open: bool = False
+    is_file: bool = False  # the value is what stands in a file
+
+
+Rail = Annotated[str, Option("Rail of a scenario that has one rail.")]
+Sigma = Annotated[float, Option("Noise of the adhesion signal.", 0, 10)]
+Points = Annotated[int, Option("Points in a block, or samples of a stream.", 4, 10**6)]
+SlipMax = Annotated[float, Option("Largest slip of the excitation.", 0, 1, low_open=True)]
+Outliers = Annotated[
+    float, Option("Share of points with ten times the noise.", 0, 1, high_open=True)
+]
+BlockCount = Annotated[int, Option("Blocks of a run.", 1)]
+Law = Annotated[
+    str, Option("The law.json of experiments.discover that the truth follows.", is_file=True)
+]
+
+
+class Options(Mapping[str, Any]):
+    """The options that were asked for, by name; what is None was not. Equal ones hash alike."""
+
+    def __init__(self, **asked: object) -> None:
+        self._asked = {name: value for name, value in asked.items() if value is not None}
+
+    def __getitem__(self, name: str) -> Any:
+        return self._asked[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._asked)
+
+    def __len__(self) -> int:
+        return len(self._asked)
+
+    def __hash__(self) -> int:
+        return hash(tuple(sorted(self._asked.items())))
+
+    def __repr__(self) -> str:
+        return f"Options({', '.join(f'{name}={value!r}' for name, value in self.items())})"
+
+
+class Declared(NamedTuple):
+    """An argument of a scenario."""
+
+    kind: type
+    option: Option
+    required: bool
+
+
+def declared(build: Callable[..., Any]) -> Mapping[str, Declared]:
+    """The options of a scenario by name, from the annotations of the function that builds it."""
+    return {
+        name: _declared(argument)
+        for name, argument in inspect.signature(build, eval_str=True).parameters.items()
+    }
+
+
+def _declared(argument: inspect.Parameter) -> Declared:
+    # Where a scenario works out the default itself, the annotation is a union with None.
+    kinds = (argument.annotation, *get_args(argument.annotation))
+    annotated = next(kind for kind in kinds if get_origin(kind) is Annotated)
+    kind, option = get_args(annotated)
+    return Declared(kind, option, argument.default is inspect.Parameter.empty)
+
+
+def check(name: str, build: Callable[..., Any], options: Options) -> None:
+    """InputError where the scenario of this name does not take an option, or lacks one."""
+    known = declared(build)
+    for option in options:
+        if option not in known:
+            raise InputError(
+                f"--{_dashed(option)} does not go with --scenario {name}, which takes "
+                f"{', '.join(f'--{_dashed(other)}' for other in known)}."
+            )
+    for option, one in known.items():
+        if one.required and option not in options:
+            raise InputError(
+                f"--scenario {name} needs --{_dashed(option)}"
+                f"{' FILE' if one.option.is_file else ''}. {one.option.help}"
+            )
+
+
+def _dashed(name: str) -> str:
+    return name.replace("_", "-")
