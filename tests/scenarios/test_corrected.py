@@ -306,9 +306,9 @@ def test_two_workers_find_what_one_does(humid):
 def test_the_metadata_hold_the_law(humid):
     config = humid[0]
     kept = json.loads(json.dumps(montecarlo._config(config, [config])))
-    assert kept["options"]["law"] == json.loads(config.options.law)
+    assert kept["options"]["law"] == json.loads(config.options["law"])
     assert kept["options"]["law"]["effects"][0]["k"] == STRENGTH
-    assert montecarlo._config(Config(), [Config("single")])["options"]["law"] is None
+    assert montecarlo._config(Config(), [Config("single")])["options"] == {}
 
 
 def test_no_other_job_loads_the_discovery():
