@@ -77,6 +77,7 @@ def table_rows(
 ) -> pd.DataFrame:
     """One row a quantity, absolute and in the quantity's unit.
 
+    `delay_steps` is the mean delay after a switch in steps: samples of a stream, or blocks.
     `seconds` are those of one identification, once for each part of the runs.
     """
     rmse = np.sqrt(moments.mean("squared_error"))
@@ -107,8 +108,8 @@ def table_rows(
             "at_bound_share_se": float(moments.standard_error("on_box")),
             "failure_share": float(moments.mean("failed")),
             "failure_share_se": float(moments.standard_error("failed")),
-            "delay_blocks": float(moments.mean("delay")) if tracked else np.nan,
-            "delay_blocks_se": float(moments.standard_error("delay")) if tracked else np.nan,
+            "delay_steps": float(moments.mean("delay")) if tracked else np.nan,
+            "delay_steps_se": float(moments.standard_error("delay")) if tracked else np.nan,
             "runs": moments.runs,
             "seconds_per_identification": np.mean(seconds),
             "seconds_per_identification_se": (

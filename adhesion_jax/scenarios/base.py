@@ -44,7 +44,11 @@ class Scenario(eqx.Module):
 
     @abstractmethod
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        """Cramer-Rao bound of `quantities` from the data of one run; NaN where there is none."""
+        """Cramer-Rao bound of `quantities`, [blocks, values]; NaN where there is none.
+
+        It is that of the last `support` points of one run up to each block; a method that rests
+        on more of them may come below it.
+        """
 
     @abstractmethod
     def support(self) -> np.ndarray:

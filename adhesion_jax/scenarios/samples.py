@@ -87,7 +87,7 @@ class Samples(Scenario):
         return np.array(counts)
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
-        """The end of each stretch in the summary; k is the sample, counted from 0.
+        """The end of each stretch in the summary; k counts the samples seen.
 
         Steady running is the second half of a stretch, against the bound of the data since its
         start.
@@ -105,7 +105,7 @@ class Samples(Scenario):
             "summary": [Group(self.rails[b], (b,)) for b in sorted(ends)],
             "steady": [Group(self.rails[half[0]], half) for half in halves],
             "checkpoints": [
-                Group(self.rails[b], (b,), k=_BLOCK * (b + 1) - 1)
+                Group(self.rails[b], (b,), k=_BLOCK * (b + 1))
                 for b in sorted(ends | after | spaced)
                 if b < blocks
             ],

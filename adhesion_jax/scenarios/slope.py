@@ -88,10 +88,10 @@ class SlopeStream(Scenario):
         return _BLOCK * (np.arange(len(self.rails)) + 1)
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
-        """The last block in the summary; k is the sample, counted from 0."""
+        """The last block in the summary; k counts the samples seen."""
         blocks = len(self.rails)
         spaced = range(_SPACING - 1, blocks, _SPACING)
-        checkpoints = [Group(self.rails[b], (b,), k=_BLOCK * (b + 1) - 1) for b in spaced]
+        checkpoints = [Group(self.rails[b], (b,), k=_BLOCK * (b + 1)) for b in spaced]
         return {
             "summary": [Group(self.rails[-1], (blocks - 1,))],
             "checkpoints": checkpoints,

@@ -120,7 +120,7 @@ def test_metrics_of_a_case_done_by_hand():
     assert np.isnan(row["rmse_over_crlb"])  # too many runs on the box
     # One block unusable, one with a gap of 0.002 > sigma^2 = 0.0016.
     assert row["failure_share"] == pytest.approx(2 / 4)
-    assert np.isnan(row["delay_blocks"])
+    assert np.isnan(row["delay_steps"])
     assert row["bias_se"] == pytest.approx(0.1)  # the means of the two runs are 0 and 0.2
     assert row["evaluations"] == 7
 

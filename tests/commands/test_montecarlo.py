@@ -19,7 +19,7 @@ from adhesion_jax.studies import speed
 COLUMNS = [
     *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
     *("crlb", "rmse_over_crlb", "coverage95", "coverage95_se", "at_bound_share", "failure_share"),
-    *("delay_blocks", "runs", "seconds_per_identification", "evaluations"),
+    *("delay_steps", "runs", "seconds_per_identification", "evaluations"),
 ]
 
 

@@ -229,5 +229,5 @@ def test_a_campaign_reports_the_slope():
     assert np.isfinite(row[["bias", "rmse", "coverage95"]].astype(float)).all()
     assert np.isnan(row["crlb"])
     assert row["at_bound_share"] == row["failure_share"] == 0
-    assert list(campaign.tables["checkpoints"]["k"]) == [99, 199, 299]
+    assert list(campaign.tables["checkpoints"]["k"]) == [100, 200, 300]
     assert set(campaign.tables["bands"]["quantity"]) == {"slope", "forgetting"}

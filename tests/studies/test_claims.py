@@ -193,8 +193,8 @@ def test_tracking_is_faster_only_where_delay_and_failures_are_fewer():
             {
                 "identifier": name,
                 "quantity": "mu_max",
-                "delay_blocks": delay,
-                "delay_blocks_se": 0.01,
+                "delay_steps": delay,
+                "delay_steps_se": 0.01,
                 "failure_share": failure,
                 "failure_share_se": 0.01,
             }

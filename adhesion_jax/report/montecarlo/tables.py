@@ -35,7 +35,7 @@ def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",
             "coverage": _pairs(chosen, "coverage95"),
             "on box": chosen["at_bound_share"].map(_percent),
             "failed": _percent_pairs(chosen, "failure_share"),
-            "delay": chosen["delay_blocks"].map(lambda x: "" if np.isnan(x) else f"{x:.3g}"),
+            "delay": chosen["delay_steps"].map(lambda x: "" if np.isnan(x) else f"{x:.3g}"),
             "us each": (1e6 * chosen["seconds_per_identification"]).map(lambda x: f"{x:.0f}"),
             "evaluations": chosen["evaluations"].map(lambda x: f"{x:.0f}"),
         }

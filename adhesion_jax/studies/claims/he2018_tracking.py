@@ -156,7 +156,7 @@ def _against_optimum(ratio: float, error: float) -> str:
 def tracking_claims(tables: Mapping[str, pd.DataFrame]) -> list[Claim]:
     """The modified algorithm tracks a switch faster: delay, and failures in the first block."""
     columns = {
-        ("summary", "delay_blocks"): (1.0, "blocks", "mu_max is tracked sooner after a switch"),
+        ("summary", "delay_steps"): (1.0, "blocks", "mu_max is tracked sooner after a switch"),
         ("switches", "failure_share"): (
             100.0,
             "% points",
@@ -166,7 +166,7 @@ def tracking_claims(tables: Mapping[str, pd.DataFrame]) -> list[Claim]:
     found = []
     for (table, column), (factor, unit, claim) in columns.items():
         rows = tables[table]
-        rows = rows[(rows["quantity"] == "mu_max") & rows["delay_blocks"].notna()]
+        rows = rows[(rows["quantity"] == "mu_max") & rows["delay_steps"].notna()]
         means, errors = {}, {}
         for name, of_method in rows.groupby("identifier"):
             # The switches of a run have their own noise: independent of each other.
