@@ -45,6 +45,20 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class Folder(click.Path):
+    """A folder by its name; an empty name, which pathlib takes for this folder, is refused."""
+
+    name = "folder"
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("the name is empty; name a folder, or . for this one.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 def output_directory(path: Path) -> Path:
     """`path`, made if need be, and proved writable before any work is done."""
     try:

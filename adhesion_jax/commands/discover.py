@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.commands.command import output_directory
+from adhesion_jax.commands.command import Folder, output_directory
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED
 from adhesion_jax.data.runs import matching, read_runs
@@ -39,7 +39,7 @@ from adhesion_jax.simulation.simulator import simulate, write_set
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Folder(),
     default=Path("out/discover"),
     help="Folder for report.html, report.md, report.json, law.json and figures.",
     show_default=True,

@@ -9,7 +9,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.commands.command import output_directory
+from adhesion_jax.commands.command import Folder, output_directory
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.report.studies.discovery import (
@@ -82,7 +82,7 @@ OWN_FILES = (
 @click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Folder(),
     default=Path("out/discovery_study"),
     show_default=True,
 )

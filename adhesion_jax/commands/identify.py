@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from adhesion_jax.commands.command import output_directory
+from adhesion_jax.commands.command import Folder, output_directory
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED, check_curve, read_measured, to_record
 from adhesion_jax.errors import InputError
@@ -21,7 +21,7 @@ from adhesion_jax.report.measured.words import curve_rows, printed_table, verdic
 @click.option("--curve", default="all", help=f"{', '.join(CURVES)}, or all.", show_default=True)
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Folder(),
     default=Path("out/identify"),
     help="Folder for curves.csv, curves.png and verdict.txt.",
     show_default=True,

@@ -25,7 +25,7 @@ from adhesion_jax.campaign.config import (
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaigns
 from adhesion_jax.campaign.rows import row_columns
 from adhesion_jax.campaign.store import EstimateWriter, read_estimates
-from adhesion_jax.commands.command import FiniteRange, output_directory
+from adhesion_jax.commands.command import FiniteRange, Folder, output_directory
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
@@ -106,9 +106,7 @@ def _type(one: Declared) -> click.ParamType | type:
 @scenario_options
 @click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/montecarlo"), show_default=True
-)
+@click.option("--out", type=Folder(), default=Path("out/montecarlo"), show_default=True)
 @click.option(
     "--list",
     is_flag=True,

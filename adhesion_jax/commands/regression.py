@@ -9,7 +9,7 @@ import click
 import pandas as pd
 from tqdm import tqdm
 
-from adhesion_jax.commands.command import output_directory
+from adhesion_jax.commands.command import Folder, output_directory
 from adhesion_jax.files import staged, write_table
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.report.studies.baseline import moved_text
@@ -46,7 +46,7 @@ BASELINE_SEED, CHECK_SEED = 0, 1
 @click.option("--update", is_flag=True, help="Write the baseline anew and compare nothing.")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Folder(),
     default=Path("out/regression"),
     show_default=True,
     help="Folder for the fresh table and the comparison.",

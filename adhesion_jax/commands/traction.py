@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.traction import judge, planned
-from adhesion_jax.commands.command import FiniteRange, output_directory
+from adhesion_jax.commands.command import FiniteRange, Folder, output_directory
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged, write_metadata, write_table
 from adhesion_jax.report.page_html import page_html
@@ -49,7 +49,7 @@ OWN_FILES = (
 @click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
 @click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
 @click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
-@click.option("--out", type=click.Path(path_type=Path), help="(out/traction-SYSTEM)")
+@click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
 def main(
     name: str,
     plant_name: str | None,

@@ -1,0 +1,37 @@
+"""What all commands have in common."""
+
+import pytest
+from click.testing import CliRunner
+
+from adhesion_jax.commands import (
+    claims,
+    discover,
+    discovery_peers,
+    discovery_study,
+    identify,
+    montecarlo,
+    regression,
+    speed,
+    traction,
+)
+
+ASKED = {
+    claims: [],
+    discover: ["roller-rig"],
+    discovery_peers: [],
+    discovery_study: [],
+    identify: ["eurosprinter"],
+    montecarlo: [],
+    regression: [],
+    speed: [],
+    traction: ["--system", "hxd1f"],
+}
+
+
+@pytest.mark.parametrize("command", ASKED, ids=lambda command: command.__name__.split(".")[-1])
+def test_a_folder_without_a_name_is_refused_and_nothing_is_written(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(command.main, [*ASKED[command], "--out", ""])
+    assert found.exit_code == 2
+    assert "the name is empty" in found.output
+    assert not list(tmp_path.iterdir())
