@@ -33,7 +33,9 @@ class Status(IntEnum):
 
 
 _SENTENCES = {
-    Status.NOT_FINITE: "The solver produced NaN or infinity; the previous estimate is reported.",
+    Status.NOT_FINITE: (
+        "The solver produced NaN or infinity; the previous estimate, or the start, is reported."
+    ),
     Status.INADMISSIBLE: "The curve gives no positive adhesion; the values are as found.",
     Status.NO_PEAK: (
         "No peak between slip 0 and the largest slip asked for; "

@@ -168,7 +168,10 @@ def online_estimate(
     forgetting: Float[Array, ""],
     reset: Bool[Array, ""] | None = None,
 ) -> Estimate:
-    """The estimate of an online method, whose recursion is finite at all times."""
-    x, yes = jnp.stack(state.recursion.x), jnp.ones((), dtype=bool)
-    fit = Fit(x, covariance, state.objective, state.samples, converged, yes, state.skipped)
-    return to_estimate(state.known, fit, forgetting, ~yes if reset is None else reset)
+    """The estimate of an online method; should its sums have overflowed, the start."""
+    known, x = state.known, jnp.stack(state.recursion.x)
+    finite = jnp.all(jnp.isfinite(x))
+    x = jnp.where(finite, x, free_values(known.curve))
+    fit = Fit(x, covariance, state.objective, state.samples, converged, finite, state.skipped)
+    none = jnp.zeros((), dtype=bool)
+    return to_estimate(known, fit, forgetting, none if reset is None else reset)

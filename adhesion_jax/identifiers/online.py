@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from adhesion_jax.records import Known, Record
 
@@ -35,28 +35,26 @@ def over_fresh_samples(
 ) -> OnlineState:
     """The state after every point of the record that has not been seen before.
 
-    A sample that would leave anything in the recursion NaN or infinite is left out and counted:
-    one value that is no number would otherwise stay in the sums for good.
+    A sample that is not finite is left out and counted: it would stay in the sums for good.
     """
 
-    def one_sample(recursion: R, sample: tuple[Array, ...]) -> tuple[R, Bool[Array, ""]]:
-        fresh, *columns = sample
+    def one_sample(
+        carry: tuple[R, Float[Array, ""]], sample: tuple[Array, ...]
+    ) -> tuple[tuple[R, Float[Array, ""]], None]:
+        (recursion, skipped), (fresh, *columns) = carry, sample
         taken = step(recursion, *columns)
-        finite = _all_finite(taken)
-        after = jax.tree.map(lambda new, old: jnp.where(fresh & finite, new, old), taken, recursion)
-        return after, fresh & ~finite
+        # The sum of the columns is NaN or infinite as soon as one of them is.
+        takes = fresh & jnp.isfinite(sum(columns[1:], columns[0]))
+        after = jax.tree.map(lambda new, old: jnp.where(takes, new, old), taken, recursion)
+        return (after, skipped + jnp.where(fresh & ~takes, 1.0, 0.0)), None
 
     asked_for = (record.conditions[name] for name in conditions)
     samples = (record.fresh, record.slip, record.adhesion, *asked_for)
-    recursion, skipped = jax.lax.scan(one_sample, state.recursion, samples)
+    # Counted in the type of the recursion: numbers of another width would slow the loop down.
+    start = (state.recursion, jnp.zeros(()))
+    (recursion, skipped), _ = jax.lax.scan(one_sample, start, samples)
     return state._replace(
         recursion=recursion,
         samples=jnp.sum(record.fresh, dtype=jnp.int32),
-        skipped=jnp.sum(skipped, dtype=jnp.int32),
+        skipped=skipped.astype(jnp.int32),
     )
-
-
-def _all_finite(recursion: Any) -> Bool[Array, ""]:
-    """Whether every number is; their sum is NaN or infinite as soon as one of them is."""
-    numbers = (x for x in jax.tree.leaves(recursion) if jnp.issubdtype(x.dtype, jnp.inexact))
-    return jnp.isfinite(sum((jnp.sum(x) for x in numbers), jnp.zeros(())))

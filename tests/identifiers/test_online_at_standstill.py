@@ -30,12 +30,16 @@ SLOPE = build("fang2018-slope")
 TRUTH = KIENCKE_RAILS["dry"]
 MU_MAX = float(TRUTH.peak({}).adhesion)
 
+#: Many samples in few programs: what tests leave out elsewhere is worth its time here.
+optimised = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 2})
+
 #: Published methods, which stay as they are printed. The others are this project's own.
 PRINTED = ("qp-qian2024-1", "qp-qian2024-2", "rls-kiencke", "rls-kiencke-variable", "rls-slope")
 OWN = ("qp-bias-compensated", "riv")
 
-#: What a printed method makes worse by more than a tenth.
+#: Where the RMSE is more than a tenth larger, or infinite: those of docs/online_at_standstill.md.
 WORSE = {
+    ("qp-bias-compensated", "outlier"),  # it forgets as Algorithm 2 does
     ("qp-qian2024-1", "repeated sample"),
     ("qp-qian2024-2", "outlier"),
     ("rls-kiencke", "repeated sample"),
@@ -90,7 +94,7 @@ def streams(name):
 
 @functools.cache
 def measured(name):
-    """By disturbance: whether all is finite, resets a run, RMSE at the end, samples skipped."""
+    """By disturbance, and from it on: whether all is finite, resets, RMSE at the end, skipped."""
     method = IDENTIFIERS[name]
     known = SLOPE.known if name == "rls-slope" else QIAN2024
 
@@ -105,12 +109,12 @@ def measured(name):
 
     record, true = streams(name)
     # Over the runs alone: the disturbances take turns, so that one program serves them all.
-    run = jax.jit(lambda record: jax.lax.map(jax.vmap(one_run), record))
+    run = optimised(lambda record: jax.lax.map(jax.vmap(one_run), record))
     value, reset, skipped = map(np.asarray, run(record))
     rmse = np.sqrt(np.mean((value[..., -1] - true) ** 2, axis=-1))
     return {
         one: {
-            "finite": bool(np.all(np.isfinite(value[i]))),
+            "finite": bool(np.all(np.isfinite(value[i, :, BEFORE:]))),
             "resets": float(np.sum(reset[i, :, BEFORE:]) / RUNS),
             "ratio": float(rmse[i] / rmse[0]),
             "skipped": float(np.sum(skipped[i]) / RUNS),
@@ -132,12 +136,11 @@ def test_every_method_that_takes_single_samples_is_among_them():
 def test_samples_that_tell_nothing_new_do_not_harm(name, disturbance):
     """Finite, no more resets than without, and 300 samples later at most a tenth less accurate."""
     found, without = measured(name)[disturbance], measured(name)["gap"]
-    if disturbance == "outlier" and name == "qp-bias-compensated":
-        pytest.xfail("it forgets as Algorithm 2 does; see docs/online_at_standstill.md")
     if (name, disturbance) in WORSE:
         assert not found["ratio"] <= 1.1  # else it is no exception any more
         return
-    assert found["finite"] or disturbance == "outlier"
+    if disturbance != "outlier":
+        assert found["finite"]
     assert found["resets"] <= without["resets"]
     assert found["ratio"] <= 1.1
     assert found["skipped"] == (disturbance == "not finite")
@@ -149,10 +152,10 @@ def test_the_resets_that_are_counted_are_seen_where_there_are_some():
     rng = np.random.default_rng(1)
     slip = rng.uniform(0.0, 0.2, TOTAL)
     after = np.arange(TOTAL) >= BEFORE + DURING
-    clean = np.where(after, KIENCKE_RAILS["common"](slip, {}), TRUTH(slip, {}))
-    every = jnp.ones((TOTAL, 1), dtype=bool)
-    adhesion = jnp.asarray(clean + SIGMA * rng.normal(size=TOTAL))
-    record = Record(jnp.asarray(slip)[:, None], adhesion[:, None], every, every, {})
+    slip, every = jnp.asarray(slip), jnp.ones((TOTAL, 1), dtype=bool)
+    clean = jnp.where(after, KIENCKE_RAILS["common"](slip, {}), TRUTH(slip, {}))
+    adhesion = clean + SIGMA * rng.normal(size=TOTAL)
+    record = Record(slip[:, None], adhesion[:, None], every, every, {})
 
     def step(state, now):
         state = method.update(state, now)
