@@ -24,15 +24,21 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.model.problem import Problem, label_of, prepare
-from adhesion_jax.discovery.model.slip import felt_in_adhesion, noise_of_slip, roughness
+from adhesion_jax.discovery.model.slip import noise_of_slip, roughness, with_slip_errors
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
-from adhesion_jax.discovery.search.judgement import doubtful, of_curve, of_levels, undecided, vetoed
+from adhesion_jax.discovery.search.judgement import (
+    confirmed,
+    curve_doubts,
+    doubtful,
+    level_doubts,
+    undecided,
+)
 from adhesion_jax.discovery.search.probes import compile_changes
 from adhesion_jax.discovery.search.refinement import refined
 from adhesion_jax.discovery.search.scans import torsion
 from adhesion_jax.discovery.search.second_opinion import second_opinion
-from adhesion_jax.discovery.search.selection import look_again, search
+from adhesion_jax.discovery.search.selection import search, search_columns
 from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
 from adhesion_jax.discovery.types import Doubt, Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
@@ -54,16 +60,16 @@ def _silent(_words: str, _share: float) -> None:
     """Reports no progress."""
 
 
-def _onwards(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
+def _never_falling(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
     """A `progress` whose share never falls: where a search begins again the largest one is kept."""
     reached = 0.0
 
-    def onwards(words: str, share: float) -> None:
+    def never_falling(words: str, share: float) -> None:
         nonlocal reached
         reached = max(reached, share)
         progress(words, reached)
 
-    return onwards
+    return never_falling
 
 
 # The matrices are small: several threads of the linear algebra, or of the trees, would be slower.
@@ -89,7 +95,7 @@ def discover(
     Raises InputError for a base curve that is not known, or that needs a column the runs lack.
     """
     began = time.perf_counter()
-    progress = _onwards(progress)
+    progress = _never_falling(progress)
     bases = _bases(runs, base)
     whole = with_run_order(runs)
     warnings = list(runs.warnings)
@@ -120,7 +126,7 @@ def discover(
     doubts: Sequence[Doubt] = ()
     if base == "auto" and bases != ("level",):
         state, doubts = doubtful(state)
-        doubts = (*doubts, *of_curve(state))
+        doubts = (*doubts, *curve_doubts(state))
     # A wave along the track whose form is inexact leaves lines in the spectrum over time.
     waves = any(isinstance(part, Wave) for part in parts_of(state.accepted))
     line = None if waves else torsion(state.fitted)
@@ -128,12 +134,12 @@ def discover(
     final = refined(_on_all_runs(state), seed)
     opinion = opinion_of(final, seed)
     if opinion is not None and opinion.columns:
-        again, _ = vetoed(look_again(state, opinion.columns, seed), held_out, seed)
+        again, _ = confirmed(search_columns(state, opinion.columns, seed), held_out, seed)
         if parts_of(again.accepted) != parts_of(state.accepted):
             final = refined(_on_all_runs(again), seed)
             opinion = opinion_of(final, seed)
     final = _precise(final)
-    doubts = (*doubts, *undecided(final), *of_levels(final, seed))
+    doubts = (*doubts, *undecided(final), *level_doubts(final, seed))
     plain = _by_least_squares(problem, alone)
     if noise is None and not final.accepted and slip_noise is None:
         # Without an effect the law after is the law before; only the noise is estimated better.
@@ -181,7 +187,7 @@ def _searched(
     for _ in range(rules.MOST_SEARCHES):
         state = search(state, entries, seed, progress)
         progress("judging what was found", 0.75)
-        state, rejected = vetoed(state, held_out, seed)
+        state, rejected = confirmed(state, held_out, seed)
         words |= rejected
         if not rejected:
             break
@@ -297,7 +303,7 @@ def _started(
     white = Setting(problem, white_noise(weight, max(sigma, 1e-12)), adhesion)
     if problem.slip_noise is not None:
         plain = [name for name in bases if not BASES[name].NEEDS]
-        white = felt_in_adhesion(problem, white.noise, plain or bases)
+        white = with_slip_errors(problem, white.noise, plain or bases)
     with ThreadPoolExecutor(1) as pool:
         # Most of the time of a first search is compiling: both programs are compiled side by side.
         compiled = pool.submit(compile_changes, white, bases[0])

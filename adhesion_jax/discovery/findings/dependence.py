@@ -16,6 +16,9 @@ from adhesion_jax.effects.cause import Remembering
 #: Number of values of a column that are shown.
 _GRID = 80
 
+#: Effects with a memory are shown only if runs have at least this number of points.
+_FEWEST_POINTS = 20
+
 #: Seconds after a step that are shown.
 _SECONDS = 10.0
 
@@ -44,7 +47,7 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
         parts = [slot for slot, place in enumerate(slots) if place[0] == number]
         in_time = [part for part in effect.parts if isinstance(part, Remembering)]
         if in_time:
-            if state.setting.problem.points.shape[1] >= _GRID // 4:
+            if state.setting.problem.points.shape[1] >= _FEWEST_POINTS:
                 driver = in_time[0].DRIVEN_BY
                 found.append(_after_step(state, effect.name, driver, parts, draws))
             continue

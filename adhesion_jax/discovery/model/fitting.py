@@ -14,7 +14,7 @@ from adhesion_jax.discovery.model.noise import (
     Noise,
     determinant,
     estimated,
-    made_of_slip,
+    slip_variance,
     whitening,
 )
 from adhesion_jax.discovery.model.problem import Problem
@@ -264,7 +264,7 @@ def squares(fitted: Fitted) -> float:
     """Sum of squared errors of adhesion, points weighted down for the noise of their slip."""
     noise = fitted.setting.noise
     error = (fitted.adhesion - np.asarray(fitted.setting.problem.data.adhesion)) * noise.weight
-    return float((np.asarray(error) ** 2 / (1 + made_of_slip(noise) / noise.sigma**2)).sum())
+    return float((np.asarray(error) ** 2 / (1 + slip_variance(noise) / noise.sigma**2)).sum())
 
 
 def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:

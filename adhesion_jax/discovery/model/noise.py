@@ -54,7 +54,7 @@ def white_noise(points: np.ndarray, sigma: float) -> Noise:
     return Noise(points, size, no, no, nothing, nothing, np.zeros((*points.shape, 0)))
 
 
-def made_of_slip(noise: Noise) -> np.ndarray:
+def slip_variance(noise: Noise) -> np.ndarray:
     """The variance of adhesion due to errors of the slip, [runs, points]."""
     return np.asarray(noise.variance + (noise.modes**2).sum(axis=2))
 
@@ -256,7 +256,7 @@ def _with_slip(
         return _half_deviance(noise_at(at), residual, level)
 
     inside = start.weight > 0
-    extra = made_of_slip(start)
+    extra = slip_variance(start)
     calm = residual[inside & (extra <= np.median(extra[inside]))]
     first = np.log(max(float(np.sqrt(np.mean(calm**2))), 1e-12))
     begun = np.array([first, -1.0, -6.0])

@@ -71,7 +71,7 @@ class Gain(NamedTuple):
 
     total: float
     error: float
-    skewness: float = 0.0  # of what the runs gain, over the root of their number
+    skewness: float = 0.0  # of the gains of the runs, over the root of their number
     freedom: float = np.inf  # degrees of freedom of the error
 
     @property
@@ -117,7 +117,7 @@ def gain(less: Fitted, more: Fitted) -> Gain:
 
 
 def best_stretch(less: Fitted, more: Fitted, blocks: int) -> float:
-    """The largest gain of `more` on `less` in so many neighbouring blocks of one run."""
+    """The largest gain of `more` on `less` in that number of neighbouring blocks of one run."""
     gains = expected_loss(less) - expected_loss(more)
     return float(np.convolve(gains, np.ones(blocks)).max())
 

@@ -105,7 +105,7 @@ def pack(
     slots: int,
     free: int,
 ) -> Model:
-    """The model as numbers, padded to so many slots and free parameters.
+    """The model as numbers, padded to that number of slots and of free parameters.
 
     `effects` must be in the order of their ORDER; `columns` names those of `Data.columns`.
     """

@@ -182,7 +182,7 @@ def _log_densities(
     return jax.vmap(whole)(choices)
 
 
-def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> Setting:
+def with_slip_errors(problem: Problem, noise: Noise, curves: Sequence[str]) -> Setting:
     """The data and their noise with the adhesion errors due to errors of the expected slip.
 
     These follow from the slope of the likeliest of the `curves`, which is found in turns with the
@@ -198,7 +198,7 @@ def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> S
     for _ in range(_WEIGHTINGS):
         fits = first_fits(fits_alone(Setting(pilot, noise, adhesion), curves))
         fitted = min(fits.values(), key=lambda fitted: fitted.total)
-        extra, shared = _made_of_slip(fitted)
+        extra, shared = _slip_moments(fitted)
         sigma = float(fitted.setting.noise.sigma)
         kept = extra <= max(sigma**2, float(np.quantile(extra[fitted_to > 0], _LEAST_KEPT)))
         noise = fitted.setting.noise._replace(
@@ -246,7 +246,7 @@ def error_covariances(expected: ExpectedSlip) -> Iterator[np.ndarray]:
         yield found
 
 
-def _made_of_slip(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
+def _slip_moments(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
     """Variance of adhesion due to slip errors, and its covariance with the point before."""
     expected, slope = fitted.setting.problem.expected, _slope(fitted)
     last = np.concatenate([slope[:, :1], slope[:, :-1]], axis=1)
@@ -270,7 +270,7 @@ def noise_of_slip(
     measured, expected = (min(fits.values(), key=bic) for fits in (exact, corrected))
     weight = measured.setting.noise.weight
     problem = expected.setting.problem
-    variance, covariance = _made_of_slip(expected)
+    variance, covariance = _slip_moments(expected)
     error = expected.adhesion - np.asarray(problem.data.adhesion)
     noise = noise_of(
         problem,

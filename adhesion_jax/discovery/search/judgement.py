@@ -90,7 +90,7 @@ def _doubt(name: str, base: str, other: str) -> Doubt:
     )
 
 
-def of_curve(state: Selection) -> tuple[Doubt, ...]:
+def curve_doubts(state: Selection) -> tuple[Doubt, ...]:
     """The doubt whether friction falls by the curve or by an effect on another curve; or none.
 
     It is raised if the curve chosen falls with the slip velocity by itself, and another one with
@@ -162,7 +162,7 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
     return (Doubt((name,), why),)
 
 
-def of_levels(state: Selection, seed: int) -> tuple[Doubt, ...]:
+def level_doubts(state: Selection, seed: int) -> tuple[Doubt, ...]:
     """The doubt about the column that the remaining levels of the runs follow, if there is one."""
     fitted, problem = state.fitted, state.setting.problem
     scatter = float(state.setting.noise.run_scatter)
@@ -207,7 +207,7 @@ def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
     )
 
 
-def vetoed(
+def confirmed(
     state: Selection, held_out: np.ndarray, seed: int
 ) -> tuple[Selection, Mapping[str, str]]:
     """The state without effects that do not raise the likelihood of the held-out runs.
@@ -252,7 +252,7 @@ def _raised(state: Selection, rest: Sequence[Accepted], held_out: np.ndarray, se
 
 
 def _losses(fitted: Fitted, held_out: np.ndarray) -> np.ndarray:
-    """Minus the log likelihood of each held-out run, [runs]; the others count nothing.
+    """Minus the log likelihood of each held-out run, [runs]; 0 for the others.
 
     The noise is the likeliest one for these runs. With the noise of the fitted runs a single run,
     whose columns lie outside what was fitted, would decide.

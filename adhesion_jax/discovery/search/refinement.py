@@ -11,7 +11,6 @@ from adhesion_jax.discovery.search.catalogue import Entry, column_entries, entry
 from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.state import (
     Accepted,
-    Place,
     Selection,
     settled,
     slots_of,
@@ -50,8 +49,9 @@ def refined(state: Selection, seed: int) -> Selection:
             chosen = _part_more(state, number, seed)
             if chosen is None:
                 break
-            slots = _slots_with(slots, (number, len(state.accepted[number].parts)), chosen)
-            fitted = chosen.fitted
+            fitted, slot = chosen.fitted, _new_slot(chosen)
+            part = (number, len(state.accepted[number].parts))
+            slots = [*slots[:slot], part, *slots[slot:]]
             state = state._replace(
                 fits={**state.fits, state.base: fitted},
                 accepted=with_parts(state.accepted, slots, fitted.effects),
@@ -80,12 +80,6 @@ def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
     if gained.total <= max(rules.PART_ERRORS * gained.error, least):
         return None
     return chosen
-
-
-def _slots_with(slots: Sequence[Place], place: Place, chosen: Trial) -> list[Place]:
-    """The parts by slot of the fit of a trial, whose new effect is the part of that place."""
-    slot = _new_slot(chosen)
-    return [*slots[:slot], place, *slots[slot:]]
 
 
 def fitted_start(chosen: Trial) -> Effect:

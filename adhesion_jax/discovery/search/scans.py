@@ -18,18 +18,20 @@ from adhesion_jax.effects.wave import Wave
 #: Number of random sign flips of the runs.
 _FLIPS = 1999
 
-#: Number of bins of the transform along an axis of a cause, and along any other column.
+#: Number of bins of the transform along an axis of a cause.
 _BINS = 8192
+
+#: Number of bins of the transform along any other column.
 _FEW_BINS = 1024
 
 #: Columns along which a cause is a wave, each with the name of the cause.
 _AXES = dict(sorted((kind.AXIS, name) for name, kind in EFFECTS.items() if issubclass(kind, Wave)))
 
-#: The coherence of a wave is relative to the median power of so many frequencies on either side: a
-#: line is wide where every run has passed only a part of the axis.
+#: Number of frequencies on either side whose median power the coherence of a wave is relative to. It
+#: is large because a line is wide where every run has passed only a part of the axis.
 _AROUND = 50
 
-#: The power of a line in time is relative to the median of so many frequencies on either side.
+#: Number of frequencies on either side whose median power a line in time is relative to.
 _NEIGHBOURS = 12
 
 

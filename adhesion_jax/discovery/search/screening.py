@@ -46,7 +46,7 @@ class Score(NamedTuple):
         return self.entry.name, type(self.start), self.entry.acts_on
 
 
-def seen(
+def first_scores(
     fits: Mapping[str, Fitted], base: str, entries: Sequence[Entry], seed: int
 ) -> Sequence[Score]:
     """The best score of each form of an entry, for the base curve without effects, best first.
@@ -57,7 +57,7 @@ def seen(
     levels of the runs absorb an effect that acts on whole runs. Therefore the residual is screened
     a second time as if its noise were white; for two screenings each p is doubled. Effects that may
     be slow are also fitted outright, on every curve, because a little of such an effect does not
-    show what all of it does; their p is so strict that it needs no further adjustment.
+    show what all of it does; their p is so strict that they add next to nothing to false claims.
     """
     fitted = fits[base]
     scores = screen(fitted, entries, seed)

@@ -17,7 +17,7 @@ from adhesion_jax.discovery.search.joint import surfaces
 from adhesion_jax.discovery.search.pruning import pruned
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.search.scans import waves
-from adhesion_jax.discovery.search.screening import Score, screen, seen
+from adhesion_jax.discovery.search.screening import Score, first_scores, screen
 from adhesion_jax.discovery.search.state import (
     Accepted,
     Selection,
@@ -105,7 +105,7 @@ def _plainer(
     if not plain or first.base in plain:
         return found, first.base
     start = first._replace(fits=plain, base=min(plain, key=lambda name: bic(plain[name])))
-    scores = seen(start.fits, start.base, entries, seed)
+    scores = first_scores(start.fits, start.base, entries, seed)
     again = _next(start, scores, rules.SIGNIFICANT, 0, seed)
     # Beside noise of the slip an error of the signals will become a doubt, not an effect.
     noisy = first.setting.problem.slip_noise is not None
@@ -167,7 +167,7 @@ def _with_other_formulas(state: Selection, entries: Sequence[Entry], seed: int) 
     return state._replace(accepted=tuple(accepted))
 
 
-def look_again(state: Selection, columns: Sequence[str], seed: int) -> Selection:
+def search_columns(state: Selection, columns: Sequence[str], seed: int) -> Selection:
     """The state with one more effect of one or two of the `columns`, if one is accepted.
 
     The columns are those that boosted trees need to predict the residual; p is adjusted for the
@@ -200,7 +200,7 @@ def _scored(state: Selection, entries: Sequence[Entry], seed: int) -> Sequence[S
     """The scores of the entries; before the first effect also under other kinds of noise."""
     if state.accepted:
         return screen(state.fitted, entries, seed)
-    return seen(state.fits, state.base, entries, seed)
+    return first_scores(state.fits, state.base, entries, seed)
 
 
 def _scanned(state: Selection, scores: Sequence[Score], seed: int) -> Sequence[Score]:
