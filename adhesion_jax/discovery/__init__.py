@@ -1,1 +1,1 @@
-"""From residual to effect: what a law lacks, how sure that is, and what it costs to lack it."""
+"""Discovery: which effects a law lacks in measured runs, how surely, and what they are worth."""

@@ -1,4 +1,4 @@
-"""From a campaign to findings: what the law lacks, how sure that is, and what it is worth."""
+"""From measured runs to findings: which effects the law lacks, and how far they lower its error."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,14 +24,21 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.model.problem import Problem, label_of, prepare
-from adhesion_jax.discovery.model.slip import felt_in_adhesion, noise_of_slip, roughness
+from adhesion_jax.discovery.model.slip import noise_of_slip, roughness, with_slip_errors
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
-from adhesion_jax.discovery.search.judgement import doubtful, of_curve, of_levels, undecided, vetoed
+from adhesion_jax.discovery.search.judgement import (
+    confirmed,
+    curve_doubts,
+    doubtful,
+    level_doubts,
+    undecided,
+)
+from adhesion_jax.discovery.search.probes import compile_changes
 from adhesion_jax.discovery.search.refinement import refined
 from adhesion_jax.discovery.search.scans import torsion
-from adhesion_jax.discovery.search.screening import compile_changes
 from adhesion_jax.discovery.search.second_opinion import second_opinion
-from adhesion_jax.discovery.search.selection import look_again, search
+from adhesion_jax.discovery.search.selection import search, search_columns
 from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
 from adhesion_jax.discovery.types import Doubt, Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
@@ -39,43 +46,33 @@ from adhesion_jax.effects.wave import Wave
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 
-#: Share of the runs that no effect is selected on: it must raise their likelihood too.
-_HELD_OUT = 0.25
-
-#: How often is searched anew without what the held-out runs reject.
-_SEARCHES = 3
-
-#: Effects under which the sum of squared errors is more than so many times larger are none.
-_WORSE = 1.01
-
-#: A base curve whose BIC with the effects is larger by more than this is given up.
-_BEHIND = 100.0
-
-#: Where the levels of runs scatter by more than this beyond what was found, it is searched again
-#: with every point alike. That must lower the sum of squared errors of runs held out to this share.
-_WIDE, _FAR_BETTER = 0.1, 0.8
-
-#: A campaign of more points is thinned: they would say no more of effects, only take longer.
+#: Largest number of points that effects are searched in; more are thinned to save time.
 _POINTS = 8_000
+
+#: The slip counts as one value if it varies by less than this share of its size.
+_ONE_SLIP = 1e-6
+
+#: Standard deviation of the noise of the first fits, relative to the adhesion.
+_FIRST_SIGMA = 0.1
 
 
 def _silent(_words: str, _share: float) -> None:
-    """Where nobody looks."""
+    """Reports no progress."""
 
 
-def _onwards(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """The same, told the largest share so far where a search begins again."""
+def _never_falling(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
+    """A `progress` whose share never falls: where a search begins again the largest one is kept."""
     reached = 0.0
 
-    def onwards(words: str, share: float) -> None:
+    def never_falling(words: str, share: float) -> None:
         nonlocal reached
         reached = max(reached, share)
         progress(words, reached)
 
-    return onwards
+    return never_falling
 
 
-# The matrices are small: threads of the linear algebra, or of trees, wait more than they work.
+# The matrices are small: several threads of the linear algebra, or of the trees, would be slower.
 @threadpool_limits.wrap(limits=1)
 def discover(
     runs: RunSet,
@@ -87,15 +84,18 @@ def discover(
     citation: str = "",
     slip_noise: float | None = None,
 ) -> Findings:
-    """What effects the runs show that an adhesion curve alone does not.
+    """The effects that an adhesion curve lacks in the measured runs, with all that is reported.
 
-    `base` names a curve, or auto for the choice by BIC. `test` is never used for fitting.
-    `slip_noise` is the standard deviation of the noise of the wheel speed in m/s where it is known,
-    else it is estimated.
-    `progress` is told what is done, and which share of the whole that is.
+    `base` names a curve, or is "auto" for a choice by BIC. `test` is predicted, and never used for
+    fitting. `seed` draws the runs that are held out and all resampling. `progress` is called with
+    words and with the share of the whole that is done. `source` and `citation` are passed on to
+    the findings. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s if
+    it is known; otherwise the noise of the slip is estimated.
+
+    Raises InputError for a base curve that is not known, or that needs a column the runs lack.
     """
     began = time.perf_counter()
-    progress = _onwards(progress)
+    progress = _never_falling(progress)
     bases = _bases(runs, base)
     whole = with_run_order(runs)
     warnings = list(runs.warnings)
@@ -116,37 +116,38 @@ def discover(
             fits = expected
     entries = library_of(min(fits.values(), key=bic).setting.problem)
     state, rejected = _searched(settled(fits, (), ()), entries, held_out, seed, progress)
-    if noise is None and float(state.setting.noise.run_scatter) > _WIDE:
+    if noise is None and float(state.setting.noise.run_scatter) > rules.WIDE_RUN_SCATTER:
         evenly = settled(_evenly(alone), (), ())
         other, also = _searched(evenly, entries, held_out, seed, progress)
-        if _missed(other, held_out) < _FAR_BETTER * _missed(state, held_out):
+        enough = rules.CLEARLY_FEWER_SQUARES * _held_out_squares(state, held_out)
+        if _held_out_squares(other, held_out) < enough:
             state, rejected = other, also
     warnings += rejected
     doubts: Sequence[Doubt] = ()
     if base == "auto" and bases != ("level",):
         state, doubts = doubtful(state)
-        doubts = (*doubts, *of_curve(state))
-    # A wave in an imperfect form leaves lines in the spectrum of time.
+        doubts = (*doubts, *curve_doubts(state))
+    # A wave along the track whose form is inexact leaves lines in the spectrum over time.
     waves = any(isinstance(part, Wave) for part in parts_of(state.accepted))
     line = None if waves else torsion(state.fitted)
     progress("fitting all runs", 0.85)
     final = refined(_on_all_runs(state), seed)
     opinion = opinion_of(final, seed)
     if opinion is not None and opinion.columns:
-        again, _ = vetoed(look_again(state, opinion.columns, seed), held_out, seed)
+        again, _ = confirmed(search_columns(state, opinion.columns, seed), held_out, seed)
         if parts_of(again.accepted) != parts_of(state.accepted):
             final = refined(_on_all_runs(again), seed)
             opinion = opinion_of(final, seed)
     final = _precise(final)
-    doubts = (*doubts, *undecided(final), *of_levels(final, seed))
+    doubts = (*doubts, *undecided(final), *level_doubts(final, seed))
     plain = _by_least_squares(problem, alone)
     if noise is None and not final.accepted and slip_noise is None:
-        # Without an effect the law after is the law before, and only the noise is told better.
+        # Without an effect the law after is the law before; only the noise is estimated better.
         final = final._replace(fits={plain.base: _with_noise_left(plain.fitted)}, base=plain.base)
     if final.accepted:
         same = final.setting.problem.slip_noise is None
         bare = plain if same else _by_least_squares(final.setting.problem, alone)
-        if squares(final.fitted) > _WORSE * squares(bare.fitted):
+        if squares(final.fitted) > rules.MOST_SQUARES_TIMES * squares(bare.fitted):
             names = " and ".join(effect.name for effect in final.accepted)
             warnings.append(
                 f"{names} would explain how neighbouring points differ, but not lower the error of "
@@ -181,26 +182,27 @@ def _searched(
     seed: int,
     progress: Callable[[str, float], None],
 ) -> tuple[Selection, list[str]]:
-    """What the search finds and the runs held out confirm, and why they rejected the rest."""
+    """The state with the effects that held-out runs confirm, and a sentence on each rejection."""
     words: dict[str, str] = {}
-    for _ in range(_SEARCHES):
+    for _ in range(rules.MOST_SEARCHES):
         state = search(state, entries, seed, progress)
         progress("judging what was found", 0.75)
-        state, rejected = vetoed(state, held_out, seed)
+        state, rejected = confirmed(state, held_out, seed)
         words |= rejected
         if not rejected:
             break
-        # What was rejected may have stood in the way of its like.
+        # A rejected effect may have displaced a similar one: search again without it.
         entries = tuple(entry for entry in entries if entry.name not in rejected)
     return state, list(words.values())
 
 
 def _evenly(alone: Mapping[str, Fitted]) -> Mapping[str, Fitted]:
-    """Fits of a problem in which every point counts alike.
+    """The same fits, of a problem in which every point counts alike.
 
-    Where what is missing moves the levels of runs, a noise in which these are as good as free
-    follows what happens within the runs. There a cause may look like another, because its column
-    is noisy or it acts in two ways, and then it would miss the levels and give way to lesser ones.
+    If a missing effect moves the levels of the runs, the estimated run scatter is so large that the
+    levels are nearly free, and only changes within the runs count. Within runs an effect may look
+    like another one, because its column is noisy or it acts in two ways; the search would then
+    accept lesser effects that do not explain the levels.
     """
 
     def even(fitted: Fitted) -> Fitted:
@@ -210,16 +212,17 @@ def _evenly(alone: Mapping[str, Fitted]) -> Mapping[str, Fitted]:
     return {name: even(fitted) for name, fitted in alone.items()}
 
 
-def _missed(state: Selection, held_out: np.ndarray) -> float:
-    """The sum of squared errors of the runs held out."""
+def _held_out_squares(state: Selection, held_out: np.ndarray) -> float:
+    """Sum of squared errors of the held-out runs; `held_out` is a mask [runs]."""
     problem = state.setting.problem
     error = (state.fitted.adhesion - np.asarray(problem.data.adhesion)) * problem.points
     return float((error[held_out] ** 2).sum())
 
 
 def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
+    """The names of the base curves to choose from; InputError if `base` cannot be used."""
     sizes = np.abs(np.asarray(runs.record.slip)[np.asarray(runs.record.mask)])
-    if np.ptp(sizes) < 1e-6 * max(float(sizes.max()), 1e-300):
+    if np.ptp(sizes) < _ONE_SLIP * max(float(sizes.max()), 1e-300):
         return ("level",)
     known = runs.record.conditions
     if base == "auto":
@@ -261,14 +264,16 @@ def _thinned(record: Record) -> tuple[Record, list[str]]:
 
 
 def _held_out(problem: Problem, seed: int) -> np.ndarray:
-    """Which runs are held out, drawn at random, [runs]."""
+    """A mask of the runs that are held out, drawn at random, [runs]."""
     runs = problem.points.shape[0]
-    chosen = np.random.default_rng([seed, 7]).permutation(runs)[: round(_HELD_OUT * runs)]
+    chosen = np.random.default_rng([seed, 7]).permutation(runs)[
+        : round(rules.SHARE_HELD_OUT * runs)
+    ]
     return np.isin(np.arange(runs), chosen)
 
 
 def opinion_of(state: Selection, seed: int) -> Opinion | None:
-    """What boosted trees see in the residual of a law; of blocks of one run nothing is asked."""
+    """What boosted trees predict of the residual of a law; None for blocks of one run."""
     problem = state.setting.problem
     if problem.blocks:
         return None
@@ -288,18 +293,19 @@ def opinion_of(state: Selection, seed: int) -> Opinion | None:
 def _started(
     problem: Problem, held_out: np.ndarray, bases: Sequence[str]
 ) -> tuple[Mapping[str, Fitted], Mapping[str, Fitted]]:
-    """Every base curve alone on the runs that are not held out: every point alike, and each curve
-    with its own noise.
+    """Every base curve alone, fitted to the runs that are not held out.
+
+    Returns the fits in which every point counts alike, and those with a noise of each curve's own.
     """
     weight = np.where(held_out[:, None], 0.0, problem.points)
     adhesion = np.asarray(problem.data.adhesion)
-    sigma = 0.1 * float(np.sqrt(np.mean(adhesion[weight > 0] ** 2)))
+    sigma = _FIRST_SIGMA * float(np.sqrt(np.mean(adhesion[weight > 0] ** 2)))
     white = Setting(problem, white_noise(weight, max(sigma, 1e-12)), adhesion)
     if problem.slip_noise is not None:
         plain = [name for name in bases if not BASES[name].NEEDS]
-        white = felt_in_adhesion(problem, white.noise, plain or bases)
+        white = with_slip_errors(problem, white.noise, plain or bases)
     with ThreadPoolExecutor(1) as pool:
-        # Compiling the two programs is most of a first search: let them be compiled side by side.
+        # Most of the time of a first search is compiling: both programs are compiled side by side.
         compiled = pool.submit(compile_changes, white, bases[0])
         alone = fits_alone(white, bases)
         fits = first_fits(alone)
@@ -308,9 +314,10 @@ def _started(
 
 
 def _by_least_squares(problem: Problem, alone: Mapping[str, Fitted]) -> Selection:
-    """The best curve without effects, every point alike, from where each was so on fewer runs.
+    """The best curve without effects by least squares over all runs; fits start from `alone`.
 
-    Where something is missing, noise is no noise, and a fit that allows for it may miss the data.
+    If an effect is missing, the estimated noise contains it, and a fit under that noise may be far
+    from the data.
     """
     adhesion = np.asarray(problem.data.adhesion)
     white = Setting(problem, white_noise(problem.points, float(np.std(adhesion))), adhesion)
@@ -318,7 +325,7 @@ def _by_least_squares(problem: Problem, alone: Mapping[str, Fitted]) -> Selectio
         name: nearly_fitted(white, name, fitted.base_values.tolist(), ())
         for name, fitted in alone.items()
     }
-    # Under one noise for all the likelihood is that of the noise of the best.
+    # The curves are compared under one noise, that of the best of them.
     sigma = np.sqrt(min(map(squares, fits.values())) / problem.points.sum())
     best = white._replace(noise=white_noise(problem.points, max(float(sigma), 1e-12)))
     fits = {
@@ -329,14 +336,14 @@ def _by_least_squares(problem: Problem, alone: Mapping[str, Fitted]) -> Selectio
 
 
 def _with_noise_left(fitted: Fitted) -> Fitted:
-    """The same law with the noise that it leaves, whichever it was fitted under."""
+    """The same fit with the noise estimated from its residual, whichever it was fitted under."""
     problem = fitted.setting.problem._replace(even=False)
     uneven = fitted._replace(setting=fitted.setting._replace(problem=problem))
     return fitted._replace(setting=own_noise(uneven))
 
 
 def _precise(state: Selection) -> Selection:
-    """The chosen curve with its effects, fitted until nothing moves."""
+    """The state whose chosen curve with its effects is fitted to full precision."""
     fitted = precise(state.fitted)
     if fitted.setting.problem.even:
         fitted = _with_noise_left(fitted)
@@ -345,15 +352,14 @@ def _precise(state: Selection) -> Selection:
 
 
 def _on_all_runs(state: Selection) -> Selection:
-    """The same effects, fitted to all runs."""
+    """The state refitted to all runs, those held out included."""
 
     def whole(fitted: Fitted) -> Fitted:
         setting = fitted.setting
         noise = setting.noise._replace(weight=setting.problem.points)
         return fitted._replace(setting=setting._replace(noise=noise))
 
-    # A third more runs do not make a curve the best that is far behind on these.
-    least = bic(state.fitted) + _BEHIND
-    fits = {name: whole(fitted) for name, fitted in state.fits.items() if bic(fitted) <= least}
+    most = bic(state.fitted) + rules.HOPELESS_BIC
+    fits = {name: whole(fitted) for name, fitted in state.fits.items() if bic(fitted) <= most}
     final = settled(fits, state.accepted, state.ranking)
     return final._replace(thresholds=state.thresholds)

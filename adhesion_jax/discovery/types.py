@@ -1,4 +1,4 @@
-"""What a discovery reports; reports and studies read this and compute nothing new."""
+"""The result of a discovery; reports and studies read this and compute nothing new."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -18,7 +18,7 @@ class Interval(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Root mean square error of adhesion before and after, by a bootstrap over runs."""
+    """Root mean square error of adhesion before and after; intervals by a bootstrap over runs."""
 
     before: Interval
     after: Interval
@@ -30,41 +30,41 @@ class FoundEffect(NamedTuple):
     """One cause that the law lacked, or a structure without a known cause."""
 
     name: str  # the most likely: a name of EFFECTS, or covariate:, periodic:, product: of a column
-    candidates: tuple[str, ...]  # all that the data cannot tell from it, most likely first
+    candidates: tuple[str, ...]  # names that the data cannot tell from it, the most likely first
     covariates: tuple[str, ...]  # the columns it rests on
     formula: str  # e.g. "mu (1 - k kappa)"
     parameters: Mapping[str, Interval]
     units: Mapping[str, str]
     p_adjusted: float
     rmse_after: float  # of cross-validation, with this effect and those accepted before it
-    sentence: str  # what it is, in words
-    acts_on: str = "level"  # of the adhesion curve: its level, its slip scale ("slip"), its "fall"
+    sentence: str  # what the effect does, in words
+    acts_on: str = "level"  # part of the curve: its level, its slip scale ("slip"), its "fall"
 
 
 class Doubt(NamedTuple):
-    """Something is missing that the data cannot tell from another shape of the base curve."""
+    """A structure in the data that is not counted as an effect, for it may be something else."""
 
-    names: tuple[str, ...]  # the errors of the signals that would explain it
-    sentence: str  # what it may be, and what would tell
+    names: tuple[str, ...]  # effects or columns that would explain it
+    sentence: str  # what it may be, and what would decide
 
 
 class Opinion(NamedTuple):
-    """What boosted trees predict of the residual of runs that they were not fitted to."""
+    """The prediction by boosted trees of the residual of runs that they were not fitted to."""
 
-    columns: tuple[str, ...]  # without which they predict worse, the most important first
+    columns: tuple[str, ...]  # that the prediction needs, the most important first
     explained: float  # share of the squared residual of the runs left out
     error: float  # standard error of that share, over runs
-    p: float  # that no column explains anything
+    p: float  # of the hypothesis that no column is related to the residual
 
 
 class Candidate(NamedTuple):
-    """One row of the ranking: what else was looked at, and how much it would have explained."""
+    """One row of the ranking: a candidate of one round, and how much it would explain."""
 
-    round: int  # 0 for the first effect looked for
+    round: int  # 0 for the first effect
     name: str
     z: float  # of the score test
     p_adjusted: float
-    gain: float  # of the cross-validated log likelihood a run; NaN where it was not refitted
+    gain: float  # of the cross-validated log likelihood of all runs; NaN if it was not refitted
     gain_se: float
     decision: str  # "accepted", "in the class of ...", "not significant" ...
 
@@ -82,7 +82,7 @@ class Dependence(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """The measurement that would tell two members of a class apart."""
+    """The measurement that would separate two causes."""
 
     between: tuple[str, str]
     measurement: str  # a sentence
@@ -90,9 +90,9 @@ class Proposal(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """All that a report needs."""
+    """Everything that a report needs."""
 
-    source: str  # what was analysed
+    source: str  # the name of the data
     base: str
     base_parameters: pd.DataFrame  # parameter, unit, before, before_se, after, after_se
     law: CorrectedLaw  # base and effects, fitted to all runs
@@ -114,15 +114,16 @@ class Findings(NamedTuple):
     #: With a test set, one row a row of it: row, base, corrected.
     predictions: pd.DataFrame | None
     seconds: float
-    #: By round, the z of the score test whose adjusted p is just that of acceptance; NaN or left
-    #: out where it is not known.
+    #: By round, the z of the score test whose adjusted p equals the significance level; NaN or left
+    #: out if it is not known.
     thresholds: tuple[float, ...] = ()
-    #: What the slip of the points is: slip_ratio or slip_velocity_mps.
+    #: The kind of slip of the points: slip_ratio or slip_velocity_mps.
     slip: str = "slip_ratio"
-    citation: str = ""  # whose data they are
+    citation: str = ""  # of the data
     doubts: tuple[Doubt, ...] = ()
-    #: What a general method still sees in the residual of the law; None where it sees nothing.
+    #: What boosted trees predict of the residual of the law; None if that may be chance.
     opinion: Opinion | None = None
     #: One row a run: run, before, after (its mean relative residual, without and with the effects),
-    #: error (of one of them, from the noise within the run), mean of every column. None of blocks.
+    #: error (standard error of either, from the noise within the run), mean of every column. None
+    #: for blocks of one run.
     levels: pd.DataFrame | None = None

@@ -266,7 +266,7 @@ def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs():
 
 
 def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):
-    monkeypatch.setattr("adhesion_jax.discovery.engine._WORSE", 0.0)
+    monkeypatch.setattr("adhesion_jax.discovery.search.rules.MOST_SQUARES_TIMES", 0.0)
     found = discover(train)
     assert found.effects == found.unexplained == ()
     assert found.train.after.value == found.train.before.value

@@ -1,5 +1,7 @@
 """What is made of an effect once it is found: its form, its doubts, and a second look."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from discovery_campaigns import SIZE, problem_of
@@ -8,11 +10,11 @@ from adhesion_jax.discovery.model.bases import first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import Setting, has_room, squares
 from adhesion_jax.discovery.model.noise import white_noise
 from adhesion_jax.discovery.search.catalogue import entry_of
-from adhesion_jax.discovery.search.judgement import doubtful, of_curve, undecided
+from adhesion_jax.discovery.search.judgement import curve_doubts, doubtful, undecided
 from adhesion_jax.discovery.search.refinement import _harmonics, forms_of, refined
 from adhesion_jax.discovery.search.screening import screen
-from adhesion_jax.discovery.search.selection import look_again
-from adhesion_jax.discovery.search.state import Accepted, settled
+from adhesion_jax.discovery.search.selection import search_columns
+from adhesion_jax.discovery.search.state import Accepted, refreshed, settled, slots_of
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import EFFECTS, Covariate, Interaction, Periodic, Spline
 from adhesion_jax.simulation.simulator import simulate
@@ -91,6 +93,19 @@ def test_forms_are_of_the_columns_of_the_effect_and_not_those_there_are(quiet):
                for entry in pairs)  # fmt: skip
 
 
+def test_the_slots_of_a_fit_are_in_the_order_of_application():
+    lag = taken("lag", EFFECTS["lag"](time_constant=0.2), "slip_ratio")
+    bias = taken("slip_bias", EFFECTS["slip_bias"](bias=1e-3), "slip_ratio")
+    wave = joint()
+    wave = wave._replace(parts=(*wave.parts, EFFECTS["curve"](k=1.0), *bias.parts))
+    for accepted in permutations((lag, bias, wave)):
+        parts = [accepted[number].parts[part] for number, part in slots_of(accepted)]
+        orders = [part.ORDER for part in parts]
+        assert orders == sorted(orders)
+        # What comes back from a fit by slot is each effect's own again, equal parts included.
+        assert refreshed(accepted, parts) == accepted
+
+
 def test_a_square_wave_gets_its_harmonics(square):
     better = refined(square, seed=0)
     (effect,) = better.accepted
@@ -124,7 +139,9 @@ def test_the_parts_of_an_effect_are_its_own_whatever_comes_after_it(null):
 def test_a_form_that_is_right_is_left_as_it_is(null):
     wave = np.sin(2 * np.pi * null["position_m"] / LENGTH)
     state = state_of(null.assign(adhesion=null["adhesion"] * (1 + 0.06 * wave)), joint())
-    assert refined(state, seed=0) is state
+    better = refined(state, seed=0)
+    assert [len(effect.parts) for effect in better.accepted] == [1]
+    assert better.fitted.values.tolist() == state.fitted.values.tolist()
 
 
 def test_a_model_that_fills_its_program_grows_no_further(quiet):
@@ -148,17 +165,17 @@ def test_a_curve_that_falls_where_friction_does_so_on_another_is_a_doubt(null):
     slip_velocity = null["slip_ratio"].abs() * null["vehicle_speed_mps"]
     table = null.assign(adhesion=null["adhesion"] * (0.6 + 0.4 * np.exp(-0.6 * slip_velocity)))
     state = state_of(table, bases=BOTH)._replace(base="polach-falling")
-    (doubt,) = of_curve(state)
+    (doubt,) = curve_doubts(state)
     assert doubt.names == ("falling_friction",)
     assert "above that of burckhardt alone" in doubt.sentence
     # It is an effect where the curve does not fall, and none twice.
-    assert of_curve(state._replace(base="burckhardt")) == ()
+    assert curve_doubts(state._replace(base="burckhardt")) == ()
     told = taken("falling_friction", EFFECTS["falling_friction"](0.4, 0.6), family="slip velocity")
-    assert of_curve(state._replace(accepted=(told,))) == ()
+    assert curve_doubts(state._replace(accepted=(told,))) == ()
 
 
 def test_a_curve_that_could_fall_and_does_not_is_no_doubt(null):
-    assert of_curve(state_of(null, bases=BOTH)._replace(base="polach-falling")) == ()
+    assert curve_doubts(state_of(null, bases=BOTH)._replace(base="polach-falling")) == ()
 
 
 def row(name, p, gain, decision="explains less", number=1):
@@ -233,7 +250,7 @@ def bent(null):
 
 def test_another_look_at_a_column_mends_the_form_of_its_effect(bent):
     state = state_of(bent, old("rail_age_days", 300.0))
-    again = look_again(state, ["rail_age_days"], seed=0)
+    again = search_columns(state, ["rail_age_days"], seed=0)
     (effect,) = again.accepted
     assert effect.name == "covariate:rail_age_days"
     assert len(effect.parts) > 1
@@ -246,12 +263,12 @@ def test_another_look_finds_an_effect_of_another_column_apart(bent):
     warm = (bent["temperature_C"] - bent["temperature_C"].median()) / bent["temperature_C"].std()
     table = bent.assign(adhesion=bent["adhesion"] * np.exp(0.08 * warm))
     state = state_of(table, old("rail_age_days", 300.0))
-    again = look_again(state, ["temperature_C"], seed=0)
+    again = search_columns(state, ["temperature_C"], seed=0)
     names = [effect.covariates for effect in again.accepted]
     assert names == [("rail_age_days",), ("temperature_C",)]
 
 
 def test_another_look_where_nothing_is_changes_nothing(quiet):
-    again = look_again(quiet, ["temperature_C", "rail_age_days"], seed=0)
+    again = search_columns(quiet, ["temperature_C", "rail_age_days"], seed=0)
     assert again.accepted == ()
     assert [effect for effect in again.fitted.effects if isinstance(effect, Spline)] == []

@@ -7,7 +7,7 @@ from discovery_campaigns import SIZE, problem_of
 from adhesion_jax.discovery.model.bases import first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import Setting
 from adhesion_jax.discovery.model.noise import white_noise
-from adhesion_jax.discovery.search.judgement import of_levels
+from adhesion_jax.discovery.search.judgement import level_doubts
 from adhesion_jax.discovery.search.run_levels import followed
 from adhesion_jax.discovery.search.state import settled
 from adhesion_jax.simulation.simulator import simulate
@@ -64,7 +64,7 @@ def state_of(table):
 def test_levels_that_follow_a_column_are_told_where_no_effect_is_accepted(null):
     age = null["rail_age_days"]
     worn = np.exp(-2 * (age - age.min()) / np.ptp(age))
-    (doubt,) = of_levels(state_of(null.assign(adhesion=null["adhesion"] * (1 + 0.3 * worn))), 0)
+    (doubt,) = level_doubts(state_of(null.assign(adhesion=null["adhesion"] * (1 + 0.3 * worn))), 0)
     assert doubt.names == ("rail_age_days",)
     assert "follows rail_age_days" in doubt.sentence
 
@@ -73,4 +73,4 @@ def test_levels_of_noise_raise_no_doubt(null):
     draw = np.random.default_rng(6)
     scatter = 1 + 0.05 * draw.standard_normal(null["run"].nunique())
     levels = scatter[null["run"].factorize()[0]]
-    assert of_levels(state_of(null.assign(adhesion=null["adhesion"] * levels)), 0) == ()
+    assert level_doubts(state_of(null.assign(adhesion=null["adhesion"] * levels)), 0) == ()

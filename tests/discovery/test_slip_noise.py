@@ -13,9 +13,9 @@ from scipy import stats
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.discovery.model.bases import first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import Setting
-from adhesion_jax.discovery.model.noise import made_of_slip, white_noise
+from adhesion_jax.discovery.model.noise import slip_variance, white_noise
 from adhesion_jax.discovery.model.problem import prepare
-from adhesion_jax.discovery.model.slip import error_covariances, felt_in_adhesion, roughness
+from adhesion_jax.discovery.model.slip import error_covariances, roughness, with_slip_errors
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.slip_noise import (
@@ -199,14 +199,14 @@ def test_what_the_slip_leaves_of_a_log_is_white_once_it_is_whitened():
         runs.record, fitted(Setting(exact, white_noise(exact.points, 0.02), adhesion)), None
     )
     noisy = prepare(runs.record, exact.calendar, runs.blocks, rough.effect)
-    found = fitted(felt_in_adhesion(noisy, white_noise(exact.points, 0.02), ["burckhardt"]))
+    found = fitted(with_slip_errors(noisy, white_noise(exact.points, 0.02), ["burckhardt"]))
     noise = found.setting.noise
     assert float(noise.sigma) == pytest.approx(0.008, rel=0.04)
     # Of sums over 25 neighbours; 2.5 to 4 where errors of the slip are known one neighbour far.
     left = found.residual[noise.weight > 0]
     sums = left[: left.size // 25 * 25].reshape(-1, 25).sum(axis=1)
     assert (sums**2).mean() / 25 == pytest.approx(1.0, abs=4 * np.sqrt(2 / sums.size))
-    nearest = noise._replace(modes=noise.modes[:, :, :0], variance=made_of_slip(noise))
+    nearest = noise._replace(modes=noise.modes[:, :, :0], variance=slip_variance(noise))
     plain = fitted(found.setting._replace(noise=nearest))
     assert plain.total > found.total + 30
 

@@ -1,1 +1,1 @@
-"""What is told of a search: findings, alternatives, cautions, intervals."""
+"""What is reported of a search: effects, alternatives, cautions, intervals."""

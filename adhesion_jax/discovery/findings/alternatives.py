@@ -1,4 +1,4 @@
-"""Which causes act alike in a campaign, and which measurement would tell them apart."""
+"""Which causes act alike in the data, and which measurement would separate them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -6,17 +6,15 @@ from typing import NamedTuple
 import numpy as np
 
 from adhesion_jax.discovery.model.fitting import nearly_fitted
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
-from adhesion_jax.discovery.search.screening import telling
-from adhesion_jax.discovery.search.state import Selection, parts_of
+from adhesion_jax.discovery.search.probes import directions_of
+from adhesion_jax.discovery.search.state import Selection, all_but, parts_of
 from adhesion_jax.discovery.types import Proposal
-
-#: From this cosine on two causes are named as alike, and from this on a measurement is proposed.
-_ALIKE, _PROPOSED = 0.9, 0.6
 
 
 class Likeness(NamedTuple):
-    """How an entry resembles an effect that was found, the other parameters being free."""
+    """How closely an entry resembles an accepted effect, the other parameters being free."""
 
     effect: str
     entry: Entry
@@ -24,16 +22,17 @@ class Likeness(NamedTuple):
 
 
 def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ...]:
-    """The cosine of each entry's change of the prediction with that of each effect found.
+    """The cosine between the probe of each entry and that of each accepted effect, largest first.
 
-    Both with what the base curve and the other effects can do projected out; of several starts
-    that which resembles most. A plain column of the effect's own kind is no other cause.
+    The Jacobian of the base curve and the other effects is projected out of both; of the starts of
+    an entry the one of largest cosine counts. Plain columns of the effect's own family are left
+    out, because they are no other cause.
     """
     found = []
-    for effect in state.accepted:
+    for number, effect in enumerate(state.accepted):
         if not effect.parts:
             continue
-        rest = [other for other in state.accepted if other is not effect]
+        rest = all_but(state.accepted, number)
         values = state.fitted.base_values.tolist()
         less = nearly_fitted(state.setting, state.base, values, parts_of(rest))
         others = [
@@ -44,8 +43,8 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
             and not (entry.generic and entry.family == effect.family)
         ]
         probes = [effect.parts[0], *(start for entry in others for start in entry.starts)]
-        heard, directions, _ = telling(less, probes)
-        cosines = np.abs(directions[:, 1:].T @ directions[:, 0]) * heard[1:]
+        testable, directions, _ = directions_of(less, probes)
+        cosines = np.abs(directions[:, 1:].T @ directions[:, 0]) * testable[1:]
         place = 0
         for entry in others:
             count = len(entry.starts)
@@ -56,7 +55,7 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
 
 
 def confounded(state: Selection, alike: Sequence[Likeness]) -> tuple[str, ...]:
-    """Sentences: what the data cannot tell apart, and what acts nearly alike in them."""
+    """Sentences on causes that the data cannot tell apart, and on those that act nearly alike."""
     sentences = [
         f"The data cannot tell {effect.name} from {' or '.join(effect.members[1:])}: with either "
         "the prediction of runs left out is as good."
@@ -65,7 +64,7 @@ def confounded(state: Selection, alike: Sequence[Likeness]) -> tuple[str, ...]:
     ]
     named: set[tuple[str, str]] = set()
     for effect, entry, cosine in alike:
-        if cosine < _ALIKE or (effect, entry.name) in named:
+        if cosine < rules.ALIKE_COSINE or (effect, entry.name) in named:
             continue
         named.add((effect, entry.name))
         sentences.append(
@@ -76,21 +75,23 @@ def confounded(state: Selection, alike: Sequence[Likeness]) -> tuple[str, ...]:
 
 
 def proposals(state: Selection, alike: Sequence[Likeness]) -> tuple[Proposal, ...]:
-    """For each effect the measurement that tells it best from what resembles it most.
+    """For each effect the measurements that would separate it from the causes most like it.
 
-    Its expected power is the separation in standard errors, z sqrt(1 - c^2), with z that of the
-    effect and c the cosine: in these data, and for as many runs in which the columns of the two
-    vary independently (c = 0).
+    The separation of two causes in standard errors is z sqrt(1 - c^2), with z that of the effect
+    and c their cosine. The sentence gives it for these data; the power of the proposal is that for
+    as many runs in which the columns of the two vary independently, c = 0.
     """
     found = []
     for effect in state.accepted:
         rivals = [
             one
             for one in alike
-            if one.effect == effect.name and not one.entry.generic and one.cosine >= _PROPOSED
+            if one.effect == effect.name
+            and not one.entry.generic
+            and one.cosine >= rules.PROPOSED_COSINE
         ]
         z = float(np.sqrt(2 * max(effect.gain, 0.0)))
-        for rival in rivals[:2]:
+        for rival in rivals[: rules.PROPOSED_RIVALS]:
             now = z * np.sqrt(max(1 - rival.cosine**2, 0.0))
             own = [name for name in effect.covariates if name not in rival.entry.covariates]
             other = [name for name in rival.entry.covariates if name not in effect.covariates]

@@ -1,4 +1,4 @@
-"""What to know before believing: columns absent, ranges left, the nature of the noise."""
+"""Cautions about a result: absent columns, untested effects, extrapolation, kinds of noise."""
 
 from collections.abc import Mapping
 
@@ -8,13 +8,14 @@ from scipy import stats
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import why_untested
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.records import Record
 
-#: Columns that an engineer can be expected to have measured, by what stands in for each.
+#: Columns that an engineer may have measured, each with the columns that can replace it.
 _EXPECTED: Mapping[str, tuple[str, ...]] = {
     "vehicle_speed_mps": (),
     "normal_load_N": (),
@@ -28,12 +29,9 @@ _EXPECTED: Mapping[str, tuple[str, ...]] = {
     "wheel_angle_rad": (),
 }
 
-#: Of innovations: how sure noise must be of a kind to be named, and what counts as an outlier.
-_SURE, _OUTLIER = 1e-4, 5.0
-
 
 def absent(runs: RunSet) -> str:
-    """One sentence with every known column that is absent."""
+    """A sentence on the known columns that are absent from the data."""
     there = runs.record.conditions
     missing = [
         name
@@ -49,7 +47,7 @@ def absent(runs: RunSet) -> str:
 
 
 def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
-    """Sentences: the effects that the campaign says nothing about, by their reasons."""
+    """Sentences on the effects that the data cannot test, by reason, and on narrow columns."""
     reasons: dict[str, list[str]] = {}
     for name in EFFECTS:
         why = why_untested(name, problem)
@@ -66,11 +64,15 @@ def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
             )
     constant = [name for name in runs.covariates if name in problem.constant]
     if constant:
-        sentences.append(f"Constant, and therefore without a say: {', '.join(constant)}.")
+        sentences.append(
+            "These columns are constant in the data, so no effect of them can be tested: "
+            f"{', '.join(constant)}."
+        )
     return tuple(sentences)
 
 
-#: A range below this is too narrow to test an ordinary effect in.
+#: A column whose range is below this is reported as too narrow to show an effect of usual strength.
+#: By hand, in the unit of the column.
 _NARROW: Mapping[str, float] = {
     "vehicle_speed_mps": 3.0,
     "temperature_C": 5.0,
@@ -80,7 +82,7 @@ _NARROW: Mapping[str, float] = {
 
 
 def extrapolated(state: Selection, law: CorrectedLaw, test: Record | None) -> tuple[str, ...]:
-    """Sentences: columns of the effects that leave, in the test data, what they were found in."""
+    """Sentences on columns of the effects that leave their training range in the test data."""
     if test is None:
         return ()
     whole = conditions_of(test, law.calendar)
@@ -100,34 +102,34 @@ def extrapolated(state: Selection, law: CorrectedLaw, test: Record | None) -> tu
 
 
 def noise_words(state: Selection) -> tuple[str, ...]:
-    """Sentences on the structure of the noise; none of it is an effect."""
+    """Sentences on the structure of the noise, none of which is an effect."""
     fitted = state.fitted
     weight = np.asarray(state.setting.noise.weight) > 0
     runs = int(weight.any(1).sum())
     sentences = []
     adhesion = np.asarray(state.setting.problem.data.adhesion)
     noise = state.setting.noise
-    if noise.autocorrelation > 0.05:
+    if noise.autocorrelation > rules.REPORTED_AUTOCORRELATION:
         sentences.append(
             "Noise: neighbouring points of a run are correlated by "
             f"{noise.autocorrelation:.2f}; intervals and p-values take that into account."
         )
-    if noise.run_scatter > 0.002 and runs > 2:
+    if noise.run_scatter > rules.REPORTED_RUN_SCATTER and runs > 2:
         sentences.append(
             f"Noise: the level of adhesion differs from run to run by "
             f"{100 * noise.run_scatter:.1f} % beyond what the effects explain."
         )
     white = fitted.residual[weight]
-    if white.size < 50:
+    if white.size < rules.FEWEST_POINTS_OF_NOISE:
         return tuple(sentences)
     spread = 1.4826 * float(np.median(np.abs(white)))
-    outliers = float(np.mean(np.abs(white) > _OUTLIER * spread))
-    if outliers > 5e-4:
+    outliers = float(np.mean(np.abs(white) > rules.OUTLIER_DEVIATIONS * spread))
+    if outliers > rules.REPORTED_OUTLIERS:
         sentences.append(
             f"Noise: {100 * outliers:.2g} % of the points are outliers, beyond five times the "
             "usual deviation."
         )
-    calm = np.abs(white) < _OUTLIER * spread
+    calm = np.abs(white) < rules.OUTLIER_DEVIATIONS * spread
     for what, against in (
         ("the adhesion", np.abs(fitted.adhesion)[weight]),
         ("the slip", np.abs(np.asarray(state.setting.problem.data.slip))[weight]),
@@ -135,7 +137,7 @@ def noise_words(state: Selection) -> tuple[str, ...]:
         if np.ptp(against) == 0:
             continue
         rank, p = stats.spearmanr(np.abs(white)[calm], against[calm])
-        if p < _SURE:
+        if p < rules.NOISE_SIGNIFICANT:
             more = "grows" if rank > 0 else "falls"
             sentences.append(
                 f"Noise: its spread {more} with {what} (rank correlation {rank:.2f}); the errors "
@@ -143,8 +145,8 @@ def noise_words(state: Selection) -> tuple[str, ...]:
             )
             break
     levels = np.unique(adhesion[weight])
-    if levels.size > 2 and levels.size < 0.5 * white.size:
+    if levels.size > 2 and levels.size < rules.STEPPED_SHARE * white.size:
         step = float(np.median(np.diff(levels)))
-        if step > 0.3 * noise.sigma:
+        if step > rules.REPORTED_STEP * noise.sigma:
             sentences.append(f"Noise: adhesion is given in steps of about {step:.2g}.")
     return tuple(sentences)

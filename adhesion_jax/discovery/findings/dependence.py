@@ -1,4 +1,4 @@
-"""How adhesion depends on one column through the effects that were found, with a band."""
+"""Partial dependence of adhesion on one column through an accepted effect, with a 95 % band."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,35 +9,45 @@ from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.model.fitting import covariance, packed, size_of
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.model.program import PROBES, Data, Model, changes
-from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
 from adhesion_jax.effects.cause import Remembering
 
-#: Values of a column, and seconds after a step, that are shown.
-_GRID, _SECONDS = 80, 10.0
+#: Number of values of a column that are shown.
+_GRID = 80
 
-#: Beyond this factor on adhesion nothing is drawn.
+#: Effects with a memory are shown only if runs have at least this number of points.
+_FEWEST_POINTS = 20
+
+#: Seconds after a step that are shown.
+_SECONDS = 10.0
+
+#: Factors on adhesion are clipped to this size.
 _LARGEST = 1e6
 
-#: Draws of the parameters for a band, a multiple of PROBES.
+#: Number of draws of the parameters for a band, a multiple of PROBES.
 _DRAWS = 64
 
-#: Conditions that are functions of the measured column that they stand for.
+#: Conditions that are functions of a measured column of another name.
 _FUNCTIONS = {"temperature_C", "lateral_measure"}
 
 
 def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
-    """Of each effect on each column that varies; effects in time over the time since a step."""
+    """The dependences of every effect on its varying columns, or on the time since a step.
+
+    Effects with a memory are shown over time, if the runs are long enough to show them.
+    """
     if not state.accepted:
         return ()
     draws = _draws(state, seed)
     flat = state.setting.problem.flat
     found = []
-    for effect in state.accepted:
-        parts = [place for place, part in enumerate(state.fitted.effects) if part in effect.parts]
+    slots = slots_of(state.accepted)
+    for number, effect in enumerate(state.accepted):
+        parts = [slot for slot, place in enumerate(slots) if place[0] == number]
         in_time = [part for part in effect.parts if isinstance(part, Remembering)]
         if in_time:
-            if state.setting.problem.points.shape[1] >= _GRID // 4:
+            if state.setting.problem.points.shape[1] >= _FEWEST_POINTS:
                 driver = in_time[0].DRIVEN_BY
                 found.append(_after_step(state, effect.name, driver, parts, draws))
             continue
@@ -49,7 +59,7 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
 
 
 def _draws(state: Selection, seed: int) -> np.ndarray:
-    """Parameters of the whole model, the fitted ones first, then drawn from their uncertainty."""
+    """Parameters of the whole model, [draws, flat]: first the fitted ones, then drawn ones."""
     fitted = state.fitted
     matrix = covariance(fitted)
     values, vectors = np.linalg.eigh(matrix)
@@ -63,7 +73,7 @@ def _draws(state: Selection, seed: int) -> np.ndarray:
 def _over(
     state: Selection, name: str, column: str, parts: Sequence[int], draws: np.ndarray
 ) -> Dependence:
-    """Every other column at its median, but for what is a function of this one."""
+    """The dependence on a column, the others at their medians unless they are functions of it."""
     problem = state.setting.problem
     shape = problem.points.shape
     size = min(_GRID, shape[0] * shape[1])
@@ -84,7 +94,10 @@ def _over(
 def _after_step(
     state: Selection, name: str, driver: str, parts: Sequence[int], draws: np.ndarray
 ) -> Dependence:
-    """The slip steps from a fifth of its median to its median; another driver is one throughout."""
+    """The dependence on time after the slip steps from a fifth of its median to its median.
+
+    Another driver than the slip is one throughout.
+    """
     shape = state.setting.problem.points.shape
     grid = np.linspace(0.0, _SECONDS, shape[1])
     slip = float(np.median(state.setting.problem.flat["slip_ratio"]))
@@ -121,14 +134,14 @@ def _factors(
         return np.concatenate(found)
 
     plain = adhesion(np.zeros_like(kind))
-    # Parameters that the data leave open may be drawn so far out that a factor has no number.
+    # Parameters that the data do not determine may be drawn so far out that a factor overflows.
     with np.errstate(invalid="ignore", over="ignore"):
         factors = np.asarray(adhesion(kind) / np.where(plain == 0, 1.0, plain))
     return np.clip(np.where(np.isfinite(factors), factors, _LARGEST), -_LARGEST, _LARGEST)
 
 
 def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
-    """Conditions at their medians but for some columns, in the shape of the campaign."""
+    """Data of the usual shape with the given columns, all others at their medians."""
     problem = state.setting.problem
     inside = problem.points > 0
 

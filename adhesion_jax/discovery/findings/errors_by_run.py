@@ -1,16 +1,18 @@
-"""Errors before and after with their intervals: runs, not points, are what is drawn anew."""
+"""Errors before and after with bootstrap intervals; runs are resampled, not points."""
 
 import numpy as np
 
 from adhesion_jax.discovery.types import Errors, Interval
 
+#: Number of bootstrap samples.
 _DRAWS = 1999
 
 
 def errors(before: np.ndarray, after: np.ndarray, points: np.ndarray, seed: int) -> Errors:
-    """From sums of squared errors and numbers of points of each run, all [runs].
+    """Root mean square errors from sums of squared errors and numbers of points, all [runs].
 
-    Intervals are the 2.5 and 97.5 % quantiles of a bootstrap over runs, the same draws for both.
+    Intervals are the 2.5 and 97.5 % quantiles of a bootstrap over runs, with the same draws before
+    and after.
     """
     used = points > 0
     before, after, points = before[used], after[used], points[used]

@@ -1,4 +1,4 @@
-"""Findings from a finished search: errors, intervals, and what to be careful about."""
+"""The findings of a finished search: effects with intervals, errors, and cautions."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -15,13 +15,14 @@ from adhesion_jax.discovery.findings.alternatives import confounded, likenesses,
 from adhesion_jax.discovery.findings.cautions import absent, extrapolated, noise_words, untested
 from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
-from adhesion_jax.discovery.model.fitting import Fitted, covariance, held_out_loss, nearly_fitted
+from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
 from adhesion_jax.discovery.model.noise import Noise
+from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.model.slip import NoisySlip
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
-from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
+from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
 from adhesion_jax.discovery.types import (
     Doubt,
     Errors,
@@ -34,10 +35,10 @@ from adhesion_jax.effects import Cause, Effect, ShapeTerm, kind_of
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.records import Record
 
-#: What is told of the noise.
+#: Parameters of the noise that are reported.
 _NOISE = ("sigma", "autocorrelation", "run_scatter")
 
-#: Conditions that a law may be asked beyond what it was found in.
+#: Conditions that are not clipped to the range of the training data when a law is evaluated.
 _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")
 
 
@@ -59,7 +60,11 @@ def summarise(
     citation: str,
     began: float,
 ) -> Findings:
-    """The findings; `plain` has no effects, `final` those that were found, both on all runs."""
+    """The findings of two states fitted to all runs: without (`plain`) and with effects (`final`).
+
+    `record` holds the runs as they were fitted, `test_rows` the row of each test point in its file,
+    and `began` the time at which the search began, by `time.perf_counter`.
+    """
     law, bare = law_of(final), law_of(plain)
     before, after = predicted(bare, record), predicted(law, record)
     train = _errors(record, before, after, seed)
@@ -111,7 +116,7 @@ def summarise(
 
 
 def law_of(state: Selection) -> CorrectedLaw:
-    """The law of a selection, with the ranges its effects were found in."""
+    """The law of a state, with the ranges of its columns in the training data."""
     problem = state.setting.problem
     ranges = {
         name: (float(values.min()), float(values.max()))
@@ -155,24 +160,26 @@ def _validation(
     final: Selection,
     seed: int,
 ) -> Errors:
-    """Of runs left out one by one: the errors of the fit, grown as the whitened loss grows."""
+    """Errors of runs left out one by one: those of the fit times the growth of their loss."""
     squares, points = _squares(record, before)
     corrected = _squares(record, after)[0]
     return errors(squares * _growth(plain.fitted), corrected * _growth(final.fitted), points, seed)
 
 
 def _growth(fitted: Fitted) -> np.ndarray:
+    """The loss of each run when it is left out, over that of the fit to all runs, [runs]."""
     return np.where(fitted.loss > 0, held_out_loss(fitted) / np.maximum(fitted.loss, 1e-300), 1.0)
 
 
 def _predictions(rows: np.ndarray, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
-    """One line a row of the test file, in its order."""
+    """The predictions of the test file, one line for each of its rows, in its order."""
     inside = rows >= 0
     table = pd.DataFrame({"row": rows[inside], "base": before[inside], "corrected": after[inside]})
     return table.sort_values("row", ignore_index=True)
 
 
 def _points(runs: RunSet, record: Record, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
+    """The training points, one row a point."""
     inside = runs.rows >= 0
     names = np.array(runs.names, dtype=object)[:, None]
     columns = {
@@ -191,8 +198,8 @@ def _levels(
 ) -> pd.DataFrame:
     """The level of each run without and with the effects, relative to the prediction.
 
-    Least squares of the residual on the prediction; the error is that of the noise within a run,
-    whose points tell (1 - r)/(1 + r) times as much as independent ones.
+    It is the regression coefficient of the residual on the prediction. Its error is that of the
+    noise within the run, (1 + r)/(1 - r) times the variance of independent points.
     """
     mask = np.asarray(record.mask)
     measured = np.asarray(record.adhesion)
@@ -219,7 +226,7 @@ def _levels(
 
 
 def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
-    """What the effects do to the parameters of the curve below them."""
+    """The parameters of the base curve, fitted without and with the effects."""
     rows: dict[str, dict[str, object]] = {}
     for state, when in ((plain, "before"), (final, "after")):
         curve = BASES[state.base]
@@ -234,22 +241,22 @@ def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
 
 
 def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
-    """The effects with intervals, and the error as one is added after the other."""
+    """The effects with their intervals, and the error with each added to those before it."""
     intervals = _intervals(state)
     values = state.fitted.base_values.tolist()
     whole = float(held_out_loss(state.fitted).sum())
     found = []
-    for place, effect in enumerate(state.accepted):
-        first = parts_of(state.accepted[: place + 1])
+    for number, effect in enumerate(state.accepted):
+        first = parts_of(state.accepted[: number + 1])
         some = nearly_fitted(state.setting, state.base, values, first)
         ratio = float(held_out_loss(some).sum()) / max(whole, 1e-300)
         parameters, units = {}, {}
-        for number, part in enumerate(effect.parts):
-            prefix = "" if number == 0 else f"{kind_of(part)} "
+        for place, part in enumerate(effect.parts):
+            prefix = "" if place == 0 else f"{kind_of(part)} "
             for name, described in part.PARAMETERS.items():
                 if name in part.REFERENCES:
                     continue
-                parameters[prefix + name] = intervals[id(part)][name]
+                parameters[prefix + name] = intervals[number, place][name]
                 column = effect.covariates[0] if effect.covariates else ""
                 unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
                 units[prefix + name] = described.unit.replace("column", unit)
@@ -271,7 +278,7 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
     return found
 
 
-#: What becomes of the curve mu(l) by a function g of columns.
+#: The curve mu(l) changed by a function g of columns, by the part of the curve that g acts on.
 _BENT = {
     "level": "mu exp(g)",
     "slip": "mu(l exp(g))",
@@ -280,7 +287,7 @@ _BENT = {
 
 
 def acts_on(effect: Accepted) -> str:
-    """Which part of the curve an effect bends: that of its first part; the level if of none."""
+    """The part of the curve on which the effect acts: that of its first part, or the level."""
     first = effect.parts[0]
     return first.acts_on if isinstance(first, ShapeTerm) else "level"
 
@@ -290,7 +297,7 @@ def _formula(part: Effect) -> str:
 
 
 def _sentence(effect: Accepted) -> str:
-    """What the cause does, in words."""
+    """What the effect does, in words."""
     first = effect.parts[0]
     if not isinstance(first, Cause):
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
@@ -299,15 +306,14 @@ def _sentence(effect: Accepted) -> str:
     return f"{first.SENTENCE}{refined}"
 
 
-def _intervals(state: Selection) -> Mapping[int, Mapping[str, Interval]]:
-    """95 % intervals of the parameters of every part, by the part's identity."""
+def _intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
+    """95 % intervals of the parameters of every part, by parameter name."""
     error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0))
     at = {place: number for number, place in enumerate(state.fitted.places)}
-    parts = parts_of(state.accepted)
+    slots = slots_of(state.accepted)
     found = {}
-    for slot, effect in enumerate(state.fitted.effects):
-        part = next(one for one in parts if one is effect)
-        found[id(part)] = {
+    for slot, (part, effect) in enumerate(zip(slots, state.fitted.effects, strict=True)):
+        found[part] = {
             name: Interval(value, value - 1.96 * error[at[place]], value + 1.96 * error[at[place]])
             for name, place in effect_places(slot, effect).items()
             for value in (float(getattr(effect, name)),)

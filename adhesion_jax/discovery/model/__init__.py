@@ -1,1 +1,1 @@
-"""What is fitted: the likelihood of a curve with its effects, and of their noise."""
+"""What is fitted: a curve with effects and the noise of the data, by maximum likelihood."""

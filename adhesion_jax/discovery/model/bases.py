@@ -1,4 +1,4 @@
-"""The curve below the effects: which family, and where its fit starts."""
+"""The base curve below the effects: its fits from several starts, and the choice among curves."""
 
 from collections.abc import Mapping, Sequence
 
@@ -24,7 +24,7 @@ def fits_alone(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
 
 
 def first_fits(alone: Mapping[str, Fitted]) -> dict[str, Fitted]:
-    """Each curve alone with its own noise."""
+    """The same curves, each refitted with a noise of its own."""
     own = side_by_side(with_own_noise, list(alone.values()))
     return dict(zip(alone, side_by_side(precise, own), strict=True))
 
@@ -36,19 +36,19 @@ def starts_under(setting: Setting, base: str) -> list[Fitted]:
 
 
 def middle_start_under(setting: Setting, base: str, effects: Sequence[Effect]) -> Fitted:
-    """A curve with effects under a given noise, from the middle one of the curve's starts."""
+    """A curve with effects under a given noise, from the middle one of the curve's starts only."""
     starts = BASES[base].starts(_top(setting))
     return nearly_fitted(setting, base, starts[len(starts) // 2], effects)
 
 
 def _top(setting: Setting) -> float:
-    """About the largest adhesion of the data."""
+    """About the largest adhesion of the data: its 98 % quantile."""
     inside = setting.problem.points > 0
     return float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
 
 
 def refits(fits: Mapping[str, Fitted], effects: Sequence[Effect]) -> dict[str, Fitted]:
-    """Each curve with the same effects, from where it was."""
+    """Each curve refitted with the effects, from the parameters that it has."""
 
     def refit(fitted: Fitted) -> Fitted:
         return likeliest(fitted.setting, fitted.base, fitted.base_values.tolist(), effects)
@@ -57,6 +57,6 @@ def refits(fits: Mapping[str, Fitted], effects: Sequence[Effect]) -> dict[str, F
 
 
 def bic(fitted: Fitted) -> float:
-    """-2 ln L + p ln N, N the points, p the parameters of curve and effects. Schwarz 1978."""
+    """-2 ln L + p ln N for N points and p fitted parameters of curve and effects. Schwarz 1978."""
     points = int((np.asarray(fitted.setting.noise.weight) > 0).sum())
     return 2 * fitted.total + len(fitted.places) * float(np.log(points))

@@ -1,11 +1,12 @@
-"""The noise of a campaign: its covariance, the likelihood of a residual, and the best estimate.
+"""The noise of measured runs: its covariance, the likelihood of a residual, and its estimation.
 
 The error of adhesion at point t of a run is e(t) + g(t) d(t) + u(t) a: e is AR(1) noise of
-standard deviation sigma, d what is unknown of the slip with g the slope of the curve there, and a
-a factor of the run on the predicted adhesion u, of standard deviation run_scatter. What is slow in
-g d is a few modes of independent sizes. The rest of it and e are taken as a Markov chain: each
-point is conditioned on the one before. That is exact for AR(1) noise and for independent errors of
-the slip, and keeps variances and the covariances of neighbours where both act together.
+standard deviation sigma, d the error of the slip with g the slope of the curve there, and a a
+factor of the run on the predicted adhesion u, of standard deviation run_scatter. The slow part of
+g d is a sum of a few modes of independent sizes. The rest of g d and e are taken together as a
+Markov chain: each point is conditioned on the one before. That is exact for AR(1) noise alone and
+for independent errors of the slip alone; where both act it keeps the variances and the covariances
+of neighbours.
 """
 
 from typing import Any, NamedTuple
@@ -16,25 +17,26 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.optimize import minimize
 
-#: The slow part of what the slip makes of adhesion is so many modes of each run at most.
+#: Largest number of modes of each run for the slow part of the adhesion error due to slip errors.
 MODES = 16
 
-#: Largest autocorrelation that is considered: noise beyond it is a drift.
-_MOST = 0.995
+#: Largest autocorrelation that is considered: noise beyond it would be a drift.
+_MOST_CORRELATED = 0.995
 
-#: A run needs so many points for its autocorrelation to be seen beside its own level.
+#: The autocorrelation is estimated only if runs have more points than this on average: in shorter
+#: runs it cannot be separated from their levels. By hand.
 _SHORT = 5
 
-#: Places along the autocorrelation and the scatter of runs of a first grid, and of those about its
-#: best that refine it.
+#: Numbers of places along the autocorrelation and along the run scatter: of a first grid, then of
+#: finer ones, each about the best place of the one before.
 _GRIDS = (21, 9, 9, 9, 9, 9, 9)
 
-#: Largest variance of the level of a run, relative to what the noise within the run makes of it.
+#: Largest variance of the level of a run, relative to that due to the noise within the run.
 _LARGEST_RATIO = 1e8
 
 
 class Noise(NamedTuple):
-    """The parameters of the noise; arrays of NumPy before they go into a program, of jax inside."""
+    """The parameters of the noise: NumPy arrays outside a program, jax arrays inside it."""
 
     weight: Float[Any, "runs points"]  # 1 where there is a point that counts, else 0
     sigma: Float[Any, ""]
@@ -46,14 +48,14 @@ class Noise(NamedTuple):
 
 
 def white_noise(points: np.ndarray, sigma: float) -> Noise:
-    """No correlation, no scatter of the runs, exact slip."""
+    """Noise without correlation or run scatter, of an exact slip; `points` are its weights."""
     size, no = np.array(sigma), np.array(0.0)
     nothing = np.zeros_like(points)
     return Noise(points, size, no, no, nothing, nothing, np.zeros((*points.shape, 0)))
 
 
-def made_of_slip(noise: Noise) -> np.ndarray:
-    """The variance of what errors of the slip make of adhesion, [runs, points]."""
+def slip_variance(noise: Noise) -> np.ndarray:
+    """The variance of adhesion due to errors of the slip, [runs, points]."""
     return np.asarray(noise.variance + (noise.modes**2).sum(axis=2))
 
 
@@ -74,7 +76,7 @@ class Whitening(NamedTuple):
 
 
 def whitening(noise: Noise, level: np.ndarray) -> Whitening:
-    """What whitens signals of runs whose random level multiplies `level`, [runs, points]."""
+    """The whitening for a noise whose random level of a run multiplies `level`, [runs, points]."""
     carry, spread = chain(noise)
     signals = np.concatenate([(noise.run_scatter * level)[:, :, None], noise.modes], axis=2)
     fresh = signals.copy()
@@ -95,7 +97,7 @@ def whitening(noise: Noise, level: np.ndarray) -> Whitening:
 def whitened(
     whitening: Whitening, signal: Float[Array, "runs points"]
 ) -> Float[Array, "runs points"]:
-    """L^-1 signal; 0 where nothing counts."""
+    """L^-1 signal; 0 where the weight is 0."""
     weight, carry, spread, columns, inner, _, slow = whitening
     white = _innovations(weight, carry, spread, signal)
 
@@ -112,13 +114,16 @@ def whitened(
 
 
 def determinant(whitening: Whitening) -> np.ndarray:
-    """Half the log determinant of the covariance of each run, [runs]."""
+    """Half the log determinant of the covariance of the noise of each run, [runs]."""
     logs = np.where(whitening.weight > 0, np.log(whitening.spread), 0.0)
     return logs.sum(axis=1) + whitening.growth
 
 
 def chain(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
-    """What a point takes over from the one before, and the spread of what is new in it."""
+    """The regression of each point on the one before, and the standard deviation of its innovation.
+
+    Both are [runs, points].
+    """
     own = noise.sigma**2 + noise.variance
     both = (noise.weight[:, 1:] > 0) & (noise.weight[:, :-1] > 0)
     shared = noise.autocorrelation * noise.sigma**2 + noise.covariance[:, 1:]
@@ -131,6 +136,7 @@ def chain(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _innovations(weight: Array, carry: Array, spread: Array, signal: Array) -> Array:
+    """The signal less its regression on the point before, in standard deviations."""
     before = jnp.concatenate([signal[:, :1], signal[:, :-1]], axis=1)
     return jnp.where(weight > 0, (signal - carry * before) / spread, 0.0)
 
@@ -140,9 +146,9 @@ def estimated(
 ) -> Noise:
     """The noise of greatest likelihood for a residual, [runs, points].
 
-    `level` is the predicted adhesion, which the factor of a run multiplies. The points of a run are
-    correlated only where they are `in_order`, the runs have levels only if they are runs (`by_run`)
-    and not blocks of one. What `start` says of the noise of the slip is kept.
+    `level` [runs, points] is the predicted adhesion, which the factor of a run multiplies. An
+    autocorrelation is estimated only if the points are `in_order`, a run scatter only `by_run`.
+    Weights and noise of the slip are those of `start`.
     """
     inside = start.weight > 0
     residual, level = np.where(inside, residual, 0.0), np.where(inside, level, 0.0)
@@ -152,18 +158,18 @@ def estimated(
     if start.variance.any() or start.modes.size:
         return _with_slip(start, residual, level, in_order, by_run)
     sums = _sums(start.weight, residual, level)
-    lows, highs = np.array([0.0, 0.0]), np.array([_MOST * in_order, 1.0 * by_run])
+    lows, highs = np.array([0.0, 0.0]), np.array([_MOST_CORRELATED * in_order, 1.0 * by_run])
     best = np.zeros(2)
     for turn, places in enumerate(_GRIDS):
         axes = [np.linspace(low, high, places) for low, high in zip(lows, highs, strict=True)]
         if turn == 0 and in_order:
-            axes[0] = _MOST * np.linspace(0.0, 1.0, places) ** 0.5
+            axes[0] = _MOST_CORRELATED * np.linspace(0.0, 1.0, places) ** 0.5
         r, place = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
         losses = _profile(sums, r, _ratio(place))[0]
         best = np.array([r[losses.argmin()], place[losses.argmin()]])
         reach = (highs - lows) / places * (1.5 if turn else 4.0)
         lows = np.maximum(best - reach, 0.0)
-        highs = np.minimum(best + reach, [_MOST * in_order, 1.0 * by_run])
+        highs = np.minimum(best + reach, [_MOST_CORRELATED * in_order, 1.0 * by_run])
     ratio = _ratio(best[1:])
     _, variance = _profile(sums, best[:1], ratio)
     sigma = max(float(np.sqrt(variance[0])), 1e-150)
@@ -174,21 +180,22 @@ def estimated(
 
 
 def _ratio(place: np.ndarray) -> np.ndarray:
-    """From 0 to 1 to the variance of a level from 0 to the largest: about logarithmic, and 0."""
+    """The variance of a level at a place in [0, 1]: 0 at 0, then nearly logarithmic."""
     return np.expm1(place * np.log1p(_LARGEST_RATIO * 1e3)) / 1e3
 
 
 class _Sums(NamedTuple):
     """Products of residual and level with themselves and each other, [3, 4, runs].
 
-    First axis: residual squared, level squared, residual times level. Second: points without one
-    before; the others; they and the ones before, crossed; the ones before.
+    First axis: residual squared, level squared, residual times level. Second axis, the points that
+    are summed over: those without a predecessor; those with one; the latter times their
+    predecessors; the predecessors.
     """
 
     products: np.ndarray
     points: int
-    starts: int
-    mean_size: float  # of the level of a run, squared
+    starts: int  # points without a predecessor
+    mean_size: float  # mean over runs of the sum of squares of the level
 
 
 def _sums(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> _Sums:
@@ -217,9 +224,9 @@ def _sums(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> _Sums:
 
 
 def _profile(sums: _Sums, r: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half the deviance at its best sigma, and that sigma squared, [choices].
+    """Half the deviance with the best sigma, and that sigma squared, [choices].
 
-    `ratio` is run_scatter^2 mean_size/sigma^2.
+    A choice is an autocorrelation r and a ratio run_scatter^2 mean_size/sigma^2.
     """
     start, own, crossed, before = np.moveaxis(sums.products, 1, 0)
     factor = 1 / (1 - r**2)
@@ -236,12 +243,12 @@ def _profile(sums: _Sums, r: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray,
 def _with_slip(
     start: Noise, residual: np.ndarray, level: np.ndarray, in_order: bool, by_run: bool
 ) -> Noise:
-    """The same where the slip is noisy: no sums are left, and the likelihood is searched."""
+    """`estimated` for a noisy slip, where sums do not suffice: the likelihood is searched."""
 
     def noise_at(at: np.ndarray) -> Noise:
         return start._replace(
             sigma=np.exp(at[0]),
-            autocorrelation=np.array(_MOST / (1 + np.exp(-at[1])) if in_order else 0.0),
+            autocorrelation=np.array(_MOST_CORRELATED / (1 + np.exp(-at[1])) if in_order else 0.0),
             run_scatter=np.exp(at[2]) if by_run else np.array(0.0),
         )
 
@@ -249,13 +256,13 @@ def _with_slip(
         return _half_deviance(noise_at(at), residual, level)
 
     inside = start.weight > 0
-    extra = made_of_slip(start)
+    extra = slip_variance(start)
     calm = residual[inside & (extra <= np.median(extra[inside]))]
     first = np.log(max(float(np.sqrt(np.mean(calm**2))), 1e-12))
     begun = np.array([first, -1.0, -6.0])
     known = float(start.sigma) > 0 and float(start.autocorrelation) > 0
     if known:
-        share = np.clip(float(start.autocorrelation) / _MOST, 1e-3, 1 - 1e-3)
+        share = np.clip(float(start.autocorrelation) / _MOST_CORRELATED, 1e-3, 1 - 1e-3)
         begun = np.array(
             [
                 np.log(float(start.sigma)),
@@ -274,7 +281,7 @@ def _with_slip(
 
 
 def _half_deviance(noise: Noise, residual: np.ndarray, level: np.ndarray) -> float:
-    """As `whitened` and `determinant` have it, in NumPy: a search of few points."""
+    """Half the deviance that `whitened` and `determinant` give, in NumPy, which is faster here."""
     inside = noise.weight > 0
     own = noise.sigma**2 + noise.variance
     shared = noise.autocorrelation * noise.sigma**2 + noise.covariance[:, 1:]

@@ -1,4 +1,4 @@
-"""From runs to what the compiled program takes, and which columns can say anything."""
+"""From measured runs to the arrays of the compiled program, and which of their columns vary."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -16,45 +16,44 @@ from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, comp
 from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip
 from adhesion_jax.records import Record
 
-#: Conditions that effects know by name; where a campaign lacks one, one stands for it.
+#: Columns that effects refer to by name. If the data lack such a column it is filled with 1.
 _KNOWN = tuple(sorted({name for effect in EFFECTS.values() for name in effect.NEEDS} | {"time_s"}))
 
-#: What an effect takes for a column that is absent and that it can do without, if not one.
+#: Fill values of absent columns that are not 1.
 _ABSENT = {"normal_load_N": 1e5}
 
-#: Columns are padded to a multiple of this, so that campaigns share a program.
+#: The number of columns is padded to a multiple of this, so that different data share a program.
 _COLUMNS = 24
 
-#: Conditions that stand in for others: time and order for the calendar, angle for position.
+#: Conditions that are not columns of the search: others stand for them, as the calendar for time.
 _NO_COLUMN = ("time_s", "run_order", "wheel_angle_rad", "slip_ratio", "mode", "lateral_measure")
 
-#: Points of a stretch of a log that is taken for independent of the others once it is whitened.
+#: Number of points of a stretch of a log; whitened, stretches are taken for independent. By hand.
 _UNIT_POINTS = 10
 
-#: A column is taken for constant where its spread is below this share of its size.
+#: A column is taken for constant if its range is at most this share of its largest value.
 _CONSTANT = 1e-9
 
 
 class Problem(NamedTuple):
-    """A campaign, ready to be explained."""
+    """Measured runs as the search takes them."""
 
     data: Data
     points: np.ndarray  # [runs, points]: 1 where there is a point, else 0
     calendar: Calendar
     columns: tuple[str, ...]  # of Data.columns
-    flat: Mapping[str, np.ndarray]  # every condition that varies, of the points there are
+    flat: Mapping[str, np.ndarray]  # every condition that varies, at the points there are
     varying: frozenset[str]
     constant: frozenset[str]
-    blocks: bool  # contiguous blocks of one run, which have no level of their own
+    blocks: bool  # whether the runs are contiguous blocks of one run, without levels of their own
     in_time: bool  # whether the order of the points of a run is that of time
     even: bool  # whether every point counts alike: the noise has no correlation and no levels
     measured: frozenset[str]  # columns as given
-    units: np.ndarray  # [runs, points]: the numbers of stretches that are taken for independent
-    slip_noise: SlipNoise | None  # what the slip has been corrected for
-    expected: ExpectedSlip  # that slip, with its errors, arrays [runs, points]
-    terms: dict[
-        tuple[object, ...], np.ndarray
-    ]  # filled as they are asked for: functions of the columns
+    units: np.ndarray  # [runs, points]: the number of the independent stretch of each point
+    slip_noise: SlipNoise | None  # for which the slip has been corrected
+    expected: ExpectedSlip  # the corrected slip with its errors, arrays [runs, points]
+    #: Functions of the columns, [runs, points], kept once they have been computed.
+    terms: dict[tuple[object, ...], np.ndarray]
 
 
 def label_of(column: str, measured: frozenset[str]) -> str:
@@ -73,7 +72,10 @@ def label_of(column: str, measured: frozenset[str]) -> str:
 def prepare(
     record: Record, calendar: Calendar, blocks: bool, slip_noise: SlipNoise | None = None
 ) -> Problem:
-    """The problem of a campaign, arrays [runs, points], with its slip corrected for a noise."""
+    """The arrays of a record [runs, points] for the search, its slip corrected for a noise.
+
+    `blocks` says that the runs of the record are blocks of one run.
+    """
     points = np.asarray(record.mask, float)
     slip, adhesion = np.asarray(record.slip), np.asarray(record.adhesion)
     nothing = np.zeros((*slip.shape, 2, 2))
@@ -84,7 +86,7 @@ def prepare(
         record = record._replace(slip=jnp.asarray(slip))
     whole = dict(conditions_of(record, calendar))
     if blocks and "time_s" not in record.conditions:
-        # Blocks of one run without a time have no calendar: their order may be that of the slip.
+        # Blocks of one run without a time have no calendar: they may be ordered by slip.
         whole.pop("campaign_time")
     inside = points > 0
     flat, constant = {}, set()
@@ -95,8 +97,8 @@ def prepare(
         else:
             constant.add(name)
     measured = frozenset(record.conditions)
-    # A column that another stands in for is looked at under the other's name. An acceleration that
-    # was not measured is the slope of the speed, which adhesion itself brings about.
+    # A condition that another one stands for is searched under the other's name. An acceleration
+    # that was not measured is the slope of the speed, and thus a consequence of adhesion.
     aliases = {*_NO_COLUMN, *({TEMPERATURES[0], "acceleration_mps2"} - measured)}
     columns = tuple(name for name in flat if name not in aliases)
     data = _data(slip, adhesion, whole, columns)
@@ -121,9 +123,10 @@ def prepare(
 
 
 def _units(points: np.ndarray, short: bool) -> np.ndarray:
-    """Each run a unit; in blocks of one run in time, whose noise is whitened, each ten points.
+    """The unit of each point, [runs, points]: its run, or if `short` a stretch of ten points of it.
 
-    The few events of a log fill a few blocks, and the signs of so few say nothing.
+    Short units are for blocks of one run in time, whose noise is whitened: the few events of a log
+    fill so few blocks that flips of their signs would have no power.
     """
     runs, length = points.shape
     place = np.maximum(np.cumsum(points > 0, axis=1) - 1, 0) // _UNIT_POINTS if short else 0
@@ -131,7 +134,7 @@ def _units(points: np.ndarray, short: bool) -> np.ndarray:
 
 
 def expected_slips(slip_noise: SlipNoise, record: Record) -> ExpectedSlip:
-    """The slip of every run to be expected from what was measured, arrays [runs, points]."""
+    """The expectation of the true slip given the measured slip, arrays [runs, points]."""
     names = ("time_s", slip_noise.falls_with) if slip_noise.falls_with else ("time_s",)
     conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
     arrays = jax.tree.map(jnp.asarray, slip_noise)
@@ -146,7 +149,7 @@ def _expected(
 
 
 def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray]:
-    """Every condition of every run, [runs, points], measured or following from what is."""
+    """Every condition of every run, [runs, points]: measured, or computed from what is measured."""
     measured = {name: np.asarray(values, float) for name, values in record.conditions.items()}
     whole = jax.vmap(lambda slip, conditions: completed(slip, conditions, calendar))(
         np.asarray(record.slip), measured
@@ -162,9 +165,9 @@ def _data(
 ) -> Data:
     one = np.ones_like(slip)
     known = {name: whole.get(name, _ABSENT.get(name, 1.0) * one) for name in _KNOWN}
-    # Rates and windows are of the run: small numbers lose no digits.
+    # Time counts from the start of the run: small numbers lose no digits.
     known["time_s"] = known["time_s"] - known["time_s"][:, :1]
-    # At least one column of ones, which a change of the whole curve acts through.
+    # At least one column is padding, all ones: a term of it changes the whole curve.
     padding = _COLUMNS - len(columns) % _COLUMNS
     stacked = np.stack([*(whole[name] for name in columns), *[one] * padding])
     return Data(slip, adhesion, known, stacked)

@@ -1,4 +1,4 @@
-"""Noise of the slip signal: how large it is, and whether adhesion follows the slip without it."""
+"""Noise of the slip signal: its size, and whether adhesion follows the slip without the noise."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,57 +30,72 @@ from adhesion_jax.effects.slip_bias import SlipBias
 from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, log_density
 from adhesion_jax.records import Record
 
-#: What noise of a slip ratio may fall with: that of a wheel speed is divided by the train's.
+#: Columns that the noise of a slip ratio may be divided by, "" for none: that of a wheel speed is
+#: divided by the speed of the vehicle.
 _FALLS_WITH = ("vehicle_speed_mps", "")
 
-#: Shares of the likeliest roughness of the slip that adhesion is held against.
+#: Shares of the likeliest roughness of the slip that are tried on adhesion.
 _SHARES = (1.0, 0.5, 0.25)
 
-#: Noise of the slip is looked into where the expected slip leaves less than this share of the sum
-#: of squares.
-_MATTERS = 0.98
+#: Noise of the slip is considered if the curve at the expected slip leaves less than this share of
+#: the sum of squares that it leaves at the measured slip. By hand.
+_NOTICEABLE = 0.98
 
-#: The likelihood ratio of adhesion, for the two parameters of the slip, must be as sure as this p.
-_SURE = 1e-4
+#: Noise of the slip is claimed if the p of the likelihood ratio of adhesion, with two degrees of
+#: freedom, is at most this. By hand: no sign flips stand behind this p.
+_SIGNIFICANT = 1e-4
 
-#: How often slope and weights are found in turns, and the change of slip that shows the slope.
-_WEIGHTINGS, _NUDGE = 4, 1e-6
+#: Number of turns in which slope and weights are found.
+_WEIGHTINGS = 4
 
-#: What the slip makes of adhesion is slow where a mode has this share of the variance of a point.
+#: Change of the slip by which the slope of the curve is found.
+_NUDGE = 1e-6
+
+#: A mode of the adhesion error due to slip errors is slow, and kept apart, if its variance exceeds
+#: this share of that of the noise of a point.
 _LEAST_MODE = 0.1
 
-#: The share of the points that is kept whatever the noise of their slip.
+#: Share of the points that is kept whatever the noise of their slip.
 _LEAST_KEPT = 0.1
 
-#: The likeliest noise is looked for on a grid of so many choices of each logarithm within this
-#: reach, then on finer ones about the best so many of its cells wide, until they are as precise.
-_CHOICES, _REACH, _NEARER, _PRECISE = 9, 6.0, 1.5, 0.02
+#: Number of choices of each logarithm on the grid on which the likeliest noise is searched.
+_CHOICES = 9
+
+#: Half the width of the first grid, in units of the logarithm.
+_REACH = 6.0
+
+#: Each finer grid reaches this many cells of the one before to either side of its best choice.
+_NEARER = 1.5
+
+#: The search ends when half the width of the grid is at most this.
+_PRECISE = 0.02
 
 #: The step of log sigma for second differences of the likelihood.
 _STEP = 0.02
 
 
 class Roughness(NamedTuple):
-    """Noise of the slip signal, if what is rough in it is noise."""
+    """The likeliest noise of the slip signal, taken by itself."""
 
     effect: SlipNoise
     sigma: Interval
 
 
 class NoisySlip(NamedTuple):
-    """Noise of the slip signal that adhesion shows not to follow."""
+    """Noise of the slip signal that adhesion does not follow."""
 
     effect: SlipNoise
     sigma: Interval
     p: float
-    rmse_after: float  # of adhesion, by the curve at the slip to be expected
+    rmse_after: float  # of adhesion predicted by the curve at the expected slip
 
 
 def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness | None:
-    """The noise of greatest likelihood for the slip signal alone, where adhesion may show it.
+    """The noise of greatest likelihood for the slip signal; None if adhesion does not notice it.
 
-    The noise of the slip falls with the vehicle speed or does not, whichever is more likely; where
-    a noise of the wheel speed in m/s is `given`, only the roughness of the true slip is sought.
+    Whether the noise falls with the vehicle speed is decided by the likelihood. If the noise of the
+    wheel speed is `given` in m/s, only the roughness of the true slip is estimated, and the result
+    is returned whatever adhesion shows. None for runs that are not in time.
     """
     if not fitted.setting.problem.in_time:
         return None
@@ -96,15 +111,15 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     def left(effect: SlipNoise | None) -> float:
         corrected = prepare(record, problem.calendar, problem.blocks, effect)
         setting = Setting(corrected, noise, np.asarray(problem.data.adhesion))
-        # From anew: the curve at the noisy slip may be far from that at the expected one.
+        # From new starts: the curve at the noisy slip may be far from that at the expected one.
         return min(squares(start) for start in starts_under(setting, fitted.base))
 
-    # A slip whose acceleration is smooth as well is one of less roughness: adhesion tells.
+    # A true slip with a smooth acceleration has less roughness than the likeliest one.
     rough = float(found.effect.roughness)
     tried = [dataclasses.replace(found.effect, roughness=share * rough) for share in _SHARES]
     errors = [left(effect) for effect in tried]
     smallest = int(np.argmin(errors))
-    if errors[smallest] >= _MATTERS * left(None):
+    if errors[smallest] >= _NOTICEABLE * left(None):
         return None
     return found._replace(effect=tried[smallest])
 
@@ -132,9 +147,9 @@ def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Ro
     spread = 0.0
     if given is None:
         curvature = max((ahead - 2 * least + behind) / _STEP**2, 1e-300)
-        # A likelihood as good as flat says no more than the order of magnitude.
+        # A nearly flat likelihood determines only the order of magnitude.
         spread = min(1.96 / float(np.sqrt(curvature)), 5.0)
-    # Noise of no size has no upper bound that the curvature at nothing could tell.
+    # For a vanishing noise the curvature gives no upper bound, and the exponential overflows.
     with np.errstate(over="ignore"):
         ends = sigma * np.exp([-spread, spread])
     plain = SlipNoise(sigma=sigma, roughness=rough, falls_with=falls_with)
@@ -157,7 +172,7 @@ def _log_densities(
     mask: Bool[Array, "runs points"],
     conditions: Conditions,
 ) -> Float[Array, " choices"]:
-    """Of the slips of all runs where there are points, for each choice of roughness and sigma."""
+    """The log density of the slips of all runs, for each choice of roughness and sigma."""
 
     def whole(choice: Float[Array, " two"]) -> Float[Array, ""]:
         kind = SlipNoise(sigma=choice[1], roughness=choice[0], falls_with=falls_with)
@@ -167,23 +182,23 @@ def _log_densities(
     return jax.vmap(whole)(choices)
 
 
-def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> Setting:
-    """The noise with what the errors of the expected slip make of adhesion, where that is little.
+def with_slip_errors(problem: Problem, noise: Noise, curves: Sequence[str]) -> Setting:
+    """The data and their noise with the adhesion errors due to errors of the expected slip.
 
-    By the slope of the likeliest of some curves, found in turns with its own weights and then kept:
-    were it that of each model, a model could make room for its errors by a slope of its own.
-    (Variance function by a preliminary estimate: Carroll and Ruppert 1988, chapter 3.) Points where
-    the slip adds more than the noise of adhesion itself are left out: there the curve bends within
-    the error of the slip, and the errors of neighbours are one.
+    These follow from the slope of the likeliest of the `curves`, which is found in turns with the
+    weights of the points and then kept for all models: with its own slope a model could widen its
+    own noise. (Variance function by a preliminary estimate: Carroll and Ruppert 1988, chapter 3.)
+    Points where the slip adds more variance than the noise of adhesion are left out: there the
+    curve bends within the error of the slip, and neighbouring points have the same error.
     """
     adhesion = np.asarray(problem.data.adhesion)
     fitted_to = noise.weight
-    # As if white: what the slip leaves undone between events would else pass for slow noise.
+    # As if white: otherwise errors of the slip between events would be taken for slow noise.
     pilot = problem._replace(blocks=True, in_time=False)
     for _ in range(_WEIGHTINGS):
         fits = first_fits(fits_alone(Setting(pilot, noise, adhesion), curves))
         fitted = min(fits.values(), key=lambda fitted: fitted.total)
-        extra, shared = _made_of_slip(fitted)
+        extra, shared = _slip_moments(fitted)
         sigma = float(fitted.setting.noise.sigma)
         kept = extra <= max(sigma**2, float(np.quantile(extra[fitted_to > 0], _LEAST_KEPT)))
         noise = fitted.setting.noise._replace(
@@ -194,9 +209,9 @@ def felt_in_adhesion(problem: Problem, noise: Noise, curves: Sequence[str]) -> S
 
 
 def _with_modes(noise: Noise, fitted: Fitted, kept: np.ndarray) -> Noise:
-    """The noise, where what the errors of the slip make of adhesion is slow as well.
+    """The noise with the slow part of the adhesion errors due to the slip as modes.
 
-    Of the covariance g(s) C(s, t) g(t) of a run, the modes of largest variance are taken apart.
+    These are the modes of largest variance of the covariance g(s) C(s, t) g(t) of each run.
     """
     slope = _slope(fitted) * kept
     least = _LEAST_MODE * float(noise.sigma) ** 2
@@ -215,10 +230,10 @@ def _with_modes(noise: Noise, fitted: Fitted, kept: np.ndarray) -> Noise:
 
 
 def error_covariances(expected: ExpectedSlip) -> Iterator[np.ndarray]:
-    """Of each run, the covariances of the errors of its expected slip, [points, points].
+    """The covariance of the errors of the expected slip, run by run, [points, points].
 
-    What is not known of slip and rate is a Markov chain against time: the covariance of the errors
-    at s and at t > s is G(s) ... G(t - 1) P(t).
+    The errors of slip and rate are a Markov chain backwards in time: their covariance at s and at
+    t > s is G(s) ... G(t - 1) P(t).
     """
     for gains, errors in zip(np.asarray(expected.gains), np.asarray(expected.errors), strict=True):
         found = np.zeros((len(errors), len(errors)))
@@ -231,8 +246,8 @@ def error_covariances(expected: ExpectedSlip) -> Iterator[np.ndarray]:
         yield found
 
 
-def _made_of_slip(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
-    """What errors of the slip make of adhesion: variance, and covariance with the point before."""
+def _slip_moments(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of adhesion due to slip errors, and its covariance with the point before."""
     expected, slope = fitted.setting.problem.expected, _slope(fitted)
     last = np.concatenate([slope[:, :1], slope[:, :-1]], axis=1)
     shared = np.asarray(slope * last * expected.covariance)
@@ -240,21 +255,22 @@ def _made_of_slip(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _slope(fitted: Fitted) -> np.ndarray:
-    """Of the adhesion of a model by the slip, [runs, points]."""
+    """The derivative of the adhesion of a model by the slip, [runs, points]."""
     return raw_changes(fitted, [SlipBias(bias=_NUDGE)])[0] / _NUDGE
 
 
 def noise_of_slip(
     rough: Roughness, exact: Mapping[str, Fitted], corrected: Mapping[str, Fitted]
 ) -> NoisySlip | None:
-    """Whether adhesion follows the slip to be expected rather than the one measured.
+    """The noise of the slip, if adhesion follows the expected slip rather than the measured one.
 
-    By the likelihood of adhesion with the best curve on either, over all points.
+    Compared are the likelihoods of adhesion over all points, of the best curve at either slip:
+    `exact` are the fits at the measured slip, `corrected` those at the expected one.
     """
     measured, expected = (min(fits.values(), key=bic) for fits in (exact, corrected))
     weight = measured.setting.noise.weight
     problem = expected.setting.problem
-    variance, covariance = _made_of_slip(expected)
+    variance, covariance = _slip_moments(expected)
     error = expected.adhesion - np.asarray(problem.data.adhesion)
     noise = noise_of(
         problem,
@@ -268,7 +284,7 @@ def noise_of_slip(
     white = in_noise_units(setting, error[None])[0]
     half_deviance = 0.5 * (white**2).sum() + determinant(whitening(noise, setting.level)).sum()
     p = float(stats.chi2.sf(2 * max(measured.total - float(half_deviance), 0.0), 2))
-    if p > _SURE:
+    if p > _SIGNIFICANT:
         return None
     inside = expected.setting.noise.weight > 0
     return NoisySlip(rough.effect, rough.sigma, p, float(np.sqrt(np.mean(error[inside] ** 2))))

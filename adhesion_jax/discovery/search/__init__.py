@@ -1,1 +1,1 @@
-"""What stands beside the search for effects: a second opinion on the residual it leaves."""
+"""The search: which effects are tried, accepted, refined, removed and doubted."""

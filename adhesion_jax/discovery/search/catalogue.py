@@ -1,4 +1,4 @@
-"""What may be missing: every effect that the columns of a campaign can test, and plain columns."""
+"""The library of the search: the effects that the data can test, and plain columns."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -10,18 +10,18 @@ from adhesion_jax.effects.shape import ACTS_ON
 
 
 class Entry(NamedTuple):
-    """One cause, in the forms that are tried first."""
+    """A candidate of the search: a cause or a plain column, in the forms that are screened."""
 
     name: str
     starts: tuple[Effect, ...]
     covariates: tuple[str, ...]
     generic: bool  # a plain column, without a physical cause
     family: str
-    acts_on: str = "level"  # of the curve
+    acts_on: str = "level"  # the part of the curve: its level, its slip scale ("slip"), its "fall"
 
 
 def library_of(problem: Problem) -> tuple[Entry, ...]:
-    """Every entry the campaign can test."""
+    """Every effect that the data can test, then every column by a line and by a spline."""
     entries = [
         entry_of(name, effect.starts(problem.flat), problem)
         for name, effect in EFFECTS.items()
@@ -34,19 +34,19 @@ def library_of(problem: Problem) -> tuple[Entry, ...]:
 
 
 def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list[Entry]:
-    """A plain column by a form of one column, acting on each part of the curve."""
+    """The entries of a column by one kind of term, one for each part of the curve it may act on."""
     name = f"covariate:{label_of(column, problem.measured)}"
     starts = kind.starts({column: problem.flat[column]})
     return [
         entry_of(name, [dataclasses.replace(start, acts_on=acts_on) for start in starts], problem)
         for acts_on in ACTS_ON
-        # A function of the slip bends the curve however it acts.
+        # A function of the slip bends the curve, whichever part of it it acts on.
         if acts_on == "level" or column != "slip_velocity_mps"
     ]
 
 
 def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
-    """An entry by its name, with the columns it rests on and its family."""
+    """The entry of that name and those starts, with the columns that it rests on and its family."""
     if ":" in name:
         covariates = tuple(name.split(":", 1)[1].split("*"))
     else:
@@ -57,7 +57,7 @@ def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
 
 
 def why_untested(name: str, problem: Problem) -> str:
-    """Empty, or why the campaign says nothing about an effect."""
+    """Why the data cannot test the effect of that name; empty if they can."""
     effect = EFFECTS[name]
     if "time_s" in effect.NEEDS and not problem.in_time:
         return "acts within a run in time, and the data are no runs in time"

@@ -1,4 +1,4 @@
-"""Two columns at a time: what shows only where both are looked at."""
+"""Entries of the library that rest on two columns at once."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -6,23 +6,23 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from adhesion_jax.discovery.model.problem import Problem, label_of
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, entry_of
 from adhesion_jax.effects import Surface
 from adhesion_jax.effects.shape import ACTS_ON
 
-#: Columns that follow each other by this correlation are one.
-_ALIKE = 0.98
-
-#: A function of the slip: it bends the curve however it acts.
+#: A function of the slip: it bends the curve, whichever part of it it acts on.
 _OF_SLIP = "slip_velocity_mps"
 
 
 def surfaces(
     problem: Problem, columns: Iterable[str], beside: Sequence[str] = ()
 ) -> tuple[Entry, ...]:
-    """A smooth surface over every pair of some columns, or of one of them and one `beside`.
+    """A smooth surface over every pair of the columns, or of one of them and one of `beside`.
 
-    Each on every part of the curve; with the slip velocity, on the level alone.
+    Columns are given by their labels; unknown ones are skipped, and so are pairs of columns that
+    are nearly proportional. There is an entry for each part of the curve that the surface may act
+    on: with the slip velocity, only the level.
     """
     places = {label_of(name, problem.measured): name for name in problem.columns}
     chosen = [places[label] for label in dict.fromkeys(columns) if label in places]
@@ -44,4 +44,5 @@ def surfaces(
 
 
 def _same(problem: Problem, one: str, other: str) -> bool:
-    return bool(abs(np.corrcoef(problem.flat[one], problem.flat[other])[0, 1]) > _ALIKE)
+    correlation = np.corrcoef(problem.flat[one], problem.flat[other])[0, 1]
+    return bool(abs(correlation) > rules.SAME_COLUMN_CORRELATION)

@@ -1,4 +1,4 @@
-"""What was found is doubted twice: by every other base curve, and by runs it was not found on."""
+"""Judgement of the accepted effects: by the other base curves, and by the held-out runs."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,28 +18,25 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.model.noise import determinant, whitening
 from adhesion_jax.discovery.model.problem import label_of
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import entry_of
 from adhesion_jax.discovery.search.run_levels import followed
-from adhesion_jax.discovery.search.screening import SIGNIFICANT
-from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of, without
+from adhesion_jax.discovery.search.state import (
+    Accepted,
+    Selection,
+    all_but,
+    parts_of,
+    without,
+)
 from adhesion_jax.discovery.search.trials import OF_SIGNALS
 from adhesion_jax.discovery.types import Doubt
 from adhesion_jax.effects import Effect, kind_of
 from adhesion_jax.effects.falling_friction import FallingFriction
 
-#: Half a chi-square that an effect of the slip alone must reach on every base curve: p = 6e-5.
-_SURE = 8.0
+#: Number of bootstrap samples of the held-out runs.
+_DRAWS = 999
 
-#: An effect is as good as a curve that has it where it gains this share of what the curve does.
-_AS_GOOD = 0.75
-
-#: A gain of so many standard errors is sure, whatever is asked of it besides.
-_SURELY = 1.645
-
-#: Less scatter of the levels of runs than this share is not looked into.
-_SCATTER = 0.005
-
-#: A bias beside noise of the slip: what the smoothed slip misses of the true one looks like it.
+#: A bias beside noise of the slip: errors of the smoothed slip look like one.
 _OF_NOISY_SLIP = Doubt(
     OF_SIGNALS,
     "A bias of the slip or of the torque, or what the noise of the slip leaves: the slip that "
@@ -50,9 +47,10 @@ _OF_NOISY_SLIP = Doubt(
 
 
 def doubtful(state: Selection) -> tuple[Selection, Sequence[Doubt]]:
-    """Without the effects of slip alone that another base curve, or noise of the slip, explains.
+    """The state without the effects of slip alone that may be something else, and the doubts.
 
-    These become doubts.
+    Such an effect is removed if some base curve hardly improves with it, and an error of the
+    signals also where the slip is noisy.
     """
     doubts = []
     for effect in state.accepted:
@@ -66,7 +64,7 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[Doubt]]:
         for base, fitted in state.fits.items():
             values = fitted.base_values.tolist()
             less = likeliest(fitted.setting, base, values, parts_of(rest))
-            if less.total - fitted.total < _SURE:
+            if less.total - fitted.total < rules.GAIN_ON_EVERY_CURVE:
                 doubts.append(_doubt(effect.name, state.base, base))
                 state = without(state, rest)
                 break
@@ -74,7 +72,7 @@ def doubtful(state: Selection) -> tuple[Selection, Sequence[Doubt]]:
 
 
 def _doubt(name: str, base: str, other: str) -> Doubt:
-    """An effect that improves one curve and hardly another, and what would tell."""
+    """The doubt about an effect of slip alone that improves the curve `base` but hardly `other`."""
     names = OF_SIGNALS if name in OF_SIGNALS else (name,)
     what = "A bias of the slip or of the torque" if name in OF_SIGNALS else f"An effect of {name}"
     but = "too little to be sure" if base == other else f"hardly that of {other}"
@@ -92,10 +90,11 @@ def _doubt(name: str, base: str, other: str) -> Doubt:
     )
 
 
-def of_curve(state: Selection) -> tuple[Doubt, ...]:
-    """That a curve was chosen which falls with slip velocity, where falling friction is as good.
+def curve_doubts(state: Selection) -> tuple[Doubt, ...]:
+    """The doubt whether friction falls by the curve or by an effect on another curve; or none.
 
-    Then friction falls in the curve, or as an effect on another curve.
+    It is raised if the curve chosen falls with the slip velocity by itself, and another one with
+    the effect of falling friction is nearly as likely.
     """
     plain = [fitted for name, fitted in state.fits.items() if not BASES[name].NEEDS]
     starts = FallingFriction.starts({})
@@ -113,7 +112,8 @@ def of_curve(state: Selection) -> tuple[Doubt, ...]:
     best = min(side_by_side(with_fall, falls.starts), key=lambda fitted: fitted.total)
     lacking = other.total - state.fitted.total
     gained = other.total - with_own_noise(best).total
-    if lacking < _SURE or gained < _AS_GOOD * lacking:
+    enough = rules.SHARE_OF_FALLING_CURVE * lacking
+    if lacking < rules.GAIN_ON_EVERY_CURVE or gained < enough:
         return ()
     return (
         Doubt(
@@ -129,22 +129,24 @@ def of_curve(state: Selection) -> tuple[Doubt, ...]:
 
 
 def undecided(state: Selection) -> tuple[Doubt, ...]:
-    """The strongest candidate that stood out of the residual at last and yet did not become one."""
+    """The doubt about the best significant candidate of the last round that was not accepted."""
     last = [row for row in state.ranking if row.round == state.ranking[-1].round]
     taken = {member for effect in state.accepted for member in effect.members}
-    # A column of an effect that was found asks for another form of it, not for another effect.
+    # A column of an accepted effect asks for another form of that effect, not for another effect.
     taken |= {f"covariate:{name}" for effect in state.accepted for name in effect.covariates}
     standing = [
         row
         for row in last
-        if row.p_adjusted <= SIGNIFICANT and row.gain > 0 and row.name.split(" (")[0] not in taken
+        if row.p_adjusted <= rules.SIGNIFICANT
+        and row.gain > 0
+        and row.name.split(" (")[0] not in taken
     ]
     if not standing or any(row.decision == "accepted" for row in last):
         return ()
     row = max(standing, key=lambda row: row.gain)
     name = row.name.split(" (")[0]
     seen = f"{row.name} stands out of the residual (adjusted p = {row.p_adjusted:.2g}), but"
-    if state.fitted.log and row.gain > _SURELY * row.gain_se:
+    if state.fitted.log and row.gain > rules.SURE_BUT_FOR_A_STRETCH * row.gain_se:
         why = (
             f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "
             "effect. What happened once goes with every column that was different there; a second "
@@ -160,10 +162,11 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
     return (Doubt((name,), why),)
 
 
-def of_levels(state: Selection, seed: int) -> tuple[Doubt, ...]:
-    """The column that what is left of the levels of the runs follows, if there is one."""
+def level_doubts(state: Selection, seed: int) -> tuple[Doubt, ...]:
+    """The doubt about the column that the remaining levels of the runs follow, if there is one."""
     fitted, problem = state.fitted, state.setting.problem
-    if problem.blocks or float(state.setting.noise.run_scatter) < _SCATTER:
+    scatter = float(state.setting.noise.run_scatter)
+    if problem.blocks or scatter < rules.NOTICEABLE_RUN_SCATTER:
         return ()
     weight = np.asarray(state.setting.noise.weight)
     used = weight.sum(axis=1) > 0
@@ -176,7 +179,7 @@ def of_levels(state: Selection, seed: int) -> tuple[Doubt, ...]:
         label_of(name, problem.measured): means[place] for place, name in enumerate(problem.columns)
     }
     found = followed(levels, columns, seed)
-    if found is None or found.p > SIGNIFICANT:
+    if found is None or found.p > rules.SIGNIFICANT:
         return ()
     return (
         Doubt(
@@ -191,6 +194,7 @@ def of_levels(state: Selection, seed: int) -> tuple[Doubt, ...]:
 
 
 def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
+    """Whether an effect is a function of the slip, so that another base curve may replace it."""
     if effect.name in OF_SIGNALS:
         return True
     varying = state.setting.problem.varying
@@ -203,23 +207,24 @@ def _of_slip_alone(state: Selection, effect: Accepted) -> bool:
     )
 
 
-def vetoed(
+def confirmed(
     state: Selection, held_out: np.ndarray, seed: int
 ) -> tuple[Selection, Mapping[str, str]]:
-    """Without what does not raise the likelihood of the runs held out; why, by name of effect.
+    """The state without effects that do not raise the likelihood of the held-out runs.
 
-    A refinement of an effect that does not is dropped without a word: it was no claim.
+    `held_out` is a mask [runs]. Returns also the reasons by effect name. Refinements that fail the
+    same test are removed without a message, since they are no claims of their own.
     """
     words: dict[str, str] = {}
     if not held_out.any():
         return state, words
-    place = 0
-    while place < len(state.accepted):
-        effect = state.accepted[place]
-        rest = tuple(other for other in state.accepted if other is not effect)
+    number = 0
+    while number < len(state.accepted):
+        effect = state.accepted[number]
+        rest = all_but(state.accepted, number)
         raised = _raised(state, rest, held_out, seed)
-        if raised >= 0.5:
-            place += 1
+        if raised >= rules.LEAST_SHARE_RAISED:
+            number += 1
             continue
         words[effect.name] = (
             f"{effect.name} was found on three quarters of the runs, but does not improve the "
@@ -227,30 +232,30 @@ def vetoed(
             "them); it is not counted as an effect."
         )
         state = without(state, rest)
-    for place in range(len(state.accepted)):
-        for part in reversed(range(1, len(state.accepted[place].parts))):
-            effect = state.accepted[place]
+    for number in range(len(state.accepted)):
+        for part in reversed(range(1, len(state.accepted[number].parts))):
+            effect = state.accepted[number]
             less = effect._replace(parts=effect.parts[:part] + effect.parts[part + 1 :])
-            rest = (*state.accepted[:place], less, *state.accepted[place + 1 :])
-            if _raised(state, rest, held_out, seed) < 0.5:
+            rest = (*state.accepted[:number], less, *state.accepted[number + 1 :])
+            if _raised(state, rest, held_out, seed) < rules.LEAST_SHARE_RAISED:
                 state = without(state, rest)
     return state, words
 
 
 def _raised(state: Selection, rest: Sequence[Accepted], held_out: np.ndarray, seed: int) -> float:
-    """The share of bootstrap samples of the runs held out that the state predicts better."""
+    """Share of bootstrap samples of held-out runs that are likelier than with `rest` alone."""
     values = state.fitted.base_values.tolist()
     less = likeliest(state.setting, state.base, values, parts_of(rest))
     gains = (_losses(less, held_out) - _losses(state.fitted, held_out))[held_out]
-    draws = np.random.default_rng([seed, 17]).integers(gains.size, size=(999, gains.size))
+    draws = np.random.default_rng([seed, 17]).integers(gains.size, size=(_DRAWS, gains.size))
     return float(np.mean(gains[draws].sum(axis=1) > 0))
 
 
 def _losses(fitted: Fitted, held_out: np.ndarray) -> np.ndarray:
-    """Minus the log likelihood of each run held out, [runs].
+    """Minus the log likelihood of each held-out run, [runs]; 0 for the others.
 
-    The noise is that of greatest likelihood for these runs: one run at the edge of what a model
-    has seen would else decide by how far it lies outside the scatter of the runs within.
+    The noise is the likeliest one for these runs. With the noise of the fitted runs a single run,
+    whose columns lie outside what was fitted, would decide.
     """
     problem = fitted.setting.problem
     weight = np.where(held_out[:, None], problem.points, 0.0)

@@ -1,85 +1,102 @@
-"""Backward elimination: what later effects and refinements have made needless goes."""
+"""Backward elimination of effects and parts that later ones have made unnecessary."""
 
 from collections.abc import Iterator
 
 from adhesion_jax.discovery.model.fitting import Fitted, likeliest, loss_without
 from adhesion_jax.discovery.model.problem import Problem
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import entry_of
 from adhesion_jax.discovery.search.state import (
     Accepted,
+    Place,
     Selection,
+    all_but,
     parts_of,
     refitted,
     refreshed,
+    slots_of,
     without,
 )
 from adhesion_jax.discovery.search.trials import is_worth
 from adhesion_jax.effects import EFFECTS, kind_of
 
-#: A part is not tried to be left out where the half deviance rises by more, to second order.
-_PLAINLY_NEEDED = 50.0
-
 
 def pruned(state: Selection) -> Selection:
-    """The state without what no longer lowers the expected loss surely, the earliest first."""
+    """The state without effects and parts that do not lower the expected loss any more.
+
+    The earliest is tried first, and after each removal all are tried again.
+    """
     while True:
-        for rest in _smaller(state):
-            kept = {id(part) for part in parts_of(rest)}
-            gone = [part for part in state.fitted.effects if id(part) not in kept]
-            if loss_without(state.fitted, gone) > _PLAINLY_NEEDED:
+        slots = slots_of(state.accepted)
+        for gone, rest in _smaller(state):
+            rise = loss_without(state.fitted, [slots.index(place) for place in gone])
+            if rise > rules.PLAINLY_NEEDED:
                 continue
             less = refitted(state, parts_of(rest))
             if is_worth(less, state.fitted):
                 continue
             smaller = without(state, rest)
-            whole = _from(smaller.fitted, state)
-            state = smaller if whole is state else whole
+            whole = _refitted_from(smaller.fitted, state)
+            state = smaller if whole is None else whole
             break
         else:
             return state
 
 
-def _from(less: Fitted, state: Selection) -> Selection:
-    """The model refitted from where a part of it alone fits better, if it then does so too."""
+def _refitted_from(less: Fitted, state: Selection) -> Selection | None:
+    """The whole model refitted from a part of it, if that part alone fits better than the whole.
+
+    None if it does not, or if the whole model fits no better than the part.
+    """
     if less.total >= state.fitted.total:
-        return state
+        return None
     values, effects = less.base_values.tolist(), parts_of(state.accepted)
     again = likeliest(less.setting, less.base, values, effects)
     if again.total >= less.total:
-        return state
+        return None
     accepted = refreshed(state.accepted, again.effects)
     return state._replace(fits={**state.fits, less.base: again}, base=less.base, accepted=accepted)
 
 
-def _smaller(state: Selection) -> Iterator[tuple[Accepted, ...]]:
-    """The accepted without one of them but the last, or without a part of one but its last."""
-    for effect in state.accepted[:-1]:
-        # A plain form of the same columns explains what a cause does, but it is none.
+def _smaller(state: Selection) -> Iterator[tuple[list[Place], tuple[Accepted, ...]]]:
+    """Parts that may be left out together, and the accepted effects without them.
+
+    First all parts of an effect, for each effect but the last; then one part of an effect, for each
+    part but its last.
+    """
+    accepted = state.accepted
+    for number, effect in enumerate(accepted[:-1]):
+        # A plain form of the same columns explains the same, but names no cause.
         if not effect.generic and any(
-            other.generic and {*effect.covariates} & {*other.covariates} for other in state.accepted
+            other.generic and {*effect.covariates} & {*other.covariates} for other in accepted
         ):
             continue
-        yield tuple(other for other in state.accepted if other is not effect)
-    for effect in state.accepted:
+        yield [(number, part) for part in range(len(effect.parts))], all_but(accepted, number)
+    for number, effect in enumerate(accepted):
         if len(effect.parts) < 2:
             continue
-        for less in _with_a_part_less(effect, state.setting.problem):
-            yield tuple(less if other is effect else other for other in state.accepted)
+        for part, less in _with_a_part_less(effect, state.setting.problem):
+            yield [(number, part)], (*accepted[:number], less, *accepted[number + 1 :])
 
 
-def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[Accepted]:
-    """Where the part goes that named the effect, the last takes its place, if it is a cause."""
-    _, *between, last = effect.parts
-    for part in between:
-        yield effect._replace(parts=tuple(other for other in effect.parts if other is not part))
+def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[tuple[int, Accepted]]:
+    """The number of a part, and the effect without it, for each part but the last.
+
+    Without the first part, which names the effect, the last one takes its place, if it is a cause.
+    """
+    parts = effect.parts
+    for part in range(1, len(parts) - 1):
+        yield part, effect._replace(parts=(*parts[:part], *parts[part + 1 :]))
+    last = parts[-1]
     name = kind_of(last)
     if name in EFFECTS:
         entry = entry_of(name, (last,), problem)
-        yield effect._replace(
+        less = effect._replace(
             name=name,
             members=(name, *effect.members),
             family=entry.family,
             generic=False,
             covariates=entry.covariates,
-            parts=(last, *between),
+            parts=(last, *parts[1:-1]),
         )
+        yield 0, less

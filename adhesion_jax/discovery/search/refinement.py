@@ -1,13 +1,21 @@
-"""The form of an effect that was found, refined until the residual is flat against its columns."""
+"""Refinement of an accepted effect until the residual does not depend on its columns any more."""
 
 import dataclasses
+from bisect import bisect_right
 from collections.abc import Sequence
 
-from adhesion_jax.discovery.model.fitting import gain, in_order, least_gain
+from adhesion_jax.discovery.model.prediction import gain, least_gain
 from adhesion_jax.discovery.model.problem import Problem, label_of
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, column_entries, entry_of
-from adhesion_jax.discovery.search.screening import SIGNIFICANT, screen
-from adhesion_jax.discovery.search.state import Accepted, Selection, settled
+from adhesion_jax.discovery.search.screening import screen
+from adhesion_jax.discovery.search.state import (
+    Accepted,
+    Selection,
+    settled,
+    slots_of,
+    with_parts,
+)
 from adhesion_jax.discovery.search.trials import Trial, tried
 from adhesion_jax.effects import (
     Covariate,
@@ -23,77 +31,70 @@ from adhesion_jax.effects.rail_joint import RailJoint
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.effects.slip_bias import SlipBias
 
-#: How many parts an effect may have, and how many are refitted to choose the next.
-_MOST_PARTS, _TRIED = 4, 3
-
-#: A part must lower the expected loss by this share of half the number of points.
-_LEAST_GAIN = 0.001
-
-#: The harmonics of a wave that are looked for beside those that its own form has.
+#: Numbers of the harmonics of a wave that are tried, beside those that its own form has.
 _HARMONICS = range(2, 8)
 
 
 def refined(state: Selection, seed: int) -> Selection:
-    """Every effect with the parts that its own columns still ask for.
+    """Every effect with the further parts that the residual asks for against its own columns.
 
-    A part is added where the residual is not flat against the columns of the effect (score test,
-    p adjusted over all forms of them) and the prediction of runs left out gets better. What is
-    found here belongs to the effect: it is no claim of its own.
+    A part is added if it is significant (score test, p adjusted over all forms of these columns)
+    and improves the prediction of runs left out. It belongs to the effect and is no claim of its
+    own. If none is added the state is returned unchanged.
     """
-    start = state
-    for place in range(len(state.accepted)):
-        while len(state.accepted[place].parts) < _MOST_PARTS:
-            better = _with_a_part_more(state, place, seed)
-            if better is None:
+    slots = slots_of(state.accepted)
+    parts = len(slots)
+    for number in range(len(state.accepted)):
+        while len(state.accepted[number].parts) < rules.MOST_PARTS:
+            chosen = _part_more(state, number, seed)
+            if chosen is None:
                 break
-            state = better
-    if state is start:
+            fitted, slot = chosen.fitted, _new_slot(chosen)
+            part = (number, len(state.accepted[number].parts))
+            slots = [*slots[:slot], part, *slots[slot:]]
+            state = state._replace(
+                fits={**state.fits, state.base: fitted},
+                accepted=with_parts(state.accepted, slots, fitted.effects),
+            )
+    if len(slots) == parts:
         return state
-    # The other curves, which have waited for the form to stand.
+    # The other base curves are refitted only now, with the final form.
     whole = settled(state.fits, state.accepted, state.ranking)
     return whole._replace(thresholds=state.thresholds)
 
 
-def _with_a_part_more(state: Selection, place: int, seed: int) -> Selection | None:
-    effect = state.accepted[place]
-    entries = forms_of(effect, state.setting.problem)
+def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
+    """The best further part of the effect of that number; None if none gains enough."""
+    entries = forms_of(state.accepted[number], state.setting.problem)
     if not entries:
         return None
-    scores = [score for score in screen(state.fitted, entries, seed) if score.p <= SIGNIFICANT]
-    trials = tried(state.fitted, scores[:_TRIED])
+    scores = [
+        score for score in screen(state.fitted, entries, seed) if score.p <= rules.SIGNIFICANT
+    ]
+    trials = tried(state.fitted, scores[: rules.TRIED_PARTS])
     if not trials:
         return None
     chosen = min(trials, key=lambda trial: trial.loss)
     gained = gain(state.fitted, chosen.fitted)
-    if gained.total <= max(gained.error, least_gain(state.fitted, _LEAST_GAIN)):
+    least = least_gain(state.fitted, rules.PART_SHARE_OF_LOSS)
+    if gained.total <= max(rules.PART_ERRORS * gained.error, least):
         return None
-    return with_part(state, place, chosen)
-
-
-def with_part(state: Selection, place: int, chosen: Trial) -> Selection:
-    """The trial's start as one more part of an effect that is there."""
-    # The part is the last of the fit, whichever effect it belongs to: by what became of each.
-    order = in_order((*chosen.score.seen_in.effects, chosen.score.start))
-    fitted = dict(zip(map(id, order), chosen.fitted.effects, strict=True))
-    accepted = [
-        effect._replace(parts=tuple(fitted[id(part)] for part in effect.parts))
-        for effect in state.accepted
-    ]
-    mended = accepted[place]
-    accepted[place] = mended._replace(parts=(*mended.parts, fitted[id(chosen.score.start)]))
-    fits = {**state.fits, state.base: chosen.fitted}
-    return state._replace(fits=fits, accepted=tuple(accepted))
+    return chosen
 
 
 def fitted_start(chosen: Trial) -> Effect:
-    """What a trial has added, with the parameters of its fit."""
-    start = chosen.score.start
-    order = in_order((*chosen.score.seen_in.effects, start))
-    return chosen.fitted.effects[next(at for at, one in enumerate(order) if one is start)]
+    """The effect that a trial has added, with the parameters of its fit."""
+    return chosen.fitted.effects[_new_slot(chosen)]
+
+
+def _new_slot(chosen: Trial) -> int:
+    """Where the effect that a trial has added stands: the last of those of its ORDER."""
+    orders = [effect.ORDER for effect in chosen.fitted.effects]
+    return bisect_right(orders, chosen.score.start.ORDER) - 1
 
 
 def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
-    """Every form of the columns of an effect that it does not have yet."""
+    """Every form of the columns of an effect that is not yet one of its parts."""
     columns = [
         column
         for column in problem.columns
@@ -116,7 +117,8 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
             for acts_on in ACTS_ON
         ]
     if of_slip_velocity and "vehicle_speed_mps" not in problem.varying:
-        # At one speed all is a function of the slip, an offset of which is a matter of form too.
+        # At a constant speed the effect is a function of slip alone; an offset of the slip may then
+        # be what its form lacks.
         starts = SlipBias.starts({})
         entries.append(entry_of(kind_of(starts[0]), starts, problem))
     for start in _harmonics(effect.parts, problem):
@@ -126,6 +128,7 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
 
 
 def _harmonics(parts: Sequence[Effect], problem: Problem) -> list[Periodic]:
+    """The harmonics of an effect that is a wave, without those that it has; else none."""
     first = parts[0]
     if isinstance(first, RailJoint) and "position_m" in problem.columns:
         column, frequency, own = "position_m", 1 / float(first.length), 2
@@ -137,12 +140,13 @@ def _harmonics(parts: Sequence[Effect], problem: Problem) -> list[Periodic]:
     return [
         Periodic(0.01, 0.01, number * frequency, column=column)
         for number in _HARMONICS
-        if number > own and all(abs(one / frequency - number) > 0.2 for one in known)
+        if number > own
+        and all(abs(one / frequency - number) > rules.SAME_HARMONIC for one in known)
     ]
 
 
 def _form(effect: Effect) -> tuple[object, ...]:
-    """What tells one part from another: its kind, its columns, what it acts on."""
+    """The kind of a part, its columns, what it acts on and its frequency: equal for equal forms."""
     words = [
         getattr(effect, field.name)
         for field in dataclasses.fields(effect)

@@ -1,17 +1,17 @@
-"""What is left of the level of every run, held against the columns that differ between runs."""
+"""Whether the remaining levels of the runs follow a column that differs between runs."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-#: Degree of the polynomial in the rank of a run that a smooth function of a column is taken for.
+from adhesion_jax.discovery.search import rules
+
+#: Degree of the polynomial in the ranks of the runs that stands for a smooth function of a column.
 _DEGREE = 3
 
-_EXCHANGES = 1999
-
-#: Fewer runs leave too little to a polynomial.
-_FEWEST_RUNS = 10
+#: Number of permutations of the levels.
+_PERMUTATIONS = 1999
 
 
 class Followed(NamedTuple):
@@ -23,29 +23,30 @@ class Followed(NamedTuple):
 
 
 def followed(levels: np.ndarray, columns: Mapping[str, np.ndarray], seed: int) -> Followed | None:
-    """The column [runs] that explains most of the variance of the levels [runs], and how surely.
+    """The column [runs] that explains most of the variance of the levels [runs], with its p.
 
-    By least squares on polynomials of the third degree in the ranks of the runs: no form is
-    assumed but that it is smooth, and no run counts for more by lying far out. p is the share of
-    permutations of the levels in which any column explains as much.
+    A column explains what a polynomial of the third degree in the ranks of its values does, by
+    least squares: this assumes no form but a smooth one, and a run far out does not weigh more. p
+    is the share of permutations of the levels in which any column explains as much. None for too
+    few runs, without a column of more than three values, and for levels that are all equal.
     """
     runs = levels.size
     varying = {name: values for name, values in columns.items() if np.unique(values).size > _DEGREE}
-    if runs < _FEWEST_RUNS or not varying or not np.ptp(levels) > 0:
+    if runs < rules.FEWEST_RUNS_OF_LEVELS or not varying or not np.ptp(levels) > 0:
         return None
     generator = np.random.default_rng([seed, 29])
-    permuted = generator.permuted(np.tile(levels, (_EXCHANGES, 1)), axis=1).T
+    permuted = generator.permuted(np.tile(levels, (_PERMUTATIONS, 1)), axis=1).T
     trials = np.column_stack([levels, permuted]) - levels.mean()
     trials /= np.linalg.norm(levels - levels.mean())
     explained = np.stack([_explained(values, trials) for values in varying.values()])
     best = int(np.argmax(explained[:, 0]))
     exceeded = int(np.sum(explained[:, 1:].max(axis=0) >= explained[best, 0]))
     left = (1 - explained[best, 0]) * (runs - 1) / (runs - 1 - _DEGREE)
-    return Followed(list(varying)[best], float(1 - left), (1 + exceeded) / (1 + _EXCHANGES))
+    return Followed(list(varying)[best], float(1 - left), (1 + exceeded) / (1 + _PERMUTATIONS))
 
 
 def _explained(values: np.ndarray, trials: np.ndarray) -> np.ndarray:
-    """The share of the squares of each trial [runs, trials] that the polynomial explains."""
+    """Share of the squares of each trial [runs, trials] that a polynomial in `values` explains."""
     rank = np.unique(values, return_inverse=True)[1].astype(float)
     place = 2 * rank / rank.max() - 1
     basis, _ = np.linalg.qr(np.vander(place, _DEGREE + 1))

@@ -1,4 +1,4 @@
-"""Waves of any length, which the library cannot look for one by one."""
+"""Waves of any length: along a column, coherent over the runs, and in time, of any phase."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,49 +10,45 @@ from scipy.ndimage import median_filter
 from adhesion_jax.discovery.model.fitting import Fitted
 from adhesion_jax.discovery.model.noise import chain
 from adhesion_jax.discovery.model.problem import Problem, label_of
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.effects import EFFECTS, Effect, Periodic, family_of
 from adhesion_jax.effects.wave import Wave
 
-#: A scan looks at hundreds of places: what it finds must be this sure.
-SCAN_SIGNIFICANT = 0.001
-
+#: Number of random sign flips of the runs.
 _FLIPS = 1999
 
-#: Bins for the fast transform along an axis that a cause is a wave along, and along a plain column;
-#: waves shorter than eight bins are not looked for.
-_BINS, _FEW_BINS = 8192, 1024
+#: Number of bins of the transform along an axis of a cause.
+_BINS = 8192
 
-#: Axes along which causes are waves, by the column: the name of the cause.
+#: Number of bins of the transform along any other column.
+_FEW_BINS = 1024
+
+#: Columns along which a cause is a wave, each with the name of the cause.
 _AXES = dict(sorted((kind.AXIS, name) for name, kind in EFFECTS.items() if issubclass(kind, Wave)))
 
-#: A line in time must go through so many waves in a run: slower ones are the excitation's.
-_WAVES = 6
-
-#: A wave along an axis must stand out from as many frequencies on either side: a line is wide
-#: where every run has passed a part of the axis only.
+#: Number of frequencies on either side whose median power the coherence of a wave is relative to.
+#: It is large because a line is wide where every run has passed only a part of the axis.
 _AROUND = 50
 
-#: The coherence of a line at a frequency that is given: 4.5e-5 by chance, for it is exponential.
-_LINE = 10.0
-
-#: Neighbouring frequencies whose median is the level that a line must stand out from.
+#: Number of frequencies on either side whose median power a line in time is relative to.
 _NEIGHBOURS = 12
 
 
 class Line(NamedTuple):
-    """A line in a spectrum."""
+    """A wave along a column, as a candidate of the search."""
 
     entry: Entry
-    p: float
+    p: float  # adjusted for all lengths
 
 
 def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Line]:
-    """The strongest coherent wave along each axis, with p adjusted for all lengths by sign flips.
+    """The strongest coherent wave along each axis, if it is significant; none of those `taken`.
 
-    The score of a run at a frequency is the sum over its points of residual times adhesion times
-    exp(i 2 pi f z); coherent is what adds up over runs: |sum of scores|^2 over the median of the
-    sums of their squares at the frequencies around.
+    The score of a run at a frequency f is the sum over its points of residual times adhesion times
+    exp(i 2 pi f z), z the place along the axis. The coherence of the runs at f is |sum of their
+    scores|^2 over the median, at the frequencies around, of the sum of their squares. p is adjusted
+    for all frequencies by sign flips of the runs.
     """
     setting = fitted.setting
     problem = setting.problem
@@ -69,7 +65,7 @@ def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Line]:
         if name in taken or f"periodic:{axis}" in taken:
             continue
         frequency, p = _coherent(problem, axis, pull, axis in _AXES, [seed, 13, place])
-        if p > SCAN_SIGNIFICANT:
+        if p > rules.SCAN_SIGNIFICANT:
             continue
         start = _start(axis, effect, frequency)
         label = label_of(axis, problem.measured)
@@ -78,6 +74,7 @@ def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Line]:
 
 
 def _start(axis: str, effect: str, frequency: float) -> Effect:
+    """The effect of that name, else a plain wave along the axis, in waves a unit of the column."""
     kind = EFFECTS.get(effect)
     if kind is not None and issubclass(kind, Wave):
         return kind.of_frequency(frequency)
@@ -85,12 +82,12 @@ def _start(axis: str, effect: str, frequency: float) -> Effect:
 
 
 def _many_values(values: np.ndarray) -> bool:
-    """A wave along a column of a few levels is no wave."""
-    return np.unique(values).size > 0.5 * values.size
+    """Whether the values [points] of a column are continuous rather than a few levels."""
+    return np.unique(values).size > rules.CONTINUOUS_SHARE * values.size
 
 
 def _adjoint(fitted: Fitted) -> np.ndarray:
-    """[runs, points]: the sensitivity of the fit to a relative change of adhesion at each point."""
+    """Minus the derivative of the loss by a relative change of each prediction, [runs, points]."""
     noise = fitted.setting.noise
     weight = np.asarray(noise.weight)
     carry, spread = chain(noise)
@@ -103,10 +100,11 @@ def _adjoint(fitted: Fitted) -> np.ndarray:
 def _coherent(
     problem: Problem, axis: str, pull: np.ndarray, harmonics: bool, seed: Sequence[int]
 ) -> tuple[float, float]:
-    """The frequency of the largest coherence, in waves a unit, and its p.
+    """The frequency of the largest coherence, in waves a unit of the column, and its p.
 
-    Of a wave that may have `harmonics` the second can stand out most, where the noise is slow: then
-    half of its frequency is told, if there is a line as well.
+    `pull` [runs, points] is what `_adjoint` returns. Under slow noise the second harmonic of a wave
+    may be the most coherent: with `harmonics`, half the frequency is returned if it is coherent
+    as well.
     """
     values = np.asarray(problem.data.conditions.get(axis, np.zeros(0)))
     if not values.size or axis in problem.columns:
@@ -120,16 +118,15 @@ def _coherent(
     np.add.at(sums, (np.arange(runs)[:, None], cell), np.where(inside, pull, 0.0))
     spectrum = np.fft.rfft(sums, axis=1)
     frequencies = np.arange(spectrum.shape[1]) * (bins - 1) / (high - low) / (2 * bins)
-    # At least three waves over the range, and at least eight bins a wave.
-    kept = slice(6, spectrum.shape[1] // 4)
+    # The transform is twice as long as the range, and has as many frequencies as the range bins.
+    kept = slice(2 * rules.FEWEST_WAVES, 2 * spectrum.shape[1] // rules.FEWEST_BINS)
     spectrum, frequencies = spectrum[:, kept], frequencies[kept]
     used = np.abs(spectrum).sum(1) > 0
     spectrum = spectrum[used]
     power = np.maximum((np.abs(spectrum) ** 2).sum(0), 1e-300)
-    # Against the level around it, not its own power: the faint harmonics of a line cohere as well.
+    # Relative to the power around it, not its own: the faint harmonics of a line cohere as well.
     level = median_filter(power, 2 * _AROUND + 1, mode="nearest")
-    # A place that a run or two have passed coheres with itself.
-    strong = power > 0.05 * np.median(power)
+    strong = power > rules.LEAST_POWER_SHARE * np.median(power)
     observed = np.where(strong, np.abs(spectrum.sum(0)) ** 2 / level, 0.0)
     best = int(np.argmax(observed))
     signs = np.random.default_rng(list(seed)).choice([-1.0, 1.0], size=(_FLIPS, used.sum()))
@@ -144,7 +141,8 @@ def _coherent(
     p = (1 + exceeded) / (1 + _FLIPS)
     half = int(np.argmin(np.abs(frequencies - frequencies[best] / 2)))
     beside = slice(max(half - 1, 0), half + 2)
-    if harmonics and observed[beside].max() > _LINE and half < best - 1:
+    coherent = observed[beside].max() > rules.HALF_FREQUENCY_COHERENCE
+    if harmonics and coherent and half < best - 1:
         best = beside.start + int(np.argmax(observed[beside]))
     return float(frequencies[best]), p
 
@@ -158,10 +156,10 @@ class Torsion(NamedTuple):
 
 
 def torsion(fitted: Fitted) -> Torsion | None:
-    """The strongest line in the mean spectrum of the runs, if any is sure.
+    """The strongest line in the mean spectrum of the runs over time, if it is significant.
 
     Under white noise the power of each run at a frequency is exponential; the level is the median
-    of the neighbouring frequencies, since the noise is white only about.
+    of the neighbouring frequencies, since whitened noise is white only approximately.
     """
     setting = fitted.setting
     problem = setting.problem
@@ -170,10 +168,13 @@ def torsion(fitted: Fitted) -> Torsion | None:
     weight = np.asarray(setting.noise.weight)
     whole = (weight > 0).all(axis=1)
     step = np.diff(np.asarray(problem.data.conditions["time_s"])[whole], axis=1)
-    if whole.sum() < 4 or step.size == 0 or np.ptp(step) > 0.01 * np.median(step):
+    if whole.sum() < rules.FEWEST_RUNS_OF_A_LINE or step.size == 0:
+        return None
+    if np.ptp(step) > rules.EVEN_STEPS * np.median(step):
         return None
     points = weight.shape[1]
-    power = (np.abs(np.fft.rfft(fitted.residual[whole], axis=1)) ** 2).sum(0)[_WAVES:-1]
+    power = (np.abs(np.fft.rfft(fitted.residual[whole], axis=1)) ** 2).sum(0)
+    power = power[rules.WAVES_OF_A_LINE : -1]
     level = np.array(
         [
             np.median(
@@ -185,13 +186,14 @@ def torsion(fitted: Fitted) -> Torsion | None:
     runs = int(whole.sum())
     ratio = power / level
     best = int(np.argmax(ratio))
-    # The median of a sum of exponentials is near its mean less a third.
+    # The median of the sum of `runs` unit exponentials is near runs - 1/3.
     p = float(power.size * stats.gamma.sf(ratio[best] * (runs - 1 / 3), runs))
-    if p > SCAN_SIGNIFICANT:
+    if p > rules.SCAN_SIGNIFICANT:
         return None
-    frequency = (best + _WAVES) / points / float(np.median(step))
+    number = best + rules.WAVES_OF_A_LINE
+    frequency = number / points / float(np.median(step))
     r = float(setting.noise.autocorrelation)
-    gain = abs(1 - r * np.exp(-2j * np.pi * (best + _WAVES) / points)) / np.sqrt(1 - r**2)
+    gain = abs(1 - r * np.exp(-2j * np.pi * number / points)) / np.sqrt(1 - r**2)
     excess = max(power[best] - level[best], 0.0) / runs
     amplitude = 2 * np.sqrt(excess) / points * float(setting.noise.sigma) / gain
     return Torsion(frequency, float(amplitude), min(p, 1.0))

@@ -1,4 +1,4 @@
-"""What has been accepted so far: effects, and the base curves below them with their noise."""
+"""The state of a search: the effects accepted so far, and every base curve fitted with them."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -13,17 +13,17 @@ class Accepted(NamedTuple):
     """An effect of the model: what it is called, and what it consists of."""
 
     name: str
-    members: tuple[str, ...]  # of its class, itself first
+    members: tuple[str, ...]  # names that the data cannot tell from it, its own first
     family: str
-    generic: bool
+    generic: bool  # a plain column, without a physical cause
     covariates: tuple[str, ...]
     parts: tuple[Effect, ...]  # the effect, then what refines its form
     p: float
-    gain: float  # of the log likelihood of runs left out, over all runs
+    gain: float  # of the log likelihood of runs left out, summed over all runs
 
 
 class Selection(NamedTuple):
-    """Where the search has come to."""
+    """The state of a search; functions return a new one."""
 
     fits: Mapping[str, Fitted]  # every base curve with the effects accepted
     base: str
@@ -37,43 +37,73 @@ class Selection(NamedTuple):
 
     @property
     def setting(self) -> Setting:
-        """The campaign, and the noise that the model leaves."""
+        """The data, and the noise that the model leaves."""
         return self.fitted.setting
 
 
+#: A part of an effect: the number of the effect among those accepted, and that of the part in it.
+Place = tuple[int, int]
+
+
 def parts_of(accepted: Sequence[Accepted]) -> tuple[Effect, ...]:
-    """All effects of a model."""
+    """The parts of all effects, effect by effect."""
     return tuple(part for effect in accepted for part in effect.parts)
+
+
+def slots_of(accepted: Sequence[Accepted]) -> list[Place]:
+    """Which part stands in each slot of a model fitted with `parts_of(accepted)`.
+
+    A model applies its effects in the order of their ORDER; equals keep their order.
+    """
+    places = [
+        (number, part)
+        for number, effect in enumerate(accepted)
+        for part in range(len(effect.parts))
+    ]
+    return sorted(places, key=lambda place: accepted[place[0]].parts[place[1]].ORDER)
+
+
+def all_but(accepted: Sequence[Accepted], number: int) -> tuple[Accepted, ...]:
+    """The effects without the one of that number."""
+    return (*accepted[:number], *accepted[number + 1 :])
 
 
 def settled(
     fits: Mapping[str, Fitted], accepted: Sequence[Accepted], ranking: Sequence[Candidate]
 ) -> Selection:
-    """Base curve and noise chosen anew for the effects there are."""
+    """The state with these effects: every base curve refitted, the one of least BIC chosen."""
     fits = refits(fits, parts_of(accepted))
     base = min(fits, key=lambda name: bic(fits[name]))
     return Selection(fits, base, refreshed(accepted, fits[base].effects), tuple(ranking))
 
 
 def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
-    """The state with only some of its effects."""
+    """The state refitted with only `rest` of its effects."""
     less = settled(state.fits, rest, state.ranking)
     return less._replace(thresholds=state.thresholds)
 
 
 def refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:
-    """The parts with the parameters of a fit, whose effects are in another order."""
-    old = parts_of(accepted)
-    order = sorted(range(len(old)), key=lambda place: old[place].ORDER)
-    new = dict(zip(order, effects, strict=True))
-    found, place = [], 0
-    for effect in accepted:
-        count = len(effect.parts)
-        found.append(effect._replace(parts=tuple(new[at] for at in range(place, place + count))))
-        place += count
-    return tuple(found)
+    """The accepted effects with the parameters of a fit; `effects` are those of the fit by slot."""
+    return with_parts(accepted, slots_of(accepted), effects)
+
+
+def with_parts(
+    accepted: Sequence[Accepted], slots: Sequence[Place], effects: Sequence[Effect]
+) -> tuple[Accepted, ...]:
+    """The accepted effects with the parts that stand in the slots of a fit.
+
+    `slots` says which part each of the `effects` of the fit is, [slots].
+    """
+    fitted = dict(zip(slots, effects, strict=True))
+    return tuple(
+        effect._replace(
+            parts=tuple(fitted[place] for place in sorted(fitted) if place[0] == number)
+        )
+        for number, effect in enumerate(accepted)
+    )
 
 
 def refitted(state: Selection, effects: Sequence[Effect]) -> Fitted:
-    """The base curve with other effects."""
+    """The base curve refitted with other effects, from the parameters that it has."""
     return likeliest(state.setting, state.base, state.fitted.base_values.tolist(), effects)

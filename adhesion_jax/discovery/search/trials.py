@@ -1,4 +1,4 @@
-"""What is tried in one round: the most telling causes refitted jointly, and the choice of one."""
+"""One round of the search: the candidates of largest score are refitted, and one is chosen."""
 
 from collections.abc import Sequence
 from itertools import compress
@@ -8,118 +8,95 @@ import numpy as np
 
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
-    Gain,
-    best_stretch,
-    expected_loss,
-    gain,
-    least_gain,
     nearly_fitted,
     side_by_side,
     squares,
     with_own_noise,
 )
-from adhesion_jax.discovery.search.screening import SIGNIFICANT, Score
+from adhesion_jax.discovery.model.prediction import (
+    Gain,
+    best_stretch,
+    expected_loss,
+    gain,
+    least_gain,
+)
+from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.screening import Score
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import EFFECTS, Covariate, Spline
 
-#: An effect is accepted from this share of the loss on, and this many standard errors above zero:
-#: nine times in ten it then predicts runs better that nobody has seen; nineteen times in twenty
-#: where it is a plain column, for which no physics speaks.
-_LEAST_GAIN, _SURE, _SURE_OF_COLUMN = 0.003, 1.28, 1.645
-
-#: How many causes and how many forms of plain columns are refitted in each round.
-_CAUSES, _COLUMNS = 6, 5
-
-#: A candidate contends if it gains this share of what the best one gains, before its own noise.
-_CONTENDS = 0.1
-
-#: A plain column is preferred to a cause, and two columns to one, only by so many standard errors,
-#: this share of the loss and this share of the gain.
-_COLUMN_ERRORS, _COLUMN_LOSS, _COLUMN_GAIN = 2.0, 0.01, 0.15
-
-#: A cause that explains this share of what a plain column on it does, has the wrong form only.
-_SAME_CAUSE = 0.5
-
-#: Causes within so many standard errors and this share of the gain are one class.
-_CLASS_ERRORS, _CLASS_GAIN = 2.0, 0.10
-
-#: Formulas of one family differ by more than this share of the gain, or are one class.
-_KIN_GAIN = 0.25
-
-#: Causes of one class change the prediction alike, by this cosine at least.
-_ALIKE = 0.5
-
-#: A likelihood ratio below exp(2) decides nothing, however small the gain.
-_CLASS_LEAST = 2.0
-
-#: Errors of the signals: for Burckhardt's curve no data separate them, for others hardly any.
+#: Errors of the signals: with Burckhardt's curve no data separate them, with others hardly any.
 OF_SIGNALS = tuple(name for name, cause in EFFECTS.items() if cause.OF_SLIP_ALONE)
 
 
 class Trial(NamedTuple):
-    """A candidate refitted together with the model, with a noise of its own."""
+    """A candidate refitted together with the model, under a noise of its own if it contends."""
 
     score: Score
     fitted: Fitted
-    loss: float  # expected, over all runs
+    loss: float  # expected on runs left out, summed over all runs
 
 
 def trial_of(fitted: Fitted, score: Score) -> Trial:
-    """A model as it is, to hold others against."""
+    """A model as it is, as a trial that others are compared with."""
     return Trial(score, fitted, float(expected_loss(fitted).sum()))
 
 
 def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
-    """The most telling causes and columns, where the best of all is significant."""
+    """The causes and the plain columns of largest score; none if no p is at most `significant`."""
     if not scores or min(score.p for score in scores) > significant:
         return []
-    causes = [score for score in scores if not score.entry.generic][:_CAUSES]
-    columns = [score for score in scores if score.entry.generic][:_COLUMNS]
-    return [score for score in (*causes, *columns) if score.p <= 10 * significant]
+    causes = [score for score in scores if not score.entry.generic][: rules.TRIED_CAUSES]
+    columns = [score for score in scores if score.entry.generic][: rules.TRIED_COLUMNS]
+    most = rules.SHORTLISTED_TIMES * significant
+    return [score for score in (*causes, *columns) if score.p <= most]
 
 
 def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
-    """Joint refits, each contender under the noise that it leaves itself."""
-    # From where each was seen and from where the model is: noise and fit may stand in two places.
+    """Each candidate refitted together with the model `fitted`.
+
+    A candidate seen in the residual of another model is also refitted from that one, and the more
+    likely of both fits counts: the two searches for noise and fit may end in different places.
+    Candidates whose fit does not lower the sum of squared errors are left out.
+    """
     starts = [
-        (score, start)
-        for score in shortlist
-        for start in ([fitted] if score.seen_in is fitted else [score.seen_in, fitted])
+        (number, start)
+        for number, score in enumerate(shortlist)
+        for start in ([fitted] if score.elsewhere is None else [score.elsewhere, fitted])
     ]
 
-    def begun(one: tuple[Score, Fitted]) -> Fitted:
-        score, start = one
-        values = start.base_values.tolist()
-        return nearly_fitted(start.setting, start.base, values, (*start.effects, score.start))
+    def begun(one: tuple[int, Fitted]) -> Fitted:
+        number, start = one
+        effects = (*start.effects, shortlist[number].start)
+        return nearly_fitted(start.setting, start.base, start.base_values.tolist(), effects)
 
     first = side_by_side(begun, starts)
     gains = [start.total - more.total for (_, start), more in zip(starts, first, strict=True)]
     most = max((one for one in gains if np.isfinite(one)), default=0.0)
-    # A noise of its own may treble what a cause that acts from run to run gains, but seldom makes
-    # ten times of it: what gains less than a tenth of the best stays under the noise there is.
-    contends = [one > _CONTENDS * most for one in gains]
+    contends = [one > rules.CONTENDING_SHARE * most for one in gains]
     own = iter(side_by_side(with_own_noise, list(compress(first, contends))))
     last = [next(own) if one else more for one, more in zip(contends, first, strict=True)]
     best: dict[int, Trial] = {}
-    for (score, _), more in zip(starts, last, strict=True):
-        # A noise that whitens strongly may prefer what follows the fastest changes alone.
+    for (number, _), more in zip(starts, last, strict=True):
+        # A noise that whitens strongly may prefer a fit that follows the fastest changes alone.
         if not np.isfinite(more.total) or squares(more) >= squares(fitted):
             continue
-        if id(score) not in best or more.total < best[id(score)].fitted.total:
-            best[id(score)] = trial_of(more, score)
+        if number not in best or more.total < best[number].fitted.total:
+            best[number] = trial_of(more, shortlist[number])
     return list(best.values())
 
 
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
-    """The best cause, unless a plain column explains clearly more that is no matter of form.
+    """The candidate that explains the residual of the model `now`.
 
-    And the best of plain columns, unless two of them together explain clearly more.
+    The best physical cause, unless the best plain column is clearly ahead of it. Then the column,
+    unless it acts on the level and a cause of its family reaches much of its gain.
     """
     causes = [trial for trial in trials if not trial.score.entry.generic]
     columns = [trial for trial in trials if trial.score.entry.generic]
     if not columns:
         return min(causes, key=lambda trial: trial.loss)
-    column = _plain(columns, now)
+    column = _best_column(columns, now)
     if not causes:
         return column
     cause = min(causes, key=lambda trial: trial.loss)
@@ -130,41 +107,46 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
         return column
     kin = [trial for trial in causes if trial.score.entry.family == column.score.entry.family]
     for trial in sorted(kin, key=lambda trial: trial.loss):
-        if now.loss - trial.loss > _SAME_CAUSE * whole:
+        if now.loss - trial.loss > rules.SAME_CAUSE_SHARE * whole:
             return trial
     return column
 
 
-def _plain(columns: Sequence[Trial], now: Trial) -> Trial:
+def _best_column(columns: Sequence[Trial], now: Trial) -> Trial:
+    """The best plain column, unless a pair of columns is clearly ahead of it."""
     single = [trial for trial in columns if len(trial.score.entry.covariates) == 1]
     best = min(columns, key=lambda trial: trial.loss)
     if not single:
         return best
     one = min(single, key=lambda trial: trial.loss)
-    return best if best is not one and clearly_ahead(one, best, now) else one
+    return best if clearly_ahead(one, best, now) else one
 
 
 def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
-    """Whether a candidate is better than a plainer one by more than a matter of form."""
+    """Whether a candidate gains so much more than a plainer one that it is preferred."""
     ahead = gain(plainer.fitted, other.fitted)
-    least = max(least_gain(other.fitted, _COLUMN_LOSS), _COLUMN_GAIN * (now.loss - other.loss))
-    return ahead.total > least and ahead.deviate > _COLUMN_ERRORS
+    least = max(
+        least_gain(other.fitted, rules.COLUMN_SHARE_OF_LOSS),
+        rules.COLUMN_SHARE_OF_GAIN * (now.loss - other.loss),
+    )
+    return ahead.total > least and ahead.deviate > rules.COLUMN_ERRORS
 
 
 def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, ...]:
-    """The names that cannot be told from the chosen one, most likely first."""
+    """The names that the data cannot tell from the chosen one: its own, then the most likely."""
     whole = now.loss - chosen.loss
     change = chosen.fitted.adhesion - now.fitted.adhesion
     members: dict[str, None] = {}
     for trial in sorted(trials, key=lambda trial: trial.loss):
-        behind = gain(trial.fitted, chosen.fitted)
-        kin = trial.score.entry.family == chosen.score.entry.family
-        allowed = max((_KIN_GAIN if kin else _CLASS_GAIN) * whole, _CLASS_LEAST)
         if trial.score.entry.generic != chosen.score.entry.generic:
             continue
+        behind = gain(trial.fitted, chosen.fitted)
+        kin = trial.score.entry.family == chosen.score.entry.family
+        share = rules.CLASS_SHARE_OF_FAMILY if kin else rules.CLASS_SHARE
         other = trial.fitted.adhesion - now.fitted.adhesion
-        alike = (change * other).sum() > _ALIKE * np.linalg.norm(change) * np.linalg.norm(other)
-        if trial is chosen or (alike and tied(behind) and behind.total <= allowed):
+        size = np.linalg.norm(change) * np.linalg.norm(other)
+        alike = (change * other).sum() > rules.CLASS_COSINE * size
+        if alike and tied(behind) and behind.total <= max(share * whole, rules.UNDECIDED_GAIN):
             members[trial.score.entry.name] = None
     name = chosen.score.entry.name
     if name in OF_SIGNALS:
@@ -173,20 +155,21 @@ def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, .
 
 
 def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
-    """Whether an effect lowers the loss surely, and by more than a least share of it.
+    """Whether the effects that `more` has beyond `less` lower the expected loss surely and enough.
 
-    In a log of one run in time it must do so without any one stretch of it as well: what happened
+    In a log of one run in time they must do so without any one stretch of it as well: what happened
     once, at one time and place, goes with every column that was different there.
     """
     gained = gain(less, more)
-    elsewhere = gained.total - (best_stretch(less, more) if less.log else 0.0)
-    sure = gained._replace(total=elsewhere).deviate > (_SURE_OF_COLUMN if generic else _SURE)
-    return sure and gained.total > least_gain(less, _LEAST_GAIN)
+    stretch = best_stretch(less, more, rules.STRETCH_BLOCKS) if less.log else 0.0
+    needed = rules.SURE_ERRORS_OF_COLUMN if generic else rules.SURE_ERRORS
+    sure = gained._replace(total=gained.total - stretch).deviate > needed
+    return sure and gained.total > least_gain(less, rules.LEAST_SHARE_OF_LOSS)
 
 
 def tied(behind: Gain) -> bool:
-    """Whether it is not decided that a model is behind another."""
-    return behind.total <= _CLASS_LEAST or behind.deviate <= _CLASS_ERRORS
+    """Whether the data leave open which of two models is better; `behind` is the gain of one."""
+    return behind.total <= rules.UNDECIDED_GAIN or behind.deviate <= rules.CLASS_ERRORS
 
 
 def ranked(
@@ -198,22 +181,26 @@ def ranked(
     members: Sequence[str],
     accepted: bool,
 ) -> list[Candidate]:
-    by_score = {id(trial.score): trial for trial in trials}
+    """The rows of the ranking of round `number`, one a score.
+
+    `chosen` is one of the trials, or None where none of them was chosen; `members` is its class,
+    and `accepted` says whether it became an effect.
+    """
+    by_form = {trial.score.form: trial for trial in trials}
     rows = []
     for score in scores:
-        trial = by_score.get(id(score))
+        trial = by_form.get(score.form)
         gained = Gain(np.nan, np.nan)
         if trial is not None and now is not None:
             gained = gain(now.fitted, trial.fitted)
-        name = score.entry.name
-        if trial is not None and trial is chosen:
+        if trial is None:
+            decision = "not significant" if score.p > rules.SIGNIFICANT else "less telling"
+        elif chosen is not None and score.form == chosen.score.form:
             decision = "accepted" if accepted else "does not lower the held-out error"
-        elif trial is not None and name in members:
+        elif score.entry.name in members:
             decision = f"in the class of {members[0]}"
-        elif trial is not None:
-            decision = "explains less"
         else:
-            decision = "not significant" if score.p > SIGNIFICANT else "less telling"
+            decision = "explains less"
         rows.append(
             Candidate(number, _label(score), score.z, score.p, gained.total, gained.error, decision)
         )
@@ -221,6 +208,7 @@ def ranked(
 
 
 def _label(score: Score) -> str:
+    """The name of an entry with its form and the part of the curve that it acts on."""
     kinds: dict[type, str] = {Covariate: "linear", Spline: "spline"}
     said = [kinds.get(type(score.start), ""), score.entry.acts_on]
     more = ", on the ".join(word for word in said if word not in ("", "level"))

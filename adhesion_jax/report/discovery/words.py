@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.search.screening import SIGNIFICANT
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.types import (
     Candidate,
     Errors,
@@ -204,7 +204,7 @@ def _did_not_hold(findings: Findings) -> list[str]:
     if dropped or findings.effects or findings.unexplained:
         return [text.rstrip(".") for text in dropped]
     first = _first_of_ranking(findings)
-    if first is None or first.p_adjusted > SIGNIFICANT:
+    if first is None or first.p_adjusted > rules.SIGNIFICANT:
         return []
     return [
         f"{humanised(first.name)} stands out of {len(findings.ranking)} candidates (adjusted "

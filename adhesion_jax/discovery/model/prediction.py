@@ -1,0 +1,129 @@
+"""How well a fitted model predicts what it was not fitted to, and what another one gains on it."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from adhesion_jax.discovery.model.fitting import DETERMINED, Fitted, solve
+
+#: Largest number of folds of the cross-validation; of fewer runs each is a fold.
+_FOLDS = 40
+
+
+def held_out_loss(fitted: Fitted) -> np.ndarray:
+    """Half the sum of squares of each run under parameters fitted without it, [runs].
+
+    The parameters without a fold f are one Gauss-Newton step from those of all runs:
+    theta - (H - H_f)^-1 (g - g_f). The loss of a run is taken for quadratic.
+    """
+    runs = np.flatnonzero(np.abs(fitted.hessian).sum((1, 2)) > 0)
+    loss = fitted.loss.copy()
+    if not runs.size:
+        # No point of the model was finite.
+        return np.full(loss.shape, np.inf)
+    folds = np.array_split(runs, min(_FOLDS, runs.size))
+    for fold, shift in zip(folds, steps_without(fitted, folds), strict=True):
+        loss[fold] += fitted.gradient[fold] @ shift
+        loss[fold] += 0.5 * np.einsum("rkl,k,l->r", fitted.hessian[fold], shift, shift)
+    return loss
+
+
+def expected_loss(fitted: Fitted) -> np.ndarray:
+    """Minus the log density of each run, predicted from the other data, [runs].
+
+    A run is predicted from the other runs, with the uncertainty that its parameters then have: with
+    l the loss of the run, c the components of its gradient and e the eigenvalues of its Hessian,
+    both in units of the Hessian of all runs, this is l + sum of c^2/(2 (1 - e)) - ln(1 - e)/2
+    (Laplace). Blocks of one run are different parts of the curve, and without one of them its part
+    would be extrapolated. Therefore each point of a block is predicted from all others, with the
+    residual r/(1 - h), where h = J H^-1 J' is its leverage. Allen 1974, Technometrics 16, 125-127.
+    """
+    if not fitted.blocks:
+        return fitted.determinant + _predicted(fitted)
+    jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
+    inverse = solve(fitted.hessian.sum(0), np.eye(jacobian.shape[0]))
+    leverage = np.einsum("kp,kl,lp->p", jacobian, inverse, jacobian).reshape(fitted.residual.shape)
+    alone = fitted.residual / np.maximum(1 - leverage, 1e-3)
+    return 0.5 * (alone**2).sum(axis=1) + fitted.determinant
+
+
+def _predicted(fitted: Fitted) -> np.ndarray:
+    """The terms of `expected_loss` of whole runs, without the determinant of the noise, [runs]."""
+    whole = fitted.hessian.sum(0)
+    scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    values, vectors = np.linalg.eigh(whole * scale[:, None] * scale)
+    kept = values > DETERMINED * values.max(initial=0.0)
+    root = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    within = root.T @ fitted.hessian @ root
+    # If a single run determines a parameter, its gradient is zero at the minimum. A fit that only
+    # came near leaves some gradient, which the last step would remove: it is subtracted.
+    left = np.einsum("rkl,l->rk", within, fitted.gradient.sum(0) @ root)
+    shares, axes = np.linalg.eigh(within)
+    along = np.einsum("rkl,rk->rl", axes, fitted.gradient @ root - left)
+    free = 1 - np.clip(shares, 0.0, 1 - 1e-6)
+    return fitted.loss + 0.5 * (along**2 / free - np.log(free)).sum(axis=1)
+
+
+class Gain(NamedTuple):
+    """By how much one model lowers the expected loss of another, with its standard error."""
+
+    total: float
+    error: float
+    skewness: float = 0.0  # of the gains of the runs, over the root of their number
+    freedom: float = np.inf  # degrees of freedom of the error
+
+    @property
+    def deviate(self) -> float:
+        """The normal deviate of the one-sided p that the true gain is not above zero.
+
+        Student's t = total/error is too small where a few runs gain most, because their gains widen
+        the error as well. Hall's cubic removes the skewness s: t + s t^2/3 + s^2 t^3/27 + s/6. Hall
+        1992, J. R. Statist. Soc. B 54, 221-228.
+        """
+        if not 0 < self.error < np.inf:
+            return np.inf if self.total > 0 and self.error == 0 else 0.0
+        t, s = self.total / self.error, self.skewness
+        even = t + s * t**2 / 3 + s**2 * t**3 / 27 + s / 6
+        return float(stats.norm.isf(stats.t.sf(even, self.freedom)))
+
+
+def least_gain(fitted: Fitted, share: float) -> float:
+    """That share of half the number of points, which is the loss that noise alone makes."""
+    return 0.5 * share * float((np.asarray(fitted.setting.noise.weight) > 0).sum())
+
+
+def gain(less: Fitted, more: Fitted) -> Gain:
+    """The gain of the model `more` on the model `less`, both of the same data.
+
+    Its error is that of the scatter of the runs. Blocks of one run do not differ by chance but by
+    their places on the curve: their error is that of the noise alone, under which the log
+    likelihood ratio of two predictions has the sum of squares of their difference for a variance.
+    """
+    gains = expected_loss(less) - expected_loss(more)
+    if less.blocks:
+        return Gain(float(gains.sum()), float(np.linalg.norm(more.residual - less.residual)))
+    used = gains[gains != 0]
+    if used.size < 2:
+        return Gain(float(gains.sum()), np.inf)
+    # If a single run determines a parameter, leaving it out makes its predicted loss unbounded.
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = float(np.sqrt(used.size) * np.std(used, ddof=1))
+        skewness = float(stats.skew(used) / np.sqrt(used.size))
+    return Gain(
+        float(gains.sum()), error, skewness if np.isfinite(skewness) else 0.0, used.size - 1
+    )
+
+
+def best_stretch(less: Fitted, more: Fitted, blocks: int) -> float:
+    """The largest gain of `more` on `less` in that number of neighbouring blocks of one run."""
+    gains = expected_loss(less) - expected_loss(more)
+    return float(np.convolve(gains, np.ones(blocks)).max())
+
+
+def steps_without(fitted: Fitted, folds: Sequence[np.ndarray]) -> np.ndarray:
+    """The change of the parameters when the runs of each fold are left out, [folds, free]."""
+    hessian = np.stack([fitted.hessian[fold].sum(0) for fold in folds])
+    gradient = np.stack([fitted.gradient[fold].sum(0) for fold in folds])
+    return -solve(fitted.hessian.sum(0) - hessian, fitted.gradient.sum(0) - gradient)
