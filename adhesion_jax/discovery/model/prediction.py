@@ -67,7 +67,7 @@ def _predicted(fitted: Fitted) -> np.ndarray:
 
 
 class Gain(NamedTuple):
-    """The reduction of the expected loss by one model relative to another, with its standard error."""
+    """The difference of the expected losses of two models, with its standard error."""
 
     total: float
     error: float
