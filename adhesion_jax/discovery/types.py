@@ -114,8 +114,8 @@ class Findings(NamedTuple):
     #: With a test set, one row a row of it: row, base, corrected.
     predictions: pd.DataFrame | None
     seconds: float
-    #: By round, the z of the score test whose adjusted p equals the significance level; NaN or left
-    #: out if it is not known.
+    #: The z of the score test whose adjusted p equals the significance level, by round; NaN or left
+    #: out if that z is not known.
     thresholds: tuple[float, ...] = ()
     #: The kind of slip of the points: slip_ratio or slip_velocity_mps.
     slip: str = "slip_ratio"

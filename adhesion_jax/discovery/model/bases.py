@@ -42,7 +42,7 @@ def middle_start_under(setting: Setting, base: str, effects: Sequence[Effect]) -
 
 
 def _top(setting: Setting) -> float:
-    """About the largest adhesion of the data: its 98 % quantile."""
+    """The 98 % quantile of adhesion, which stands for its maximum."""
     inside = setting.problem.points > 0
     return float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
 

@@ -13,22 +13,25 @@ from adhesion_jax.discovery.model.program import QUICKLY, Data, Model, with_jaco
 #: Largest number of steps.
 _STEPS = 40
 
-#: Damping of the first step, relative to the diagonal of the Hessian, and smallest damping.
+#: Damping of the first step, relative to the diagonal of the Hessian.
 _FIRST_DAMPING = 1e-2
+
+#: Smallest damping.
 _LEAST_DAMPING = 1e-12
 
-#: If a step lowers the loss by more than this share of what it promised, the loss is taken for
-#: quadratic.
+#: The loss is taken for quadratic if a step lowers it by more than this share of what it promised.
 _AS_PROMISED = 0.9
 
-#: The damping is multiplied by the first factor after such a step, and by the second after any
-#: other step that lowers the loss.
+#: Factor on the damping after a step under which the loss is as good as quadratic.
 _EASED_AS_PROMISED = 1e-4
+
+#: Factor on the damping after any other step that lowers the loss.
 _EASED = 0.2
 
-#: After a step that does not lower the loss the damping is raised to at least the first value and
-#: then multiplied by the second.
+#: After a step that does not lower the loss the damping is raised to at least this.
 _RETRIED = 1e-4
+
+#: Factor on the damping after a step that does not lower the loss.
 _RAISED = 8
 
 #: Number of passes in each step that find out which parameters stop at a bound.

@@ -67,7 +67,7 @@ def _predicted(fitted: Fitted) -> np.ndarray:
 
 
 class Gain(NamedTuple):
-    """By how much one model lowers the expected loss of another, with its standard error."""
+    """The difference of the expected losses of two models, with its standard error."""
 
     total: float
     error: float
@@ -90,7 +90,7 @@ class Gain(NamedTuple):
 
 
 def least_gain(fitted: Fitted, share: float) -> float:
-    """That share of half the number of points, which is the loss that noise alone makes."""
+    """A share of the loss that noise alone makes, which is half the number of points."""
     return 0.5 * share * float((np.asarray(fitted.setting.noise.weight) > 0).sum())
 
 

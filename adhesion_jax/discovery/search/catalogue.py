@@ -40,7 +40,7 @@ def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list
     return [
         entry_of(name, [dataclasses.replace(start, acts_on=acts_on) for start in starts], problem)
         for acts_on in ACTS_ON
-        # A function of the slip bends the curve, whichever part of it it acts on.
+        # A function of the slip bends the curve whatever part of the curve it acts on.
         if acts_on == "level" or column != "slip_velocity_mps"
     ]
 

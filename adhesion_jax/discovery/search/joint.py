@@ -11,7 +11,7 @@ from adhesion_jax.discovery.search.catalogue import Entry, entry_of
 from adhesion_jax.effects import Surface
 from adhesion_jax.effects.shape import ACTS_ON
 
-#: A function of the slip: it bends the curve, whichever part of it it acts on.
+#: A column that is a function of the slip: its effects bend the curve whatever part they act on.
 _OF_SLIP = "slip_velocity_mps"
 
 

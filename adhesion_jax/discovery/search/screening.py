@@ -27,7 +27,7 @@ _FLIPS = 1999
 #: Number of top entries projected out of the residual before the null distribution is drawn.
 _PROJECTED = 5
 
-#: What tells one form of an entry from another: its name, its kind and what it acts on.
+#: A form of an entry: the name of the entry, the kind of effect, the part of the curve it acts on.
 Form = tuple[str, type, str]
 
 
@@ -77,7 +77,7 @@ def first_scores(
             rank[form] = min(place, rank.get(form, place))
             if form not in best or score.z > best[form].z:
                 best[form] = score
-    # By rank within a screening: the z of different screenings cannot be compared.
+    # Sorted by the rank within a screening: the z of different screenings cannot be compared.
     return [
         best[form]._replace(p=min(2 * best[form].p, 1.0))
         for form in sorted(best, key=lambda form: (rank[form], -best[form].z))
