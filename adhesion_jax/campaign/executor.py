@@ -25,9 +25,9 @@ def mapped(
 ) -> Iterator[Iterator[T]]:
     """`function(*unit)` of each unit, in the order of the work, from as many processes as asked.
 
-    Processes, because two threads that run compiled loops in one process can wait for each
-    other for ever, and spawned, because a fork of a process in which jax runs is not safe. They
-    share what they compile. WorkerError where one of them comes to an end before its work does.
+    Processes rather than threads, because compiled programs that call LAPACK on stacks of large
+    matrices deadlock when two run at once (`runtime.threads`); spawned ones, because a fork of a
+    process in which jax runs is not safe. They share what they compile. WorkerError where one of them comes to an end before its work does.
     """
     if workers == 1:
         yield (function(*unit) for unit in work)

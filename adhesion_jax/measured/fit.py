@@ -1,7 +1,6 @@
 """One measured record, one curve, nothing known beforehand: the best fit in the physical box."""
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy import stats
 
+from adhesion_jax import runtime
 from adhesion_jax.curves import SLIP_LIMIT, Curve, Peak, Scalar, physical_box, with_free_values
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.metrics.information import inverse_information
@@ -18,7 +18,6 @@ from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
 from adhesion_jax.records import Record
-from adhesion_jax.runtime import CORES
 
 #: Largest slip, in m/s, that a peak is looked for at where slip is a velocity.
 SLIP_VELOCITY_LIMIT = 10.0
@@ -174,9 +173,9 @@ def fit_all(
         for name, curve in curves.items()
         if not missing_columns(curve, record)
     }
-    # Nearly all the time is compilation, which a second thread can share. The runs take turns:
-    # two threads that run compiled loops in one process can wait for each other for ever.
-    with ThreadPoolExecutor(max_workers=CORES) as pool:
+    # Nearly all the time is compilation, which a second thread can share. The programs themselves
+    # run one after the other, which costs little.
+    with runtime.threads() as pool:
         compiled = pool.map(lambda problem: _fit.lower(*problem).compile(), problems.values())
         return {
             name: _measured_fit(problem, run(*problem), slip_is_velocity)

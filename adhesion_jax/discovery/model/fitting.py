@@ -1,13 +1,12 @@
 """Fits of a curve with effects to measured runs."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
 
+from adhesion_jax import runtime
 from adhesion_jax.curves import BASES
 from adhesion_jax.discovery.model.levenberg_marquardt import fit
 from adhesion_jax.discovery.model.noise import (
@@ -202,7 +201,7 @@ def raw_changes(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
         stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
         return np.asarray(changes(stacked, setting.problem.data, fitted.adhesion))[: len(these)]
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with runtime.threads() as pool:
         return np.concatenate(list(pool.map(some, range(0, len(models), PROBES))))
 
 
@@ -210,7 +209,7 @@ def side_by_side(task: Callable[[A], Fitted], items: Sequence[A]) -> list[Fitted
     """The task on each item, as many at a time as there are cores."""
     # The first one alone: it may have to compile the program, which the others then share.
     found = [task(item) for item in items[:1]]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with runtime.threads() as pool:
         return found + list(pool.map(task, items[1:]))
 
 
