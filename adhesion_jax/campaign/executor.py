@@ -27,7 +27,8 @@ def mapped(
 
     Processes rather than threads, because compiled programs that call LAPACK on stacks of large
     matrices deadlock when two run at once (`runtime.threads`); spawned ones, because a fork of a
-    process in which jax runs is not safe. They share what they compile. WorkerError where one of them comes to an end before its work does.
+    process in which jax runs is not safe. They share what they compile. WorkerError where one of
+    them comes to an end before its work does.
     """
     if workers == 1:
         yield (function(*unit) for unit in work)
