@@ -3,14 +3,18 @@
 import errno
 import json
 import os
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pandas as pd
 
 from adhesion_jax.errors import InputError
+
+if sys.platform != "win32":
+    import fcntl
 
 _CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
@@ -20,8 +24,9 @@ def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
     """A folder to write into whose files appear in `directory` when all are complete.
 
     `own` are the names a command may write: what an earlier job left of them goes, other files
-    are left alone. After an error nothing changes. InputError where a folder bears one of the
-    names, or where there is no room to write.
+    are left alone. After an error nothing changes. Of several jobs with one directory the files are
+    those of the job that ended last, all of them. InputError where a folder bears one of the names,
+    or where there is no room to write.
     """
     for name in own:
         if (directory / name).is_dir():
@@ -34,16 +39,32 @@ def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
             stage = Path(folder)
             yield stage
             written = sorted(file.name for file in stage.iterdir())
-            for name in written:
-                os.replace(stage / name, directory / name)
-            for name in set(own) - set(written):
-                (directory / name).unlink(missing_ok=True)
+            with _alone(directory):
+                for name in written:
+                    os.replace(stage / name, directory / name)
+                for name in set(own) - set(written):
+                    (directory / name).unlink(missing_ok=True)
     except OSError as error:
         if error.errno not in _CANNOT_WRITE:
             raise
         raise InputError(
             f"--out {directory} cannot be written to ({error.strerror}); name a folder that can."
         ) from None
+
+
+@contextmanager
+def _alone(directory: Path) -> Iterator[None]:
+    """No other job puts its files there meanwhile; a job that is killed lets go of the folder."""
+    if sys.platform == "win32":
+        yield
+        return
+    folder = os.open(directory, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a network disk may know no locks: then as if alone
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
 
 
 def write_table(path: Path, table: pd.DataFrame) -> None:

@@ -65,7 +65,7 @@ def output_directory(path: Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / ".writable"
         probe.touch()
-        probe.unlink()
+        probe.unlink(missing_ok=True)  # another job may try the same
     except OSError as error:
         raise InputError(
             f"--out {path} cannot be written to ({error.strerror}); name a folder that can."

@@ -118,6 +118,7 @@ def test_an_identifier_that_no_scenario_of_the_main_job_takes_is_refused(tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.clock
 def test_speed_is_told_beside_that_of_scipy(tmp_path, monkeypatch):
     chosen = ("ml-exact", "rls-kiencke")
     monkeypatch.setattr(speed, "IDENTIFIERS", {name: IDENTIFIERS[name] for name in chosen})

@@ -65,10 +65,14 @@ def test_peers_find_a_strong_effect(campaign):
     base = fit_base(campaign.train, campaign.test)
     measured = campaign.test["adhesion"].to_numpy()
     before = np.mean((measured - base.test) ** 2)
-    for name in ("sparse-regression", "trees"):
+    removable = before - campaign.test_rms_noise**2
+    # A smooth function of one column: a polynomial has all of it; trees, which are steps and see
+    # 21 runs, most.
+    for name, least in (("sparse-regression", 0.98), ("trees", 0.7)):
         answer = predicted(name, campaign.train, campaign.test, base)
-        assert np.mean((measured - answer.adhesion) ** 2) < 0.9 * before
-        assert "relative_humidity_pct" in answer.named
+        after = np.mean((measured - answer.adhesion) ** 2)
+        assert least < (before - after) / removable < 1.02
+        assert answer.named == ("relative_humidity_pct",)
 
 
 def test_simulated_sets_are_the_same_each_time_and_a_third_are_null():

@@ -1,6 +1,7 @@
 """The regression benchmark: what it must notice, and what it must not."""
 
 import pickle
+from types import SimpleNamespace
 from typing import ClassVar
 
 import jax
@@ -16,6 +17,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.report.studies.baseline import moved_text
 from adhesion_jax.studies.baseline import compare as comparison
+from adhesion_jax.studies.baseline import speed as speed_study
 from adhesion_jax.studies.baseline.accuracy import HOMES, homes, measure_accuracy
 from adhesion_jax.studies.baseline.compare import (
     compare,
@@ -91,8 +93,32 @@ def timed(method, turns=TURNS):
 
 
 @pytest.fixture(scope="module")
-def baseline():
-    return assemble(measured(0), timed(IDENTIFIERS[NAME]))
+def accuracy():
+    return measured(0)
+
+
+@pytest.fixture(scope="module")
+def baseline(accuracy):
+    """With a speed as a clock might have told it."""
+    return assemble(accuracy, speeds(40.0))
+
+
+@pytest.fixture(scope="module")
+def timed_baseline(accuracy):
+    return assemble(accuracy, timed(IDENTIFIERS[NAME]))
+
+
+def speeds(speed):
+    return pd.DataFrame(
+        {
+            "scenario": HOMES[0].scenario,
+            "identifier": NAME,
+            "rail": "",
+            "quantity": "speed",
+            "speed": [speed],
+            "speed_spread": 0.1,
+        }
+    )
 
 
 def verdicts(compared):
@@ -125,19 +151,57 @@ def test_a_planted_bias_of_five_per_cent_is_caught(baseline, quantity):
     assert quantity in moved_text(compared)
 
 
-def test_a_planted_slowdown_by_two_is_caught_and_a_second_timing_does_not_excuse_it(baseline):
-    slow = assemble(measured(0), timed(Slowed(IDENTIFIERS[NAME])))
-    compared = compare(baseline, slow)
+@pytest.mark.clock
+def test_a_planted_slowdown_by_two_is_caught_and_a_second_timing_does_not_excuse_it(
+    accuracy, timed_baseline
+):
+    slow = assemble(accuracy, timed(Slowed(IDENTIFIERS[NAME])))
+    compared = compare(timed_baseline, slow)
     assert suspects(compared) == (NAME,)
     again = faster_of(slow, timed(Slowed(IDENTIFIERS[NAME]), TURNS_AGAIN))
-    assert verdicts(compare(baseline, again)) == {("", "speed", "speed"): "worse"}
+    assert verdicts(compare(timed_baseline, again)) == {("", "speed", "speed"): "worse"}
 
 
-def test_a_slow_turn_of_the_machine_is_no_slowdown(baseline):
-    slow = baseline.copy()
+@pytest.mark.clock
+def test_a_slow_turn_of_the_machine_is_no_slowdown(timed_baseline):
+    slow = timed_baseline.copy()
     slow["speed"] /= 2
-    assert suspects(compare(baseline, slow)) == (NAME,)
-    assert verdicts(compare(baseline, faster_of(slow, timed(IDENTIFIERS[NAME])))) == {}
+    assert suspects(compare(timed_baseline, slow)) == (NAME,)
+    again = faster_of(slow, timed(IDENTIFIERS[NAME]))
+    assert verdicts(compare(timed_baseline, again)) == {}
+
+
+def test_a_speed_is_judged_by_the_faster_of_its_timings(baseline, accuracy):
+    """Two thirds of the baseline's is the limit; no clock is asked."""
+    for speed, suspected in ((26.0, (NAME,)), (27.5, ()), (80.0, ())):
+        now = assemble(accuracy, speeds(speed))
+        assert suspects(compare(baseline, now)) == suspected
+    slow = assemble(accuracy, speeds(20.0))
+    for again, verdict in ((18.0, {("", "speed", "speed"): "worse"}), (39.0, {})):
+        assert verdicts(compare(baseline, faster_of(slow, speeds(again)))) == verdict
+
+
+def test_speed_is_a_ratio_to_the_work_of_the_peer(monkeypatch):
+    """By clocks that are known: the median of the turns but the first, which compiles."""
+    turn = iter([9.0, 1.0, 2.0, 4.0])
+    seconds = []
+
+    def identify(*_):
+        return SimpleNamespace(seconds=seconds[-1])
+
+    def peer():
+        if peer.asked % 6 == 0:  # three times before a method and three times after it
+            seconds.append(next(turn))
+        peer.asked += 1
+        return 0.5
+
+    peer.asked = 0
+    monkeypatch.setattr(speed_study, "identify_tile", identify)
+    monkeypatch.setattr(speed_study, "peer_seconds", peer)
+    (row,) = measure_speed({NAME: IDENTIFIERS[NAME]}, 3, lambda _: None).to_dict("records")
+    # A tile has 128 runs: 64, 32 and 16 of them while the peer does its work.
+    assert row["speed"] == pytest.approx(32.0)
+    assert row["speed_spread"] == pytest.approx((48 - 24) / 2)
 
 
 def drawn(random, runs, rows):
@@ -303,6 +367,7 @@ def test_the_command_updates_passes_and_fails(tmp_path, monkeypatch):
     monkeypatch.setattr(regression, "IDENTIFIERS", {NAME: IDENTIFIERS[NAME]})
     monkeypatch.setattr(regression, "RUNS", RUNS)
     monkeypatch.setattr(regression, "share_compilations", lambda _: None)
+    monkeypatch.setattr(regression, "measure_speed", lambda *_: speeds(40.0))  # no clock
     path = tmp_path / "baseline.csv"
     asked = ["--baseline", str(path), "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(regression.main, [*asked, "--update"])

@@ -1,0 +1,122 @@
+"""Uses what was added to a copy of the package as its own is used, and tells what came out.
+
+Run by test_one_file.py with the copy on the path and the folder for files as its argument.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+import adhesion_jax
+from adhesion_jax.commands import discover as command
+from adhesion_jax.commands.identify import main as identify_command
+from adhesion_jax.curves import CURVES
+from adhesion_jax.discovery.engine import discover
+from adhesion_jax.effects.saved import load_law
+from adhesion_jax.simulation.simulator import Campaign, Noise, simulate
+from adhesion_jax.studies.discovery.judging import judged
+from adhesion_jax.studies.discovery.tasks import study_tasks
+
+out = Path(sys.argv[1])
+told: dict[str, object] = {"package": str(Path(adhesion_jax.__file__).parent)}
+
+SIZE = {"runs": 24, "points": 100}
+#: Hyperbolic curve: a, b, c.
+CURVE = (0.3, 50.0, 0.4)
+
+
+def adhesion_by_hand(slip: np.ndarray, curve: tuple[float, ...]) -> np.ndarray:
+    a, b, c = curve
+    return a * np.tanh(b * slip) - c * slip
+
+
+def parameters_of(campaign: Campaign) -> tuple[float, ...]:
+    return tuple(float(getattr(campaign.curve, name)) for name in campaign.curve.free)
+
+
+# A new effect planted on a new curve, by both of its formulas.
+quiet = Noise(1e-9, 0.0, 0.0)
+for form in ("exact", "perturbed"):
+    campaign = simulate(["leaves"], seed=1, base="hyperbolic", form=form, noise=quiet, **SIZE)
+    table, amount = campaign.train, next(iter(campaign.parameters["leaves"].values()))
+    cover = table["leaf_cover"].to_numpy()
+    factor = 1 - amount * cover if form == "exact" else np.exp(-amount * cover**2)
+    expected = factor * adhesion_by_hand(table["slip_ratio"].to_numpy(), parameters_of(campaign))
+    told[f"simulated {form}"] = {
+        "truth": campaign.truth,
+        "base": campaign.base,
+        "parameters": campaign.parameters["leaves"],
+        "largest_error": float(np.abs(table["adhesion"] - expected).max()),
+        "cover_of_runs": int(table.groupby("run")["leaf_cover"].nunique().max()),
+    }
+bare = simulate(seed=1, base="hyperbolic", **SIZE)
+told["bare"] = {"columns": [*bare.train], "visible": bare.visible}
+
+# Found in noise, told, saved and loaded, judged.
+campaign = simulate(["leaves"], seed=5, base="hyperbolic", strength=0.25, **SIZE)
+for name in ("train", "test"):
+    getattr(campaign, name).to_csv(out / f"{name}.csv", index=False)
+files = [str(out / "train.csv"), "--test", str(out / "test.csv")]
+made = []
+command.discover = lambda *given, **named: made.append(discover(*given, **named)) or made[-1]
+command.main([*files, "--base", "hyperbolic", "--out", str(out / "report")], standalone_mode=False)
+(findings,) = made
+law = load_law(out / "report" / "law.json")
+slip = jnp.linspace(0.005, 0.1, 30)
+medians = {name: float(campaign.train[name].median()) for name in campaign.train}
+point = {**medians, "leaf_cover": 0.8}
+del point["time_s"]
+told["found"] = {
+    "effects": [effect.name for effect in findings.effects],
+    "unexplained": [effect.name for effect in findings.unexplained],
+    "rests_on": [effect.covariates for effect in findings.effects],
+    "intervals": [
+        {name: tuple(interval) for name, interval in effect.parameters.items()}
+        for effect in findings.effects
+    ],
+    "planted": campaign.parameters["leaves"],
+    "base": findings.base,
+    "curve": {
+        row["parameter"]: row["after"] for row in findings.base_parameters.to_dict("records")
+    },
+    "curve_error": {
+        row["parameter"]: row["after_se"] for row in findings.base_parameters.to_dict("records")
+    },
+    "true_curve": dict(zip("abc", parameters_of(campaign), strict=True)),
+    "ranges": [
+        (float(table["leaf_cover"].min()), float(table["leaf_cover"].max()))
+        for table in (campaign.train, campaign.test)
+    ],
+    "after": findings.test.after.value,
+    "noise": campaign.test_rms_noise,
+    "of_law": np.asarray(findings.law(slip, point)).tolist(),
+    "of_loaded_law": np.asarray(law(slip, point)).tolist(),
+    "factor": (np.asarray(law(slip, point)) / np.asarray(law.curve(slip, point))).tolist(),
+    "report": (out / "report" / "report.html").read_text(),
+}
+tasks = [task for task in study_tasks(0, 2, 0) if task.effects == ("leaves",)]
+told["tasks"] = [task.form for task in tasks]
+told["judged"] = judged(tasks[0], campaign, findings)
+
+# The curve identified by the command, without effects.
+draw = np.random.default_rng(0)
+slips = np.linspace(0.0, 0.15, 150)
+measured = adhesion_by_hand(slips, CURVE) + 0.004 * draw.standard_normal(slips.size)
+rows = [f"{s:.9g},{mu:.9g}" for s, mu in zip(slips, measured, strict=True)]
+(out / "curve.csv").write_text("\n".join(["slip_ratio,adhesion", *rows]) + "\n")
+options = ["--curve", "hyperbolic", "--out", str(out / "identified")]
+identify_command([str(out / "curve.csv"), *options], standalone_mode=False)
+told["curve"] = CURVE
+(told["identified"],) = pd.read_csv(out / "identified" / "curves.csv").to_dict("records")
+
+# ---------------------------------------------------------------------------------------------
+# PLACE FOR A NEW IDENTIFIER: use here the one that test_one_file.py adds to the copy (a campaign
+# of a few runs whose table has its name, say), and tell what came out.
+# ---------------------------------------------------------------------------------------------
+
+told["known"] = [*CURVES]
+(out / "told.json").write_text(json.dumps(told, default=lambda number: number.item()))
