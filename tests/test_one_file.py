@@ -1,4 +1,4 @@
-"""A new effect, and a new curve, is one file and one line: shown on a copy of the package."""
+"""A new effect, curve or method is one file and one line: shown on a copy of the package."""
 
 import ast
 import functools
@@ -32,6 +32,13 @@ def effect_of_readme() -> str:
     (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     head = (PACKAGE.parent / copied[1]).read_text().split("\n_SOURCE")[0]
     return f"{head}\n\n{example}"
+
+
+def identifier_of_readme() -> str:
+    """The file that README tells to write for a new method."""
+    section = README.read_text().split("## A new method in one file")[1].split("\n## ")[0]
+    (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    return example
 
 
 def lines_added(file: Path, mapping: str, entry: str, line: str) -> None:
@@ -68,8 +75,13 @@ def told(tmp_path_factory):
         '"hyperbolic": Hyperbolic(a=0.3, b=50.0, c=0.3),',
         "from adhesion_jax.curves.hyperbolic import Hyperbolic",
     )
-    # PLACE FOR A NEW IDENTIFIER: read it from README's "A new method in one file", write it to
-    # package / "identifiers", add its line to IDENTIFIERS, and use it at the place in one_file/use.
+    (package / "identifiers" / "damped.py").write_text(identifier_of_readme())
+    lines_added(
+        package / "identifiers" / "__init__.py",
+        "IDENTIFIERS",
+        '"damped": DampedGaussNewton(),',
+        "from adhesion_jax.identifiers.damped import DampedGaussNewton",
+    )
 
     out = home / "out"
     out.mkdir()
@@ -163,6 +175,16 @@ def test_the_new_curve_is_identified_by_the_command(told):
     assert row["slip_opt"] == pytest.approx(
         np.arccosh(np.sqrt(a * b / c)) / b, abs=3.3 * row["slip_opt_se"]
     )
+
+
+def test_the_new_method_is_measured_among_the_others_and_reaches_the_bound(told):
+    measured = told["campaign"]
+    assert {row["identifier"] for row in measured} == {"damped", "ml-exact"}
+    (row,) = [row for row in measured if row["identifier"] == "damped"]
+    assert row["runs"] == 256
+    assert row["rmse_over_crlb"] == pytest.approx(1, abs=3.3 * row["rmse_over_crlb_se"])
+    assert row["coverage95"] == pytest.approx(0.95, abs=3.3 * row["coverage95_se"])
+    assert row["failure_share"] < 0.02
 
 
 # --------------------------------------------------------------------------- what is forgotten

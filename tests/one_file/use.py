@@ -12,12 +12,15 @@ import numpy as np
 import pandas as pd
 
 import adhesion_jax
+from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.commands import discover as command
 from adhesion_jax.commands.identify import main as identify_command
 from adhesion_jax.curves import CURVES
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
-from adhesion_jax.simulation.simulator import Campaign, Noise, simulate
+from adhesion_jax.scenarios import Options
+from adhesion_jax.simulation.simulator import Noise, SimulatedSet, simulate
 from adhesion_jax.studies.discovery.judging import judged
 from adhesion_jax.studies.discovery.tasks import study_tasks
 
@@ -34,7 +37,7 @@ def adhesion_by_hand(slip: np.ndarray, curve: tuple[float, ...]) -> np.ndarray:
     return a * np.tanh(b * slip) - c * slip
 
 
-def parameters_of(campaign: Campaign) -> tuple[float, ...]:
+def parameters_of(campaign: SimulatedSet) -> tuple[float, ...]:
     return tuple(float(getattr(campaign.curve, name)) for name in campaign.curve.free)
 
 
@@ -113,10 +116,10 @@ identify_command([str(out / "curve.csv"), *options], standalone_mode=False)
 told["curve"] = CURVE
 (told["identified"],) = pd.read_csv(out / "identified" / "curves.csv").to_dict("records")
 
-# ---------------------------------------------------------------------------------------------
-# PLACE FOR A NEW IDENTIFIER: use here the one that test_one_file.py adds to the copy (a campaign
-# of a few runs whose table has its name, say), and tell what came out.
-# ---------------------------------------------------------------------------------------------
+# The method in a campaign beside the exact optimum.
+config = Config("single", ("damped", "ml-exact"), Options(rail="dry"), runs=256)
+table = run_campaign(config, lambda _: None, lambda _: None, 1).tables["summary"]
+told["campaign"] = table[table["quantity"] == "mu_max"].to_dict("records")
 
 told["known"] = [*CURVES]
 (out / "told.json").write_text(json.dumps(told, default=lambda number: number.item()))
