@@ -85,7 +85,7 @@ def ranking(findings: Findings) -> list[Candidate]:
 
 def ranking_table(ranked: list[Candidate]) -> Table:
     return Table(
-        ("round", "candidate", "z", "adjusted p", "gain a run", "decision"),
+        ("round", "candidate", "z", "adjusted p", "gain of log likelihood", "decision"),
         [
             (
                 str(row.round + 1),
@@ -97,7 +97,7 @@ def ranking_table(ranked: list[Candidate]) -> Table:
             )
             for row in ranked
         ],
-        ("round", "z", "adjusted p", "gain a run"),
+        ("round", "z", "adjusted p", "gain of log likelihood"),
         folded=f"All {len(ranked)} candidates",
     )
 
