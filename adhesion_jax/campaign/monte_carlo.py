@@ -129,6 +129,8 @@ def _gathered(
         for group in groups
     ]
     tally: dict[int, Moments] = {}
+    # Medians need every run. Where the rail never changes there is nothing to follow.
+    switches = any(a != b for a, b in pairwise(scenario.rails))
     seen: dict[str, list[Tracking]] = {name: [] for name in names}
     first_tiles: list[dict[str, Estimate]] = []
     seconds: dict[str, list[float]] = {name: [] for name in methods}
@@ -156,8 +158,9 @@ def _gathered(
         }
         _count(tally, rows, scenario, estimates, optima, tracking, truth)
         keep(estimate_rows(config, scenario, names, estimates, runs))
-        for name in names:
-            seen[name].append(tracking[name])
+        if switches:
+            for name in names:
+                seen[name].append(tracking[name])
         if scenario.known.by_sample and tile < _BAND_TILES:
             first_tiles.append({name: estimates[name] for name in names})
 
@@ -172,7 +175,7 @@ def _gathered(
         )
         for table in scenario.tables()
     }
-    if any(a != b for a, b in pairwise(scenario.rails)):
+    if switches:
         tables["tracking"] = tracking_table(config, scenario, seen)
     if first_tiles:
         tables["bands"] = bands_table(config, scenario, first_tiles)

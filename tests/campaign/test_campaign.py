@@ -2,6 +2,8 @@
 
 import dataclasses
 import errno
+import tracemalloc
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +18,7 @@ from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
-from adhesion_jax.identifiers import ABLATIONS
+from adhesion_jax.identifiers import ABLATIONS, Estimate, Identifier
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments
@@ -220,11 +222,58 @@ def test_the_tables_say_what_the_estimates_say(small):
     assert row["bias"].item() == pytest.approx((at_switch["c2"] - 15.0).mean(), rel=1e-9)
 
 
-def test_memory_of_a_campaign_is_that_of_its_tiles(small):
-    _campaign, _ = small
-    frames = []
-    run_campaign(SMALL, lambda rows: frames.append(len(rows)), lambda _: None, 1)
-    assert frames == [tiles.TILE * 6 * 3, (150 - tiles.TILE) * 6 * 3]
+class Still(Identifier):
+    """Answers the curve it was told to begin with, whatever it is shown."""
+
+    fits_last_record: ClassVar[bool] = False
+
+    def accepts(self, scenario):
+        return None
+
+    def init(self, known, key):
+        return quantities(known.curve)
+
+    def update(self, state, record):
+        return state
+
+    def estimate(self, state):
+        names = quantity_names(RAILS["dry"])
+        none, unit = jnp.zeros((), dtype=int), jnp.eye(len(names))
+        values = dict(zip(names, state, strict=True))
+        return Estimate(values, unit, none, jnp.zeros(()), jnp.asarray(jnp.nan), none)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "blocks", "bytes_a_run"),
+    [
+        # Nothing of a run is kept: what grows is what jax remembers of its calls, 35 bytes a run.
+        # A row of estimates would be about 200.
+        ("single", 1, 60),
+        # What its medians need: some six numbers a block, and not the twenty of its estimates.
+        ("he2018-blocks", 6, 6 * 64),
+    ],
+)
+def test_memory_of_a_campaign_is_that_of_its_tiles(scenario, blocks, bytes_a_run):
+    options = Options(points=20, blocks=6) if blocks > 1 else Options(points=20)
+
+    def peak(number):
+        """Largest memory of a campaign of so many tiles, whose rows are given away."""
+        given = []
+        config = Config(scenario, ("still",), options, runs=number * tiles.TILE)
+        tracemalloc.start()
+        try:
+            run_campaign(
+                config, lambda rows: given.append(len(rows)), lambda _: None, 1, {"still": Still()}
+            )
+            most = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        assert given == [tiles.TILE * blocks] * number
+        return most
+
+    peak(2)  # which compiles
+    few, many = peak(2), peak(32)
+    assert many - few < 30 * tiles.TILE * bytes_a_run
 
 
 def test_growing_sequence_has_a_row_for_every_length():

@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, runs_of
 from scipy.optimize import least_squares
+from scipy.stats import binom
 
+from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law, save_law
@@ -79,9 +81,8 @@ def test_two_effects_at_once_are_named(two, campaign):
 def test_the_error_falls_to_the_noise_on_runs_never_seen(two, campaign):
     found, test, _ = two
     before, after = found.test.before.value, found.test.after.value
-    assert before**2 == pytest.approx(
-        campaign.test_rms_noise**2 + campaign.test_rms_effect**2, rel=0.5
-    )
+    # The base curve by plain least squares, which counts all points alike, on the runs never seen.
+    assert before == pytest.approx(unseen_by_least_squares(campaign), rel=0.1)
     # A twentieth above what no law can do better than.
     assert after < 1.05 * campaign.test_rms_noise
     assert found.test.removed.value > 0.95
@@ -90,6 +91,18 @@ def test_the_error_falls_to_the_noise_on_runs_never_seen(two, campaign):
     assert found.test.runs == 7
     assert after == pytest.approx(rms(found.predictions["corrected"] - test["adhesion"]), rel=1e-12)
     assert found.validation.after.value >= found.train.after.value
+
+
+def unseen_by_least_squares(campaign):
+    """Rms on the test set of the base curve fitted to the training set by scipy."""
+
+    def left(values, table):
+        law = with_free_values(campaign.curve, jnp.asarray(values))
+        return np.asarray(law(jnp.asarray(table["slip_ratio"]), {})) - table["adhesion"].to_numpy()
+
+    start = np.asarray(free_values(campaign.curve))
+    fitted = least_squares(left, start, x_scale=np.abs(start), args=(campaign.train,))
+    return rms(left(fitted.x, campaign.test))
 
 
 def test_predictions_are_one_line_a_row_in_the_order_of_the_file(two):
@@ -283,14 +296,13 @@ def test_a_rig_of_one_slip_has_lateral_creep(seed):
     assert found.train.before.value == pytest.approx(331 / 9600, rel=0.01)
     assert found.train.after.value < 0.0052
     parameters = found.effects[0].parameters
-    if seed == 0:
-        # The angle is the lateral creepage itself.
-        assert set(parameters) == {"gain", "offset"}
-        assert parameters["gain"].value == pytest.approx(1.0, abs=0.25)
-        # At the largest creepage, .0175 at a slip of .02: 1/sqrt(1 + (.0175/.02)^2).
-        (shown,) = found.dependences
-        assert shown.effect == "lateral_creep"
-        assert min(shown.factor) == pytest.approx(1 / np.hypot(1, 0.0175 / 0.02), abs=0.03)
+    # The angle is the lateral creepage itself.
+    assert set(parameters) == {"gain", "offset"}
+    assert parameters["gain"].value == pytest.approx(1.0, abs=0.25)
+    # At the largest creepage, .0175 at a slip of .02: 1/sqrt(1 + (.0175/.02)^2).
+    (shown,) = found.dependences
+    assert shown.effect == "lateral_creep"
+    assert min(shown.factor) == pytest.approx(1 / np.hypot(1, 0.0175 / 0.02), abs=0.03)
 
 
 def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
@@ -308,8 +320,10 @@ def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak(seed):
     assert found.train.before.value == pytest.approx(0.0333, rel=0.01)
     assert len(found.effects) == 1
     assert "falling_friction" in found.effects[0].candidates
-    # By seed 3 a small shift of the slip is not kept, which is worth 4 per cent.
-    assert found.train.after.value == pytest.approx(0.0242, rel=0.06 if seed == 3 else 0.03)
+    assert found.train.after.value == pytest.approx(0.0242, rel=0.03)
+    # Down to the scatter between neighbouring points, within the interval that is told.
+    assert found.train.after.low < 0.0244 < found.train.after.high
+    assert found.train.after.high < found.train.before.value
 
 
 def test_a_lag_slower_than_the_slip_is_found_though_a_curve_with_slow_noise_fits_too():
@@ -360,3 +374,55 @@ def test_each_of_two_effects_is_in_a_class_of_its_own(pair, base):
     assert {cause for cause in pair for names in classes if cause in names} == {*pair}
     assert found.unexplained == ()
     assert found.train.after.value == pytest.approx(found.noise_floor, rel=0.1)
+
+
+# --------------------------------------------------------------- counted over many small campaigns
+
+#: Sets of 14 training runs of 40 points, on two base curves by turns.
+SMALL = {"runs": 20, "points": 40}
+_BASES = ("burckhardt", "kiencke")
+
+
+def found_in(effects, seed):
+    """The campaign of a seed, and what is found in it under its own base curve."""
+    base = _BASES[seed % 2]
+    campaign = simulate(effects, seed=seed, base=base, strength=0.25, **SMALL)
+    return campaign, discover(runs_of(campaign.train), base=base)
+
+
+@pytest.mark.slow
+def test_claims_on_forty_campaigns_of_nothing_are_as_rare_as_they_are_said_to_be():
+    claims = 0
+    for seed in range(100, 140):
+        _, found = found_in([], seed)
+        claims += bool(found.effects or found.unexplained)
+    # README: at most .028 of such campaigns have a claim; five or more of 40 then have one in less
+    # than one try of a hundred, and four or fewer, where the share is a fifth, in one of ten.
+    assert binom.sf(4, 40, 0.028) < 0.01
+    assert binom.cdf(4, 40, 0.2) < 0.1
+    assert claims <= 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cause", "column"), [("humidity", "relative_humidity_pct"), ("sanding", "sanding")]
+)
+def test_a_strong_effect_is_named_in_ten_of_a_dozen_campaigns(cause, column):
+    named, covered = 0, []
+    for seed in range(100, 112):
+        campaign, found = found_in([cause], seed)
+        assert campaign.visible > 1.9  # in sigma
+        claims = (*found.effects, *found.unexplained)
+        named += any(column in claim.covariates for claim in claims)
+        if cause == "sanding" and names_of(found.effects) == [cause]:
+            intervals = found.effects[0].parameters
+            for name, true in campaign.parameters[cause].items():
+                covered.append(intervals[name].low <= true <= intervals[name].high)
+    # README: one of half a sigma or more is in a class in 100 of 101; nine of twelve or fewer, if
+    # .97 of all are, in less than one try of a hundred.
+    assert binom.cdf(9, 12, 0.97) < 0.01
+    assert named >= 10
+    # 95 % intervals; the parameters of one fit err together, and so count as one of a dozen.
+    if cause == "sanding":
+        assert binom.cdf(8, 12, 0.95) < 0.01
+        assert np.mean(covered) > 8 / 12

@@ -8,7 +8,7 @@ import pytest
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.effects import EFFECTS, KINDS, ShapeTerm, family_of
-from adhesion_jax.effects.cause import Remembering
+from adhesion_jax.effects.cause import Bending, Cause, Changing, Remembering, Scaling
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.law import CorrectedLaw, with_effects
 
@@ -314,11 +314,27 @@ def test_effects_with_memory_are_advanced_one_after_the_other_in_a_compiled_loop
         np.testing.assert_allclose(adhesion, law(slip, conditions), rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", sorted(name for name in KINDS if KINDS[name].ORDER > 0))
+@pytest.mark.parametrize("name", KINDS)
 def test_only_effects_of_order_zero_bend_the_slip(name):
     # The compiled program leaves out what the others do before the curve.
-    slip = jnp.array([-0.1, 0.0, 0.02])
-    kind = KINDS[name]
-    names = [field.name for field in dataclasses.fields(kind) if field.name not in kind.PARAMETERS]
-    effect = kind(**dict.fromkeys(kind.PARAMETERS, 0.5), **dict.fromkeys(names, "none"))
-    assert effect.before(slip, {}) is slip
+    effect = start(name)
+    for slip in (SLIP, -SLIP):
+        bent = np.asarray(effect.before(slip, CONDITIONS))
+        if KINDS[name].ORDER > 0:
+            np.testing.assert_array_equal(bent, slip)
+        else:
+            assert np.abs(bent - slip).max() > 1e-5
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_cause_that_scales_bends_or_changes_does_nothing_else(name):
+    cause = EFFECTS[name]
+    (kind,) = [kind for kind in (Scaling, Bending, Changing, Cause) if issubclass(cause, kind)][:1]
+    if kind is Cause:  # of both
+        assert name == "lateral_creep"
+        return
+    kept = {Scaling: ("before", "after"), Bending: ("after",), Changing: ("before",)}[kind]
+    assert [getattr(cause, method) is getattr(kind, method) for method in kept] == [True] * len(
+        kept
+    )
+    assert (cause.ORDER == 0) == (kind is Bending)

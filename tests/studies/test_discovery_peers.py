@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.image import imread
 
 from adhesion_jax.commands.discovery_peers import compared
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
@@ -196,4 +197,4 @@ def test_a_summary_counts_and_is_drawn(tmp_path):
     none_better = rows.assign(removed=rows["removed"].clip(upper=0.5))
     assert "more by" not in peers_text(none_better)
     draw_peers(tmp_path / "peers.png", rows)
-    assert (tmp_path / "peers.png").stat().st_size > 0
+    assert imread(tmp_path / "peers.png").shape[1] == 1500  # what it shows: test_figures.py
