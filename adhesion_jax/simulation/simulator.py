@@ -31,7 +31,7 @@ from adhesion_jax.simulation.runs import (
 )
 
 #: The columns that every table has, in their order.
-COLUMNS = (
+TABLE_COLUMNS = (
     *("time_s", "run", "vehicle_speed_mps", "slip_ratio", "slip_velocity_mps", "adhesion"),
     *("normal_load_N", "temperature_C", "relative_humidity_pct", "position_m"),
     *("curvature_per_m", "sanding", "rail_age_days"),
@@ -102,7 +102,7 @@ def simulate(
     truth = draw_runs(runs, points, operational, chance[0])
     extra = _extra_columns(effects, truth, seed)
     truth = truth._replace(columns={**truth.columns, **extra})
-    _known("column", remove, (*COLUMNS, *extra))
+    _known("column", remove, (*TABLE_COLUMNS, *extra))
     law = draw_curve(family, chance[1])
     conditions = completed_runs(truth)
     curve = on_runs(law, conditions)
@@ -124,7 +124,7 @@ def simulate(
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
     adhesion = noisy(clean, noise, chance[2])
     table = _table(truth, slip, adhesion, chance[3])
-    kept = [name for name in (*COLUMNS, *extra) if name not in remove]
+    kept = [name for name in (*TABLE_COLUMNS, *extra) if name not in remove]
     held_out = np.sort(chance[4].permutation(runs)[: max(round(_TEST * runs), 1)])
     is_test = np.isin(np.arange(runs), held_out)
     rows = np.repeat(is_test, points)

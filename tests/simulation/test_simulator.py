@@ -13,7 +13,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import (
-    COLUMNS,
+    TABLE_COLUMNS,
     Noise,
     simulate,
     write_set,
@@ -50,7 +50,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_other_ones():
 def test_weather_excitation_noise_and_split_are_those_of_the_seed_whatever_is_planted():
     null = simulate(seed=8, noise=Noise(run_scatter=0.0))
     planted = simulate(["patch"], seed=8, noise=Noise(run_scatter=0.0))
-    others = [name for name in COLUMNS if name != "adhesion"]
+    others = [name for name in TABLE_COLUMNS if name != "adhesion"]
     pd.testing.assert_frame_equal(null.test[others], planted.test[others], check_exact=True)
     np.testing.assert_allclose(
         null.test["adhesion"] - null.clean, planted.test["adhesion"] - planted.clean, atol=1e-14
@@ -61,7 +61,7 @@ def test_weather_excitation_noise_and_split_are_those_of_the_seed_whatever_is_pl
 def test_tables_have_the_columns_the_runs_and_sane_values(operational):
     campaign = simulate(seed=5, operational=operational)
     for table, runs in ((campaign.train, 28), (campaign.test, 12)):
-        assert tuple(table) == COLUMNS
+        assert tuple(table) == TABLE_COLUMNS
         assert table["run"].nunique() == runs
         assert (table.groupby("run").size() == 200).all()
         np.testing.assert_allclose(table.groupby("run")["time_s"].diff().dropna(), 0.1, atol=1e-6)
@@ -118,7 +118,7 @@ def test_a_null_set_refitted_by_its_own_base_has_the_stated_noise(family):
 def test_an_effect_changes_adhesion_by_its_strength(name, form):
     campaign = simulate([name], seed=1, form=form, strength=0.2, noise=QUIET)
     assert campaign.truth == (name,)
-    assert tuple(campaign.train) == (*COLUMNS, *EXTRA.get(name, ()))
+    assert tuple(campaign.train) == (*TABLE_COLUMNS, *EXTRA.get(name, ()))
     both = pd.concat([campaign.train, campaign.test])
     bare = base_adhesion(campaign.curve, both)
     change = both["adhesion"] - bare
@@ -141,7 +141,7 @@ def test_exact_effects_are_those_that_a_corrected_law_wears():
     campaign = simulate(["load_slope", "humidity"], seed=10, base="kiencke", noise=QUIET)
     effects = tuple(EFFECTS[name](**campaign.parameters[name]) for name in campaign.truth)
     table = campaign.test
-    columns = {name: jnp.asarray(table[name].to_numpy(float)) for name in COLUMNS}
+    columns = {name: jnp.asarray(table[name].to_numpy(float)) for name in TABLE_COLUMNS}
     law = with_effects(campaign.curve, effects, columns["slip_ratio"], columns)
     np.testing.assert_allclose(law, campaign.clean, atol=1e-12)
 
