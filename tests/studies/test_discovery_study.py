@@ -8,11 +8,11 @@ from scipy.stats import binomtest
 from adhesion_jax.commands.discovery_study import OWN_FILES, study
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.plantable import PLANTABLE
+from adhesion_jax.simulation.plantable import PLANTABLE, names_for
 from adhesion_jax.simulation.random_effect import RandomEffect
 from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import Noise
-from adhesion_jax.studies.discovery.judging import is_right, removed_share
+from adhesion_jax.studies.discovery.judging import is_one_of, removed_share
 from adhesion_jax.studies.discovery.rates import clopper_pearson, confusion, rates, shares
 from adhesion_jax.studies.discovery.running import run_study
 from adhesion_jax.studies.discovery.tasks import Task, make_set, study_tasks
@@ -113,9 +113,9 @@ def test_tasks_are_balanced_and_no_two_share_a_seed():
 
 
 def test_other_words_for_the_same_cause_are_right():
-    assert is_right("torque_offset", "slip_bias")
-    assert is_right("product", "product:gradient_permille,temperature_C")
-    assert not is_right("temperature", "humidity")
+    assert is_one_of("slip_bias", names_for("torque_offset"))
+    assert is_one_of("product:gradient_permille,temperature_C", names_for("product"))
+    assert not is_one_of("humidity", names_for("temperature"))
 
 
 def test_the_removed_share_needs_something_to_remove():
@@ -231,6 +231,14 @@ def test_a_class_of_more_than_four_counts_by_its_first():
     sets = run_study([one, one], lambda *_: next(answers), lambda _: None)
     assert sets["in_class"].tolist() == [True, False]
     assert sets["extra"].tolist() == [False, True]
+
+
+def test_a_doubt_that_names_the_column_of_a_random_effect_is_counted():
+    doubting = answer()._replace(doubts=(Doubt(("position_m",), ""),))
+    tasks = [random_task("position_m"), random_task("temperature_C")]
+    sets = run_study(tasks, lambda *_: doubting, lambda _: None)
+    assert sets["doubted"].tolist() == [True, False]
+    assert not sets["in_class"].any()
 
 
 def test_a_doubt_names_an_offset_and_nothing_else():

@@ -20,11 +20,6 @@ def is_one_of(name: str, right: Sequence[str]) -> bool:
     return any(name == one or (one.endswith(":") and name.startswith(one)) for one in right)
 
 
-def is_right(effect: str, name: str) -> bool:
-    """Whether a reported name stands for a planted effect."""
-    return is_one_of(name, names_for(effect))
-
-
 def counted(claim: FoundEffect) -> tuple[str, ...]:
     """The names of a reported class that count: all, or of a large class the first alone."""
     names = tuple(dict.fromkeys((claim.name, *claim.candidates)))
@@ -54,7 +49,7 @@ def judged(task: Task, made: SimulatedSet, findings: Findings) -> dict[str, obje
     # [hidden, claims]
     names = [[_stands_for(task, one, claim, counted(claim)) for claim in claims] for one in hidden]
     named = [
-        any(hits) or (_is_offset(one) and _is_doubted(one, findings))
+        any(hits) or (_is_offset(one) and _is_doubted(task, one, findings))
         for one, hits in zip(hidden, names, strict=True)
     ]
     before, after = (
@@ -75,7 +70,7 @@ def judged(task: Task, made: SimulatedSet, findings: Findings) -> dict[str, obje
         "first_right": bool(claims)
         and any(_stands_for(task, one, claims[0], [claims[0].name]) for one in hidden),
         "in_class": any(named),
-        "doubted": any(_is_doubted(one, findings) for one in hidden),
+        "doubted": any(_is_doubted(task, one, findings) for one in hidden),
         "all_named": bool(named) and all(named),
         "extra": any(not any(hits[place] for hits in names) for place in range(len(claims))),
         "class_size": float(np.mean([len(counted(claim)) for claim in claims]))
@@ -101,9 +96,10 @@ def _is_offset(effect: str) -> bool:
     return effect in EFFECTS and EFFECTS[effect].OF_SLIP_ALONE
 
 
-def _is_doubted(effect: str, findings: Findings) -> bool:
-    """Whether a doubt names what was planted."""
-    return any(is_right(effect, name) for doubt in findings.doubts for name in doubt.names)
+def _is_doubted(task: Task, hidden: str, findings: Findings) -> bool:
+    """Whether a doubt names what was planted, or the column of a random effect."""
+    right = (hidden,) if task.random is not None else names_for(hidden)
+    return any(is_one_of(name, right) for doubt in findings.doubts for name in doubt.names)
 
 
 def removed_share(before: float, after: float, noise: float) -> float:
