@@ -225,13 +225,14 @@ def test_the_tables_say_what_the_estimates_say(small):
 class Still(Identifier):
     """Answers the curve it was told to begin with, whatever it is shown."""
 
-    fits_last_record: ClassVar[bool] = False
+    FITS_LAST_RECORD: ClassVar[bool] = False
+    RESETS: ClassVar[bool] = False
 
-    def accepts(self, scenario):
+    def accepts(self, known):
         return None
 
     def init(self, known, key):
-        return quantities(known.curve)
+        return quantities(known.curve, known)
 
     def update(self, state, record):
         return state
@@ -240,7 +241,8 @@ class Still(Identifier):
         names = quantity_names(RAILS["dry"])
         none, unit = jnp.zeros((), dtype=int), jnp.eye(len(names))
         values = dict(zip(names, state, strict=True))
-        return Estimate(values, unit, none, jnp.zeros(()), jnp.asarray(jnp.nan), none)
+        no, nothing = jnp.zeros((), dtype=bool), jnp.zeros(())
+        return Estimate(values, unit, none, nothing, no, jnp.asarray(jnp.nan), none, none)
 
 
 @pytest.mark.parametrize(

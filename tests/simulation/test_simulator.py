@@ -116,7 +116,7 @@ def test_a_null_set_refitted_by_its_own_base_has_the_stated_noise(family):
 @pytest.mark.parametrize("form", ["exact", "perturbed"])
 @pytest.mark.parametrize("name", PLANTABLE)
 def test_an_effect_changes_adhesion_by_its_strength(name, form):
-    campaign = simulate([name], seed=1, form=form, strength=0.2, noise=QUIET)
+    campaign = simulate([name], seed=1, form=form, strength=0.2, noise=QUIET, runs=16, points=100)
     assert campaign.truth == (name,)
     assert tuple(campaign.train) == (*TABLE_COLUMNS, *EXTRA.get(name, ()))
     both = pd.concat([campaign.train, campaign.test])

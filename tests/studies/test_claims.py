@@ -337,7 +337,7 @@ def test_table_is_written_with_its_columns_and_printed_aligned(tmp_path):
     assert list(again.columns) == COLUMNS
     pd.testing.assert_frame_equal(again, table)
     lines = report.claims_text(table).splitlines()
-    ends = [lines[1].index("0.03 ± 0.001") + 12, lines[2].index("inf ± 0") + 7]
+    ends = [lines[1].index("0.0300 ± 0.0010") + 15, lines[2].index("inf") + 3]
     assert ends[0] == ends[1]
     assert lines[-2:] == ["  1  A.", "  2  B."]
 
