@@ -260,6 +260,7 @@ def test_load_is_found_where_it_moves_adhesion_by_more_than_any_noise():
     assert found.train.removed.value > 0.85
 
 
+@pytest.mark.slow
 def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs():
     """Adhesion by the load of the run; the noise of a load sensor, which adhesion is divided by."""
     table = simulate(seed=5, base="burckhardt", **SIZE).train.drop(columns=["sanding"])
@@ -351,7 +352,9 @@ def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train
         discover(bare, base="polach-falling")
 
 
-@pytest.mark.parametrize("cause", ["slip_speed", "falling_friction"])
+@pytest.mark.parametrize(
+    "cause", ["slip_speed", pytest.param("falling_friction", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("seed", [2, *more(3)])
 def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     """Polach's curve falls with slip velocity by itself, and alone it fits best."""
@@ -367,7 +370,7 @@ def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     ("pair", "base"),
     [
         (("load_transfer", "curve"), "burckhardt"),
-        (("axle_position", "contact_heating"), "burckhardt"),
+        pytest.param(("axle_position", "contact_heating"), "burckhardt", marks=pytest.mark.slow),
         (("cleaning", "rail_joint"), "kiencke"),
     ],
     ids=lambda given: given if isinstance(given, str) else "+".join(given),

@@ -280,6 +280,7 @@ def test_eq17_is_small_in_steady_running_and_large_after_a_switch():
     assert float(ml_de_eq17.scale_factor(jnp.asarray(0.008))) < 0.5
 
 
+@pytest.mark.slow
 def test_with_and_without_eq17_are_counted_on_the_same_start():
     scenario = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
     needed = count_generations(scenario, 0, 40, lambda _: None)
