@@ -1,6 +1,6 @@
 """A curve with the effects that were found: an ordinary law."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -65,11 +65,7 @@ class CorrectedLaw(Law):
         seen = self._seen(slip, conditions)
         effects = [effect for effect in self.effects if not isinstance(effect, SlipNoise)]
         effects.sort(key=lambda effect: effect.ORDER)
-        bent = slip
-        for effect in reversed(effects):
-            bent = effect.before(bent, seen)
-        exponents = exponents_of(effects, seen)
-        adhesion = shaped(lambda slip: self.curve(slip, seen), bent, exponents)
+        adhesion = _at_contact(self.curve, effects, slip, seen)
         after: list[Any] = []
         for place, effect in enumerate(effects):
             if isinstance(effect, Remembering):
@@ -100,11 +96,21 @@ def with_effects(
 ) -> Float[Array, "*shape"]:
     """Adhesion of the curve under the effects, applied from the contact outwards."""
     inner_first = sorted(effects, key=lambda effect: effect.ORDER)
-    bent = slip
-    for effect in reversed(inner_first):
-        bent = effect.before(bent, conditions)
-    exponents = exponents_of(effects, conditions)
-    adhesion = shaped(lambda slip: curve(slip, conditions), bent, exponents)
+    adhesion = _at_contact(curve, inner_first, slip, conditions)
     for effect in inner_first:
         adhesion = effect.after(adhesion, slip, conditions)
     return adhesion
+
+
+def _at_contact(
+    curve: Law,
+    inner_first: Sequence[Effect],
+    slip: Float[Array, "*shape"],
+    conditions: Conditions,
+) -> Float[Array, "*shape"]:
+    """The curve at the slip that the effects have bent, its shape bent by those on columns."""
+    bent = slip
+    for effect in reversed(inner_first):
+        bent = effect.before(bent, conditions)
+    exponents = exponents_of(inner_first, conditions)
+    return shaped(lambda slip: curve(slip, conditions), bent, exponents)

@@ -1,0 +1,193 @@
+"""Every identifier on a small run of every scenario that it accepts."""
+
+import functools
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.curves.polach import PolachFalling
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.humidity import Humidity
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.saved import save_law
+from adhesion_jax.identifiers import IDENTIFIERS, identify
+from adhesion_jax.identifiers.gradient import GradientLeastSquares
+from adhesion_jax.records import Known
+from adhesion_jax.scenarios import SCENARIOS, Options, build
+
+RUNS = 8
+
+
+def law_text(curve):
+    """A law as it is given to a scenario: the curve, and an effect of humidity on its level."""
+    effect = Humidity(k=-0.05, centre=50.0, width=150.0, reference=50.0)
+    ranges = {"relative_humidity_pct": (30.0, 90.0), "vehicle_speed_mps": (10.0, 30.0)}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "law.json"
+        save_law(path, CorrectedLaw(curve, (effect,), ranges, Calendar("run_order", 0.0, 59.0)))
+        return path.read_text()
+
+
+#: As few shapes as there can be: scenarios of one shape share their compiled programs.
+SMALL = {
+    "single": Options(points=120),
+    "he2018-1": Options(points=100),
+    "he2018-blocks": Options(points=100, blocks=20),
+    "qian2024": Options(points=120),
+    "qian2024-switch": Options(points=200),
+    "drift": Options(points=200),
+    "coloured": Options(points=120),
+    "mismatch": Options(points=120),
+    "mismatch-kiencke": Options(points=120),
+    "fang2018-slope": Options(points=200),
+    "corrected": Options(points=120, law=law_text(Burckhardt(c1=0.8287, c2=45.45, c3=0.4))),
+}
+#: And a curve whose peak depends on a condition, which `Known` says.
+FALLING = "corrected: falling friction"
+_RAIL = PolachFalling(mu0=0.55, a=0.4, b=0.6, stiffness=150.0, k_s=0.4)
+CASES = {name: (name, SMALL.get(name, Options())) for name in SCENARIOS} | {
+    FALLING: ("corrected", Options(points=120, law=law_text(_RAIL)))
+}
+KIENCKE = Known(
+    Kiencke(a0=40.0, p1=60.0, p2=60.0), jnp.array([1.0, 1.0]), jnp.array([400.0, 400.0])
+)
+NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
+
+#: `rls-slope` knows no curve; its contract is another one, and so are its tests.
+CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name != "rls-slope"}
+GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
+EVOLUTION = [name for name in IDENTIFIERS if name.startswith("ml-de")]
+
+# Without optimisation: many programs, each run a few times on few runs.
+quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+
+#: Methods that know no box: what they find is what the sums say.
+UNBOUNDED = ("ls-kiencke", "rls-kiencke", "rls-kiencke-variable")
+
+
+def draw(scenario, key):
+    return scenario.draw(key)
+
+
+class Programs:
+    """To draw and to identify runs whose records differ along these axes.
+
+    One program serves every scenario of a size, and the variants of a method that differ in
+    numbers alone.
+    """
+
+    def __init__(self, axes):
+        self.draw = quick_jit(jax.vmap(draw, (None, 0), axes))
+        self.identify = quick_jit(jax.vmap(identify, in_axes=(None, None, axes, 0)))
+
+
+_MADE = {}
+
+
+def programs(axes):
+    """Made once: axes cannot be hashed, their text can."""
+    return _MADE.setdefault(str(axes), Programs(axes))
+
+
+def identified(identifier, scenario, runs=RUNS, seed=0, solver_seed=7):
+    """The records and estimates of some runs, as a campaign asks for them."""
+    keys = jax.random.split(jax.random.key(seed), runs)
+    solver_keys = jax.random.split(jax.random.key(solver_seed), runs)
+    batch = programs(scenario.run_axes)
+    records = batch.draw(scenario, keys)
+    return records, batch.identify(identifier, scenario.known, records, solver_keys)
+
+
+@functools.cache
+def scenario_of(case):
+    name, options = CASES[case]
+    return build(name, options)
+
+
+def accepts(name, case):
+    return IDENTIFIERS[name].accepts(scenario_of(case).known) is None
+
+
+PAIRS = [(name, case) for case in CASES for name in IDENTIFIERS if accepts(name, case)]
+CURVE_PAIRS = [pair for pair in PAIRS if pair[0] in CURVE_METHODS]
+
+#: Where a rail drifts, has another curve or an effect on it, no curve is the truth of a block.
+HAVE_TRUTH = [p for p in CURVE_PAIRS if not p[1].startswith(("drift", "mismatch", "corrected"))]
+
+#: Methods that take whole blocks; the others take one sample after the other.
+BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
+
+#: A short scenario that each method takes.
+HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
+
+
+@functools.cache
+def small(identifier, scenario_name):
+    scenario = scenario_of(scenario_name)
+    assert IDENTIFIERS[identifier].accepts(scenario.known) is None
+    return scenario, *identified(IDENTIFIERS[identifier], scenario)
+
+
+def parameters_of(estimate):
+    names = [name for name in estimate.values if name not in ("mu_max", "slip_opt")]
+    return np.stack([estimate.values[name] for name in names], axis=-1)
+
+
+def law(parameters, slip, a0=40.0, speed=None):
+    """Adhesion without the package: Kiencke's two parameters, Burckhardt's three, Polach's five."""
+    if parameters.shape[-1] == 2:
+        p1, p2 = np.moveaxis(parameters[..., None], -2, 0)
+        return a0 * slip / (1 + p1 * slip + p2 * slip**2)
+    if parameters.shape[-1] == 5:
+        mu0, a, b, stiffness, k_s = np.moveaxis(parameters[..., None], -2, 0)
+        friction = mu0 * ((1 - a) * np.exp(-b * slip * speed) + a)
+        e = np.pi * stiffness * slip / (4 * friction)
+        return 2 * friction / np.pi * (e / (1 + e**2) + np.arctan(k_s * e))
+    c1, c2, c3 = np.moveaxis(parameters[..., None], -2, 0)
+    return c1 * (1 - np.exp(-c2 * slip)) - c3 * slip
+
+
+def peak_slip(parameters, speed=None):
+    """The slip of the peak, or the largest one where the curve still rises there."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if parameters.shape[-1] == 2:
+            slip = parameters[..., 1] ** -0.5
+        elif parameters.shape[-1] == 5:
+            slip = np.array([searched_peak(p, speed) for p in parameters.reshape(-1, 5)])
+            slip = slip.reshape(parameters.shape[:-1])
+        else:
+            c1, c2, c3 = np.moveaxis(parameters, -1, 0)
+            slip = np.log(c1 * c2 / c3) / c2
+    return np.where(np.isfinite(slip), np.clip(slip, 0, 1), 1.0)
+
+
+def searched_peak(parameters, speed):
+    """By scipy, about the best of a fine grid."""
+    grid = np.concatenate([[0.0], np.logspace(-5, 0, 2001)])
+    best = np.argmax(law(parameters, grid, speed=speed))
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+    found = minimize_scalar(
+        lambda slip: -law(parameters, np.array([slip]), speed=speed)[0],
+        bounds=ends,
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    return 1.0 if best == grid.size - 1 else found.x
+
+
+def raw_sum_of_squares(parameters, records, a0=40.0):
+    """sum (z - f)^2 over the points that are there, [runs, blocks], without the package."""
+    slip, mask = np.asarray(records.slip), np.asarray(records.mask)
+    speed = records.conditions.get("vehicle_speed_mps")
+    misfit = np.asarray(records.adhesion) - law(parameters, slip, a0, speed)
+    return np.sum(np.where(mask, misfit, 0.0) ** 2, axis=-1)
+
+
+def signature(estimate):
+    return jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), estimate)

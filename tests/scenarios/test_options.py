@@ -1,0 +1,75 @@
+"""Scenarios declare what a user may change, and the command line follows from that."""
+
+import pickle
+from typing import Annotated
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from adhesion_jax.commands import montecarlo
+from adhesion_jax.errors import InputError
+from adhesion_jax.scenarios import SCENARIOS, Options, build
+from adhesion_jax.scenarios.options import Option, Sigma, check, declared
+
+Gradient = Annotated[float, Option("Gradient of the track, per mille.", -40, 40)]
+
+
+def hill(gradient: Gradient, sigma: Sigma = 0.01) -> tuple[float, float]:
+    """A scenario of its own, with an option that no other has and that it cannot do without."""
+    return gradient, sigma
+
+
+def test_what_was_not_asked_for_is_left_out_and_equal_options_are_one_key():
+    asked = Options(points=200, sigma=0.1, rail=None)
+    assert dict(asked) == {"points": 200, "sigma": 0.1}
+    again = Options(sigma=0.1, points=200)
+    assert asked == again
+    assert len({asked, again, Options(sigma=0.1)}) == 2
+    assert pickle.loads(pickle.dumps(asked)) == asked
+    assert Options(sigma=0.0) != Options()
+
+
+def test_defaults_stand_in_the_arguments_and_are_what_is_built():
+    scenario = build("single")
+    assert (scenario.rails, scenario.sigma, scenario.outliers) == (("dry",), 0.01, 0.0)
+    assert scenario.slip.shape == (500,)
+    assert float(scenario.slip[-1]) == 0.2
+    assert build("single", Options(sigma=0.0)).sigma == 0.0
+
+
+def test_an_option_is_described_where_it_is_declared():
+    found = declared(hill)
+    assert {name: (one.kind, one.required) for name, one in found.items()} == {
+        "gradient": (float, True),
+        "sigma": (float, False),
+    }
+    # Where the scenario works out the default itself the annotation is a union with None.
+    assert declared(SCENARIOS["fang2018-slope"])["slip_max"].kind is float
+
+
+def test_what_does_not_go_together_is_said_with_what_would_be_right():
+    with pytest.raises(InputError, match=r"--blocks does not go with --scenario hill.*--gradient"):
+        check("hill", hill, Options(gradient=1.0, blocks=3))
+    with pytest.raises(InputError, match=r"hill needs --gradient\. Gradient of the track"):
+        check("hill", hill, Options())
+    check("hill", hill, Options(gradient=1.0, sigma=0.2))
+
+
+def test_the_command_line_has_the_options_of_a_new_scenario_in_their_ranges(monkeypatch):
+    monkeypatch.setitem(SCENARIOS, "hill", hill)
+
+    @click.command()
+    @montecarlo.scenario_options
+    def command(**options: object) -> None:
+        click.echo(repr(Options(**options)))
+
+    def said(*words: str) -> str:
+        return CliRunner().invoke(command, [*words]).output
+
+    assert said("--gradient", "12.5", "--blocks", "7") == "Options(gradient=12.5, blocks=7)\n"
+    assert "-40<=x<=40" in said("--gradient", "41")
+    assert "not a finite number" in said("--gradient", "nan")
+    help_text = " ".join(said("--help").split())
+    assert "Gradient of the track, per mille. For hill." in help_text
+    assert "Noise of the adhesion signal. [" in help_text  # which every scenario has
