@@ -1,42 +1,29 @@
-"""How jax is started: the one place where XLA flags and the precision are set.
-
-Imported first by the package, so that the flags stand before jax opens a device. A program
-that has already opened one keeps what it has; `describe` tells what is in force.
-"""
+"""How jax is started for a command, what is asked of it in a program of others, and its threads."""
 
 import os
-import pickle
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from hashlib import sha256
+from functools import wraps
 from importlib.metadata import version
 from itertools import cycle
 from multiprocessing.context import BaseContext
 from multiprocessing.queues import Queue
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import ParamSpec, TypeVar
+
+import jax
+import numpy as np
+
+from adhesion_jax.errors import InputError
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 #: Cores this process may use; a campaign starts one worker process on each.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 # One thread a process: a sum is then taken in the same order whatever the number of cores.
 _FLAGS = {"--xla_cpu_multi_thread_eigen": "false"}
-
-_given = os.environ.get("XLA_FLAGS", "")
-_added = (f"{name}={value}" for name, value in _FLAGS.items() if name not in _given)
-os.environ["XLA_FLAGS"] = " ".join([_given, *_added]).strip()
-
-import jax  # noqa: E402  (the flags must be set before)
-import jax.numpy as jnp  # noqa: E402
-from filelock import FileLock  # noqa: E402
-from jax.experimental.compilation_cache.compilation_cache import reset_cache  # noqa: E402
-from jax.experimental.serialize_executable import deserialize_and_load, serialize  # noqa: E402
-
-# In single precision a gradient solver claims success with a wrong answer on a third of the
-# NIST StRD problems; in double precision on none, one true local minimum apart.
-jax.config.update("jax_enable_x64", True)
 
 PACKAGES = (
     "adhesion-jax",
@@ -51,27 +38,47 @@ PACKAGES = (
 )
 
 
-@contextmanager
-def compilation_folder() -> Iterator[str]:
-    """Where this process and its workers leave what they compile: a passing folder, if none yet."""
-    shared: str | None = jax.config.values["jax_compilation_cache_dir"]
-    if shared is not None:
-        yield shared
-        return
-    with TemporaryDirectory() as folder:
-        share_compilations(folder)
-        try:
-            yield folder
-        finally:
-            jax.config.update("jax_compilation_cache_dir", None)
-            reset_cache()
+def start() -> None:
+    """Set the flags and the precision that commands, their workers and the tests run with.
+
+    To be called before jax opens a device, which has the flags of that moment; `describe` tells
+    what is in force. Importing the package sets nothing: a program that uses it as a library
+    keeps its own flags, and its own precision where it does not ask for another.
+    """
+    given = os.environ.get("XLA_FLAGS", "")
+    added = (f"{name}={value}" for name, value in _FLAGS.items() if name not in given)
+    os.environ["XLA_FLAGS"] = " ".join([given, *added]).strip()
+    jax.config.update("jax_enable_x64", True)
 
 
-def share_compilations(folder: str) -> None:
-    """Let this process take what another has compiled, and leave its own, in `folder`."""
-    jax.config.update("jax_compilation_cache_dir", folder)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+def in_double_precision(function: Callable[P, T]) -> Callable[P, T]:
+    """The function with double precision while it runs, whatever the program around it has.
+
+    In single precision a gradient solver claims success with a wrong answer on a third of the
+    NIST StRD problems; in double precision on none, one true local minimum apart.
+    """
+
+    @wraps(function)
+    def scoped(*args: P.args, **kwargs: P.kwargs) -> T:
+        with jax.enable_x64(True):
+            return function(*args, **kwargs)
+
+    return scoped
+
+
+def is_double() -> bool:
+    """Whether jax computes in double precision, in this thread."""
+    return bool(jax.dtypes.canonicalize_dtype(np.float64) == np.float64)
+
+
+def require_double_precision() -> None:
+    """InputError where jax would compute in single precision."""
+    if not is_double():
+        raise InputError(
+            "Identification needs double precision, and jax is set to single: call "
+            'jax.config.update("jax_enable_x64", True) at the start of the program, or work within '
+            "`with jax.enable_x64(True):`."
+        )
 
 
 def threads() -> ThreadPoolExecutor:
@@ -83,7 +90,13 @@ def threads() -> ThreadPoolExecutor:
     all of 7 trials. Loops without LAPACK, on stacks of 28 matrices up to 60 x 60, or on one matrix
     of 72 x 72 did not in 144,000 calls, which the threads shared.
     """
-    return ThreadPoolExecutor(CORES)
+    precise = is_double()
+
+    def begin() -> None:
+        # A new thread has the precision of the program, not that of the thread that starts it.
+        jax.enable_x64(precise).__enter__()
+
+    return ThreadPoolExecutor(CORES, initializer=begin)
 
 
 def cores_for(workers: int, context: BaseContext) -> Queue:
@@ -104,26 +117,6 @@ def take_core(cores: Queue) -> None:
         os.sched_setaffinity(0, {cores.get()})
 
 
-def shared_program(name: bytes, make: Callable[[], jax.stages.Compiled]) -> jax.stages.Compiled:
-    """The program of that name: from the folder of `share_compilations`, else made and left there.
-
-    Where another process is making it just now, it is waited for.
-    """
-    folder: str | None = jax.config.values["jax_compilation_cache_dir"]
-    if folder is None:
-        return make()
-    path = Path(folder) / f"{sha256(name).hexdigest()}.program"
-    with FileLock(f"{path}.lock"):
-        if path.exists():
-            # A program that is loaded calls LAPACK where it was found when one was traced: without
-            # that it calls address zero.
-            jax.jit(jnp.linalg.cholesky).trace(jnp.eye(2)).lower()
-            return deserialize_and_load(*pickle.loads(path.read_bytes()))
-        program = make()
-        path.write_bytes(pickle.dumps(serialize(program)))
-    return program
-
-
 def describe() -> dict[str, object]:
     """Versions, devices and flags of this process, for the metadata of a result."""
     return {
@@ -132,6 +125,6 @@ def describe() -> dict[str, object]:
         "devices": [str(device) for device in jax.devices()],
         "machine": platform.machine(),
         "cores": CORES,
-        "xla_flags": os.environ["XLA_FLAGS"],
+        "xla_flags": os.environ.get("XLA_FLAGS", ""),
         "precision": "float64",
     }

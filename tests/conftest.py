@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import settings
@@ -24,9 +23,6 @@ os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_QUICK}".strip()
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-_FOLDER = "JAX_COMPILATION_CACHE_DIR"
-
-
 #: A process may map memory about 65,000 times, which is what compiled programs do; with fewer maps
 #: than this it has room for those of any module.
 _MANY_MAPS = 30_000
@@ -42,13 +38,13 @@ def room_for_programs():
         jax.clear_caches()
 
 
-def pytest_configure(config):
-    """All processes of a session, those that tests start too, share what they compile."""
-    if _FOLDER in os.environ:
-        return
-    passing = TemporaryDirectory()
-    config.add_cleanup(passing.cleanup)
-    # By the environment, which workers inherit; jax reads it when it is imported, after this.
-    os.environ[_FOLDER] = passing.name
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
-    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+def pytest_configure():
+    """All processes of a session, those that tests start too, keep and share what they compile."""
+    # After the flags above, and under the hook.
+    import jax
+
+    from adhesion_jax import programs, runtime
+
+    runtime.start()
+    programs.share_with_jax()
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)

@@ -9,7 +9,9 @@ PACKAGE = Path(__file__).parents[1] / "adhesion_jax"
 
 #: From the ground up; what stands in one line does not import each other.
 STOREYS = (
-    ("errors", "runtime", "wording"),
+    ("errors", "wording"),
+    ("runtime",),
+    ("programs",),
     ("files", "curves"),
     ("records", "optim"),
     ("effects", "metrics"),

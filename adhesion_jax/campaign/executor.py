@@ -6,17 +6,20 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.queues import Queue
+from pathlib import Path
 from typing import Any, TypeVar
 
+from adhesion_jax import programs, runtime
 from adhesion_jax.errors import WorkerError
-from adhesion_jax.runtime import compilation_folder, cores_for, share_compilations, take_core
 
 T = TypeVar("T")
 
 
-def _start(folder: str, cores: Queue) -> None:
-    take_core(cores)
-    share_compilations(folder)
+def _start(folder: Path, cores: Queue) -> None:
+    runtime.take_core(cores)
+    runtime.start()
+    programs.use(folder)
+    programs.share_with_jax()
 
 
 @contextmanager
@@ -34,13 +37,13 @@ def mapped(
         yield (function(*unit) for unit in work)
         return
     spawning = multiprocessing.get_context("spawn")
-    cores = cores_for(workers, spawning)
-    with (
-        compilation_folder() as folder,
-        ProcessPoolExecutor(
-            workers, mp_context=spawning, initializer=_start, initargs=(folder, cores)
-        ) as pool,
-    ):
+    cores = runtime.cores_for(workers, spawning)
+    with ProcessPoolExecutor(
+        workers,
+        mp_context=spawning,
+        initializer=_start,
+        initargs=(programs.folder(), cores),
+    ) as pool:
         try:
             yield pool.map(function, *zip(*work, strict=True))
         except BrokenProcessPool:

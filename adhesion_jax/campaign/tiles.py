@@ -5,7 +5,6 @@ differently in a batch of another size, and so the result of a run depends on it
 not on how many runs, tiles at a time or workers there are.
 """
 
-import pickle
 import time
 from collections.abc import Callable
 from functools import cache, lru_cache
@@ -16,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+from adhesion_jax import programs
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
-from adhesion_jax.runtime import shared_program
 from adhesion_jax.scenarios import Options, build
 
 TILE = 128
@@ -118,5 +117,5 @@ def _compiled(
 
         return jax.jit(tile).lower(leaves).compile(_COMPILER)
 
-    compiled = shared_program(pickle.dumps((config, form, str(kinds))), make)
+    compiled = programs.program(("tile", config, form, str(kinds)), make)
     return lambda *arguments: compiled(jax.tree.leaves(arguments))

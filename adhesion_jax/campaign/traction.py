@@ -1,6 +1,5 @@
 """The cases of a traction system: each once without noise, and drawn, and many times with noise."""
 
-import pickle
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -12,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from adhesion_jax import programs
 from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import FIGURES, Totals
 from adhesion_jax.metrics.moments import KnownMoments
-from adhesion_jax.runtime import CORES, shared_program
+from adhesion_jax.runtime import CORES
 from adhesion_jax.traction.loop import Loop, Timing, Trace, check, run, timing, trace
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
@@ -210,7 +210,7 @@ def _compiled(
         lowered = jax.jit(unit).lower([*kinds])
         return lowered.compile({"xla_cpu_use_fusion_emitters": False} if drawn else None)
 
-    return shared_program(pickle.dumps((form, str(kinds), grid, drawn)), make)
+    return programs.program(("traction", form, str(kinds), grid, drawn), make)
 
 
 def _every(grid: Timing) -> int:

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from adhesion_jax import programs, runtime
 from adhesion_jax.errors import InputError, WorkerError
 
 
@@ -15,6 +16,8 @@ def run(command: click.Command) -> None:
 
     Status 1 where the machine failed: a worker process that died.
     """
+    runtime.start()
+    programs.share_with_jax()
     try:
         command.main(standalone_mode=False)
     except click.Abort:

@@ -3,7 +3,6 @@
 import sys
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import click
 import pandas as pd
@@ -13,7 +12,6 @@ from adhesion_jax.commands.command import Folder, output_directory
 from adhesion_jax.files import staged, write_table
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.report.studies.baseline import moved_text
-from adhesion_jax.runtime import share_compilations
 from adhesion_jax.studies.baseline.accuracy import accuracy_steps, measure_accuracy
 from adhesion_jax.studies.baseline.compare import REGRESSIONS, compare, faster_of, suspects
 from adhesion_jax.studies.baseline.speed import measure_speed
@@ -75,13 +73,12 @@ def main(baseline: Path, update: bool, out: Path) -> None:
 def _measured(seed: int, before: pd.DataFrame | None) -> pd.DataFrame:
     """The fresh table; who seems slower than before is timed again."""
     steps = accuracy_steps(IDENTIFIERS, RUNS) + (TURNS + 1) * len(IDENTIFIERS)
-    with TemporaryDirectory() as folder, tqdm(total=steps, desc="compiling", unit="step") as bar:
+    with tqdm(total=steps, desc="compiling", unit="step") as bar:
 
         def progress(name: str) -> None:
             bar.set_description(name)
             bar.update()
 
-        share_compilations(folder)
         accuracy = measure_accuracy(IDENTIFIERS, RUNS, seed, progress)
         fresh = assemble(accuracy, measure_speed(IDENTIFIERS, TURNS, progress))
         for _ in range(ATTEMPTS):

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
 from adhesion_jax.effects.history import has_history, smoothed
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
 #: Radius in m that turns a rolled distance into an angle where no angle was measured.
@@ -55,7 +55,7 @@ def completed(
 
 
 # Compiled, since every campaign and every law asks for it, and its steps are many and small.
-@jax.jit
+@kept()
 def _followed(slip: Float[Array, "*shape"], measured: Mapping[str, Array]) -> dict[str, Array]:
     conditions = dict(measured)
     for name in TEMPERATURES:

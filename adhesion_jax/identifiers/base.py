@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.records import Known, Record
 
+Flag = bool | Bool[Array, ""]
 State = Any  # each identifier carries its own
 Seen = Any  # each reducer its own
 Carry = tuple[State, Seen]

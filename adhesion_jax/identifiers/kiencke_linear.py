@@ -13,7 +13,7 @@ from typing import NamedTuple, cast
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from adhesion_jax.curves import free_values
+from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
@@ -108,9 +108,9 @@ def forgetting(
     slip: Float[Array, ""],
     adhesion: Float[Array, ""],
     x: Pair,
-    least: Float[Array, ""],
-    most: Float[Array, ""],
-    gain: Float[Array, ""],
+    least: Scalar,
+    most: Scalar,
+    gain: Scalar,
 ) -> Float[Array, ""]:
     """Eta = max(least, most - gain |mu - mu_hat(l; p(k-1))|) (Qian et al. 2024, Eq. 9).
 

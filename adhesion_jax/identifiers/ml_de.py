@@ -4,9 +4,10 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.curves import Scalar
+from adhesion_jax.identifiers.base import Estimate, Flag, Identifier
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
 from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, without_past
 from adhesion_jax.optim import differential_evolution as de
@@ -33,12 +34,12 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = True
     RESETS: ClassVar[bool] = False
 
-    local_share: Float[Array, ""]
-    radius: Float[Array, ""]
-    scale_low: Float[Array, ""]
-    scale_gain: Float[Array, ""]
-    scale_least: Float[Array, ""]
-    reflect: Bool[Array, ""]
+    local_share: Scalar
+    radius: Scalar
+    scale_low: Scalar
+    scale_gain: Scalar
+    scale_least: Scalar
+    reflect: Flag
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)
@@ -59,7 +60,7 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
         settings = de.Settings(
             scale=self.scale_factor(innovation),
             crossover=jnp.asarray(CROSSOVER),
-            reflect=self.reflect,
+            reflect=jnp.asarray(self.reflect),
             tolerance=_SPREAD / points,
         )
         sums = burckhardt_sums(known, record)
@@ -98,8 +99,8 @@ def _variant(
     scale_least: float = 0.0,
     reflect: bool = False,
 ) -> DifferentialEvolutionMaximumLikelihood:
-    numbers = map(jnp.asarray, (local_share, radius, scale_low, scale_gain, scale_least, reflect))
-    return DifferentialEvolutionMaximumLikelihood(*numbers)
+    numbers = (local_share, radius, scale_low, scale_gain, scale_least)
+    return DifferentialEvolutionMaximumLikelihood(*numbers, reflect)
 
 
 #: Random start and constant F (Experiment 2); Eq. 16 and Eq. 17 alone; both (Experiment 3); and

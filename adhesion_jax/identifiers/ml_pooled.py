@@ -3,13 +3,12 @@
 from operator import itemgetter
 from typing import ClassVar, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.scipy.special import betainc
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import free_values
+from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.burckhardt_sums import (
     burckhardt_information,
@@ -83,7 +82,7 @@ class PooledMaximumLikelihood(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = False
     RESETS: ClassVar[bool] = True
 
-    level: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.asarray(1e-4))
+    level: Scalar = 1e-4
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)

@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import free_values
+from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
@@ -62,9 +62,9 @@ class BiasCompensatedProgram(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = False
     RESETS: ClassVar[bool] = False
 
-    eta_least: Float[Array, ""]
-    eta_most: Float[Array, ""]
-    gain: Float[Array, ""]
+    eta_least: Scalar
+    eta_most: Scalar
+    gain: Scalar
 
     def accepts(self, known: Known) -> str | None:
         return needs_kiencke(known)
@@ -74,7 +74,8 @@ class BiasCompensatedProgram(Identifier):
         normal = Normal(*(zero for _ in Normal._fields))
         noise = Noise(*(zero for _ in Noise._fields))
         x1, x2 = free_values(known.curve)
-        return begin(known, Recursion(normal, noise, jnp.int32(0), (x1, x2), self.eta_most))
+        eta = jnp.asarray(self.eta_most)
+        return begin(known, Recursion(normal, noise, jnp.int32(0), (x1, x2), eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         return after_record(self._step, state, record)
@@ -139,4 +140,4 @@ def compensated(normal: Normal, noise: Noise, s2: Float[Array, ""]) -> Normal:
 
 
 #: With the settings of Algorithm 2.
-qp_bias_compensated = BiasCompensatedProgram(*map(jnp.asarray, (0.971, 1.0, 2.0)))
+qp_bias_compensated = BiasCompensatedProgram(0.971, 1.0, 2.0)

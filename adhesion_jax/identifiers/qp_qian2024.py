@@ -5,8 +5,8 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import free_values
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.curves import Scalar, free_values
+from adhesion_jax.identifiers.base import Estimate, Flag, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
     Pair,
@@ -49,13 +49,13 @@ class QuadraticProgram(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = False
     RESETS: ClassVar[bool] = False
 
-    weight_falls: Bool[Array, ""]
-    eta_least: Float[Array, ""]
-    eta_most: Float[Array, ""]
-    gain: Float[Array, ""]
-    redistributes: Bool[Array, ""]
-    low: Float[Array, ""]
-    high: Float[Array, ""]
+    weight_falls: Flag
+    eta_least: Scalar
+    eta_most: Scalar
+    gain: Scalar
+    redistributes: Flag
+    low: Scalar
+    high: Scalar
 
     def accepts(self, known: Known) -> str | None:
         return needs_kiencke(known)
@@ -65,7 +65,8 @@ class QuadraticProgram(Identifier):
         normal = Normal(*(zero for _ in Normal._fields))
         history = tuple((zero, zero, zero) for _ in range(5))
         x1, x2 = free_values(known.curve)
-        return begin(known, Recursion(normal, history, jnp.int32(0), (x1, x2), self.eta_most))
+        eta = jnp.asarray(self.eta_most)
+        return begin(known, Recursion(normal, history, jnp.int32(0), (x1, x2), eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         return after_record(self._step, state, record)
@@ -121,7 +122,7 @@ def variant(
 ) -> QuadraticProgram:
     low, high, gain = -0.8, -0.7, 2.0
     numbers = (weight_falls, eta_least, eta_most, gain, redistributes, low, high)
-    return QuadraticProgram(*map(jnp.asarray, numbers))
+    return QuadraticProgram(*numbers)
 
 
 #: Algorithms 1 and 2. The gain and the critical interval are not printed.

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import free_values
+from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
@@ -106,9 +106,9 @@ class RefinedInstruments(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = False
     RESETS: ClassVar[bool] = True
 
-    huber: Float[Array, ""]
-    gain: Float[Array, ""]  # least gain of the scale
-    prior: Float[Array, ""]  # standard deviation of the start, as a share of the box
+    huber: Scalar
+    gain: Scalar  # least gain of the scale
+    prior: Scalar  # standard deviation of the start, as a share of the box
 
     def accepts(self, known: Known) -> str | None:
         return needs_kiencke(known)
@@ -323,4 +323,4 @@ def _covariance(sums: Sums) -> Float[Array, "2 2"]:
 #: of them does as well as 1.5. gain = .02 lets the scale follow some fifty samples, so that its
 #: standard error is 8 %. prior = .1: a deviation of a tenth of the box matters with a handful of
 #: samples, or longer where p2 stays uncertain by hundreds (wet rail, ten times the noise).
-riv = RefinedInstruments(*map(jnp.asarray, (2.0, 0.02, 0.1)))
+riv = RefinedInstruments(2.0, 0.02, 0.1)

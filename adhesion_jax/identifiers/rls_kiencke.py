@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.curves import free_values
+from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
     Pair,
@@ -45,9 +45,9 @@ class RecursiveLeastSquares(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = False
     RESETS: ClassVar[bool] = False
 
-    eta_least: Float[Array, ""]
-    eta_most: Float[Array, ""]
-    gain: Float[Array, ""]
+    eta_least: Scalar
+    eta_most: Scalar
+    gain: Scalar
 
     def accepts(self, known: Known) -> str | None:
         return needs_kiencke(known)
@@ -55,7 +55,8 @@ class RecursiveLeastSquares(Identifier):
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         zero, wide = jnp.zeros(()), jnp.asarray(_PRIOR**2)
         x1, x2 = free_values(known.curve)
-        return begin(known, Recursion((x1, x2), wide, zero, wide, zero, zero, zero, self.eta_most))
+        eta = jnp.asarray(self.eta_most)
+        return begin(known, Recursion((x1, x2), wide, zero, wide, zero, zero, zero, eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         return after_record(self._step, state, record)
@@ -94,5 +95,5 @@ class RecursiveLeastSquares(Identifier):
         )
 
 
-rls_kiencke = RecursiveLeastSquares(*map(jnp.asarray, (0.99, 0.99, 0.0)))
-rls_kiencke_variable = RecursiveLeastSquares(*map(jnp.asarray, (0.9, 1.0, 2.0)))
+rls_kiencke = RecursiveLeastSquares(0.99, 0.99, 0.0)
+rls_kiencke_variable = RecursiveLeastSquares(0.9, 1.0, 2.0)

@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
 from adhesion_jax.identifiers.online import OnlineState, begin, over_fresh_samples
 from adhesion_jax.optim.recursive_slope import slope_step
@@ -56,8 +57,8 @@ class RecursiveSlope(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = False
     RESETS: ClassVar[bool] = False
 
-    gamma: Float[Array, ""]  # s^4/m^2
-    time_constant: Float[Array, ""]  # of the low-pass, s
+    gamma: Scalar  # s^4/m^2
+    time_constant: Scalar  # of the low-pass, s
 
     def accepts(self, known: Known) -> str | None:
         if "slope" in known.asked:
@@ -106,7 +107,7 @@ class RecursiveSlope(Identifier):
         y = jnp.where(first, 0.0, rise * (adhesion - state.adhesion))
         phi = jnp.where(first, 0.0, rise * (slip_velocity - state.slip_velocity))
 
-        found = slope_step(state.theta, state.p, y, phi, self.gamma)
+        found = slope_step(state.theta, state.p, y, phi, jnp.asarray(self.gamma))
         gain, innovation = found.gain, found.innovation
 
         # The noise of y is rise (e - u), where e is the noise of the sample; the innovation has
@@ -135,4 +136,4 @@ class RecursiveSlope(Identifier):
 #: Neither number is printed. Our reading: where slip velocity changes by 1 m/s^2 and samples are
 #: 10 ms apart the filter reaches back 0.1 s and the recursion 3 samples more. On fang2018-slope a
 #: longer memory lags by more than it gains in noise.
-rls_slope = RecursiveSlope(gamma=jnp.asarray(0.3), time_constant=jnp.asarray(0.1))
+rls_slope = RecursiveSlope(gamma=0.3, time_constant=0.1)

@@ -1,7 +1,6 @@
 """One measured record, one curve, nothing known beforehand: the best fit in the physical box."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -17,6 +16,7 @@ from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
 #: Largest slip, in m/s, that a peak is looked for at where slip is a velocity.
@@ -176,9 +176,9 @@ def fit_all(
     # Nearly all the time is compilation, which a second thread can share. The programs themselves
     # run one after the other, which costs little.
     with runtime.threads() as pool:
-        compiled = pool.map(lambda problem: _fit.lower(*problem).compile(), problems.values())
+        compiled = pool.map(lambda problem: _fit.ready(*problem), problems.values())
         return {
-            name: _measured_fit(problem, run(*problem), slip_is_velocity)
+            name: _measured_fit(problem, run(jax.tree.leaves(problem)), slip_is_velocity)
             for (name, problem), run in zip(problems.items(), compiled, strict=True)
         }
 
@@ -206,7 +206,7 @@ def _box_share_to_parameters(
 
 
 # Compiling takes many times as long as running; unoptimised it takes a third less.
-@partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+@kept(compiler={"xla_backend_optimization_level": "0"})
 def _fit(
     curve: Curve,
     slip: Float[Array, " points"],
@@ -286,7 +286,7 @@ def _fit(
     return parameters, covariance, bound, unfelt, sum_of_squares, peak, peak_se, converged
 
 
-@jax.jit
+@kept()
 def _band(
     curve: Curve,
     covariance: Float[Array, "free free"],

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_free_values
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Known
 
 C = TypeVar("C", bound=Curve)
@@ -28,7 +29,9 @@ def quantities(curve: Curve, known: Known) -> Float[Array, " values"]:
     return jnp.concatenate([free_values(curve), jnp.stack([peak.adhesion, peak.slip])])
 
 
-_quantities_of_many = jax.jit(jax.vmap(quantities, in_axes=(0, None)))
+@kept()
+def _quantities_of_many(curves: Curve, known: Known) -> Float[Array, "curves values"]:
+    return jax.vmap(quantities, in_axes=(0, None))(curves, known)
 
 
 def true_quantities(curves: Curve, known: Known) -> Mapping[str, np.ndarray]:

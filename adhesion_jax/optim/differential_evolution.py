@@ -45,9 +45,9 @@ def local_plus_uniform(
     centre: Float[Array, " p"],
     lower: Float[Array, " p"],
     upper: Float[Array, " p"],
-    local_share: Float[Array, ""],
-    radius: Float[Array, ""],
-    reflect: Bool[Array, ""],
+    local_share: float | Float[Array, ""],
+    radius: float | Float[Array, ""],
+    reflect: bool | Bool[Array, ""],
     members: int,
 ) -> Float[Array, "p members"]:
     """An initial population: the first `local_share` of it around `centre`, the rest uniform.
@@ -135,7 +135,7 @@ def minimise(
     )
 
 
-def _into_box(x: Array, lower: Array, upper: Array, reflect: Bool[Array, ""]) -> Array:
+def _into_box(x: Array, lower: Array, upper: Array, reflect: bool | Bool[Array, ""]) -> Array:
     """Clipped, or mirrored at the bounds; then a step longer than the box is cut where it ends."""
     mirrored = jnp.where(x < lower, 2 * lower - x, x)
     mirrored = jnp.where(mirrored > upper, 2 * upper - mirrored, mirrored)

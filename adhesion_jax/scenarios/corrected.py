@@ -21,6 +21,7 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
@@ -157,7 +158,7 @@ def _box(curve: Curve) -> tuple[Float[Array, " free"], Float[Array, " free"]]:
     return jnp.array(lower), jnp.array(upper)
 
 
-@jax.jit
+@kept()
 def _has_peak(known: Known) -> Bool[Array, ""]:
     return known.curve.peak(known.conditions, known.slip_limit).found
 

@@ -1,6 +1,5 @@
 """A base law on all runs of a simulated set: its adhesion, and what it leaves unexplained."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.optimize import least_squares
 from adhesion_jax.curves import Conditions, Curve, free_values, physical_box, with_free_values
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.planting import Bend
+from adhesion_jax.programs import kept
 from adhesion_jax.simulation.runs import Runs
 
 
@@ -30,7 +30,7 @@ def on_runs(law: Curve, conditions: Conditions) -> Bend:
     return lambda slip: np.asarray(_adhesion(arrays, jnp.asarray(slip), conditions))
 
 
-@eqx.filter_jit
+@kept()
 def _adhesion(
     law: Curve, slip: Float[Array, "*shape"], conditions: Conditions
 ) -> Float[Array, "*shape"]:
@@ -66,7 +66,7 @@ def refitted(
     return with_free_values(law, jnp.asarray(fitted.x)), rms(fitted.fun)
 
 
-@eqx.filter_jit
+@kept()
 def _residual(
     values: Float[Array, " free"],
     law: Curve,
@@ -77,7 +77,7 @@ def _residual(
     return jnp.ravel(with_free_values(law, values)(slip, conditions) - adhesion)
 
 
-@eqx.filter_jit
+@kept()
 def _jacobian(
     values: Float[Array, " free"],
     law: Curve,

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import Sample, Totals
+from adhesion_jax.programs import kept
 from adhesion_jax.traction.controllers import Controller
 from adhesion_jax.traction.driver import BRAKING, DONE, Driver, lowered
 from adhesion_jax.traction.integration import RK4_STABLE, jacobian, rk4
@@ -136,7 +137,7 @@ def largest_step(loop: Loop) -> tuple[float, str]:
     return by_plant, "the plant, which is integrated by RK4,"
 
 
-@jax.jit
+@kept()
 def _jacobians(
     plant: Plant,
     rails: Rails,

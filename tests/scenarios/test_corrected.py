@@ -27,7 +27,6 @@ from adhesion_jax.effects.wheel_order import WheelOrder
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.report.montecarlo import figures
-from adhesion_jax.runtime import compilation_folder
 from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
 from adhesion_jax.studies.baseline.accuracy import homes
 
@@ -91,8 +90,7 @@ def humid(tmp_path_factory):
     """A campaign, its summary by quantity, its estimates and those that two workers find."""
     chosen = options(tmp_path_factory.mktemp("law"), HUMIDITY, points=60)
     config = Config("corrected", ("ml-exact",), chosen, runs=200)
-    with compilation_folder():  # the workers take what is compiled here
-        return config, *summary_of(config, workers=1), summary_of(config, workers=2)[1]
+    return config, *summary_of(config, workers=1), summary_of(config, workers=2)[1]
 
 
 def test_who_ignores_humidity_is_wrong_by_what_it_takes(humid):

@@ -366,7 +366,6 @@ def test_a_missing_baseline_is_answered_before_any_work(tmp_path):
 def test_the_command_updates_passes_and_fails(tmp_path, monkeypatch):
     monkeypatch.setattr(regression, "IDENTIFIERS", {NAME: IDENTIFIERS[NAME]})
     monkeypatch.setattr(regression, "RUNS", RUNS)
-    monkeypatch.setattr(regression, "share_compilations", lambda _: None)
     monkeypatch.setattr(regression, "measure_speed", lambda *_: speeds(40.0))  # no clock
     path = tmp_path / "baseline.csv"
     asked = ["--baseline", str(path), "--out", str(tmp_path / "out")]

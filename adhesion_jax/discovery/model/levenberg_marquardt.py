@@ -1,6 +1,5 @@
 """Least squares of a model under a noise: Levenberg-Marquardt inside the bounds, as one program."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -9,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.discovery.model.noise import Whitening
 from adhesion_jax.discovery.model.program import QUICKLY, Data, Model, with_jacobian
+from adhesion_jax.programs import kept
 
 #: Largest number of steps.
 _STEPS = 40
@@ -71,7 +71,7 @@ class _Step(NamedTuple):
     steps: Int[Array, ""]
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
+@kept(compiler=QUICKLY)
 def fit(
     model: Model,
     data: Data,

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +13,7 @@ from adhesion_jax.discovery.model.program import Data
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, completed
 from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
 #: Columns that effects refer to by name. If the data lack such a column it is filled with 1.
@@ -141,7 +141,7 @@ def expected_slips(slip_noise: SlipNoise, record: Record) -> ExpectedSlip:
     return _expected(arrays, jnp.asarray(record.slip), conditions)
 
 
-@eqx.filter_jit
+@kept()
 def _expected(
     slip_noise: SlipNoise, slip: Float[Array, "runs points"], conditions: Conditions
 ) -> ExpectedSlip:

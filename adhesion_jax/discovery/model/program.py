@@ -20,6 +20,7 @@ from adhesion_jax.discovery.model.noise import Whitening, whitened
 from adhesion_jax.effects import KINDS, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
 from adhesion_jax.effects.slip_noise import SlipNoise
+from adhesion_jax.programs import kept
 
 #: `changes` takes this many models at a time, whatever their number: one program for all data.
 PROBES = 16
@@ -297,7 +298,7 @@ def with_jacobian(
     return adhesion, whitened(white, adhesion - data.adhesion), jacobian
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
+@kept(compiler=QUICKLY)
 def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs points"]:
     """The prediction of each model less the prediction `now`."""
 
@@ -307,7 +308,7 @@ def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs 
     return jax.lax.map(change, models)
 
 
-@jax.jit
+@kept()
 def whiten(
     white: Whitening, signals: Float[Array, "signals runs points"]
 ) -> Float[Array, "signals runs points"]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -28,6 +27,7 @@ from adhesion_jax.discovery.model.problem import Problem, prepare
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.slip_bias import SlipBias
 from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, log_density
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
 #: Columns that the noise of a slip ratio may be divided by, "" for none: that of a wheel speed is
@@ -164,7 +164,7 @@ def _losses(record: Record, falls_with: str, choices: np.ndarray) -> np.ndarray:
     return -np.asarray(_log_densities(np.exp(choices), falls_with, slip, mask, conditions))
 
 
-@partial(jax.jit, static_argnums=1)
+@kept(static=(1,))
 def _log_densities(
     choices: Float[Any, "choices two"],
     falls_with: str,

@@ -1,7 +1,6 @@
 """Probes: what an effect that is not in a model would change in its prediction."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import jax
@@ -21,6 +20,7 @@ from adhesion_jax.discovery.model.program import PROBES, changes, pack, words_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import Covariate, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON
+from adhesion_jax.programs import kept
 
 #: Size of the constant by which the derivative with respect to a `ShapeTerm` is taken.
 _NUDGE = 1e-4
@@ -85,7 +85,7 @@ def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
     return problem.terms[key]
 
 
-@partial(jax.jit, static_argnums=0)
+@kept(static=(0,))
 def _log_factor(
     kind: type[ShapeTerm],
     numbers: Mapping[str, Scalar],

@@ -1,0 +1,306 @@
+"""Compiled programs, kept from one process to the next, and never older than their source.
+
+A program is known by the content of all that it is made from (`digest`). It lies in a folder of
+the user's own, where nobody else may write: `ADHESION_JAX_CACHE` names another one, or is `off`.
+"""
+
+import atexit
+import os
+import pickle
+import platform
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, wraps
+from hashlib import sha256
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from filelock import FileLock
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
+from platformdirs import user_cache_path
+
+from adhesion_jax.runtime import is_double
+
+#: The variable that names the folder.
+VARIABLE = "ADHESION_JAX_CACHE"
+
+#: Most bytes of the programs that are kept, and as many again of the small ones that jax keeps.
+MOST_BYTES = 2**29
+
+_PACKAGE = Path(__file__).parent
+_LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimistix")
+
+_Form = Any  # jax.tree_util.PyTreeDef
+_Kind = tuple[tuple[int, ...], Any, bool]
+_Options = Mapping[str, str | bool]
+
+#: Sources from outside the package by their path, as `plugins` read them.
+_outside: dict[Path, bytes] = {}
+
+_folder: list[Path] = []  # none before it is asked for
+
+
+def outside(path: Path, source: bytes) -> None:
+    """From now on programs depend on this source, too."""
+    _outside[path] = source
+
+
+def digest() -> str:
+    """All that a program depends on beside its arguments, in a number of fixed length.
+
+    The source of the package and of what was loaded from outside, versions, flags, the settings of
+    jax, and the kind of the processor.
+    """
+    content = sha256(_of_machine().encode())
+    content.update(os.environ.get("XLA_FLAGS", "").encode())
+    content.update(repr(sorted(_settings())).encode())
+    for path, source in sorted(_outside.items()):
+        content.update(f"{path}:{len(source)}:".encode() + source)
+    return content.hexdigest()
+
+
+@cache
+def _of_machine() -> str:
+    """Source of the package, versions and processor, which do not change while a process runs."""
+    content = sha256()
+    for path in sorted(_PACKAGE.rglob("*")):
+        if path.is_file() and path.suffix != ".pyc":
+            source = path.read_bytes()
+            content.update(f"{path.relative_to(_PACKAGE)}:{len(source)}:".encode() + source)
+    versions = [f"{name} {version(name)}" for name in _LIBRARIES]
+    content.update(repr((platform.python_version(), versions, _processor())).encode())
+    return content.hexdigest()
+
+
+def _processor() -> str:
+    """Its name and what it can do: a program compiled for another one may not run here."""
+    told = Path("/proc/cpuinfo")
+    if not told.exists():
+        return f"{platform.machine()} {platform.processor()}"
+    lines = told.read_text(encoding="utf-8", errors="replace").split("\n\n")[0].splitlines()
+    names = ("model name", "flags", "Features", "CPU part")
+    return "\n".join(line for line in lines if line.startswith(names))
+
+
+def _settings() -> Iterable[tuple[str, str]]:
+    """The settings of jax, but for those of its own cache and its log, in this thread."""
+    for name, value in jax.config.values.items():
+        if "cache" not in name and "log" not in name:
+            yield name, repr(value)
+    yield "jax_enable_x64", repr(is_double())
+
+
+def folder() -> Path:
+    """Where programs are kept: the user's cache folder, or one that passes with this process."""
+    if not _folder:
+        asked = os.environ.get(VARIABLE, "")
+        _folder.append(_passing() if asked == "off" else _own(asked))
+    return _folder[0]
+
+
+def use(path: Path) -> None:
+    """Keep programs in the folder that another process of this command has chosen."""
+    _folder[:] = [path]
+
+
+def _own(asked: str) -> Path:
+    path = Path(asked).expanduser().absolute() if asked else user_cache_path("adhesion_jax")
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (path / "locks").mkdir(exist_ok=True)
+        reason = _reason_not_to_trust(path)
+    except OSError as error:
+        reason = f"{path} cannot be written to ({error.strerror})"
+    if reason is None:
+        return path
+    print(
+        f"Compiled programs are not kept: {reason}. Name a folder of your own by {VARIABLE}, or "
+        "switch them off by the value off.",
+        file=sys.stderr,
+    )
+    return _passing()
+
+
+def _reason_not_to_trust(path: Path) -> str | None:
+    """A program that is loaded is run: nobody else may have been able to put it there."""
+    if not hasattr(os, "getuid"):
+        return None  # the folders of a Windows profile are the user's own
+    if not os.access(path, os.W_OK):
+        return f"{path} cannot be written to"
+    resolved = path.resolve()
+    for place in (resolved, *resolved.parents):
+        status = place.stat()
+        sticky = place != resolved and status.st_mode & stat.S_ISVTX
+        if status.st_uid not in (0, os.getuid()):
+            return f"{place} belongs to another user"
+        if status.st_mode & 0o022 and not sticky:
+            return f"others may write to {place}"
+    return None
+
+
+def _passing() -> Path:
+    path = Path(tempfile.mkdtemp(prefix="adhesion_jax-"))
+    (path / "locks").mkdir()
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return path
+
+
+def share_with_jax() -> None:
+    """Let jax keep its small programs, which it knows by their content, in the same folder.
+
+    Where the user has named a folder to jax, that one stays.
+    """
+    if jax.config.values["jax_compilation_cache_dir"] is None:
+        own = folder() / f"jax-{sha256(_processor().encode()).hexdigest()[:16]}"
+        jax.config.update("jax_compilation_cache_dir", str(own))
+        jax.config.update("jax_compilation_cache_max_size", MOST_BYTES)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def program(name: object, make: Callable[[], jax.stages.Compiled]) -> Callable[..., Any]:
+    """The program of that name and of the present `digest`: taken from the folder, or made.
+
+    Where another process is making it just now, it is waited for. What does not tell its content
+    (a local function in the name) is made anew in every process.
+    """
+    text = _told(name)
+    if text is None:
+        return make()
+    key = sha256(digest().encode() + text).hexdigest()
+    path = folder() / f"{key}.program"
+    with FileLock(folder() / "locks" / f"{key[:3]}.lock"):
+        found = _loaded(path)
+        if found is None:
+            found = make()
+            _keep(path, found)
+    return found
+
+
+def _told(name: object) -> bytes | None:
+    stream = BytesIO()
+    pickler = pickle.Pickler(stream)
+    pickler.fast = True  # equal names give equal bytes, whichever of their parts are one object
+    try:
+        pickler.dump(name)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+    return stream.getvalue()
+
+
+def _loaded(path: Path) -> jax.stages.Compiled | None:
+    """The program that lies there whole; None where there is none, or a damaged one."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    if content[:32] != sha256(content[32:]).digest():
+        return None
+    # A program that is loaded calls LAPACK where it was found when one was traced: without
+    # that it calls address zero.
+    _find_lapack()
+    try:
+        found = deserialize_and_load(*pickle.loads(content[32:]))
+        os.utime(path)  # the time of its last use
+    except Exception:  # whatever jax or the system says of it, it can be made again
+        return None
+    return found
+
+
+@cache
+def _find_lapack() -> None:
+    jax.jit(jnp.linalg.cholesky).trace(jax.ShapeDtypeStruct((2, 2), jnp.float32)).lower()
+
+
+def _keep(path: Path, made: jax.stages.Compiled) -> None:
+    try:
+        payload = pickle.dumps(serialize(made))
+    except (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError):
+        return
+    partly = path.with_suffix(f".{os.getpid()}")
+    try:
+        partly.write_bytes(sha256(payload).digest() + payload)
+        partly.replace(path)
+        _bound(path.parent)
+    except OSError:  # a full disk costs the next process some seconds, and this one nothing
+        partly.unlink(missing_ok=True)
+
+
+def _bound(where: Path) -> None:
+    """Remove the programs whose last use is longest ago until the others have room."""
+    used = []
+    for path in where.glob("*.program"):
+        try:
+            status = path.stat()
+        except FileNotFoundError:  # removed by another process
+            continue
+        used.append((status.st_mtime, status.st_size, path))
+    total = 0
+    for _, size, path in sorted(used, reverse=True):
+        total += size
+        if total > MOST_BYTES:
+            path.unlink(missing_ok=True)
+
+
+class Kept:
+    """A function of a module, compiled as by `jax.jit`, whose programs are kept.
+
+    Its arguments are given by position; `static` are the places of those that are no arrays.
+    Inside another program it is a part of that one, as with `jax.jit`.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], compiler: _Options, static: tuple[int, ...]
+    ) -> None:
+        self.function, self.options, self.static = function, dict(compiler), static
+        self.jitted = jax.jit(function, static_argnums=static, compiler_options=self.options)
+        self.programs: dict[object, Callable[..., Any]] = {}
+
+    def __call__(self, *arguments: Any) -> Any:
+        leaves = jax.tree.leaves(self._arrays(arguments))
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return self.jitted(*arguments)
+        return self.ready(*arguments)(leaves)
+
+    def ready(self, *arguments: Any) -> Callable[[list[Any]], Any]:
+        """The program for arguments like these, of the leaves of those that are arrays."""
+        leaves, form = jax.tree.flatten(self._arrays(arguments))
+        kinds = tuple(map(_kind, leaves))
+        fixed = tuple(arguments[place] for place in self.static)
+        known = (form, kinds, fixed, is_double(), len(_outside))
+        if known not in self.programs:
+
+            def of_leaves(leaves: list[Any]) -> Any:
+                given = list(jax.tree.unflatten(form, leaves))
+                for place, value in zip(self.static, fixed, strict=True):
+                    given[place] = value
+                return self.function(*given)
+
+            def make() -> jax.stages.Compiled:
+                shapes = [jax.ShapeDtypeStruct(s, d, weak_type=w) for s, d, w in kinds]
+                return jax.jit(of_leaves).lower(shapes).compile(self.options)
+
+            whose = (self.function.__module__, self.function.__qualname__, self.options)
+            self.programs[known] = program((whose, form, str(kinds), fixed), make)
+        return self.programs[known]
+
+    def _arrays(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(None if i in self.static else one for i, one in enumerate(arguments))
+
+
+def kept(*, compiler: _Options = MappingProxyType({}), static: tuple[int, ...] = ()) -> Any:
+    """A decorator that makes a function of a module one whose programs are kept (`Kept`)."""
+    return lambda function: wraps(function)(Kept(function, compiler, static))
+
+
+def _kind(leaf: Any) -> _Kind:
+    kind = jax.typeof(leaf)
+    return kind.shape, kind.dtype, kind.weak_type
