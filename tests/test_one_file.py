@@ -19,24 +19,29 @@ from adhesion_jax.simulation.simulator import simulate
 
 PACKAGE = Path(adhesion_jax.__file__).parent
 HERE = Path(__file__).parent
-README = HERE.parent / "README.md"
+PAGE = HERE.parent / "docs" / "extending.md"
 
 #: What is copied: sources, and the files that are read beside them.
 KEPT = (".py", ".csv", ".html", ".toml")
 
 
-def effect_of_readme() -> str:
-    """The file that README tells to write: the head of the effect to copy, and its example."""
-    section = README.read_text().split("### A new effect in one file")[1].split("\n### ")[0]
+def section_of(heading: str) -> str:
+    """What stands under a heading of the page, up to the next one."""
+    return PAGE.read_text(encoding="utf-8").split(f"\n{heading}\n")[1].split("\n##")[0]
+
+
+def effect_of_page() -> str:
+    """The file that the page tells to write: the head of the effect to copy, and its example."""
+    section = section_of("### A new effect in one file")
     copied = re.search(r"Copy \[`(adhesion_jax/effects/\w+\.py)`\]", section)
     (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     head = (PACKAGE.parent / copied[1]).read_text().split("\n_SOURCE")[0]
     return f"{head}\n\n{example}"
 
 
-def identifier_of_readme() -> str:
-    """The file that README tells to write for a new method."""
-    section = README.read_text().split("## A new method in one file")[1].split("\n## ")[0]
+def identifier_of_page() -> str:
+    """The file that the page tells to write for a new method."""
+    section = section_of("## A new method in one file")
     (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     return example
 
@@ -61,7 +66,7 @@ def told(tmp_path_factory):
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, place)
 
-    (package / "effects" / "leaves.py").write_text(effect_of_readme())
+    (package / "effects" / "leaves.py").write_text(effect_of_page())
     lines_added(
         package / "effects" / "__init__.py",
         "EFFECTS",
@@ -75,7 +80,7 @@ def told(tmp_path_factory):
         '"hyperbolic": Hyperbolic(a=0.3, b=50.0, c=0.3),',
         "from adhesion_jax.curves.hyperbolic import Hyperbolic",
     )
-    (package / "identifiers" / "damped.py").write_text(identifier_of_readme())
+    (package / "identifiers" / "damped.py").write_text(identifier_of_page())
     lines_added(
         package / "identifiers" / "__init__.py",
         "IDENTIFIERS",
@@ -149,7 +154,7 @@ def test_the_law_of_the_report_is_loaded_and_gives_the_same(told):
 
 def test_the_report_speaks_in_the_words_of_the_effect(told):
     report = told["found"]["report"]
-    example = re.findall(r'"([^"]*)"  # for the reader', README.read_text())
+    example = re.findall(r'"([^"]*)"  # for the reader', section_of("### A new effect in one file"))
     assert example
     assert example[0] in report
     assert "leaves on the rail" in report.lower()
@@ -192,7 +197,7 @@ def test_the_new_method_is_measured_among_the_others_and_reaches_the_bound(told)
 
 @functools.cache
 def example() -> ast.Module:
-    return ast.parse(effect_of_readme())
+    return ast.parse(effect_of_page())
 
 
 def name_of(part: ast.stmt) -> str:
@@ -201,7 +206,7 @@ def name_of(part: ast.stmt) -> str:
 
 def leaves(without: str = ""):
     """The class of the example, but for one of its declarations."""
-    module = ast.parse(effect_of_readme())
+    module = ast.parse(effect_of_page())
     (written,) = [part for part in module.body if isinstance(part, ast.ClassDef)]
     kept = [
         part

@@ -404,8 +404,9 @@ def test_claims_on_forty_campaigns_of_nothing_are_as_rare_as_they_are_said_to_be
     for seed in range(100, 140):
         _, found = found_in([], seed)
         claims += bool(found.effects or found.unexplained)
-    # README: at most .028 of such campaigns have a claim; five or more of 40 then have one in less
-    # than one try of a hundred, and four or fewer, where the share is a fifth, in one of ten.
+    # docs/results.md: at most .028 of such campaigns have a claim; five or more of 40 then have
+    # one in less than one try of a hundred, and four or fewer, where the share is a fifth, in one
+    # of ten.
     assert binom.sf(4, 40, 0.028) < 0.01
     assert binom.cdf(4, 40, 0.2) < 0.1
     assert claims <= 4
@@ -426,8 +427,8 @@ def test_a_strong_effect_is_named_in_ten_of_a_dozen_campaigns(cause, column):
             intervals = found.effects[0].parameters
             for name, true in campaign.parameters[cause].items():
                 covered.append(intervals[name].low <= true <= intervals[name].high)
-    # README: one of half a sigma or more is in a class in 100 of 101; nine of twelve or fewer, if
-    # .97 of all are, in less than one try of a hundred.
+    # docs/results.md: one of half a sigma or more is in a class in 100 of 101; nine of twelve or
+    # fewer, if .97 of all are, in less than one try of a hundred.
     assert binom.cdf(9, 12, 0.97) < 0.01
     assert named >= 10
     # 95 % intervals; the parameters of one fit err together, and so count as one of a dozen.

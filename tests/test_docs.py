@@ -1,0 +1,82 @@
+"""The pages of the documentation: what they link to exists, and their blocks can be read."""
+
+import ast
+import re
+import textwrap
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+HOME = Path(__file__).resolve().parents[1]
+README = HOME / "README.md"
+DOCS = sorted((HOME / "docs").glob("*.md"))
+PAGES = [README, *DOCS, HOME / "results" / "README.md", HOME / "CHANGELOG.md"]
+
+LINES_OF_README = 150
+
+#: Indent, language and content of a fenced block.
+BLOCK = re.compile(r"^( *)```(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
+LINK = re.compile(r"\]\(([^()\s]+)\)")
+
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(HOME)))
+
+
+def text_of(page):
+    return page.read_text(encoding="utf-8")
+
+
+def prose_of(page):
+    """The text of a page without its fenced blocks."""
+    return BLOCK.sub("", text_of(page))
+
+
+def links_of(page):
+    """Where the links and pictures of a page within the repository lead: a path and an anchor."""
+    prose = re.sub(r"`[^`\n]*`", "", prose_of(page))
+    targets = [target for target in LINK.findall(prose) if ":" not in target]
+    parts = [target.partition("#") for target in targets]
+    return [(page.parent / path if path else page, anchor) for path, _, anchor in parts]
+
+
+def anchors_of(page):
+    """The headings of a page as GitHub makes anchors of them; a repeated one is numbered."""
+    seen = Counter()
+    for heading in re.findall(r"^#+ +(.*?) *$", prose_of(page), re.MULTILINE):
+        words = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).lower()
+        slug = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+        yield f"{slug}-{seen[slug]}" if seen[slug] else slug
+        seen[slug] += 1
+
+
+def test_the_readme_is_short():
+    assert len(text_of(README).splitlines()) <= LINES_OF_README
+
+
+@every_page
+def test_links_and_pictures_lead_somewhere(page):
+    wrong = [
+        f"{path}#{anchor}"
+        for path, anchor in links_of(page)
+        if not path.exists() or (anchor and anchor not in anchors_of(path))
+    ]
+    assert not wrong
+
+
+def test_the_readme_leads_to_every_page():
+    linked = {path.resolve() for path, _ in links_of(README)}
+    assert [page.name for page in DOCS if page not in linked] == []
+
+
+@every_page
+def test_fenced_blocks_are_closed_and_name_their_language(page):
+    blocks = BLOCK.findall(text_of(page))
+    assert text_of(page).count("```") == 2 * len(blocks)
+    assert all(language.strip() for _, language, _ in blocks)
+
+
+@every_page
+def test_python_blocks_are_python(page):
+    for _, language, content in BLOCK.findall(text_of(page)):
+        if language == "python":
+            ast.parse(textwrap.dedent(content))
