@@ -7,7 +7,8 @@ algorithm; three that decide about the noise stand in `model`, which imports not
 Each comment ends with the evidence, which is one of three kinds. "Convention": a usual choice of
 statistics. "Measured": on simulated sets. "By hand": chosen while the search was built, and never
 varied by itself. All rules together were measured by studies: of twice 200 sets with nothing hidden
-1 and 3 had a claim (README.md, `results/discovery_rates.csv`, `results/discovery_fresh_rates.csv`).
+1 and 3 had a claim (docs/results.md, `results/discovery_rates.csv` and
+`results/discovery_fresh_rates.csv`).
 
 Units: a gain is in units of the log likelihood of runs left out, summed over the runs. A share of
 the loss is one of half the number of points, which is the loss that noise alone makes. A run
