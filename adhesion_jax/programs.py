@@ -18,8 +18,10 @@ from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
+from threading import local
 from types import MappingProxyType
 from typing import Any
+from uuid import uuid4
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +43,8 @@ _LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimist
 _Form = Any  # jax.tree_util.PyTreeDef
 _Kind = tuple[tuple[int, ...], Any, bool]
 _Options = Mapping[str, str | bool]
+
+NO_OPTIONS: _Options = MappingProxyType({})
 
 #: Sources from outside the package by their path, as `plugins` read them.
 _outside: dict[Path, bytes] = {}
@@ -166,23 +170,62 @@ def share_with_jax() -> None:
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
-def program(name: object, make: Callable[[], jax.stages.Compiled]) -> Callable[..., Any]:
-    """The program of that name and of the present `digest`: taken from the folder, or made.
+def program(
+    name: object, function: Callable[[Any], Any], argument: Any, compiler: _Options = NO_OPTIONS
+) -> jax.stages.Compiled:
+    """The compiled function of one argument, or of one like it: taken from the folder, or made.
 
-    Where another process is making it just now, it is waited for. What does not tell its content
-    (a local function in the name) is made anew in every process.
+    `name` says, with the present `digest`, which function it is. Where another process is making
+    the program just now, it is waited for. A name that does not tell its content (with a local
+    function in it) belongs to a program that is made anew in every process.
     """
     text = _told(name)
     if text is None:
-        return make()
+        return _made(function, argument, compiler)[0]
     key = sha256(digest().encode() + text).hexdigest()
     path = folder() / f"{key}.program"
     with FileLock(folder() / "locks" / f"{key[:3]}.lock"):
         found = _loaded(path)
         if found is None:
-            found = make()
+            found, whole = _made(function, argument, compiler)
+            if not whole:
+                again = _named(function, f"{function.__name__}_{uuid4().hex}")
+                found, _ = _made(again, argument, compiler)
             _keep(path, found)
     return found
+
+
+def _made(
+    function: Callable[[Any], Any], argument: Any, compiler: _Options
+) -> tuple[jax.stages.Compiled, bool]:
+    """The program, and whether it was compiled: one that jax has kept cannot be kept once more.
+
+    It would lack parts when it is loaded ("Function ... not found", jax 0.10).
+    """
+    _of_thread.hits = 0
+    made = jax.jit(function).lower(argument).compile(dict(compiler))
+    return made, _of_thread.hits == 0
+
+
+_of_thread = local()
+
+
+def _count_hits(event: str, **_: object) -> None:
+    if event == "/jax/compilation_cache/cache_hits":
+        _of_thread.hits = getattr(_of_thread, "hits", 0) + 1
+
+
+jax.monitoring.register_event_listener(_count_hits)
+
+
+def _named(function: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
+    """The function by another name, which jax takes for another program."""
+
+    def other(argument: Any) -> Any:
+        return function(argument)
+
+    other.__name__ = name
+    return other
 
 
 def _told(name: object) -> bytes | None:
@@ -284,19 +327,17 @@ class Kept:
                     given[place] = value
                 return self.function(*given)
 
-            def make() -> jax.stages.Compiled:
-                shapes = [jax.ShapeDtypeStruct(s, d, weak_type=w) for s, d, w in kinds]
-                return jax.jit(of_leaves).lower(shapes).compile(self.options)
-
+            shapes = [jax.ShapeDtypeStruct(s, d, weak_type=w) for s, d, w in kinds]
             whose = (self.function.__module__, self.function.__qualname__, self.options)
-            self.programs[known] = program((whose, form, str(kinds), fixed), make)
+            name = (whose, form, str(kinds), fixed)
+            self.programs[known] = program(name, of_leaves, shapes, self.options)
         return self.programs[known]
 
     def _arrays(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(None if i in self.static else one for i, one in enumerate(arguments))
 
 
-def kept(*, compiler: _Options = MappingProxyType({}), static: tuple[int, ...] = ()) -> Any:
+def kept(*, compiler: _Options = NO_OPTIONS, static: tuple[int, ...] = ()) -> Any:
     """A decorator that makes a function of a module one whose programs are kept (`Kept`)."""
     return lambda function: wraps(function)(Kept(function, compiler, static))
 

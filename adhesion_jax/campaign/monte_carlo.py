@@ -25,6 +25,7 @@ from adhesion_jax.campaign.tiles import (
     bound_tile,
     draw_tile,
     identify_tile,
+    make_ready,
     tile_runs,
 )
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, Status
@@ -40,6 +41,9 @@ REFERENCE = "ml-exact"
 
 #: The bands of a stream are those of the runs of this many tiles, so that memory is flat.
 _BAND_TILES = 2
+
+#: A campaign of at most as many tiles is run in this process alone.
+_FEW_TILES = 2
 
 #: Statuses that count as a failure whatever the method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
@@ -83,6 +87,11 @@ def run_campaigns(
     """
     work = [unit for config in configs for unit in _work(config, identifiers)]
     tiles = len({tile for _, tile, _, _ in work})
+    if tiles <= _FEW_TILES:  # processes would take longer to start than the work does
+        workers = 1
+        first = [unit for unit in work if unit[1] == 0]
+        for config in configs:
+            make_ready(config, [method for whose, _, _, method in first if whose == config])
     with mapped(identify_tile, work, min(workers, tiles)) as results:
         return [_gathered(config, results, keep, progress, identifiers) for config in configs]
 

@@ -241,7 +241,8 @@ def _draw(stage: Path, jobs: Sequence[Job], tables: Mapping[str, pd.DataFrame]) 
             of_job = tables["bands"][tables["bands"]["scenario"] == name]
             figures.bands(stage / "bands.png", truth, of_job, steps)
             continue
-        figures.tracking(stage / "tracking.png", truth, estimates, list(identifiers))
+        if len(truth) > 1:  # a single block has no course
+            figures.tracking(stage / "tracking.png", truth, estimates, list(identifiers))
         if isinstance(scenario, GrowingSequence):
             slip = np.asarray(scenario.slip)
             reached = [float(slip[length - 1]) for length in scenario.lengths]
