@@ -81,6 +81,10 @@ class Identifier(eqx.Module):
     #: Whether it ever gives up its past at once, on data that contradict it.
     RESETS: eqx.AbstractClassVar[bool]
 
+    #: Whether its estimates rest on all the blocks since the rail last changed, and not on the last
+    #: one alone: its bound is then that of all of them.
+    POOLS: ClassVar[bool] = False
+
     #: Whether the compiler is to fuse the loops of its programs. That takes half as long again to
     #: compile, and makes one long loop over generations several times as fast, others hardly.
     FUSED: ClassVar[bool] = False
