@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy import stats
+from scipy.special import stdtrit
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import SLIP_LIMIT, Curve, Peak, Scalar, physical_box, with_free_values
@@ -98,7 +98,7 @@ class MeasuredFit(NamedTuple):
     @property
     def quantile(self) -> float:
         """Half the width of a 95 % interval in standard errors: Student's t with n - p."""
-        return float(stats.t.ppf(0.975, self.points - np.sum(~self.held)))
+        return float(stdtrit(self.points - np.sum(~self.held), 0.975))
 
     @property
     def status(self) -> Status:
