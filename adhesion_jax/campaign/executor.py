@@ -9,7 +9,7 @@ from multiprocessing.queues import Queue
 from pathlib import Path
 from typing import Any, TypeVar
 
-from adhesion_jax import programs, runtime
+from adhesion_jax import keeping, programs, runtime
 from adhesion_jax.errors import WorkerError
 
 T = TypeVar("T")
@@ -18,7 +18,7 @@ T = TypeVar("T")
 def _start(folder: Path, cores: Queue) -> None:
     runtime.take_core(cores)
     runtime.start()
-    programs.use(folder)
+    keeping.use(folder)
     programs.share_with_jax()
 
 
@@ -42,7 +42,7 @@ def mapped(
         workers,
         mp_context=spawning,
         initializer=_start,
-        initargs=(programs.folder(), cores),
+        initargs=(keeping.folder(), cores),
     ) as pool:
         try:
             yield pool.map(function, *zip(*work, strict=True))
