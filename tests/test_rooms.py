@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "adhesion_jax"
 STOREYS = (
     ("errors", "wording", "keeping"),
     ("runtime", "options"),
-    ("programs",),
+    ("programs", "plugins"),
     ("files", "curves"),
     ("records", "optim"),
     ("effects", "metrics"),

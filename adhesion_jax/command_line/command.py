@@ -12,6 +12,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
 
 #: Seeds of noise are numbers of 32 bits.
@@ -41,13 +42,31 @@ def _refuse(sentence: str) -> None:
     sys.exit(2)
 
 
-def perform(name: str, /, **asked: object) -> None:
-    """Do what a command of this name is asked: only now are jax and the rooms imported."""
+def start() -> None:
+    """Import jax and set what commands run with."""
     from adhesion_jax import programs, runtime
 
     runtime.start()
     programs.share_with_jax()
-    import_module(f"adhesion_jax.commands.{name}").main(**asked)
+
+
+def perform(name: str, /, *beside: Part, **asked: object) -> None:
+    """Do what a command of this name is asked: only now are jax and the rooms imported.
+
+    Parts of the user's own come first, for some rooms make tables of the registries; what is asked
+    then has their names. Those `beside` are not named in it.
+    """
+    start()
+    for own in beside:
+        use(own)
+    known = {option: _used(value) for option, value in asked.items()}
+    import_module(f"adhesion_jax.commands.{name}").main(**known)
+
+
+def _used(value: object) -> object:
+    if isinstance(value, Part):
+        return use(value)
+    return tuple(map(_used, value)) if isinstance(value, tuple) else value
 
 
 class FiniteRange(click.FloatRange):
@@ -105,26 +124,30 @@ class File(click.ParamType):
 
 
 class Name(click.ParamType):
-    """One of the names of the package."""
+    """One of the names of the package or, where a kind is given, a part FILE.py:NAME."""
 
     name = "name"
 
-    def __init__(self, names: Iterable[str]) -> None:
-        self.names = tuple(names)
+    def __init__(self, names: Iterable[str], kind: str = "") -> None:
+        self.names, self.kind = tuple(names), kind
 
-    def convert(self, value: str, param: Any, ctx: Any) -> str:
-        if value not in self.names:
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value in self.names or isinstance(value, Part):
+            return value
+        own = part(self.kind, value) if self.kind else None
+        if own is None:
+            names = [*filter(None, self.names), *(["FILE.py:NAME"] if self.kind else [])]
             raise InputError(
-                f"{param.opts[0]} {value} is not known; name one of {listed(self.names, 'or')}."
+                f"{param.opts[0]} {value} is not known; name one of {listed(names, 'or')}."
             )
-        return value
+        return own
 
     def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
         return _starting(self.names, incomplete)
 
 
 class Names(Name):
-    """Names of the package, divided by commas, as a tuple."""
+    """The same divided by commas, as a tuple."""
 
     name = "names"
 

@@ -8,10 +8,19 @@ import click
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import File, Folder, Name, Names, perform
 from adhesion_jax.errors import InputError
+from adhesion_jax.plugins import Part
 
 KNOWN = catalogue()
 
 _RUNS = File(KNOWN.data, "name a .csv, .csv.gz or .parquet file")
+
+
+class Plantable(Names):
+    """Names of the package, of --effects, or parts FILE.py:NAME."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        own = [part.name for part in ctx.params.get("effects") or ()]
+        return Names((*self.names, *own), self.kind).convert(value, param, ctx)
 
 
 @click.command()
@@ -25,16 +34,23 @@ _RUNS = File(KNOWN.data, "name a .csv, .csv.gz or .parquet file")
 )
 @click.option(
     "--base",
-    type=Name((*KNOWN.curves, "auto")),
+    type=Name((*KNOWN.curves, "auto"), "curve"),
     default="auto",
-    help=f"auto, or {', '.join(KNOWN.curves)}.",
+    help=f"auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME.",
     show_default=True,
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option(
+    "--effects",
+    type=Names((), "effect"),
+    is_eager=True,  # their names may be planted
+    metavar="FILE.py:NAME[,...]",
+    help="Effects of your own, which are searched for beside those of the package.",
+)
+@click.option(
     "--simulate",
     "planted",
-    type=Names((*KNOWN.effects, "none", "")),
+    type=Plantable((*KNOWN.effects, "none", ""), "effect"),
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
@@ -52,7 +68,11 @@ _RUNS = File(KNOWN.data, "name a .csv, .csv.gz or .parquet file")
     show_default=True,
 )
 def main(
-    train: tuple[str, ...], tests: tuple[str, ...], planted: tuple[str, ...] | None, **asked: Any
+    train: tuple[str, ...],
+    tests: tuple[str, ...],
+    planted: tuple[Any, ...] | None,
+    effects: tuple[Part, ...] | None,
+    **asked: Any,
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
 
@@ -66,4 +86,4 @@ def main(
         raise InputError("--test does not go with --simulate, which draws its own test runs.")
     if planted is not None:
         planted = tuple(name for name in planted if name not in ("", "none"))
-    perform("discover", train=train, tests=tests, planted=planted, **asked)
+    perform("discover", *(effects or ()), train=train, tests=tests, planted=planted, **asked)

@@ -15,9 +15,9 @@ KNOWN = catalogue()
 @click.argument("file", type=File(KNOWN.data, "name a .csv, .csv.gz or .parquet file"))
 @click.option(
     "--curve",
-    type=Name((*KNOWN.curves, "all")),
+    type=Name((*KNOWN.curves, "all"), "curve"),
     default="all",
-    help=f"{', '.join(KNOWN.curves)}, or all.",
+    help=f"{', '.join(KNOWN.curves)}, FILE.py:NAME, or all.",
     show_default=True,
 )
 @click.option(

@@ -1,14 +1,17 @@
 """`adhesion montecarlo`: how well each method knows thousands of noisy adhesion curves."""
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
-from adhesion_jax.command_line.command import SEED, FiniteRange, Folder, Name, Names, perform
+from adhesion_jax.command_line.command import SEED, FiniteRange, Folder, Name, Names, perform, start
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import Declared, Options, check
+from adhesion_jax.options import Declared, Options, check, declared
+from adhesion_jax.plugins import part, use
 
 KNOWN = catalogue()
 
@@ -49,6 +52,28 @@ def scenario_options(
     return with_options
 
 
+class WithScenario(click.Command):
+    """With an option, too, for each argument of a scenario in a file of the user's own."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        pairs = pairwise([word for given in args for word in given.split("=", 1)])
+        named = [value for option, value in pairs if option == "--scenario"]
+        own = part("scenario", named[-1]) if named else None
+        if own is not None:
+            start()
+            from adhesion_jax.scenarios import SCENARIOS
+
+            scenario = Scenario("", declared(SCENARIOS[use(own)]))
+            command = scenario_options({own.name: scenario})(lambda: None)
+            ctx.meta[__name__] = click.command()(command).params
+        return super().parse_args(ctx, args)
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        own = super().get_params(ctx)
+        names = {param.name for param in own}
+        return [*own, *(one for one in ctx.meta.get(__name__, ()) if one.name not in names)]
+
+
 def _type(name: str, one: Declared) -> click.ParamType | type:
     option = one.option
     if name == "rail":
@@ -64,16 +89,16 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     return one.kind
 
 
-@click.command()
+@click.command(cls=WithScenario)
 @click.option(
     "--scenario",
-    type=Name(KNOWN.scenarios),
-    help=f"What is identified (by default {' and '.join(KNOWN.main_job)}).",
+    type=Name(KNOWN.scenarios, "scenario"),
+    help=f"What is identified (by default {' and '.join(KNOWN.main_job)}), or FILE.py:NAME.",
 )
 @click.option(
     "--identifiers",
-    type=Names(KNOWN.identifiers),
-    help="Names divided by commas; by default all that fit.",
+    type=Names(KNOWN.identifiers, "identifier"),
+    help="Names, or FILE.py:NAME, divided by commas; by default all that fit.",
 )
 @scenario_options(KNOWN.scenarios)
 @click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
@@ -88,8 +113,8 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     help="Show the names.",
 )
 def main(
-    scenario: str | None,
-    identifiers: tuple[str, ...] | None,
+    scenario: Any,
+    identifiers: tuple[Any, ...] | None,
     runs: int,
     seed: int,
     out: Path,
@@ -100,7 +125,7 @@ def main(
         name: _text(name, value) if isinstance(value, Path) else value
         for name, value in asked.items()
     }
-    if scenario is not None:
+    if scenario in KNOWN.scenarios:
         check(scenario, KNOWN.scenarios[scenario].options, Options(**options))
     perform(
         "montecarlo",

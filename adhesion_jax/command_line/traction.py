@@ -22,18 +22,18 @@ KNOWN = catalogue()
 )
 @click.option(
     "--observer",
-    type=Name(KNOWN.observers),
-    help=f"Instead of the paper's: {', '.join(KNOWN.observers)}.",
+    type=Name(KNOWN.observers, "observer"),
+    help=f"Instead of the paper's: {', '.join(KNOWN.observers)}, FILE.py:NAME.",
 )
 @click.option(
     "--seeker",
-    type=Name(KNOWN.seekers),
-    help=f"Instead of the paper's: {', '.join(KNOWN.seekers)}.",
+    type=Name(KNOWN.seekers, "seeker"),
+    help=f"Instead of the paper's: {', '.join(KNOWN.seekers)}, FILE.py:NAME.",
 )
 @click.option(
     "--controller",
-    type=Name(KNOWN.controllers),
-    help=f"Instead of the paper's: {', '.join(KNOWN.controllers)}.",
+    type=Name(KNOWN.controllers, "controller"),
+    help=f"Instead of the paper's: {', '.join(KNOWN.controllers)}, FILE.py:NAME.",
 )
 @click.option("--runs", type=click.IntRange(min=0), default=32, show_default=True)
 @click.option("--seed", type=SEED, default=0, show_default=True)
