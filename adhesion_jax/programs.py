@@ -1,17 +1,12 @@
 """Compiled programs, kept from one process to the next, and never older than their source.
 
-A program is known by the content of all that it is made from (`digest`). It lies in a folder of
-the user's own, where nobody else may write: `ADHESION_JAX_CACHE` names another one, or is `off`.
+A program is known by the content of all that it is made from (`digest`), and lies in the folder of
+`keeping`.
 """
 
-import atexit
 import os
 import pickle
 import platform
-import shutil
-import stat
-import sys
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
 from hashlib import sha256
@@ -27,17 +22,13 @@ import jax
 import jax.numpy as jnp
 from filelock import FileLock
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
-from platformdirs import user_cache_path
 
+from adhesion_jax.keeping import folder, of_outside, of_package
 from adhesion_jax.runtime import is_double
-
-#: The variable that names the folder.
-VARIABLE = "ADHESION_JAX_CACHE"
 
 #: Most bytes of the programs that are kept, and as many again of the small ones that jax keeps.
 MOST_BYTES = 2**29
 
-_PACKAGE = Path(__file__).parent
 _LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimistix")
 
 _Form = Any  # jax.tree_util.PyTreeDef
@@ -45,16 +36,6 @@ _Kind = tuple[tuple[int, ...], Any, bool]
 _Options = Mapping[str, str | bool]
 
 NO_OPTIONS: _Options = MappingProxyType({})
-
-#: Sources from outside the package by their path, as `plugins` read them.
-_outside: dict[Path, bytes] = {}
-
-_folder: list[Path] = []  # none before it is asked for
-
-
-def outside(path: Path, source: bytes) -> None:
-    """From now on programs depend on this source, too."""
-    _outside[path] = source
 
 
 def digest() -> str:
@@ -66,19 +47,14 @@ def digest() -> str:
     content = sha256(_of_machine().encode())
     content.update(os.environ.get("XLA_FLAGS", "").encode())
     content.update(repr(sorted(_settings())).encode())
-    for path, source in sorted(_outside.items()):
-        content.update(f"{path}:{len(source)}:".encode() + source)
+    content.update(of_outside().encode())
     return content.hexdigest()
 
 
 @cache
 def _of_machine() -> str:
     """Source of the package, versions and processor, which do not change while a process runs."""
-    content = sha256()
-    for path in sorted(_PACKAGE.rglob("*")):
-        if path.is_file() and path.suffix != ".pyc":
-            source = path.read_bytes()
-            content.update(f"{path.relative_to(_PACKAGE)}:{len(source)}:".encode() + source)
+    content = sha256(of_package().encode())
     versions = [f"{name} {version(name)}" for name in _LIBRARIES]
     content.update(repr((platform.python_version(), versions, _processor())).encode())
     return content.hexdigest()
@@ -100,61 +76,6 @@ def _settings() -> Iterable[tuple[str, str]]:
         if "cache" not in name and "log" not in name:
             yield name, repr(value)
     yield "jax_enable_x64", repr(is_double())
-
-
-def folder() -> Path:
-    """Where programs are kept: the user's cache folder, or one that passes with this process."""
-    if not _folder:
-        asked = os.environ.get(VARIABLE, "")
-        _folder.append(_passing() if asked == "off" else _own(asked))
-    return _folder[0]
-
-
-def use(path: Path) -> None:
-    """Keep programs in the folder that another process of this command has chosen."""
-    _folder[:] = [path]
-
-
-def _own(asked: str) -> Path:
-    path = Path(asked).expanduser().absolute() if asked else user_cache_path("adhesion_jax")
-    try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        (path / "locks").mkdir(exist_ok=True)
-        reason = _reason_not_to_trust(path)
-    except OSError as error:
-        reason = f"{path} cannot be written to ({error.strerror})"
-    if reason is None:
-        return path
-    print(
-        f"Compiled programs are not kept: {reason}. Name a folder of your own by {VARIABLE}, or "
-        "switch them off by the value off.",
-        file=sys.stderr,
-    )
-    return _passing()
-
-
-def _reason_not_to_trust(path: Path) -> str | None:
-    """A program that is loaded is run: nobody else may have been able to put it there."""
-    if not hasattr(os, "getuid"):
-        return None  # the folders of a Windows profile are the user's own
-    if not os.access(path, os.W_OK):
-        return f"{path} cannot be written to"
-    resolved = path.resolve()
-    for place in (resolved, *resolved.parents):
-        status = place.stat()
-        sticky = place != resolved and status.st_mode & stat.S_ISVTX
-        if status.st_uid not in (0, os.getuid()):
-            return f"{place} belongs to another user"
-        if status.st_mode & 0o022 and not sticky:
-            return f"others may write to {place}"
-    return None
-
-
-def _passing() -> Path:
-    path = Path(tempfile.mkdtemp(prefix="adhesion_jax-"))
-    (path / "locks").mkdir()
-    atexit.register(shutil.rmtree, path, ignore_errors=True)
-    return path
 
 
 def share_with_jax() -> None:
@@ -318,7 +239,7 @@ class Kept:
         leaves, form = jax.tree.flatten(self._arrays(arguments))
         kinds = tuple(map(_kind, leaves))
         fixed = tuple(arguments[place] for place in self.static)
-        known = (form, kinds, fixed, is_double(), len(_outside))
+        known = (form, kinds, fixed, is_double(), of_outside())
         if known not in self.programs:
 
             def of_leaves(leaves: list[Any]) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax import programs
+from adhesion_jax import keeping, programs
 
 PACKAGE = Path(programs.__file__).parent
 NUMBERS = jnp.array([4.0, 9.0])
@@ -26,7 +26,7 @@ def root(numbers):
 def store(tmp_path, monkeypatch):
     """An empty folder of programs, and how often one was compiled for it."""
     (tmp_path / "locks").mkdir()
-    monkeypatch.setattr(programs, "_folder", [tmp_path])
+    monkeypatch.setattr(keeping, "_folder", [tmp_path])
     compiled = []
     made = programs._made
     monkeypatch.setattr(programs, "_made", lambda *given: compiled.append(1) or made(*given))
@@ -77,10 +77,12 @@ def test_what_a_program_depends_on_changes_its_digest(monkeypatch):
     seen.add(programs.digest())
     with jax.enable_x64(False):
         seen.add(programs.digest())
-    monkeypatch.setattr(programs, "_outside", {Path("mine.py"): b"x = 1"})
-    seen.add(programs.digest())
-    monkeypatch.setattr(programs, "_outside", {Path("mine.py"): b"x = 2"})
-    seen.add(programs.digest())
+    monkeypatch.setattr(keeping, "_outside", {})
+    for source in (b"x = 1", b"x = 2"):
+        keeping.outside(Path("mine.py"), source)
+        seen.add(programs.digest())
+    monkeypatch.undo()
+    keeping.of_outside.cache_clear()
     jax.config.update("jax_default_matmul_precision", "highest")
     seen.add(programs.digest())
     jax.config.update("jax_default_matmul_precision", None)
@@ -112,26 +114,26 @@ def test_nothing_is_taken_from_a_folder_that_others_may_write_to(tmp_path, monke
     shared.chmod(0o777)
     inside = shared / "mine"
     for asked in (shared, inside):
-        monkeypatch.setattr(programs, "_folder", [])
-        monkeypatch.setenv(programs.VARIABLE, str(asked))
-        passing = programs.folder()
+        monkeypatch.setattr(keeping, "_folder", [])
+        monkeypatch.setenv(keeping.VARIABLE, str(asked))
+        passing = keeping.folder()
         assert shared not in (passing, *passing.parents)
         told = capsys.readouterr().err
         assert told.count("\n") == 1
         assert f"others may write to {shared}" in told
-        assert programs.VARIABLE in told
+        assert keeping.VARIABLE in told
 
 
 def test_a_folder_of_ones_own_is_made_for_oneself_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr(programs, "_folder", [])
-    monkeypatch.setenv(programs.VARIABLE, str(tmp_path / "a" / "b"))
-    assert programs.folder() == tmp_path / "a" / "b"
-    assert programs.folder().stat().st_mode & 0o077 == 0
+    monkeypatch.setattr(keeping, "_folder", [])
+    monkeypatch.setenv(keeping.VARIABLE, str(tmp_path / "a" / "b"))
+    assert keeping.folder() == tmp_path / "a" / "b"
+    assert keeping.folder().stat().st_mode & 0o077 == 0
 
 
 def test_programs_may_be_switched_off(tmp_path, monkeypatch):
-    monkeypatch.setattr(programs, "_folder", [])
-    monkeypatch.setenv(programs.VARIABLE, "off")
+    monkeypatch.setattr(keeping, "_folder", [])
+    monkeypatch.setenv(keeping.VARIABLE, "off")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     found()
     assert not [*tmp_path.iterdir()]
@@ -190,8 +192,8 @@ def test_a_program_that_jax_has_kept_itself_works_in_the_next_process(tmp_path):
     named = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax")}
     named |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     first, second = (
-        {programs.VARIABLE: str(tmp_path / "a")},
-        {programs.VARIABLE: str(tmp_path / "b")},
+        {keeping.VARIABLE: str(tmp_path / "a")},
+        {keeping.VARIABLE: str(tmp_path / "b")},
     )
     (*_, expected) = lines_of(run_script(named | first))
     assert lines_of(run_script(named | second)) == ["compiled", "compiled", expected]
@@ -199,7 +201,7 @@ def test_a_program_that_jax_has_kept_itself_works_in_the_next_process(tmp_path):
 
 
 def test_two_processes_at_once_compile_a_program_once(tmp_path):
-    environment = {programs.VARIABLE: str(tmp_path)}
+    environment = {keeping.VARIABLE: str(tmp_path)}
     together = [run_script(environment) for _ in range(2)]
     told = [lines_of(process) for process in together]
     assert sorted(map(len, told)) == [1, 2]
@@ -211,15 +213,15 @@ def test_two_processes_at_once_compile_a_program_once(tmp_path):
 def test_an_edited_method_gives_new_numbers_at_once(tmp_path, with_jax):
     """Parameters times 1.05 are a bias of mu_max of 5 %, whatever was compiled before."""
     shutil.copytree(PACKAGE, tmp_path / "adhesion_jax")
-    environment = {programs.VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    environment = {keeping.VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
     if with_jax:
         environment |= {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax")}
 
     def bias():
-        command = "from adhesion_jax.commands.command import run\n"
-        command += "from adhesion_jax.commands.montecarlo import main\nimport sys\n"
-        command += "sys.argv[1:] = '--scenario single --identifiers ml-exact --runs 100'.split()\n"
-        lines_of(run_script(environment, command + "run(main)", tmp_path))
+        asked = "montecarlo --scenario single --identifiers ml-exact --runs 100"
+        command = "import sys\nfrom adhesion_jax.command_line.program import main\n"
+        command += f"sys.argv[1:] = {asked.split()}\nmain()\n"
+        lines_of(run_script(environment, command, tmp_path))
         summary = pd.read_csv(tmp_path / "out" / "montecarlo" / "summary.csv")
         row = summary[summary["quantity"] == "mu_max"].iloc[0]
         return row["bias"] / row["truth"]
