@@ -208,7 +208,7 @@ def test_two_processes_at_once_compile_a_program_once(tmp_path):
     assert told[0][-1] == told[1][-1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("with_jax", [False, True])
 def test_an_edited_method_gives_new_numbers_at_once(tmp_path, with_jax):
     """Parameters times 1.05 are a bias of mu_max of 5 %, whatever was compiled before."""
