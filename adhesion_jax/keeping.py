@@ -41,10 +41,8 @@ def of_package() -> str:
 def outside(path: Path, source: bytes) -> None:
     """From now on programs depend on this source, too."""
     _outside[path] = source
-    of_outside.cache_clear()
 
 
-@cache
 def of_outside() -> str:
     """The sources from outside the package in a number of fixed length."""
     content = sha256()

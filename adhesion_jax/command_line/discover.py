@@ -19,8 +19,9 @@ class Plantable(Names):
     """Names of the package, of --effects, or parts FILE.py:NAME."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        own = [part.name for part in ctx.params.get("effects") or ()]
-        return Names((*self.names, *own), self.kind).convert(value, param, ctx)
+        own = ctx.params.get("effects")
+        names = [part.name for part in own] if isinstance(own, tuple) else []
+        return Names((*self.names, *names), self.kind).convert(value, param, ctx)
 
 
 @click.command()

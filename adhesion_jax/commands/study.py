@@ -9,6 +9,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
+from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, staged, write_metadata, write_table
 from adhesion_jax.report.studies.discovery import (
     draw_confusion,
@@ -40,6 +41,8 @@ def study(
     `sizes` are the arguments of `study_tasks`.
     """
     tasks = study_tasks(**sizes)
+    if not tasks:
+        raise InputError("A study of no sets says nothing; give --null or --powers above 0.")
     directory = output_directory(out)
     began = time.perf_counter()
     with staged(directory, OWN_FILES) as stage:

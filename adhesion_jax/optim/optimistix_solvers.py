@@ -1,9 +1,9 @@
-"""Levenberg-Marquardt and Gauss-Newton of optimistix."""
+"""Levenberg-Marquardt and Gauss-Newton of optimistix, imported when they are used."""
 
+from types import ModuleType
 from typing import Any
 
-import lineax
-import optimistix
+import jax
 from jaxtyping import Array, Float
 
 from adhesion_jax.optim.box import Unbounded
@@ -20,6 +20,7 @@ def levenberg_marquardt(
     max_steps: int,
 ) -> Result:
     """Optimistix's Levenberg-Marquardt, with a Cholesky solve of the normal equations."""
+    optimistix, lineax = _libraries()
     linear = lineax.Normal(lineax.Cholesky())
     solver: Any = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
     return _solve(solver, residual, start, lower, upper, max_steps)
@@ -33,6 +34,7 @@ def gauss_newton(
     max_steps: int,
 ) -> Result:
     """Optimistix's Gauss-Newton: full steps, no safeguard."""
+    optimistix, lineax = _libraries()
     linear = lineax.AutoLinearSolver(well_posed=None)
     solver: Any = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
     return _solve(solver, residual, start, lower, upper, max_steps)
@@ -46,6 +48,7 @@ def _solve(
     upper: Array,
     max_steps: int,
 ) -> Result:
+    optimistix, _ = _libraries()
     space = Unbounded.around(start, lower, upper)
     solution: Any = optimistix.least_squares(
         lambda u, _: residual(space.to_box(u)),
@@ -62,3 +65,10 @@ def _solve(
         upper,
         solution.stats["num_steps"],
     )
+
+
+def _libraries() -> tuple[ModuleType, ModuleType]:
+    with jax.ensure_compile_time_eval():  # constants are no part of the program being traced
+        import lineax
+        import optimistix
+    return optimistix, lineax
