@@ -170,7 +170,8 @@ def program(name: object, make: Callable[[], jax.stages.Compiled]) -> Callable[.
     """The program of that name and of the present `digest`: taken from the folder, or made.
 
     Where another process is making it just now, it is waited for. What does not tell its content
-    (a local function in the name) is made anew in every process.
+    (in the name a local function, or a class of a program that uses this one as a library) is made
+    anew in every process.
     """
     text = _told(name)
     if text is None:
@@ -185,9 +186,26 @@ def program(name: object, make: Callable[[], jax.stages.Compiled]) -> Callable[.
     return found
 
 
+class _Telling(pickle.Pickler):
+    """Tells classes and functions by their names, which will do where `digest` has their source."""
+
+    def persistent_id(self, value: object) -> None:
+        module = getattr(value, "__module__", None)
+        if isinstance(module, str) and not _in_digest(module):
+            raise pickle.PicklingError(f"{module} may change while its names stay")
+
+
+def _in_digest(module: str) -> bool:
+    """Whether a change of this module changes `digest`: that of a user's own does not."""
+    package = module.partition(".")[0]
+    if package in sys.stdlib_module_names or package in (_PACKAGE.name, *_LIBRARIES):
+        return True
+    return Path(getattr(sys.modules.get(module), "__file__", None) or "") in _outside
+
+
 def _told(name: object) -> bytes | None:
     stream = BytesIO()
-    pickler = pickle.Pickler(stream)
+    pickler = _Telling(stream)
     pickler.fast = True  # equal names give equal bytes, whichever of their parts are one object
     try:
         pickler.dump(name)
