@@ -21,6 +21,7 @@ STOREYS = (
     ("campaign",),
     ("studies",),
     ("report",),
+    ("library",),
     ("commands",),
 )
 #: The same within the discovery.
