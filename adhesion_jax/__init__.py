@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from adhesion_jax.identifiers import Estimate as Estimate
     from adhesion_jax.identifiers import Identifier as Identifier
     from adhesion_jax.identifiers import Status as Status
-    from adhesion_jax.library import Discovery as Discovery
-    from adhesion_jax.library import Identification as Identification
-    from adhesion_jax.library import MonteCarlo as MonteCarlo
-    from adhesion_jax.library import discover as discover
-    from adhesion_jax.library import identify as identify
-    from adhesion_jax.library import montecarlo as montecarlo
-    from adhesion_jax.library import sample as sample
+    from adhesion_jax.library.discover import Discovery as Discovery
+    from adhesion_jax.library.discover import discover as discover
+    from adhesion_jax.library.identify import Identification as Identification
+    from adhesion_jax.library.identify import identify as identify
+    from adhesion_jax.library.montecarlo import MonteCarlo as MonteCarlo
+    from adhesion_jax.library.montecarlo import montecarlo as montecarlo
+    from adhesion_jax.library.sample import sample as sample
     from adhesion_jax.records import Known as Known
     from adhesion_jax.records import Record as Record
     from adhesion_jax.scenarios import SCENARIOS as SCENARIOS
@@ -44,10 +44,10 @@ _EXPORTS = {
     "effects.saved": ("load_law", "save_law"),
     "errors": ("InputError",),
     "identifiers": ("IDENTIFIERS", "Estimate", "Identifier", "Status"),
-    "library": (
-        *("Discovery", "Identification", "MonteCarlo"),
-        *("discover", "identify", "montecarlo", "sample"),
-    ),
+    "library.discover": ("Discovery", "discover"),
+    "library.identify": ("Identification", "identify"),
+    "library.montecarlo": ("MonteCarlo", "montecarlo"),
+    "library.sample": ("sample",),
     "records": ("Known", "Record"),
     "scenarios": ("SCENARIOS",),
 }

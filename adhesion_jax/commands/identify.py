@@ -8,7 +8,7 @@ from adhesion_jax.commands.command import Folder, output_directory
 from adhesion_jax.curves import CURVES
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
-from adhesion_jax.library import IDENTIFY_FILES, identify
+from adhesion_jax.library.identify import IDENTIFY_FILES, identify
 
 
 @click.command()
@@ -30,7 +30,8 @@ def main(file: str, curve: str, out: Path) -> None:
     """
     if curve != "all" and curve not in CURVES:
         raise InputError(f"--curve {curve} is not known; name one of {', '.join(CURVES)}, or all.")
+    folder = output_directory(out)
     found = identify(file, CURVES if curve == "all" else curve)
-    with staged(output_directory(out), IDENTIFY_FILES) as stage:
+    with staged(folder, IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")
