@@ -19,6 +19,20 @@ if sys.platform != "win32":
 _CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
 
 
+def output_directory(path: Path) -> Path:
+    """`path`, made if need be, and proved writable before any work is done."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".writable"
+        probe.touch()
+        probe.unlink(missing_ok=True)  # another job may try the same
+    except OSError as error:
+        raise InputError(
+            f"--out {path} cannot be written to ({error.strerror}); name a folder that can."
+        ) from None
+    return path
+
+
 @contextmanager
 def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
     """A folder to write into whose files appear in `directory` when all are complete.

@@ -1,56 +1,42 @@
 """Compiled programs, kept from one process to the next, and never older than their source.
 
-A program is known by the content of all that it is made from (`digest`). It lies in a folder of
-the user's own, where nobody else may write: `ADHESION_JAX_CACHE` names another one, or is `off`.
+A program is known by the content of all that it is made from (`digest`), and lies in the folder of
+`keeping`.
 """
 
-import atexit
 import os
 import pickle
 import platform
-import shutil
-import stat
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
 from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
+from threading import local
 from types import MappingProxyType
 from typing import Any
+from uuid import uuid4
 
 import jax
 import jax.numpy as jnp
 from filelock import FileLock
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
-from platformdirs import user_cache_path
 
+from adhesion_jax.keeping import folder, is_outside, of_outside, of_package
 from adhesion_jax.runtime import is_double
-
-#: The variable that names the folder.
-VARIABLE = "ADHESION_JAX_CACHE"
 
 #: Most bytes of the programs that are kept, and as many again of the small ones that jax keeps.
 MOST_BYTES = 2**29
 
-_PACKAGE = Path(__file__).parent
 _LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimistix")
 
 _Form = Any  # jax.tree_util.PyTreeDef
 _Kind = tuple[tuple[int, ...], Any, bool]
 _Options = Mapping[str, str | bool]
 
-#: Sources from outside the package by their path, as `plugins` read them.
-_outside: dict[Path, bytes] = {}
-
-_folder: list[Path] = []  # none before it is asked for
-
-
-def outside(path: Path, source: bytes) -> None:
-    """From now on programs depend on this source, too."""
-    _outside[path] = source
+NO_OPTIONS: _Options = MappingProxyType({})
 
 
 def digest() -> str:
@@ -62,19 +48,14 @@ def digest() -> str:
     content = sha256(_of_machine().encode())
     content.update(os.environ.get("XLA_FLAGS", "").encode())
     content.update(repr(sorted(_settings())).encode())
-    for path, source in sorted(_outside.items()):
-        content.update(f"{path}:{len(source)}:".encode() + source)
+    content.update(of_outside().encode())
     return content.hexdigest()
 
 
 @cache
 def _of_machine() -> str:
     """Source of the package, versions and processor, which do not change while a process runs."""
-    content = sha256()
-    for path in sorted(_PACKAGE.rglob("*")):
-        if path.is_file() and path.suffix != ".pyc":
-            source = path.read_bytes()
-            content.update(f"{path.relative_to(_PACKAGE)}:{len(source)}:".encode() + source)
+    content = sha256(of_package().encode())
     versions = [f"{name} {version(name)}" for name in _LIBRARIES]
     content.update(repr((platform.python_version(), versions, _processor())).encode())
     return content.hexdigest()
@@ -98,61 +79,6 @@ def _settings() -> Iterable[tuple[str, str]]:
     yield "jax_enable_x64", repr(is_double())
 
 
-def folder() -> Path:
-    """Where programs are kept: the user's cache folder, or one that passes with this process."""
-    if not _folder:
-        asked = os.environ.get(VARIABLE, "")
-        _folder.append(_passing() if asked == "off" else _own(asked))
-    return _folder[0]
-
-
-def use(path: Path) -> None:
-    """Keep programs in the folder that another process of this command has chosen."""
-    _folder[:] = [path]
-
-
-def _own(asked: str) -> Path:
-    path = Path(asked).expanduser().absolute() if asked else user_cache_path("adhesion_jax")
-    try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        (path / "locks").mkdir(exist_ok=True)
-        reason = _reason_not_to_trust(path)
-    except OSError as error:
-        reason = f"{path} cannot be written to ({error.strerror})"
-    if reason is None:
-        return path
-    print(
-        f"Compiled programs are not kept: {reason}. Name a folder of your own by {VARIABLE}, or "
-        "switch them off by the value off.",
-        file=sys.stderr,
-    )
-    return _passing()
-
-
-def _reason_not_to_trust(path: Path) -> str | None:
-    """A program that is loaded is run: nobody else may have been able to put it there."""
-    if not hasattr(os, "getuid"):
-        return None  # the folders of a Windows profile are the user's own
-    if not os.access(path, os.W_OK):
-        return f"{path} cannot be written to"
-    resolved = path.resolve()
-    for place in (resolved, *resolved.parents):
-        status = place.stat()
-        sticky = place != resolved and status.st_mode & stat.S_ISVTX
-        if status.st_uid not in (0, os.getuid()):
-            return f"{place} belongs to another user"
-        if status.st_mode & 0o022 and not sticky:
-            return f"others may write to {place}"
-    return None
-
-
-def _passing() -> Path:
-    path = Path(tempfile.mkdtemp(prefix="adhesion_jax-"))
-    (path / "locks").mkdir()
-    atexit.register(shutil.rmtree, path, ignore_errors=True)
-    return path
-
-
 def share_with_jax() -> None:
     """Let jax keep its small programs, which it knows by their content, in the same folder.
 
@@ -166,24 +92,63 @@ def share_with_jax() -> None:
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
-def program(name: object, make: Callable[[], jax.stages.Compiled]) -> Callable[..., Any]:
-    """The program of that name and of the present `digest`: taken from the folder, or made.
+def program(
+    name: object, function: Callable[[Any], Any], argument: Any, compiler: _Options = NO_OPTIONS
+) -> jax.stages.Compiled:
+    """The compiled function of one argument, or of one like it: taken from the folder, or made.
 
-    Where another process is making it just now, it is waited for. What does not tell its content
-    (in the name a local function, or a class of a program that uses this one as a library) is made
-    anew in every process.
+    `name` says, with the present `digest`, which function it is. Where another process is making
+    the program just now, it is waited for. A name that does not tell its content (with a local
+    function in it, or a class of a program that uses this one as a library) belongs to a program
+    that is made anew in every process.
     """
     text = _told(name)
     if text is None:
-        return make()
+        return _made(function, argument, compiler)[0]
     key = sha256(digest().encode() + text).hexdigest()
     path = folder() / f"{key}.program"
     with FileLock(folder() / "locks" / f"{key[:3]}.lock"):
         found = _loaded(path)
         if found is None:
-            found = make()
+            found, whole = _made(function, argument, compiler)
+            if not whole:
+                again = _named(function, f"{function.__name__}_{uuid4().hex}")
+                found, _ = _made(again, argument, compiler)
             _keep(path, found)
     return found
+
+
+def _made(
+    function: Callable[[Any], Any], argument: Any, compiler: _Options
+) -> tuple[jax.stages.Compiled, bool]:
+    """The program, and whether it was compiled: one that jax has kept cannot be kept once more.
+
+    It would lack parts when it is loaded ("Function ... not found", jax 0.10).
+    """
+    _of_thread.hits = 0
+    made = jax.jit(function).lower(argument).compile(dict(compiler))
+    return made, _of_thread.hits == 0
+
+
+_of_thread = local()
+
+
+def _count_hits(event: str, **_: object) -> None:
+    if event == "/jax/compilation_cache/cache_hits":
+        _of_thread.hits = getattr(_of_thread, "hits", 0) + 1
+
+
+jax.monitoring.register_event_listener(_count_hits)
+
+
+def _named(function: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
+    """The function by another name, which jax takes for another program."""
+
+    def other(argument: Any) -> Any:
+        return function(argument)
+
+    other.__name__ = name
+    return other
 
 
 class _Telling(pickle.Pickler):
@@ -198,9 +163,9 @@ class _Telling(pickle.Pickler):
 def _in_digest(module: str) -> bool:
     """Whether a change of this module changes `digest`: that of a user's own does not."""
     package = module.partition(".")[0]
-    if package in sys.stdlib_module_names or package in (_PACKAGE.name, *_LIBRARIES):
+    if package in sys.stdlib_module_names or package in ("adhesion_jax", *_LIBRARIES):
         return True
-    return Path(getattr(sys.modules.get(module), "__file__", None) or "") in _outside
+    return is_outside(getattr(sys.modules.get(module), "__file__", None) or "", f"{module}.py")
 
 
 def _told(name: object) -> bytes | None:
@@ -293,7 +258,7 @@ class Kept:
         leaves, form = jax.tree.flatten(self._arrays(arguments))
         kinds = tuple(map(_kind, leaves))
         fixed = tuple(arguments[place] for place in self.static)
-        known = (form, kinds, fixed, is_double(), len(_outside))
+        known = (form, kinds, fixed, is_double(), of_outside())
         if known not in self.programs:
 
             def of_leaves(leaves: list[Any]) -> Any:
@@ -302,19 +267,17 @@ class Kept:
                     given[place] = value
                 return self.function(*given)
 
-            def make() -> jax.stages.Compiled:
-                shapes = [jax.ShapeDtypeStruct(s, d, weak_type=w) for s, d, w in kinds]
-                return jax.jit(of_leaves).lower(shapes).compile(self.options)
-
+            shapes = [jax.ShapeDtypeStruct(s, d, weak_type=w) for s, d, w in kinds]
             whose = (self.function.__module__, self.function.__qualname__, self.options)
-            self.programs[known] = program((whose, form, str(kinds), fixed), make)
+            name = (whose, form, str(kinds), fixed)
+            self.programs[known] = program(name, of_leaves, shapes, self.options)
         return self.programs[known]
 
     def _arrays(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(None if i in self.static else one for i, one in enumerate(arguments))
 
 
-def kept(*, compiler: _Options = MappingProxyType({}), static: tuple[int, ...] = ()) -> Any:
+def kept(*, compiler: _Options = NO_OPTIONS, static: tuple[int, ...] = ()) -> Any:
     """A decorator that makes a function of a module one whose programs are kept (`Kept`)."""
     return lambda function: wraps(function)(Kept(function, compiler, static))
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from adhesion_jax.commands.command import output_directory
-from adhesion_jax.files import staged
+from adhesion_jax.files import output_directory, staged
 
 NAMES = ("figure.png", "metadata.json", "table.csv")
 

@@ -31,12 +31,10 @@ def section_of(heading: str) -> str:
 
 
 def effect_of_page() -> str:
-    """The file that the page tells to write: the head of the effect to copy, and its example."""
+    """The file that the page tells to write."""
     section = section_of("### A new effect in one file")
-    copied = re.search(r"Copy \[`(adhesion_jax/effects/\w+\.py)`\]", section)
     (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
-    head = (PACKAGE.parent / copied[1]).read_text().split("\n_SOURCE")[0]
-    return f"{head}\n\n{example}"
+    return example
 
 
 def identifier_of_page() -> str:

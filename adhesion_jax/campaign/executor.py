@@ -9,17 +9,19 @@ from multiprocessing.queues import Queue
 from pathlib import Path
 from typing import Any, TypeVar
 
-from adhesion_jax import programs, runtime
+from adhesion_jax import keeping, plugins, programs, runtime
 from adhesion_jax.errors import WorkerError
 
 T = TypeVar("T")
 
 
-def _start(folder: Path, cores: Queue) -> None:
+def _start(folder: Path, cores: Queue, parts: Sequence[plugins.Part]) -> None:
     runtime.take_core(cores)
     runtime.start()
-    programs.use(folder)
+    keeping.use(folder)
     programs.share_with_jax()
+    for part in parts:
+        plugins.use(part)
 
 
 @contextmanager
@@ -42,7 +44,7 @@ def mapped(
         workers,
         mp_context=spawning,
         initializer=_start,
-        initargs=(programs.folder(), cores),
+        initargs=(keeping.folder(), cores, plugins.used()),
     ) as pool:
         try:
             yield pool.map(function, *zip(*work, strict=True))

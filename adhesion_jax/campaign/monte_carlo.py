@@ -25,6 +25,7 @@ from adhesion_jax.campaign.tiles import (
     bound_tile,
     draw_tile,
     identify_tile,
+    make_ready,
     tile_runs,
 )
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, Status
@@ -32,6 +33,7 @@ from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import Tracking
 from adhesion_jax.optim.box import on_bound
+from adhesion_jax.records import Record
 from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import Group, Scenario
 
@@ -40,6 +42,9 @@ REFERENCE = "ml-exact"
 
 #: The bands of a stream are those of the runs of this many tiles, so that memory is flat.
 _BAND_TILES = 2
+
+#: A campaign of at most as many tiles is run in this process alone.
+_FEW_TILES = 2
 
 #: Statuses that count as a failure whatever the method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
@@ -83,6 +88,11 @@ def run_campaigns(
     """
     work = [unit for config in configs for unit in _work(config, identifiers)]
     tiles = len({tile for _, tile, _, _ in work})
+    if tiles <= _FEW_TILES:  # processes would take longer to start than the work does
+        workers = 1
+        first = [unit for unit in work if unit[1] == 0]
+        for config in configs:
+            make_ready(config, [method for whose, _, _, method in first if whose == config])
     with mapped(identify_tile, work, min(workers, tiles)) as results:
         return [_gathered(config, results, keep, progress, identifiers) for config in configs]
 
@@ -151,12 +161,14 @@ def _gathered(
             progress(name)
         records = draw_tile(config, tile)
         truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
+        pool = _pooled(scenario, records, truth)
+        truths = {name: pool if identifiers[name].POOLS else truth for name in methods}
         # Where the exact optimum is not known, or not looked for, no gap to it is a failure.
         optima = {
             name: estimates.get(REFERENCE, e) if identifiers[name].FITS_LAST_RECORD else e
             for name, e in estimates.items()
         }
-        _count(tally, rows, scenario, estimates, optima, tracking, truth)
+        _count(tally, rows, scenario, estimates, optima, tracking, truths)
         keep(estimate_rows(config, scenario, names, estimates, runs))
         if switches:
             for name in names:
@@ -167,7 +179,13 @@ def _gathered(
     tables = {
         table: pd.concat(
             [
-                _table_rows(config, row, tally[index], truth, np.array(seconds[row.identifier]))
+                _table_rows(
+                    config,
+                    row,
+                    tally[index],
+                    truths[row.identifier],
+                    np.array(seconds[row.identifier]),
+                )
                 for index, row in enumerate(rows)
                 if row.table == table
             ],
@@ -213,6 +231,24 @@ def _truth(scenario: Scenario, bound: np.ndarray) -> Truth:
     )
 
 
+def _pooled(scenario: Scenario, records: Record, truth: Truth) -> Truth:
+    """The truth for a method that pools the blocks since the rail last changed.
+
+    Blocks of a rail tell as much as each other, so that a pool of k has a bound smaller by the
+    root of k. A block that holds the points of those before it is such a pool already.
+    """
+    fresh = np.asarray(records.fresh).sum(axis=-1)
+    points = np.zeros(len(scenario.rails))
+    for b, rail in enumerate(scenario.rails):
+        before = points[b - 1] if b > 0 and scenario.rails[b - 1] == rail else 0
+        points[b] = before + fresh[b]
+    blocks = np.maximum(points / scenario.support(), 1.0)
+    degrees_of_freedom = np.maximum(points - len(scenario.known.curve.free), 1)
+    return truth._replace(
+        bound=truth.bound / np.sqrt(blocks)[:, None], quantile=stdtrit(degrees_of_freedom, 0.975)
+    )
+
+
 def _count(
     tally: dict[int, Moments],
     rows: list[_Row],
@@ -220,15 +256,16 @@ def _count(
     estimates: Mapping[str, Estimate],
     optima: Mapping[str, Estimate],
     tracking: Mapping[str, Tracking],
-    truth: Truth,
+    truths: Mapping[str, Truth],
 ) -> None:
     """Add the runs of a tile to the sums behind every row of every table."""
     outcomes = {
-        name: _outcome(scenario, truth.names, e, optima[name], tracking[name])
+        name: _outcome(scenario, truths[name].names, e, optima[name], tracking[name])
         for name, e in estimates.items()
     }
     for index, row in enumerate(rows):
         outcome = outcomes[row.identifier]
+        truth = truths[row.identifier]
         part = Moments.of(run_statistics(outcome, truth, row.group.blocks, row.group.switched))
         tally[index] = tally[index].plus(part) if index in tally else part
 

@@ -6,7 +6,7 @@ not on how many runs, tiles at a time or workers there are.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -15,18 +15,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from adhesion_jax import programs
+from adhesion_jax import programs, runtime
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
-from adhesion_jax.scenarios import Options, build
+from adhesion_jax.scenarios import Options, Scenario, build
 
 TILE = 128
 
+_Program = Callable[[Identifier, Record, Key[Array, " runs"]], tuple[Estimate, Tracking]]
+
 #: The lowest optimisation level of the compiler that does not make the programs slower.
 _COMPILER: dict[str, str | bool] = {"xla_backend_optimization_level": "1"}
+_UNFUSED = {**_COMPILER, "xla_cpu_use_fusion_emitters": False}
 
 
 class TileResult(NamedTuple):
@@ -61,9 +64,7 @@ def identify_tile(config: Config, tile: int, name: str, method: Identifier) -> T
     runs = jnp.asarray(tile_runs(tile))
     keys = jax.block_until_ready(solver_keys(config.seed, config.scenario, name, runs))
     began = time.perf_counter()
-    leaves, form = jax.tree.flatten(method)
-    kinds = tuple(jax.typeof(jnp.asarray(leaf)) for leaf in leaves)
-    compiled = _compiled(config.scenario, config.options, form, kinds)
+    compiled = _program(config, method)
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
     found = jax.block_until_ready(compiled(method, records, keys))
@@ -72,18 +73,39 @@ def identify_tile(config: Config, tile: int, name: str, method: Identifier) -> T
     return TileResult(estimate, tracking, seconds, compile_seconds)
 
 
+def make_ready(config: Config, methods: Sequence[Identifier]) -> None:
+    """The programs of `identify_tile`, compiled side by side in the threads of this process."""
+    with runtime.threads() as pool:
+        list(pool.map(lambda method: _program(config, method), methods))
+
+
+def _program(config: Config, method: Identifier) -> _Program:
+    leaves, form = jax.tree.flatten(method)
+    kinds = tuple(jax.typeof(jnp.asarray(leaf)) for leaf in leaves)
+    return _compiled(config.scenario, config.options, form, kinds)
+
+
+@lru_cache
+def _scenario(name: str, options: Options) -> Scenario:
+    return build(name, options)
+
+
 @lru_cache
 def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]], Record]:
-    scenario = build(scenario_name, options)
-    return jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))
+    scenario = _scenario(scenario_name, options)
+    draw = jax.vmap(scenario.draw, out_axes=scenario.run_axes)
+    keys = noise_keys(0, scenario_name, jnp.asarray(tile_runs(0)))
+    return programs.program(("draw", scenario_name, options), draw, keys)
 
 
 @lru_cache
 def _bound(
     scenario_name: str, options: Options
 ) -> Callable[[Record], Float[Array, "runs blocks values"]]:
-    scenario = build(scenario_name, options)
-    return jax.jit(jax.vmap(scenario.bound, in_axes=(scenario.run_axes,), axis_size=TILE))
+    scenario = _scenario(scenario_name, options)
+    records = _draw(scenario_name, options)(noise_keys(0, scenario_name, jnp.asarray(tile_runs(0))))
+    bound = jax.vmap(scenario.bound, in_axes=(scenario.run_axes,), axis_size=TILE)
+    return programs.program(("bound", scenario_name, options), bound, records)
 
 
 @cache
@@ -92,30 +114,25 @@ def _compiled(
     options: Options,
     form: jax.tree_util.PyTreeDef,
     kinds: tuple[Any, ...],
-) -> Callable[[Identifier, Record, Key[Array, " runs"]], tuple[Estimate, Tracking]]:
+) -> _Program:
     """The compiled function of all methods of one form, whose numbers are of these kinds.
 
-    The identifier is an argument of it, so variants that differ in numbers alone share it. Where
-    compilations are shared, what one process has compiled another takes without tracing it.
+    The identifier is an argument of it, so variants that differ in numbers alone share it.
     """
-    config = Config(scenario=scenario_name, options=options)
-    keys = solver_keys(config.seed, scenario_name, "", jnp.asarray(tile_runs(0)))
+    scenario = _scenario(scenario_name, options)
+    keys = solver_keys(0, scenario_name, "", jnp.asarray(tile_runs(0)))
     numbers = [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
-    arguments = (jax.tree.unflatten(form, numbers), draw_tile(config, 0), keys)
-    leaves, structure = jax.tree.flatten(arguments)
+    records = draw_tile(Config(scenario=scenario_name, options=options), 0)
+    example = jax.tree.unflatten(form, numbers)
+    leaves, structure = jax.tree.flatten((example, records, keys))
+    mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
 
-    def make() -> jax.stages.Compiled:
-        scenario = build(scenario_name, options)
-        mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
-        criteria = criteria_of(scenario.known)
+    def tile(leaves: list[Array]) -> tuple[Estimate, Tracking]:
+        method, records, keys = jax.tree.unflatten(structure, leaves)
+        tracker = Tracker.of(scenario.rails, mu_max, criteria_of(scenario.known), method.RESETS)
         in_axes = (None, None, scenario.run_axes, 0, None)
+        return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
 
-        def tile(leaves: list[Array]) -> tuple[Estimate, Tracking]:
-            method, records, keys = jax.tree.unflatten(structure, leaves)
-            tracker = Tracker.of(scenario.rails, mu_max, criteria, method.RESETS)
-            return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
-
-        return jax.jit(tile).lower(leaves).compile(_COMPILER)
-
-    compiled = programs.program(("tile", config, form, str(kinds)), make)
+    name = ("tile", scenario_name, options, form, str(kinds))
+    compiled = programs.program(name, tile, leaves, _COMPILER if example.FUSED else _UNFUSED)
     return lambda *arguments: compiled(jax.tree.leaves(arguments))

@@ -204,13 +204,11 @@ def _compiled(
         loop = jax.tree.map(lambda x: x[0], loops)
         return jax.vmap(of_run, (None, 0))(loop, keys), None
 
-    def make() -> jax.stages.Compiled:
-        # What is drawn runs once, and takes longer to compile than to run: without the fusion
-        # emitters it takes half the time to compile.
-        lowered = jax.jit(unit).lower([*kinds])
-        return lowered.compile({"xla_cpu_use_fusion_emitters": False} if drawn else None)
-
-    return programs.program(("traction", form, str(kinds), grid, drawn), make)
+    # What is drawn runs once, and takes longer to compile than to run: without the fusion emitters
+    # it takes half the time to compile.
+    compiler = {"xla_cpu_use_fusion_emitters": False} if drawn else {}
+    name = ("traction", form, str(kinds), grid, drawn)
+    return programs.program(name, unit, [*kinds], compiler)
 
 
 def _every(grid: Timing) -> int:

@@ -1,1 +1,1 @@
-"""The wiring of the commands, one a file."""
+"""What each command does, one a file; each only wires the rooms together."""

@@ -11,8 +11,7 @@ from tqdm import tqdm
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
-from adhesion_jax.commands.command import Folder, output_directory
-from adhesion_jax.files import staged, write_table
+from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.report.studies import claims as report
 from adhesion_jax.scenarios import Options
@@ -65,10 +64,6 @@ def configs(runs: int, seed: int) -> tuple[Config, Config]:
     )
 
 
-@click.command()
-@click.option("--runs", type=click.IntRange(min=100), default=512, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/claims"), show_default=True)
 def main(runs: int, seed: int, out: Path) -> None:
     """Compute what the papers claim and say which claims are reproduced."""
     directory = output_directory(out)

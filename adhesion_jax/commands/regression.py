@@ -8,16 +8,13 @@ import click
 import pandas as pd
 from tqdm import tqdm
 
-from adhesion_jax.commands.command import Folder, output_directory
-from adhesion_jax.files import staged, write_table
+from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.report.studies.baseline import moved_text
 from adhesion_jax.studies.baseline.accuracy import accuracy_steps, measure_accuracy
 from adhesion_jax.studies.baseline.compare import REGRESSIONS, compare, faster_of, suspects
 from adhesion_jax.studies.baseline.speed import measure_speed
 from adhesion_jax.studies.baseline.table import assemble, read_baseline
-
-BASELINE = Path("results/baseline.csv")
 
 #: Runs in the baseline and in what is compared with it; the comparison rests on equal numbers.
 RUNS = 1024
@@ -33,22 +30,6 @@ ATTEMPTS = 4
 BASELINE_SEED, CHECK_SEED = 0, 1
 
 
-@click.command()
-@click.option(
-    "--baseline",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=BASELINE,
-    show_default=True,
-    help="The table to hold against; ratios of speed are best kept on one kind of processor.",
-)
-@click.option("--update", is_flag=True, help="Write the baseline anew and compare nothing.")
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/regression"),
-    show_default=True,
-    help="Folder for the fresh table and the comparison.",
-)
 def main(baseline: Path, update: bool, out: Path) -> None:
     """Measure every identifier on a small fixed set; exit status 1 where one got worse."""
     before = None if update else read_baseline(baseline)

@@ -5,16 +5,11 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.commands.command import Folder, output_directory
-from adhesion_jax.files import staged, write_table
+from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.report.montecarlo.figures import speed_bars
 from adhesion_jax.studies.speed import block_table, recursion_table, timed
 
 
-@click.command()
-@click.option("--repeats", type=click.IntRange(min=1), default=3, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/speed"), show_default=True)
 def main(repeats: int, seed: int, out: Path) -> None:
     """Time the identifiers; noise and compilation are excluded.
 

@@ -9,9 +9,7 @@ from tqdm import tqdm
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.traction import judge, planned
-from adhesion_jax.commands.command import FiniteRange, Folder, output_directory
-from adhesion_jax.errors import InputError
-from adhesion_jax.files import staged, write_metadata, write_table
+from adhesion_jax.files import output_directory, staged, write_metadata, write_table
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import (
@@ -21,12 +19,9 @@ from adhesion_jax.report.traction.operating_point import (
 from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
 from adhesion_jax.report.traction.runs import Drawing, shown
-from adhesion_jax.traction.controllers import CONTROLLERS
-from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
-from adhesion_jax.traction.seekers import SEEKERS
 from adhesion_jax.traction.systems import SYSTEMS
-from adhesion_jax.traction.systems.base import NO_SEEKER, with_parts
+from adhesion_jax.traction.systems.base import with_parts
 
 _POINT = "operating_point"
 _POINT_CAPTION = "The operating point over the adhesion curves while the surface changes."
@@ -39,17 +34,6 @@ OWN_FILES = (
 )
 
 
-@click.command()
-@click.option("--system", "name", type=click.Choice([*SYSTEMS]), required=True)
-@click.option("--plant", "plant_name", help="A TOML file, or the name of a plant that ships.")
-@click.option("--observer", type=click.Choice([*OBSERVERS]), help="Instead of the paper's.")
-@click.option("--seeker", type=click.Choice([NO_SEEKER, *SEEKERS]), help="Instead of the paper's.")
-@click.option("--controller", type=click.Choice([*CONTROLLERS]), help="Instead of the paper's.")
-@click.option("--runs", type=click.IntRange(min=0), default=32, show_default=True)
-@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
-@click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
-@click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
-@click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
 def main(
     name: str,
     plant_name: str | None,
@@ -60,7 +44,7 @@ def main(
     seed: int,
     step: float | None,
     animate: bool,
-    out: Path | None,
+    out: Path,
 ) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.
 
@@ -73,7 +57,7 @@ def main(
     plant = _plant(plant_name or system.plant)
     cases = with_parts(system.cases(system.step), observer, seeker, controller)
     plan = planned(system, cases, plant.plant, runs, seed)
-    directory = output_directory(out or Path("out") / f"traction-{name}")
+    directory = output_directory(out)
     with staged(directory, OWN_FILES) as stage:
         with tqdm(total=len(plan.units), unit="unit") as bar:
 
@@ -132,15 +116,7 @@ def main(
 
 def _plant(name: str) -> PlantFile:
     """The plant of a file, or of the name of one that ships."""
-    known = shipped()
-    if name in known:
-        return read_plant(known[name])
-    if not Path(name).is_file():
-        raise InputError(
-            f"--plant {name} is neither a file nor a plant that ships; name a TOML file or "
-            f"{', '.join(known)}."
-        )
-    return read_plant(Path(name))
+    return read_plant(shipped().get(name, Path(name)))
 
 
 def _aligned(table: pd.DataFrame) -> str:

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -87,6 +87,14 @@ class Identifier(eqx.Module):
     #: Whether it ever gives up its past at once, on data that contradict it.
     RESETS: eqx.AbstractClassVar[bool]
 
+    #: Whether its estimates rest on all the blocks since the rail last changed, and not on the last
+    #: one alone: its bound is then that of all of them.
+    POOLS: ClassVar[bool] = False
+
+    #: Whether the compiler is to fuse the loops of its programs. That takes half as long again to
+    #: compile, and makes one long loop over generations several times as fast, others hardly.
+    FUSED: ClassVar[bool] = False
+
     @abstractmethod
     def accepts(self, known: Known) -> str | None:
         """None, or the reason why this method cannot work on what is known and asked."""
@@ -158,19 +166,23 @@ def follow(
     least factor, the sum.
     """
 
-    def one_step(carry: Carry, step: tuple[Array, Record]) -> tuple[Carry, tuple[Array, ...]]:
+    def one_step(carry: Carry, step: tuple[Array, Record]) -> tuple[Carry, Estimate]:
         (state, seen), (block, record) = carry, step
         state = identifier.update(state, record)
         now = identifier.estimate(state)
         seen = reducer.update(seen, block, now.values, now.reset)
-        return (state, seen), (now.reset, now.forgetting, now.skipped)
+        return (state, seen), now
 
-    def one_block(carry: Carry, numbered: tuple[Array, Record]) -> tuple[Carry, Estimate]:
+    def one_sample(carry: Carry, step: tuple[Array, Record]) -> tuple[Carry, tuple[Array, ...]]:
+        carry, now = one_step(carry, step)
+        return carry, (now.reset, now.forgetting, now.skipped)
+
+    def all_samples(carry: Carry, numbered: tuple[Array, Record]) -> tuple[Carry, Estimate]:
         block, record = numbered
-        steps = record.mask.shape[-1] if known.by_sample else 1
-        parts = jax.tree.map(lambda x: x.reshape(steps, -1), record)
+        samples = record.mask.shape[-1]
+        parts = jax.tree.map(lambda x: x.reshape(samples, 1), record)
         carry, (reset, forgetting, skipped) = jax.lax.scan(
-            one_step, carry, (jnp.full(steps, block), parts)
+            one_sample, carry, (jnp.full(samples, block), parts)
         )
         return carry, identifier.estimate(carry[0])._replace(
             reset=jnp.any(reset),
@@ -180,5 +192,6 @@ def follow(
 
     start = (identifier.init(known, key), reducer.init())
     count = blocks.mask.shape[-2]
+    one_block = all_samples if known.by_sample else one_step
     (_, seen), estimates = jax.lax.scan(one_block, start, (jnp.arange(count), blocks))
     return estimates, seen

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Mapping
 
+from adhesion_jax.options import Options as Options
+from adhesion_jax.options import check, declared
 from adhesion_jax.scenarios.base import Group as Group
 from adhesion_jax.scenarios.base import Scenario as Scenario
 from adhesion_jax.scenarios.blocks import coloured, he2018_blocks, single
 from adhesion_jax.scenarios.corrected import corrected
 from adhesion_jax.scenarios.growing import he2018_1
 from adhesion_jax.scenarios.mismatch import mismatch, mismatch_kiencke
-from adhesion_jax.scenarios.options import Options as Options
-from adhesion_jax.scenarios.options import check, declared
 from adhesion_jax.scenarios.samples import drift, qian2024_switch
 from adhesion_jax.scenarios.slope import fang2018_slope
 from adhesion_jax.scenarios.stream import qian2024
@@ -33,7 +33,7 @@ SCENARIOS: Mapping[str, Callable[..., Scenario]] = {
 
 def build(name: str, options: Options = Options()) -> Scenario:  # noqa: B008  (immutable)
     """The scenario of this name with a user's options; InputError where they do not fit it."""
-    check(name, SCENARIOS[name], options)
+    check(name, declared(SCENARIOS[name]), options)
     return SCENARIOS[name](**options)
 
 

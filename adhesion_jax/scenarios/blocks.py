@@ -18,10 +18,10 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
+from adhesion_jax.options import BlockCount, Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import SHARED_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise, whitened
-from adhesion_jax.scenarios.options import BlockCount, Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
 

@@ -21,11 +21,11 @@ from adhesion_jax.metrics.information import (
     stacked,
     true_quantities,
 )
+from adhesion_jax.options import Law, Outliers, Points, Sigma, SlipMax
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.options import Law, Outliers, Points, Sigma, SlipMax
 
 #: Seconds from point to point.
 _STEP = 0.1

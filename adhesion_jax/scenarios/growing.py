@@ -11,10 +11,10 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
+from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import SHARED_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
 _PREFIXES = 20

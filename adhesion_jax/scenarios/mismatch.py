@@ -15,10 +15,10 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.curves.polach import PolachFalling
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import adhesion_and_information, inverse_information
+from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import SHARED_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 
 #: C = G a b c11/Q of Kalker's linear theory (1967, thesis, Delft): G = 8.1e10 Pa, Hertzian half
 #: axes a b = 43 mm^2 (wheel of 0.6 m on a rail head of 0.3 m), c11 = 4.3, Q = 100 kN.

@@ -18,10 +18,10 @@ from adhesion_jax.metrics.information import (
     quantity_covariance,
     true_quantities,
 )
+from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import OWN_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, rail_named
 
 #: Samples between two reports.

@@ -12,10 +12,10 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
+from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
 #: Samples between two reports, and reports between two checkpoints.

@@ -12,11 +12,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
+from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import OWN_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.growing import growing_tables, prefixes
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
 
 #: Numbers of samples after which Qian et al. 2024 reads its figures.

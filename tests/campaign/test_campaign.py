@@ -403,3 +403,31 @@ def test_a_full_disk_is_answered_in_a_sentence(tmp_path):
     with pytest.raises(InputError, match="No space left"), staged(tmp_path, ("table.csv",)):
         raise OSError(errno.ENOSPC, "No space left on device")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_method_that_pools_blocks_is_held_against_the_bound_of_its_pool():
+    """That of all the points of the pool, by brute force; the others against one block."""
+    config = Config("he2018-blocks", ("ml-exact", "ml-pooled"), Options(blocks=6, points=60), 100)
+    summary, switches = (
+        collect(config)[0].tables[name].set_index(["identifier", "rail", "quantity"])
+        for name in ("summary", "switches")
+    )
+    slip = jnp.linspace(0, 0.2, 60)
+
+    def bound(rail, blocks):
+        every = jnp.ones(60 * blocks, dtype=bool)
+        found = cramer_rao_bound(RAILS[rail], jnp.tile(slip, blocks), every, {}, 0.01, HE2018)
+        return dict(zip(quantity_names(RAILS[rail]), np.asarray(found), strict=True))
+
+    for quantity in ("c1", "mu_max", "slip_opt"):
+        one, two = bound("dry", 1)[quantity], bound("dry", 2)[quantity]
+        both = np.sqrt((one**2 + two**2) / 2)  # the first and the second block of the run
+        assert summary.loc["ml-exact", "dry", quantity]["crlb"] == pytest.approx(one)
+        assert summary.loc["ml-pooled", "dry", quantity]["crlb"] == pytest.approx(both)
+        # On the other rails the block after the switch stands in a table of its own.
+        assert switches.loc["ml-pooled", "wet", quantity]["crlb"] == pytest.approx(
+            bound("wet", 1)[quantity]
+        )
+        assert summary.loc["ml-pooled", "wet", quantity]["crlb"] == pytest.approx(
+            bound("wet", 2)[quantity]
+        )

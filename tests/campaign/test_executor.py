@@ -7,7 +7,7 @@ import click
 import pytest
 
 from adhesion_jax.campaign.executor import mapped
-from adhesion_jax.commands.command import run
+from adhesion_jax.command_line.command import run
 from adhesion_jax.errors import WorkerError
 
 

@@ -3,27 +3,27 @@
 import pytest
 from click.testing import CliRunner
 
-from adhesion_jax.commands import (
+from adhesion_jax.command_line import (
     claims,
     discover,
-    discovery_peers,
-    discovery_study,
     identify,
     montecarlo,
+    peers,
     regression,
     speed,
+    study,
     traction,
 )
 
 ASKED = {
     claims: [],
     discover: ["roller-rig"],
-    discovery_peers: [],
-    discovery_study: [],
     identify: ["eurosprinter"],
     montecarlo: [],
+    peers: [],
     regression: [],
     speed: [],
+    study: [],
     traction: ["--system", "hxd1f"],
 }
 

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from discovery_campaigns import SIZE
 
-from adhesion_jax.commands.command import run
-from adhesion_jax.commands.discover import main
+from adhesion_jax.command_line.command import run
+from adhesion_jax.command_line.discover import main
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES
 from adhesion_jax.simulation.simulator import simulate
@@ -51,7 +51,7 @@ def refusal(arguments, out, capsys, monkeypatch):
     [
         ([], "--simulate, but not both"),
         (["TRAIN", "--simulate", "none"], "--simulate, but not both"),
-        (["--simulate", "humidty"], "no effect 'humidty'; known are speed"),
+        (["--simulate", "humidty"], "--simulate humidty is not known; name one of speed"),
         (["--simulate", "humidity", "--test", "TRAIN"], "--test does not go with --simulate"),
         (["--simulate", "patch,patch"], "name each once"),
         (["TRAIN", "--base", "pacejka"], "--base pacejka is not known"),

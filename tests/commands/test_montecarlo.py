@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
-from adhesion_jax.commands.command import run
-from adhesion_jax.commands.montecarlo import main
-from adhesion_jax.commands.speed import main as speed_main
+from adhesion_jax.command_line.command import run
+from adhesion_jax.command_line.montecarlo import main
+from adhesion_jax.command_line.speed import main as speed_main
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.studies import speed
 

@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
-from adhesion_jax.commands.command import run
-from adhesion_jax.commands.traction import main
+from adhesion_jax.command_line.command import run
+from adhesion_jax.command_line.traction import main
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.traction.plants.reading import shipped
@@ -80,8 +80,11 @@ def test_the_page_tells_what_was_assumed_and_repaired(written):
 
 
 BAD = {
-    "system": (["--system", "tgv"], "'tgv' is not one of"),
-    "observer": (["--system", "hxd1f", "--observer", "luenberger"], "is not one of"),
+    "system": (["--system", "tgv"], "--system tgv is not known; name one of"),
+    "observer": (
+        ["--system", "hxd1f", "--observer", "luenberger"],
+        "luenberger is not known",
+    ),
     "step": (["--system", "hxd1f", "--step", "5e-4"], "--step 0.0005 s is not possible"),
     "grid": (["--system", "hxd1f", "--step", "1.5e-4"], "which is no multiple of the step"),
     "period": (
@@ -93,7 +96,7 @@ BAD = {
         ["--system", "hxd1f", "--controller", "none", "--seeker", "constant-slip"],
         "which follows no seeker",
     ),
-    "plant": (["--system", "hxd1f", "--plant", "tgv"], "is neither a file nor a plant that ships"),
+    "plant": (["--system", "hxd1f", "--plant", "tgv"], "tgv does not exist; name a TOML file or"),
     "runs": (["--system", "hxd1f", "--runs", "-1"], "is not in the range"),
 }
 

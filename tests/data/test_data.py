@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adhesion_jax.commands.command import run
-from adhesion_jax.commands.identify import main
+from adhesion_jax.command_line.command import run
+from adhesion_jax.command_line.identify import main
 from adhesion_jax.data import SHIPPED, read_measured, to_record
 from adhesion_jax.data.columns import COLUMNS, LABELS
 from adhesion_jax.errors import InputError

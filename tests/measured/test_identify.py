@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 from scipy.optimize import least_squares
 
-from adhesion_jax.commands.command import run
-from adhesion_jax.commands.identify import main
+from adhesion_jax.command_line.command import run
+from adhesion_jax.command_line.identify import main
 from adhesion_jax.curves import CURVES, physical_box
 from adhesion_jax.data import SHIPPED, read_measured, to_record
 from adhesion_jax.errors import InputError

@@ -14,8 +14,9 @@ import pandas as pd
 import adhesion_jax
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
+from adhesion_jax.command_line import discover as discover_command
+from adhesion_jax.command_line import identify as identify_command
 from adhesion_jax.commands import discover as command
-from adhesion_jax.commands.identify import main as identify_command
 from adhesion_jax.curves import CURVES
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
@@ -66,7 +67,9 @@ for name in ("train", "test"):
 files = [str(out / "train.csv"), "--test", str(out / "test.csv")]
 made = []
 command.discover = lambda *given, **named: made.append(discover(*given, **named)) or made[-1]
-command.main([*files, "--base", "hyperbolic", "--out", str(out / "report")], standalone_mode=False)
+discover_command.main(
+    [*files, "--base", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
+)
 (findings,) = made
 law = load_law(out / "report" / "law.json")
 slip = jnp.linspace(0.005, 0.1, 30)
@@ -112,7 +115,7 @@ measured = adhesion_by_hand(slips, CURVE) + 0.004 * draw.standard_normal(slips.s
 rows = [f"{s:.9g},{mu:.9g}" for s, mu in zip(slips, measured, strict=True)]
 (out / "curve.csv").write_text("\n".join(["slip_ratio,adhesion", *rows]) + "\n")
 options = ["--curve", "hyperbolic", "--out", str(out / "identified")]
-identify_command([str(out / "curve.csv"), *options], standalone_mode=False)
+identify_command.main([str(out / "curve.csv"), *options], standalone_mode=False)
 told["curve"] = CURVE
 (told["identified"],) = pd.read_csv(out / "identified" / "curves.csv").to_dict("records")
 

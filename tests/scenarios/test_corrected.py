@@ -14,8 +14,9 @@ import pytest
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
+from adhesion_jax.command_line.command import run
+from adhesion_jax.command_line.montecarlo import main
 from adhesion_jax.commands import montecarlo
-from adhesion_jax.commands.command import run
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.polach import Polach, PolachFalling
 from adhesion_jax.effects import EFFECTS, Covariate
@@ -289,7 +290,7 @@ def test_the_command_refuses_in_one_sentence(tmp_path, monkeypatch, capsys):
         given = ["montecarlo", *map(str, arguments), "--out", str(tmp_path / "out")]
         monkeypatch.setattr(sys, "argv", given)
         with pytest.raises(SystemExit) as stopped:
-            run(montecarlo.main)
+            run(main)
         assert stopped.value.code == 2
         lines = capsys.readouterr().err.strip().splitlines()
         assert len(lines) == 1, lines
@@ -310,7 +311,7 @@ def test_the_metadata_hold_the_law(humid):
 
 
 def test_no_other_job_loads_the_discovery():
-    words = "import sys, experiments.montecarlo; print(*sys.modules)"
+    words = "import sys, adhesion_jax.commands.montecarlo; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", words],
         capture_output=True,

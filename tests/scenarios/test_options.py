@@ -1,5 +1,6 @@
 """Scenarios declare what a user may change, and the command line follows from that."""
 
+import json
 import pickle
 from typing import Annotated
 
@@ -7,10 +8,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from adhesion_jax.commands import montecarlo
+from adhesion_jax.command_line.catalogue import catalogue_of
+from adhesion_jax.command_line.montecarlo import scenario_options
+from adhesion_jax.commands.names import names
 from adhesion_jax.errors import InputError
+from adhesion_jax.options import Option, Sigma, check, declared
 from adhesion_jax.scenarios import SCENARIOS, Options, build
-from adhesion_jax.scenarios.options import Option, Sigma, check, declared
 
 Gradient = Annotated[float, Option("Gradient of the track, per mille.", -40, 40)]
 
@@ -50,17 +53,19 @@ def test_an_option_is_described_where_it_is_declared():
 
 def test_what_does_not_go_together_is_said_with_what_would_be_right():
     with pytest.raises(InputError, match=r"--blocks does not go with --scenario hill.*--gradient"):
-        check("hill", hill, Options(gradient=1.0, blocks=3))
+        check("hill", declared(hill), Options(gradient=1.0, blocks=3))
     with pytest.raises(InputError, match=r"hill needs --gradient\. Gradient of the track"):
-        check("hill", hill, Options())
-    check("hill", hill, Options(gradient=1.0, sigma=0.2))
+        check("hill", declared(hill), Options())
+    check("hill", declared(hill), Options(gradient=1.0, sigma=0.2))
 
 
 def test_the_command_line_has_the_options_of_a_new_scenario_in_their_ranges(monkeypatch):
     monkeypatch.setitem(SCENARIOS, "hill", hill)
+    known = catalogue_of(json.loads(json.dumps(names())))
+    assert known.scenarios["hill"].words.startswith("A scenario of its own")
 
     @click.command()
-    @montecarlo.scenario_options
+    @scenario_options(known.scenarios)
     def command(**options: object) -> None:
         click.echo(repr(Options(**options)))
 

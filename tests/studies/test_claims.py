@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.commands import claims
+from adhesion_jax.command_line.claims import main
 from adhesion_jax.files import write_table
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, ml_de, ml_de_eq17
 from adhesion_jax.metrics.information import cramer_rao_bound
@@ -369,7 +369,7 @@ def test_published_table_has_its_columns_and_one_of_three_verdicts():
 
 @pytest.mark.parametrize("arguments", [["--runs", "1"], ["--seed", "-1"]])
 def test_command_refuses_what_has_no_standard_error(arguments):
-    assert CliRunner().invoke(claims.main, arguments).exit_code == 2
+    assert CliRunner().invoke(main, arguments).exit_code == 2
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from adhesion_jax.commands.discovery_peers import compared
+from adhesion_jax.commands.peers import compared
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
 from adhesion_jax.report.studies.peers import draw_peers, peers_text

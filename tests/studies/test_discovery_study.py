@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from adhesion_jax.commands.discovery_study import OWN_FILES, study
+from adhesion_jax.commands.study import OWN_FILES, study
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE, names_for

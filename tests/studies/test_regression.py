@@ -1,6 +1,7 @@
 """The regression benchmark: what it must notice, and what it must not."""
 
 import pickle
+from pathlib import Path
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from adhesion_jax.command_line.regression import main
 from adhesion_jax.commands import regression
 from adhesion_jax.commands.regression import TURNS, TURNS_AGAIN
 from adhesion_jax.errors import InputError
@@ -31,6 +33,7 @@ from adhesion_jax.studies.baseline.speed import measure_speed
 from adhesion_jax.studies.baseline.table import ACCURACY, COLUMNS, KEYS, assemble, read_baseline
 
 NAME = "ml-exact"
+BASELINE = Path(__file__).parents[2] / "results" / "baseline.csv"
 RUNS = 128  # one tile: in this process, no workers
 
 
@@ -334,7 +337,7 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path, baseline):
 
 
 def test_the_baseline_of_the_repository_holds_every_identifier():
-    table = read_baseline(regression.BASELINE)
+    table = read_baseline(BASELINE)
     assert set(table["identifier"]) == set(IDENTIFIERS)
     assert set(table["runs"].dropna()) == {regression.RUNS}
 
@@ -358,7 +361,7 @@ def test_a_spoilt_baseline_is_refused_in_a_sentence(tmp_path, baseline, spoil, w
 
 def test_a_missing_baseline_is_answered_before_any_work(tmp_path):
     missing = str(tmp_path / "none.csv")
-    done = CliRunner().invoke(regression.main, ["--baseline", missing, "--out", str(tmp_path)])
+    done = CliRunner().invoke(main, ["--baseline", missing, "--out", str(tmp_path)])
     assert isinstance(done.exception, InputError)
     assert "--update" in str(done.exception)
 
@@ -369,9 +372,9 @@ def test_the_command_updates_passes_and_fails(tmp_path, monkeypatch):
     monkeypatch.setattr(regression, "measure_speed", lambda *_: speeds(40.0))  # no clock
     path = tmp_path / "baseline.csv"
     asked = ["--baseline", str(path), "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(regression.main, [*asked, "--update"])
+    done = CliRunner().invoke(main, [*asked, "--update"])
     assert done.exit_code == 0, done.output
-    done = CliRunner().invoke(regression.main, asked)
+    done = CliRunner().invoke(main, asked)
     assert done.exit_code == 0, done.output
     assert "0 of 49 figures got worse" in done.output
     names = {file.name for file in (tmp_path / "out").iterdir()}
@@ -381,7 +384,7 @@ def test_the_command_updates_passes_and_fails(tmp_path, monkeypatch):
     worse = read_baseline(path)
     worse.loc[worse["quantity"] == "c3", "bias"] += 0.02
     worse.to_csv(path, index=False)
-    done = CliRunner().invoke(regression.main, asked)
+    done = CliRunner().invoke(main, asked)
     assert done.exit_code == 1, done.output
     assert "moved" in done.output
     assert set(ACCURACY) < set(worse)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.runs import RunSet
@@ -136,7 +136,7 @@ def noise_words(state: Selection) -> tuple[str, ...]:
     ):
         if np.ptp(against) == 0:
             continue
-        rank, p = stats.spearmanr(np.abs(white)[calm], against[calm])
+        rank, p = scipy.stats.spearmanr(np.abs(white)[calm], against[calm])
         if p < rules.NOISE_SIGNIFICANT:
             more = "grows" if rank > 0 else "falls"
             sentences.append(

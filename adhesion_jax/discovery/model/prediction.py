@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from adhesion_jax.discovery.model.fitting import DETERMINED, Fitted, solve
 
@@ -86,7 +86,7 @@ class Gain(NamedTuple):
             return np.inf if self.total > 0 and self.error == 0 else 0.0
         t, s = self.total / self.error, self.skewness
         even = t + s * t**2 / 3 + s**2 * t**3 / 27 + s / 6
-        return float(stats.norm.isf(stats.t.sf(even, self.freedom)))
+        return float(scipy.stats.norm.isf(scipy.stats.t.sf(even, self.freedom)))
 
 
 def least_gain(fitted: Fitted, share: float) -> float:
@@ -110,7 +110,7 @@ def gain(less: Fitted, more: Fitted) -> Gain:
     # If a single run determines a parameter, leaving it out makes its predicted loss unbounded.
     with np.errstate(over="ignore", invalid="ignore"):
         error = float(np.sqrt(used.size) * np.std(used, ddof=1))
-        skewness = float(stats.skew(used) / np.sqrt(used.size))
+        skewness = float(scipy.stats.skew(used) / np.sqrt(used.size))
     return Gain(
         float(gains.sum()), error, skewness if np.isfinite(skewness) else 0.0, used.size - 1
     )

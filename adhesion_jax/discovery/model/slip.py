@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Bool, Float
-from scipy import stats
 from scipy.linalg import eigh
 
 from adhesion_jax.curves import Conditions
@@ -283,7 +283,7 @@ def noise_of_slip(
     setting = Setting(problem, noise, expected.adhesion)
     white = in_noise_units(setting, error[None])[0]
     half_deviance = 0.5 * (white**2).sum() + determinant(whitening(noise, setting.level)).sum()
-    p = float(stats.chi2.sf(2 * max(measured.total - float(half_deviance), 0.0), 2))
+    p = float(scipy.stats.chi2.sf(2 * max(measured.total - float(half_deviance), 0.0), 2))
     if p > _SIGNIFICANT:
         return None
     inside = expected.setting.noise.weight > 0

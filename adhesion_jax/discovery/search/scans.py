@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 from scipy.ndimage import median_filter
 
 from adhesion_jax.discovery.model.fitting import Fitted
@@ -187,7 +187,7 @@ def torsion(fitted: Fitted) -> Torsion | None:
     ratio = power / level
     best = int(np.argmax(ratio))
     # The median of the sum of `runs` unit exponentials is near runs - 1/3.
-    p = float(power.size * stats.gamma.sf(ratio[best] * (runs - 1 / 3), runs))
+    p = float(power.size * scipy.stats.gamma.sf(ratio[best] * (runs - 1 / 3), runs))
     if p > rules.SCAN_SIGNIFICANT:
         return None
     number = best + rules.WAVES_OF_A_LINE

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 from scipy.special import gammaln
 
 from adhesion_jax.discovery.model.bases import middle_start_under, starts_under
@@ -112,7 +112,7 @@ def _outright(
         freedom = max(len(own.places) - len(fitted.places), 1)
         if not ratio > 0:
             continue
-        p = min(1.0, rules.OUTRIGHT_TIMES * len(slow) * float(stats.chi2.sf(ratio, freedom)))
+        p = min(1.0, rules.OUTRIGHT_TIMES * len(slow) * float(scipy.stats.chi2.sf(ratio, freedom)))
         z = float(_as_normal(np.array([ratio]), np.array([freedom]))[0])
         (effect,) = own.effects
         found.append(Score(entry, effect, z, p, np.nan, own._replace(effects=())))

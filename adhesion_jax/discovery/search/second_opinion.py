@@ -5,14 +5,18 @@ whatever form. They claim no cause; the columns that they need for the predictio
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from importlib import import_module
+from threading import Thread
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
-from sklearn.ensemble import HistGradientBoostingRegressor
+import scipy
 
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.types import Opinion
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingRegressor
 
 #: Folds of the cross-validation over runs.
 _FOLDS = 4
@@ -28,6 +32,11 @@ _MORE_TREES = (75, 225)
 
 #: Number of random exchanges of each column between runs.
 _EXCHANGES = 3
+
+
+def import_trees() -> None:
+    """Import the library of the trees, which takes longer than their work, beside what runs now."""
+    Thread(target=import_module, args=("sklearn.ensemble",), daemon=True).start()
 
 
 def second_opinion(
@@ -94,7 +103,7 @@ class _Trial(NamedTuple):
     """Cross-validated predictions of one kind of residual."""
 
     left: np.ndarray  # what they are fitted to, [points]
-    models: Sequence[HistGradientBoostingRegressor]  # [folds]
+    models: "Sequence[HistGradientBoostingRegressor]"  # [folds]
     squared: np.ndarray  # the squared error that they leave, [points]
     gain: np.ndarray  # mean squared error removed, [runs]
     p: float  # of no relation; 1 if the squared error does not fall
@@ -113,8 +122,10 @@ def _trial(
 
 def _fitted(
     columns: np.ndarray, left: np.ndarray, fold: np.ndarray, trees: int
-) -> list[HistGradientBoostingRegressor]:
+) -> "list[HistGradientBoostingRegressor]":
     """For each fold, trees fitted to all the other folds."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
     return [
         HistGradientBoostingRegressor(
             max_iter=trees,
@@ -130,7 +141,7 @@ def _fitted(
 
 
 def _predicted(
-    models: Sequence[HistGradientBoostingRegressor], columns: np.ndarray, fold: np.ndarray
+    models: "Sequence[HistGradientBoostingRegressor]", columns: np.ndarray, fold: np.ndarray
 ) -> np.ndarray:
     """The prediction of every point by the trees not fitted to its fold, [points]."""
     predicted = np.empty(len(columns))
@@ -147,7 +158,7 @@ def _p_value(products: np.ndarray) -> float:
     """One-sided p of the mean of the products [runs], each pair of which entered twice."""
     spread = max(float(np.std(products, ddof=1)), 1e-300)
     statistic = np.mean(products) * np.sqrt(products.size) / spread
-    return float(student.sf(statistic / rules.OPINION_WIDENING, products.size - 1))
+    return float(scipy.stats.t.sf(statistic / rules.OPINION_WIDENING, products.size - 1))
 
 
 def _rise(
@@ -181,6 +192,6 @@ def _named(rise: np.ndarray, candidates: Sequence[int]) -> Sequence[int]:
     """The candidates whose exchange raises the error (t test over runs), the largest rise first."""
     mean = rise.mean(axis=1)
     spread = rise.std(axis=1, ddof=1) / np.sqrt(rise.shape[1])
-    needed = student.ppf(1 - rules.OPINION_NAMED / max(len(candidates), 1), rise.shape[1] - 1)
+    needed = scipy.stats.t.ppf(1 - rules.OPINION_NAMED / max(len(candidates), 1), rise.shape[1] - 1)
     kept = [place for place in candidates if mean[place] > needed * spread[place] > 0]
     return sorted(kept, key=lambda place: -mean[place])

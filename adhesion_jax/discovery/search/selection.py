@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from adhesion_jax.curves import BASES
 from adhesion_jax.discovery.model.bases import bic, refits
@@ -210,7 +210,7 @@ def _scanned(state: Selection, scores: Sequence[Score], seed: int) -> Sequence[S
     """
     taken = [effect.name for effect in state.accepted]
     lines = [
-        Score(entry, entry.starts[0], float(stats.norm.isf(p)), p, np.nan)
+        Score(entry, entry.starts[0], float(scipy.stats.norm.isf(p)), p, np.nan)
         for entry, p in waves(state.fitted, taken, seed)
         if has_room(state.fitted.effects, entry.starts[0])
     ]

@@ -9,9 +9,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.commands.command import Folder, output_directory
-from adhesion_jax.errors import InputError
-from adhesion_jax.files import staged, write_metadata, write_table
+from adhesion_jax.files import output_directory, staged, write_metadata, write_table
 from adhesion_jax.report.studies.discovery import (
     draw_confusion,
     draw_detection,
@@ -29,63 +27,6 @@ OWN_FILES = (
 )
 
 
-@click.command()
-@click.option(
-    "--null",
-    type=click.IntRange(min=0),
-    default=200,
-    show_default=True,
-    help="Sets with nothing hidden in them; the noise of half of them is slow.",
-)
-@click.option(
-    "--powers",
-    type=click.IntRange(min=0),
-    default=10,
-    show_default=True,
-    help="Sets of each effect and strength.",
-)
-@click.option(
-    "--pairs",
-    type=click.IntRange(min=0),
-    default=24,
-    show_default=True,
-    help="Sets with two effects of different families.",
-)
-@click.option(
-    "--random",
-    type=click.IntRange(min=0),
-    default=100,
-    show_default=True,
-    help="Sets with an effect that is a random smooth function of one or two columns.",
-)
-@click.option(
-    "--logs",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Logs of each kind, with nothing hidden but the noise of the slip.",
-)
-@click.option(
-    "--log-effects",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Logs with each of three effects, the kinds of logs by turns.",
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Processes; the results do not depend on their number.",
-)
-@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/discovery_study"),
-    show_default=True,
-)
 def main(workers: int, out: Path, **sizes: int) -> None:
     """Run the discovery on simulated sets and count what it gets right."""
     study(sizes, out, discover_tables, workers)
@@ -99,8 +40,6 @@ def study(
     `sizes` are the arguments of `study_tasks`.
     """
     tasks = study_tasks(**sizes)
-    if not tasks:
-        raise InputError("A study of no sets says nothing; give --null or --powers above 0.")
     directory = output_directory(out)
     began = time.perf_counter()
     with staged(directory, OWN_FILES) as stage:

@@ -12,9 +12,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.commands.command import Folder, output_directory
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import staged, write_metadata, write_table
+from adhesion_jax.files import output_directory, staged, write_metadata, write_table
 from adhesion_jax.report.studies.peers import draw_peers, peers_text
 from adhesion_jax.simulation.base import rms
 from adhesion_jax.studies.discovery.from_tables import discover_tables
@@ -37,32 +36,13 @@ OWN_FILES = ("peer_sets.csv", "peers.csv", "peers.png", "metadata.json")
 Row = dict[str, object]
 
 
-@click.command()
-@click.option(
-    "--simulated",
-    type=click.IntRange(min=0),
-    default=23,
-    show_default=True,
-    help="Simulated sets; about a third of them have nothing hidden.",
-)
-@click.option(
-    "--random",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Simulated sets with an effect that is a random function of one or two columns.",
-)
-@click.option("--sets", type=click.Path(path_type=Path), help="Folder of stored sets to add.")
-@click.option("--methods", help=f"Of {', '.join((THIS, *PEERS))}; by default all.")
-@click.option("--seed", type=click.IntRange(min=0, max=2**32 - 1), default=0, show_default=True)
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/discovery_peers"),
-    show_default=True,
-)
 def main(
-    simulated: int, random: int, sets: Path | None, methods: str | None, seed: int, out: Path
+    simulated: int,
+    random: int,
+    sets: Path | None,
+    methods: tuple[str, ...] | None,
+    seed: int,
+    out: Path,
 ) -> None:
     """Errors, names and false names of the discovery and of general methods on the same sets."""
     chosen = _chosen(methods)
@@ -146,12 +126,8 @@ def compared(part: PeerSet, methods: Sequence[str], discover: Discover, seed: in
         }
 
 
-def _chosen(methods: str | None) -> tuple[str, ...]:
-    known = (THIS, *PEERS)
-    chosen = tuple(name.strip() for name in methods.split(",")) if methods else known
-    for name in chosen:
-        if name not in known:
-            raise InputError(f"There is no method '{name}'; known are {', '.join(known)}.")
+def _chosen(methods: tuple[str, ...] | None) -> tuple[str, ...]:
+    chosen = methods or (THIS, *PEERS)
     if {*chosen} & {*PEERS} and not (find_spec("sklearn") and find_spec("pysindy")):
         raise InputError(
             "The peers need scikit-learn and pysindy, which are not installed; run "

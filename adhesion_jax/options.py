@@ -27,7 +27,7 @@ Outliers = Annotated[
 ]
 BlockCount = Annotated[int, Option("Blocks of a run.", 1)]
 Law = Annotated[
-    str, Option("The law.json of experiments.discover that the truth follows.", is_file=True)
+    str, Option("The law.json of adhesion discover that the truth follows.", is_file=True)
 ]
 
 
@@ -51,6 +51,10 @@ class Options(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return f"Options({', '.join(f'{name}={value!r}' for name, value in self.items())})"
+
+
+#: What an argument of a scenario can be, by name.
+KINDS: Mapping[str, type] = {kind.__name__: kind for kind in (int, float, str)}
 
 
 class Declared(NamedTuple):
@@ -77,9 +81,8 @@ def _declared(argument: inspect.Parameter) -> Declared:
     return Declared(kind, option, argument.default is inspect.Parameter.empty)
 
 
-def check(name: str, build: Callable[..., Any], options: Options) -> None:
+def check(name: str, known: Mapping[str, Declared], options: Options) -> None:
     """InputError where the scenario of this name does not take an option, or lacks one."""
-    known = declared(build)
     for option in options:
         if option not in known:
             raise InputError(

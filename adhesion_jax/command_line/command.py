@@ -1,0 +1,167 @@
+"""How every command speaks: options by click, and one sentence for what cannot be used."""
+
+import math
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.plugins import Part, part, use
+from adhesion_jax.wording import listed
+
+#: Seeds of noise are numbers of 32 bits.
+SEED = click.IntRange(min=0, max=2**32 - 1)
+
+
+def run(command: click.Command) -> None:
+    """Run a command to the end of the process: status 0, or one sentence and status 2.
+
+    Status 1 where the machine failed: a worker process that died.
+    """
+    try:
+        command.main(standalone_mode=False)
+    except click.Abort:
+        sys.exit(130)
+    except click.ClickException as error:
+        _refuse(error.format_message())
+    except InputError as error:
+        _refuse(str(error))
+    except WorkerError as error:
+        click.echo(f"error: {error}", err=True)
+        sys.exit(1)
+
+
+def _refuse(sentence: str) -> None:
+    click.echo(f"error: {sentence}", err=True)
+    sys.exit(2)
+
+
+def start() -> None:
+    """Import jax and set what commands run with."""
+    from adhesion_jax import programs, runtime
+
+    runtime.start()
+    programs.share_with_jax()
+
+
+def perform(name: str, /, *beside: Part, **asked: object) -> None:
+    """Do what a command of this name is asked: only now are jax and the rooms imported.
+
+    Parts of the user's own come first, for some rooms make tables of the registries; what is asked
+    then has their names. Those `beside` are not named in it.
+    """
+    start()
+    for own in beside:
+        use(own)
+    known = {option: _used(value) for option, value in asked.items()}
+    import_module(f"adhesion_jax.commands.{name}").main(**known)
+
+
+def _used(value: object) -> object:
+    if isinstance(value, Part):
+        return use(value)
+    return tuple(map(_used, value)) if isinstance(value, tuple) else value
+
+
+class FiniteRange(click.FloatRange):
+    """A number in a range; nan and infinity, which pass every comparison or none, are refused."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+class Folder(click.Path):
+    """A folder to write into; an empty name, which pathlib takes for this folder, is refused.
+
+    It is made when there is something to write. Where that cannot succeed it is refused before.
+    """
+
+    name = "folder"
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("the name is empty; name a folder, or . for this one.", param, ctx)
+        path = Path(str(super().convert(value, param, ctx)))
+        there = next(place for place in (path, *path.absolute().parents) if place.exists())
+        if not there.is_dir() or not os.access(there, os.W_OK):
+            reason = "Permission denied" if there.is_dir() else f"{there} is a file"
+            raise InputError(
+                f"--out {path} cannot be written to ({reason}); name a folder that can."
+            )
+        return path
+
+
+class File(click.ParamType):
+    """A file to read, which must be there; or a name that stands for one."""
+
+    name = "file"
+
+    def __init__(self, names: Sequence[str] = (), wanted: str = "") -> None:
+        self.names, self.wanted = names, wanted
+
+    def convert(self, value: str, param: Any, ctx: Any) -> str:
+        if value not in self.names and not Path(value).is_file():
+            problem = "is not a file" if Path(value).exists() else "does not exist"
+            raise InputError(f"{value} {problem}; {self.wanted}.")
+        return value
+
+    def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
+        return [*_starting(self.names, incomplete), CompletionItem(incomplete, type="file")]
+
+
+class Name(click.ParamType):
+    """One of the names of the package or, where a kind is given, a part FILE.py:NAME."""
+
+    name = "name"
+
+    def __init__(self, names: Iterable[str], kind: str = "") -> None:
+        self.names, self.kind = tuple(names), kind
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value in self.names or isinstance(value, Part):
+            return value
+        own = part(self.kind, value) if self.kind else None
+        if own is None:
+            names = [*filter(None, self.names), *(["FILE.py:NAME"] if self.kind else [])]
+            raise InputError(
+                f"{param.opts[0]} {value} is not known; name one of {listed(names, 'or')}."
+            )
+        return own
+
+    def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
+        return _starting(self.names, incomplete)
+
+
+class Names(Name):
+    """The same divided by commas, as a tuple."""
+
+    name = "names"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if isinstance(value, tuple):
+            return value
+        return tuple(
+            super(Names, self).convert(name.strip(), param, ctx) for name in value.split(",")
+        )
+
+    def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
+        before, comma, begun = incomplete.rpartition(",")
+        return [CompletionItem(before + comma + one.value) for one in _starting(self.names, begun)]
+
+
+def _starting(names: Iterable[str], begun: str) -> list[CompletionItem]:
+    return [CompletionItem(name) for name in names if name.startswith(begun)]

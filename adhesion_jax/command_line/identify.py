@@ -1,0 +1,37 @@
+"""`adhesion identify`: which adhesion curve measured points follow."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from adhesion_jax.command_line.catalogue import catalogue
+from adhesion_jax.command_line.command import File, Folder, Name, perform
+
+KNOWN = catalogue()
+
+
+@click.command()
+@click.argument("file", type=File(KNOWN.data, "name a .csv, .csv.gz or .parquet file"))
+@click.option(
+    "--curve",
+    type=Name((*KNOWN.curves, "all"), "curve"),
+    default="all",
+    help=f"{', '.join(KNOWN.curves)}, FILE.py:NAME, or all.",
+    show_default=True,
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    default=Path("out/identify"),
+    help="Folder for curves.csv, curves.png and verdict.txt.",
+    show_default=True,
+)
+def main(**asked: Any) -> None:
+    """Fit adhesion curves to the measured points of FILE and say what they are worth.
+
+    FILE is a .csv, .csv.gz or .parquet file with the columns slip_ratio (or slip_velocity_mps)
+    and adhesion (or tangential_force_N with normal_load_N), or the name of a data set that ships
+    with the package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
+    """
+    perform("identify", **asked)

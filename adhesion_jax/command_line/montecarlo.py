@@ -1,0 +1,149 @@
+"""`adhesion montecarlo`: how well each method knows thousands of noisy adhesion curves."""
+
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import click
+
+from adhesion_jax.command_line.catalogue import Scenario, catalogue
+from adhesion_jax.command_line.command import SEED, FiniteRange, Folder, Name, Names, perform, start
+from adhesion_jax.errors import InputError
+from adhesion_jax.options import Declared, Options, check, declared
+from adhesion_jax.plugins import part, use
+
+KNOWN = catalogue()
+
+
+def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if not wanted or context.resilient_parsing:
+        return
+    width = max(map(len, KNOWN.scenarios)) + 2
+    click.echo("scenarios")
+    for name, scenario in KNOWN.scenarios.items():
+        click.echo(f"  {name:<{width}}{scenario.words}")
+    click.echo("identifiers")
+    for name in KNOWN.identifiers:
+        click.echo(f"  {name}{'  (runs when named)' if name in KNOWN.ablations else ''}")
+    click.echo(f"rails\n  {', '.join(KNOWN.rails)}")
+    context.exit()
+
+
+def scenario_options(
+    scenarios: Mapping[str, Scenario],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator that gives a command an option for every argument that some scenario takes."""
+    known: dict[str, Declared] = {}
+    takers: dict[str, list[str]] = {}
+    for scenario, (_, options) in scenarios.items():
+        for name, one in options.items():
+            known.setdefault(name, one)
+            takers.setdefault(name, []).append(scenario)
+
+    def with_options(command: Callable[..., None]) -> Callable[..., None]:
+        for name, one in reversed(known.items()):
+            some = len(takers[name]) < len(scenarios)
+            words = one.option.help + (f" For {', '.join(takers[name])}." if some else "")
+            flag = f"--{name.replace('_', '-')}"
+            command = click.option(flag, type=_type(name, one), help=words)(command)
+        return command
+
+    return with_options
+
+
+class WithScenario(click.Command):
+    """With an option, too, for each argument of a scenario in a file of the user's own."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        pairs = pairwise([word for given in args for word in given.split("=", 1)])
+        named = [value for option, value in pairs if option == "--scenario"]
+        own = part("scenario", named[-1]) if named else None
+        if own is not None:
+            start()
+            from adhesion_jax.scenarios import SCENARIOS
+
+            scenario = Scenario("", declared(SCENARIOS[use(own)]))
+            command = scenario_options({own.name: scenario})(lambda: None)
+            ctx.meta[__name__] = click.command()(command).params
+        return super().parse_args(ctx, args)
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        own = super().get_params(ctx)
+        names = {param.name for param in own}
+        return [*own, *(one for one in ctx.meta.get(__name__, ()) if one.name not in names)]
+
+
+def _type(name: str, one: Declared) -> click.ParamType | type:
+    option = one.option
+    if name == "rail":
+        return Name(KNOWN.rails)
+    if option.is_file:
+        return click.Path(path_type=Path)
+    if one.kind is int:
+        return click.IntRange(
+            int(option.low or 0), None if option.high is None else int(option.high)
+        )
+    if one.kind is float:
+        return FiniteRange(option.low, option.high, option.low_open, option.high_open)
+    return one.kind
+
+
+@click.command(cls=WithScenario)
+@click.option(
+    "--scenario",
+    type=Name(KNOWN.scenarios, "scenario"),
+    help=f"What is identified (by default {' and '.join(KNOWN.main_job)}), or FILE.py:NAME.",
+)
+@click.option(
+    "--identifiers",
+    type=Names(KNOWN.identifiers, "identifier"),
+    help="Names, or FILE.py:NAME, divided by commas; by default all that fit.",
+)
+@scenario_options(KNOWN.scenarios)
+@click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--out", type=Folder(), default=Path("out/montecarlo"), show_default=True)
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list,
+    help="Show the names.",
+)
+def main(
+    scenario: Any,
+    identifiers: tuple[Any, ...] | None,
+    runs: int,
+    seed: int,
+    out: Path,
+    **asked: object,
+) -> None:
+    """Identify thousands of noisy adhesion curves and compare the methods."""
+    options = {
+        name: _text(name, value) if isinstance(value, Path) else value
+        for name, value in asked.items()
+    }
+    if scenario in KNOWN.scenarios:
+        check(scenario, KNOWN.scenarios[scenario].options, Options(**options))
+    perform(
+        "montecarlo",
+        scenario=scenario,
+        identifiers=identifiers or (),
+        runs=runs,
+        seed=seed,
+        out=out,
+        **options,
+    )
+
+
+def _text(option: str, path: Path) -> str:
+    """What stands in the file of an option; InputError where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        reason = error.strerror
+    except UnicodeDecodeError:
+        reason = "it is no text"
+    raise InputError(f"--{option} {path} cannot be read ({reason}); name another file.") from None

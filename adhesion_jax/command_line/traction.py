@@ -1,0 +1,55 @@
+"""`adhesion traction`: a published traction control system on its plant."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from adhesion_jax.command_line.catalogue import catalogue
+from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
+
+KNOWN = catalogue()
+
+
+@click.command()
+@click.option(
+    "--system", type=Name(KNOWN.systems), required=True, help=f"{', '.join(KNOWN.systems)}."
+)
+@click.option(
+    "--plant",
+    type=File(KNOWN.plants, f"name a TOML file or {', '.join(KNOWN.plants)}"),
+    help=f"A TOML file, or a plant that ships: {', '.join(KNOWN.plants)}.",
+)
+@click.option(
+    "--observer",
+    type=Name(KNOWN.observers, "observer"),
+    help=f"Instead of the paper's: {', '.join(KNOWN.observers)}, FILE.py:NAME.",
+)
+@click.option(
+    "--seeker",
+    type=Name(KNOWN.seekers, "seeker"),
+    help=f"Instead of the paper's: {', '.join(KNOWN.seekers)}, FILE.py:NAME.",
+)
+@click.option(
+    "--controller",
+    type=Name(KNOWN.controllers, "controller"),
+    help=f"Instead of the paper's: {', '.join(KNOWN.controllers)}, FILE.py:NAME.",
+)
+@click.option("--runs", type=click.IntRange(min=0), default=32, show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
+@click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
+@click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
+def main(system: str, plant: str | None, out: Path | None, **asked: Any) -> None:
+    """Run a published control system on its plant: its table, its figures and its metrics.
+
+    Every scenario of the paper runs once without noise and `--runs` times with noise. With an
+    observer, a seeker or a controller named, it takes the place of the paper's own.
+    """
+    perform(
+        "traction",
+        name=system,
+        plant_name=plant,
+        out=out or Path("out") / f"traction-{system}",
+        **asked,
+    )

@@ -1,0 +1,249 @@
+"""Parts in files of the user's own: FILE.py:NAME in the place of a name of the package.
+
+A part is put into the registry of its kind under NAME for as long as the process lives. Numbers
+depend on NAME and on the content of the file, not on where it lies. The rooms are named here as
+text, for only that of the part is imported, and reading a file needs none.
+"""
+
+import inspect
+import re
+import sys
+from collections.abc import Callable, Sequence
+from functools import wraps
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from adhesion_jax import keeping
+from adhesion_jax.errors import InputError
+from adhesion_jax.options import declared
+from adhesion_jax.wording import listed
+
+
+class Part(NamedTuple):
+    """A part as it was asked for, with what stood in its file then."""
+
+    kind: str
+    path: str
+    name: str
+    source: bytes
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.name}"
+
+
+class Kind(NamedTuple):
+    """What a part may be: an article and a noun, its class, its registries, what is made of it."""
+
+    what: str
+    room: str
+    base: str
+    registries: Sequence[str]  # a module and a mapping of it
+    made: Callable[[Part, Any, "Kind"], Any]
+    #: Rooms that make tables of the registries when they are imported.
+    before: str = ""
+
+
+_TABLES = "adhesion_jax.discovery.model.program"
+
+#: The parts that were put into the registries, by kind and name.
+_used: dict[tuple[str, str], Part] = {}
+
+
+def part(kind: str, text: str) -> Part | None:
+    """The part that FILE.py:NAME names, read but not run; None where the text is no such name.
+
+    InputError where there is no such file, or where it is no Python.
+    """
+    found = re.fullmatch(r"(.+\.py)(?::(\w*))?", text)
+    if found is None:
+        return None
+    path, name = found.groups()
+    if not name:
+        raise InputError(f"{path} is a file; name the part in it too, as {path}:NAME.")
+    try:
+        source = Path(path).read_bytes()
+        compile(source, path, "exec")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); name another file.") from None
+    except SyntaxError as error:
+        raise InputError(f"{path} is no Python in line {error.lineno}: {error.msg}.") from None
+    except ValueError as error:
+        raise InputError(f"{path} is no Python: {error}.") from None
+    return Part(kind, str(Path(path).absolute()), name, source)
+
+
+def use(asked: Part) -> str:
+    """Run the file, put the part into the registries of its kind, and return its name there."""
+    kind = KINDS[asked.kind]
+    before = _used.get((asked.kind, asked.name))
+    if before is not None and before.source == asked.source:
+        return asked.name
+    if kind.before in sys.modules:
+        raise InputError(f"{asked} comes too late: name it where this process begins.")
+    module = _module(asked)
+    if not hasattr(module, asked.name):
+        names = [name for name, value in vars(module).items() if _of(module, name, value)]
+        has = f"it has {listed(names)}" if names else "it defines nothing"
+        raise InputError(f"{asked.path} has no {asked.name}; {has}.")
+    made = kind.made(asked, getattr(module, asked.name), kind)
+    registries = [_named(registry) for registry in kind.registries]
+    if any(asked.name in registry for registry in registries):
+        raise InputError(f"{asked} has the name of another part; give it a name of its own.")
+    for registry in registries:
+        registry[asked.name] = made
+    _used[asked.kind, asked.name] = asked
+    return asked.name
+
+
+def used() -> tuple[Part, ...]:
+    """All parts that are in use, for another process to use."""
+    return tuple(_used.values())
+
+
+def _named(place: str) -> Any:
+    module, _, name = place.rpartition(".")
+    return getattr(import_module(module), name)
+
+
+def _module(asked: Part) -> ModuleType:
+    """The file as a module with a name by its content, so that what is in it can be pickled."""
+    name = f"part_{sha256(asked.source).hexdigest()[:16]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    path = Path(asked.path)
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))  # for what the file imports from beside it
+    known = {*sys.modules}
+    module = sys.modules[name] = ModuleType(name)
+    module.__file__ = asked.path
+    try:
+        exec(compile(asked.source, asked.path, "exec"), module.__dict__)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        line, trace = 0, error.__traceback__
+        while trace is not None:
+            line = trace.tb_lineno if trace.tb_frame.f_code.co_filename == asked.path else line
+            trace = trace.tb_next
+        words = " ".join(str(error).split()).rstrip(".")
+        raise InputError(
+            f"{asked.path} cannot be run, line {line}: {type(error).__name__}: {words}."
+        ) from None
+    keeping.outside(Path(f"{name}.py"), asked.source)
+    for other in {*sys.modules} - known - {name}:
+        _keep_in_mind(sys.modules[other], path.parent)
+    return module
+
+
+def _keep_in_mind(module: ModuleType, folder: Path) -> None:
+    """Programs depend on what a file imports from beside it, too."""
+    file = Path(getattr(module, "__file__", None) or sys.prefix)
+    own = file.is_relative_to(folder) and not file.is_relative_to(sys.prefix)
+    if own and file.suffix == ".py":
+        keeping.outside(file, file.read_bytes())
+
+
+def _of(module: ModuleType, name: str, value: object) -> bool:
+    """Whether the file defines it, rather than imports it."""
+    of = getattr(value, "__module__", type(value).__module__)
+    return of == module.__name__ and not name.startswith("_")
+
+
+def _class(asked: Part, found: Any, kind: Kind) -> Any:
+    """The class, if it is one of the kind and lacks nothing."""
+    base = _named(f"{kind.room}.{kind.base}")
+    if not (inspect.isclass(found) and issubclass(found, base)):
+        raise InputError(f"{asked} is not {kind.what}: derive it from {kind.room}.{kind.base}.")
+    places = ("__abstractmethods__", "__abstractclassvars__", "__abstractvars__")
+    lacking = sorted({name for place in places for name in getattr(found, place, ())})
+    if lacking:
+        raise InputError(f"{asked} lacks {listed(lacking)}, which {kind.what} must have.")
+    return found
+
+
+def _instance(asked: Part, found: Any, kind: Kind) -> Any:
+    """The object, or that of the class without arguments."""
+    if not inspect.isclass(found):
+        _class(asked, type(found), kind)
+        return found
+    try:
+        return _class(asked, found, kind)()
+    except TypeError as error:
+        words = " ".join(str(error).split()).rstrip(".")
+        raise InputError(
+            f"{asked} cannot be made without arguments ({words}); give its fields values, or name "
+            "an object of that class."
+        ) from None
+
+
+def _builder(asked: Part, found: Any, kind: Kind) -> Callable[..., Any]:
+    """The function, whose arguments become options, and what it builds a scenario."""
+    scenario = _named(f"{kind.room}.{kind.base}")
+    if inspect.isclass(found) or not callable(found):
+        raise InputError(f"{asked} is not {kind.what}.")
+    try:
+        declared(found)
+    except (StopIteration, NameError, TypeError, ValueError):
+        raise InputError(
+            f"{asked} has an argument that is not described; annotate it as those in "
+            "adhesion_jax.options are."
+        ) from None
+
+    @wraps(found)
+    def built(**options: Any) -> Any:
+        made = found(**options)
+        if not isinstance(made, scenario):
+            raise InputError(f"{asked} returns {type(made).__name__}, and not a scenario.")
+        return made
+
+    return built
+
+
+KINDS: dict[str, Kind] = {
+    "identifier": Kind(
+        "an identifier",
+        "adhesion_jax.identifiers",
+        "Identifier",
+        ["adhesion_jax.identifiers.IDENTIFIERS"],
+        _instance,
+    ),
+    "scenario": Kind(
+        "a function that builds a scenario",
+        "adhesion_jax.scenarios",
+        "Scenario",
+        ["adhesion_jax.scenarios.SCENARIOS"],
+        _builder,
+    ),
+    "curve": Kind(
+        "a curve",
+        "adhesion_jax.curves",
+        "Curve",
+        ["adhesion_jax.curves.CURVES", "adhesion_jax.curves.BASES"],
+        _instance,
+        _TABLES,
+    ),
+    "effect": Kind(
+        "an effect",
+        "adhesion_jax.effects",
+        "Cause",
+        [
+            "adhesion_jax.effects.EFFECTS",
+            "adhesion_jax.effects.KINDS",
+            "adhesion_jax.simulation.plantable.PLANTABLE",
+        ],
+        _class,
+        _TABLES,
+    ),
+    **{
+        noun: Kind(
+            f"{article} {noun}",
+            f"adhesion_jax.traction.{noun}s",
+            noun.capitalize(),
+            [f"adhesion_jax.traction.{noun}s.{noun.upper()}S"],
+            _instance,
+        )
+        for article, noun in (("an", "observer"), ("a", "seeker"), ("a", "controller"))
+    },
+}

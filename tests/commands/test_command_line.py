@@ -1,0 +1,164 @@
+"""The console command, and what it answers without importing jax."""
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+
+import pytest
+from click.testing import CliRunner
+
+from adhesion_jax import keeping
+from adhesion_jax.command_line import catalogue as catalogue_module
+from adhesion_jax.command_line.catalogue import catalogue, catalogue_of
+from adhesion_jax.command_line.program import COMMANDS, adhesion
+from adhesion_jax.commands.names import names
+
+#: Runs the console command and says whether jax was imported on the way.
+SPY = """
+import sys
+from adhesion_jax.command_line.program import main
+try:
+    main()
+finally:
+    print("JAX" if "jax" in sys.modules else "none", file=sys.stderr)
+"""
+
+
+def answered(*arguments, script=SPY, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", script, *map(str, arguments)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def test_the_modules_of_the_commands_and_what_is_said_of_them_are_those_of_the_package():
+    assert set(COMMANDS) < {path.stem for path in (keeping._PACKAGE / "command_line").glob("*.py")}
+    told = CliRunner().invoke(adhesion, []).output
+    assert all(name in told for name in COMMANDS)
+    assert CliRunner().invoke(adhesion, ["--version"]).output.split()[-1] == version("adhesion-jax")
+
+
+def test_the_catalogue_is_that_of_the_registries():
+    assert catalogue() == catalogue_of(names())
+
+
+def test_help_and_lists_import_no_jax():
+    catalogue()  # the first command after a change of the source asks the rooms
+    for arguments in ([], ["--help"], ["--version"], ["montecarlo", "--list"]):
+        done = answered(*arguments)
+        assert (done.returncode, done.stderr) == (0, "none\n"), arguments
+        assert done.stdout
+    for name in COMMANDS:
+        done = answered(name, "--help")
+        assert (done.returncode, done.stderr) == (0, "none\n"), name
+        assert "--out" in done.stdout
+
+
+REFUSED = {
+    "command": (["nonsense"], "nonsense is no command; name montecarlo"),
+    "option": (["identify", "eurosprinter", "--depth", "3"], "--depth"),
+    "identifier": (["montecarlo", "--identifiers", "ml-exact,magic"], "--identifiers magic is not"),
+    "scenario": (["montecarlo", "--scenario", "moon"], "--scenario moon is not known"),
+    "rail": (["montecarlo", "--scenario", "single", "--rail", "icy"], "--rail icy is not known"),
+    "range": (["montecarlo", "--sigma", "11"], "--sigma"),
+    "blocks": (
+        ["montecarlo", "--scenario", "single", "--blocks", "3"],
+        "does not go with",
+    ),
+    "law": (["montecarlo", "--scenario", "corrected", "--law", "no.json"], "cannot be read"),
+    "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),
+    "curve": (["identify", "eurosprinter", "--curve", "pacejka"], "--curve pacejka is not known"),
+    "file": (["identify", "nowhere.csv"], "nowhere.csv does not exist"),
+    "runs": (["discover", "nowhere.csv"], "nowhere.csv does not exist"),
+    "base": (["discover", "eurosprinter", "--base", "x"], "--base x is not known"),
+    "effect": (["discover", "--simulate", "speed,x"], "--simulate x is not known"),
+    "neither": (["discover"], "Name the files of TRAIN"),
+    "system": (["traction", "--system", "tgv"], "--system tgv is not known"),
+    "plant": (["traction", "--system", "hxd1f", "--plant", "no.toml"], "no.toml does not exist"),
+    "seeker": (["traction", "--system", "hxd1f", "--seeker", "x"], "--seeker x is not known"),
+    "no sets": (
+        ["study", "--null", "0", "--powers", "0", "--pairs", "0", "--random", "0"],
+        "no set",
+    ),
+    "peer": (["peers", "--methods", "x"], "--methods x is not known"),
+    "baseline": (["regression", "--baseline", "no.csv"], "no.csv does not exist"),
+    "few runs": (["claims", "--runs", "1"], "--runs"),
+    "repeats": (["speed", "--repeats", "0"], "--repeats"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_refusal_is_one_sentence_and_imports_no_jax(case):
+    catalogue()
+    arguments, words = REFUSED[case]
+    done = answered(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    sentence, jax = done.stderr.splitlines()
+    assert sentence.startswith("error: ")
+    assert words in sentence
+    assert jax == "none"
+
+
+def test_a_file_in_the_place_of_a_folder_is_refused_before_any_work(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = answered("speed", "--out", tmp_path / "file" / "out")
+    assert done.returncode == 2
+    assert "cannot be written to" in done.stderr
+    assert done.stderr.endswith("none\n")
+
+
+def test_the_console_command_and_the_modules_answer_alike():
+    asked = ["identify", "nowhere.csv"]
+    script = "from runpy import run_module; run_module({!r}, run_name='__main__')"
+    as_module = answered(*asked, script=script.format("adhesion_jax"))
+    in_a_clone = answered(*asked[1:], script=script.format("experiments.identify"))
+    console = answered(*asked)
+    assert as_module.returncode == in_a_clone.returncode == console.returncode == 2
+    assert as_module.stderr == in_a_clone.stderr == console.stderr.replace("none\n", "")
+
+
+def test_names_are_completed():
+    def completed(words, place):
+        done = answered(
+            _ADHESION_COMPLETE="bash_complete",
+            COMP_WORDS=words,
+            COMP_CWORD=str(place),
+            script="import sys; sys.argv[0] = 'adhesion'\n" + SPY,
+        )
+        return [line.split(",", 1)[1] for line in done.stdout.splitlines()]
+
+    assert completed("adhesion id", 1) == ["identify"]
+    assert completed("adhesion montecarlo --scenario he", 3) == ["he2018-1", "he2018-blocks"]
+    assert completed("adhesion montecarlo --identifiers riv,ml-p", 3) == ["riv,ml-pooled"]
+
+
+def test_a_remembered_catalogue_is_read_and_a_damaged_one_made_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(keeping, "_folder", [tmp_path])
+    asked = []
+    monkeypatch.setattr("adhesion_jax.commands.names.names", lambda: asked.append(1) or names())
+
+    def found():
+        catalogue_module.catalogue.cache_clear()
+        return catalogue_module.catalogue()
+
+    first = found()
+    assert found() == first
+    assert len(asked) == 1
+    (file,) = tmp_path.glob("*.names")
+    assert json.loads(file.read_text().split("\n")[1])["rails"] == [*first.rails]
+    file.write_text(file.read_text()[:-5])
+    assert found() == first
+    assert len(asked) == 2
+    for number in range(20):
+        (tmp_path / f"{number}.names").write_text("")
+    file.unlink()
+    found()
+    assert file.exists()
+    assert len([*tmp_path.glob("*.names")]) == 9
