@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Identifier
+from adhesion_jax.options import check_accepted
 from adhesion_jax.scenarios import SCENARIOS, Options, Scenario, build
 
 #: What runs when no scenario is named: curves identified block by block, and a stream.
@@ -44,11 +45,7 @@ def choose_identifiers(
         )
     _refuse_unknown(config, identifiers)
     for name in config.identifiers:
-        reason = identifiers[name].accepts(scenario.known)
-        if reason is not None:
-            raise InputError(
-                f"--identifiers {name} does not go with --scenario {config.scenario}: {reason}."
-            )
+        check_accepted(name, config.scenario, identifiers[name].accepts(scenario.known))
     return tuple(dict.fromkeys(config.identifiers))
 
 

@@ -31,6 +31,7 @@ class Catalogue(NamedTuple):
     main_job: tuple[str, ...]
     identifiers: tuple[str, ...]
     ablations: tuple[str, ...]
+    refusals: Mapping[str, Mapping[str, str]]  # of scenarios that need no option, by identifier
     rails: tuple[str, ...]
     curves: tuple[str, ...]
     effects: tuple[str, ...]
@@ -65,8 +66,8 @@ def catalogue_of(names: Mapping[str, Any]) -> Catalogue:
         )
         for name, one in names["scenarios"].items()
     }
-    rest = {name: tuple(value) for name, value in names.items() if name != "scenarios"}
-    return Catalogue(scenarios, **rest)
+    rest = {name: tuple(value) for name, value in names.items() if isinstance(value, list)}
+    return Catalogue(scenarios, refusals=names["refusals"], **rest)
 
 
 def _declared(kind: str, required: bool, option: Mapping[str, Any]) -> Declared:

@@ -10,7 +10,7 @@ import click
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
 from adhesion_jax.command_line.command import SEED, FiniteRange, Folder, Name, Names, perform, start
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import Declared, Options, check, declared
+from adhesion_jax.options import Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
 
 KNOWN = catalogue()
@@ -125,6 +125,9 @@ def main(
         name: _text(name, value) if isinstance(value, Path) else value
         for name, value in asked.items()
     }
+    for name in identifiers or ():
+        if scenario in KNOWN.refusals and name in KNOWN.identifiers:
+            check_accepted(name, scenario, KNOWN.refusals[scenario].get(name))
     if scenario in KNOWN.scenarios:
         check(scenario, KNOWN.scenarios[scenario].options, Options(**options))
     perform(

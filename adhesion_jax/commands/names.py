@@ -7,7 +7,7 @@ from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS
 from adhesion_jax.options import declared
-from adhesion_jax.scenarios import SCENARIOS
+from adhesion_jax.scenarios import SCENARIOS, build, needs_options
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.studies.peers.methods import PEERS
@@ -24,23 +24,24 @@ def names() -> Mapping[str, object]:
     """The fields of `command_line.catalogue.Catalogue`, in what JSON can hold."""
     scenarios = {
         name: {
-            "words": (build.__doc__ or "").partition("\n")[0],
+            "words": (function.__doc__ or "").partition("\n")[0],
             "options": {
                 key: {
                     "kind": one.kind.__name__,
                     "required": one.required,
                     "option": one.option._asdict(),
                 }
-                for key, one in declared(build).items()
+                for key, one in declared(function).items()
             },
         }
-        for name, build in SCENARIOS.items()
+        for name, function in SCENARIOS.items()
     }
     return {
         "scenarios": scenarios,
         "main_job": [*MAIN_JOB],
         "identifiers": [*IDENTIFIERS],
         "ablations": [*ABLATIONS],
+        "refusals": {name: _refusals(name) for name in SCENARIOS if not needs_options(name)},
         "rails": [*RAILS],
         "curves": [*CURVES],
         "effects": [*PLANTABLE],
@@ -52,3 +53,10 @@ def names() -> Mapping[str, object]:
         "controllers": [*CONTROLLERS],
         "peers": [THIS, *PEERS],
     }
+
+
+def _refusals(scenario: str) -> Mapping[str, str]:
+    """Why an identifier cannot work on the scenario, by its name; no option changes that."""
+    known = build(scenario).known
+    reasons = {name: identifier.accepts(known) for name, identifier in IDENTIFIERS.items()}
+    return {name: reason for name, reason in reasons.items() if reason is not None}

@@ -71,6 +71,10 @@ REFUSED = {
         ["montecarlo", "--scenario", "single", "--blocks", "3"],
         "does not go with",
     ),
+    "method": (
+        ["montecarlo", "--scenario", "single", "--identifiers", "ml-exact,riv"],
+        "--identifiers riv does not go with --scenario single: ",
+    ),
     "law": (["montecarlo", "--scenario", "corrected", "--law", "no.json"], "cannot be read"),
     "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),
     "curve": (["identify", "eurosprinter", "--curve", "pacejka"], "--curve pacejka is not known"),
