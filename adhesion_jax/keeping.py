@@ -43,6 +43,11 @@ def outside(path: Path, source: bytes) -> None:
     _outside[path] = source
 
 
+def is_outside(*paths: str) -> bool:
+    """Whether one of these is a source that programs depend on."""
+    return any(Path(path) in _outside for path in paths)
+
+
 def of_outside() -> str:
     """The sources from outside the package in a number of fixed length."""
     content = sha256()

@@ -7,6 +7,7 @@ A program is known by the content of all that it is made from (`digest`), and li
 import os
 import pickle
 import platform
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
 from hashlib import sha256
@@ -23,7 +24,7 @@ import jax.numpy as jnp
 from filelock import FileLock
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
-from adhesion_jax.keeping import folder, of_outside, of_package
+from adhesion_jax.keeping import folder, is_outside, of_outside, of_package
 from adhesion_jax.runtime import is_double
 
 #: Most bytes of the programs that are kept, and as many again of the small ones that jax keeps.
@@ -98,7 +99,8 @@ def program(
 
     `name` says, with the present `digest`, which function it is. Where another process is making
     the program just now, it is waited for. A name that does not tell its content (with a local
-    function in it) belongs to a program that is made anew in every process.
+    function in it, or a class of a program that uses this one as a library) belongs to a program
+    that is made anew in every process.
     """
     text = _told(name)
     if text is None:
@@ -149,9 +151,26 @@ def _named(function: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
     return other
 
 
+class _Telling(pickle.Pickler):
+    """Tells classes and functions by their names, which will do where `digest` has their source."""
+
+    def persistent_id(self, value: object) -> None:
+        module = getattr(value, "__module__", None)
+        if isinstance(module, str) and not _in_digest(module):
+            raise pickle.PicklingError(f"{module} may change while its names stay")
+
+
+def _in_digest(module: str) -> bool:
+    """Whether a change of this module changes `digest`: that of a user's own does not."""
+    package = module.partition(".")[0]
+    if package in sys.stdlib_module_names or package in ("adhesion_jax", *_LIBRARIES):
+        return True
+    return is_outside(getattr(sys.modules.get(module), "__file__", None) or "", f"{module}.py")
+
+
 def _told(name: object) -> bytes | None:
     stream = BytesIO()
-    pickler = pickle.Pickler(stream)
+    pickler = _Telling(stream)
     pickler.fast = True  # equal names give equal bytes, whichever of their parts are one object
     try:
         pickler.dump(name)

@@ -1,9 +1,10 @@
 """What every room hands on: a record of slip and adhesion, and what is known of its curve."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import SLIP_LIMIT, Conditions, Curve, Scalar
@@ -28,6 +29,21 @@ def record_axes(slip: int | None, adhesion: int | None, conditions: Any) -> Any:
 SHARED_SLIP, OWN_SLIP = record_axes(None, 0, {}), record_axes(0, 0, {})
 
 
+#: What bounds may be given as: sequences of numbers become arrays.
+if TYPE_CHECKING:
+    _Bounds: TypeAlias = Any
+else:
+    _Bounds = Array | np.ndarray
+
+
+def _precise(bounds: Any) -> Any:
+    """A sequence of numbers as an array of NumPy: it needs no device and is in double precision.
+
+    The rails are made when their module is imported, whatever precision jax has then.
+    """
+    return np.asarray(bounds, float) if isinstance(bounds, (list, tuple)) else bounds
+
+
 class Known(eqx.Module):
     """What an identifier is told: the form of the curve, where to start, the box, what is asked.
 
@@ -38,8 +54,8 @@ class Known(eqx.Module):
     """
 
     curve: Curve
-    lower: Float[Array, " free"]
-    upper: Float[Array, " free"]
+    lower: Float[_Bounds, " free"] = eqx.field(converter=_precise)
+    upper: Float[_Bounds, " free"] = eqx.field(converter=_precise)
     conditions: Conditions = eqx.field(default_factory=dict)
     slip_limit: Scalar = SLIP_LIMIT
     #: Whether a method is given one sample at a time and followed at each of them; a block of a

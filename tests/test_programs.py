@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +14,8 @@ import pandas as pd
 import pytest
 
 from adhesion_jax import keeping, programs
+from adhesion_jax.curves import CURVES
+from adhesion_jax.identifiers import IDENTIFIERS
 
 PACKAGE = Path(programs.__file__).parent
 NUMBERS = jnp.array([4.0, 9.0])
@@ -51,6 +54,34 @@ def test_a_name_that_does_not_tell_its_content_is_not_kept(store):
         assert found(("local", lambda: None)) == pytest.approx([2.0, 3.0])
     assert len(compiled) == 2
     assert not [*folder.glob("*.program")]
+
+
+class Own(eqx.Module):
+    """A class of a program that uses the package as a library."""
+
+    factor: float
+
+
+@pytest.mark.parametrize(
+    "part", [*IDENTIFIERS.values(), *CURVES.values()], ids=[*IDENTIFIERS, *CURVES]
+)
+def test_the_package_tells_its_own_parts(part):
+    assert programs._told(("name", jax.tree.structure(part), 1.0)) is not None
+
+
+def test_a_program_of_a_class_of_the_user_is_not_kept(store):
+    """Its name stays where its source changes, and nothing but the name would be seen of it."""
+    folder, _ = store
+    found(("mine", jax.tree.structure(Own(1.0))))
+    found(("mine", Own))
+    assert not [*folder.glob("*.program")]
+
+
+def test_a_file_that_was_named_on_the_command_line_is_told(monkeypatch):
+    monkeypatch.setattr(keeping, "_outside", {Path(__file__): b"source"})
+    assert programs._told(Own) is not None
+    monkeypatch.setattr(keeping, "_outside", {Path(f"{__name__}.py"): b"source"})
+    assert programs._told(Own) is not None
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "another file"])

@@ -21,6 +21,7 @@ STOREYS = (
     ("campaign",),
     ("studies",),
     ("report",),
+    ("library",),
     ("commands",),
     ("command_line",),
     ("__main__",),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -39,8 +40,19 @@ class Peak(NamedTuple):
     found: Bool[Array, "..."]
 
 
+def content_hash(module: eqx.Module) -> int:
+    """A hash by the numbers of a module, so that it and its methods can be given to `jax.jit`.
+
+    That of equinox takes Python's numbers and no arrays.
+    """
+    numbers = (np.asarray(leaf) for leaf in jax.tree.leaves(module))
+    return hash((type(module), *(number.tobytes() for number in numbers)))
+
+
 class Law(eqx.Module):
     """Adhesion as a function of slip and of the conditions it is taken under."""
+
+    __hash__ = content_hash
 
     @abstractmethod
     def __call__(

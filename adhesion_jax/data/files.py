@@ -36,11 +36,15 @@ def refuse_many_rows(paths: Sequence[Path], limit: int) -> None:
         except (OSError, EOFError, zlib.error, pyarrow.ArrowException):
             continue
         if total > limit:
-            names = ", ".join(map(str, paths))
-            raise InputError(
-                f"{names} cannot be used: there are more than {limit:,} rows of data (thin them: "
-                "keep some of the runs whole, or every k-th row of each run)."
-            )
+            raise too_many_rows(list(map(str, paths)), limit)
+
+
+def too_many_rows(names: Sequence[str], limit: int) -> InputError:
+    """What is said where tables of these names hold more rows than that together."""
+    return InputError(
+        f"{', '.join(names)} cannot be used: there are more than {limit:,} rows of data (thin "
+        "them: keep some of the runs whole, or every k-th row of each run)."
+    )
 
 
 def _rows(path: Path, enough: int) -> int:
@@ -78,6 +82,18 @@ def read_table(path: Path) -> pd.DataFrame:
     if not content:
         raise InputError(f"{path} is empty; it needs a header and one row a point.")
     return _parquet(path, content) if name.endswith(".parquet") else _text(path, content)
+
+
+def table_of(frame: pd.DataFrame, name: str) -> pd.DataFrame:
+    """The cells of a data frame as if read from a file; rows count from 0, as by `frame.iloc`.
+
+    `name` stands for it in an InputError, where two columns have one name.
+    """
+    names = [" ".join(str(column).split()) for column in frame.columns]
+    _refuse_duplicates(name, names)
+    kept = [place for place, column in enumerate(names) if not _SAVED_INDEX.fullmatch(column)]
+    cells = frame.iloc[:, kept].set_axis([names[place] for place in kept], axis=1)
+    return cells.set_axis(range(len(frame)))
 
 
 def _parquet(path: Path, content: bytes) -> pd.DataFrame:
@@ -151,7 +167,7 @@ def _header(path: Path, text: str) -> list[str]:
     return header
 
 
-def _refuse_duplicates(path: Path, names: list[str]) -> None:
+def _refuse_duplicates(path: Path | str, names: list[str]) -> None:
     twice = next((name for name in names if name and names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{path} has the column {twice} twice; give every column its own name.")

@@ -28,6 +28,11 @@ class Measured(NamedTuple):
 
 
 def read_measured(path: Path) -> Measured:
+    """A measured table with slip and adhesion from a file; see `to_measured`."""
+    return to_measured(str(path), read_table(path))
+
+
+def to_measured(name: str, cells: pd.DataFrame) -> Measured:
     """A measured table with slip and adhesion, or InputError naming all that is wrong with it.
 
     Needed are slip_ratio, or slip_velocity_mps (divided by vehicle_speed_mps where there is one),
@@ -35,7 +40,6 @@ def read_measured(path: Path) -> Measured:
     LABELS are checked where they are there; further numeric ones are kept as covariates. Whether
     the points are of use is for `check_curve` and `adhesion_faults` to say.
     """
-    cells = read_table(path)
     table, left_out = numbers(cells)
     faults: Sequence[str] = [
         *_missing_columns(table),
@@ -47,11 +51,11 @@ def read_measured(path: Path) -> Measured:
     if not faults:
         table, faults = _derive(table)
     if faults:
-        raise InputError(f"{path} cannot be used: {'; '.join(faults)}.")
+        raise InputError(f"{name} cannot be used: {'; '.join(faults)}.")
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
     known = {*COLUMNS, *LABELS}
-    covariates = tuple(name for name in table.columns.astype(str) if name not in known)
-    return Measured(str(path), table, slip, covariates, left_out)
+    covariates = tuple(column for column in table.columns.astype(str) if column not in known)
+    return Measured(name, table, slip, covariates, left_out)
 
 
 def check_curve(measured: Measured) -> None:

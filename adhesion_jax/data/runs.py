@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.files import refuse_many_rows
+from adhesion_jax.data.files import refuse_many_rows, too_many_rows
 from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_measured, too_few
 from adhesion_jax.errors import InputError
@@ -51,19 +51,26 @@ class RunSet(NamedTuple):
 
 
 def read_runs(paths: Sequence[Path]) -> RunSet:
-    """The runs of all files, or InputError naming all that is wrong with them.
+    """The runs of all files; see `to_runs`."""
+    refuse_many_rows(paths, MOST_ROWS)
+    return to_runs(_read(paths))
+
+
+def to_runs(files: Sequence[Measured]) -> RunSet:
+    """The runs of measured tables, or InputError naming all that is wrong with them.
 
     Runs are told apart by the column `run`, without one by gaps in time_s; no run reaches over two
     files. A single run is cut into contiguous blocks. Needed are the columns that `read_measured`
     needs and 10 rows in all, at one slip or many.
     """
-    refuse_many_rows(paths, MOST_ROWS)
-    files = _read(paths)
+    _refuse_two_kinds(files)
+    if sum(len(file.table) for file in files) > MOST_ROWS:
+        raise too_many_rows([file.name for file in files], MOST_ROWS)
     slip = files[0].slip
     table, incomplete = _joined(files)
     whole = group(files)
     grouping = in_blocks(whole)
-    _refuse_useless(paths, table, slip, grouping)
+    _refuse_useless(files, table, slip, grouping)
     held, rows = places(grouping.run)
     if grouping.blocks and "time_s" in table:
         held, rows = with_history(held, rows)
@@ -167,16 +174,20 @@ def _read(paths: Sequence[Path]) -> list[Measured]:
             files.append(read_measured(path))
         except InputError as error:
             faults.append(str(error).removesuffix("."))
-    other = next((file for file in files if file.slip != files[0].slip), None)
-    if other is not None:
-        ratio, velocity = (files[0], other) if files[0].slip == "slip_ratio" else (other, files[0])
-        faults.append(
-            f"{velocity.name} has slip_velocity_mps without vehicle_speed_mps where {ratio.name} "
-            "has a slip ratio, give every file the same slip"
-        )
     if faults:
         raise InputError(f"{'; '.join(faults)}.")
     return files
+
+
+def _refuse_two_kinds(files: Sequence[Measured]) -> None:
+    """InputError where slip is a ratio in some files and a velocity in others."""
+    other = next((file for file in files if file.slip != files[0].slip), None)
+    if other is not None:
+        ratio, velocity = (files[0], other) if files[0].slip == "slip_ratio" else (other, files[0])
+        raise InputError(
+            f"{velocity.name} has slip_velocity_mps without vehicle_speed_mps where {ratio.name} "
+            "has a slip ratio, give every file the same slip."
+        )
 
 
 def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
@@ -195,7 +206,7 @@ def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
 
 
 def _refuse_useless(
-    paths: Sequence[Path], table: pd.DataFrame, slip: str, grouping: Grouping
+    files: Sequence[Measured], table: pd.DataFrame, slip: str, grouping: Grouping
 ) -> None:
     """InputError where the files together are of no use though every cell is sane."""
     length = np.bincount(grouping.run)
@@ -215,7 +226,8 @@ def _refuse_useless(
     else:
         faults = adhesion_faults(table[slip], table["adhesion"])
     if faults:
-        raise InputError(f"{', '.join(map(str, paths))} cannot be used: {'; '.join(faults)}.")
+        names = ", ".join(file.name for file in files)
+        raise InputError(f"{names} cannot be used: {'; '.join(faults)}.")
 
 
 def _conditions(table: pd.DataFrame, slip: str) -> tuple[dict[str, pd.Series], tuple[str, ...]]:

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -23,30 +24,30 @@ FORMAT = 2
 _CHANGED = ("covariate", "product", "slip_noise", "spline")
 
 
-def save_law(path: Path, law: CorrectedLaw) -> None:
+def save_law(path: str | PathLike[str], law: CorrectedLaw) -> None:
     """Write a law as JSON: names and numbers."""
+    Path(path).write_text(law_text(law), encoding="utf-8")
+
+
+def law_text(law: CorrectedLaw) -> str:
+    """A law as JSON."""
     curve = law.curve
     assert isinstance(curve, Curve)
     name = next(name for name, known in BASES.items() if type(known) is type(curve))
-    path.write_text(
-        json.dumps(
-            {
-                "format": FORMAT,
-                "curve": {"name": name, **_fields(curve)},
-                "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
-                "ranges": dict(law.ranges),
-                "calendar": law.calendar._asdict(),
-            },
-            indent=2,
-        )
-        + "\n"
-    )
+    told = {
+        "format": FORMAT,
+        "curve": {"name": name, **_fields(curve)},
+        "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
+        "ranges": dict(law.ranges),
+        "calendar": law.calendar._asdict(),
+    }
+    return json.dumps(told, indent=2) + "\n"
 
 
-def load_law(path: Path) -> CorrectedLaw:
+def load_law(path: str | PathLike[str]) -> CorrectedLaw:
     """A law that was saved; InputError where the file is none."""
     try:
-        return law_from(path.read_text(encoding="utf-8"), str(path))
+        return law_from(Path(path).read_text(encoding="utf-8"), str(path))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); name a law.json.") from None
     except UnicodeDecodeError:

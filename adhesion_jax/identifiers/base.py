@@ -3,14 +3,18 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from adhesion_jax.curves import content_hash
 from adhesion_jax.records import Known, Record
+from adhesion_jax.runtime import require_double_precision
+
+S = TypeVar("S")
 
 Flag = bool | Bool[Array, ""]
 State = Any  # each identifier carries its own
@@ -74,6 +78,8 @@ class Identifier(eqx.Module):
     Its fields are its settings. Numbers among them may differ without a new compilation.
     """
 
+    __hash__ = content_hash
+
     #: Whether it looks for the least sum of squares over the last record: only then is a gap to
     #: the exact optimum a failure.
     FITS_LAST_RECORD: eqx.AbstractClassVar[bool]
@@ -121,6 +127,16 @@ class Reducer(Protocol):
         reset: Bool[Array, ""],
     ) -> Seen:
         """After one more step, in the block of this number: its values, and if it was a reset."""
+
+
+def begun(state: S) -> S:
+    """A state before any data, in arrays of the kinds that it has after some: a loop compiles once.
+
+    InputError where jax computes in single precision.
+    """
+    require_double_precision()
+    arrays = jax.tree.map(jnp.asarray, state)
+    return jax.tree.map(lambda array: jax.lax.convert_element_type(array, array.dtype), arrays)
 
 
 def needs_blocks(known: Known) -> str | None:

@@ -9,7 +9,7 @@ from jax.scipy.special import betainc
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar, free_values
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.base import Estimate, Identifier, begun
 from adhesion_jax.identifiers.burckhardt_sums import (
     burckhardt_information,
     burckhardt_sums,
@@ -95,7 +95,7 @@ class PooledMaximumLikelihood(Identifier):
         c1, c2, c3 = free_values(known.curve)
         no = jnp.zeros((), dtype=bool)
         pool = Pool(empty, zero, Solution(a=c1, b=c3, nu=c2, objective=zero))
-        return PooledState(known, pool, zero, ~no, no, jnp.int32(0))
+        return begun(PooledState(known, pool, zero, ~no, no, jnp.int32(0)))
 
     def update(self, state: PooledState, record: Record) -> PooledState:
         """Only fresh points enter the pool, so that blocks may overlap."""

@@ -123,7 +123,9 @@ def variance(normal: Normal, noise: Noise) -> Float[Array, ""]:
     curvature = jnp.maximum(normal.h11 * normal.h22 - normal.h12**2, 0.0)
     spread = noise.m11 * noise.m22 - noise.m12**2
     mixed = normal.h11 * noise.m22 + normal.h22 * noise.m11 - 2 * normal.h12 * noise.m12
-    root = jnp.sqrt(jnp.maximum(mixed**2 - 4 * spread * curvature, 0.0))
+    inside = mixed**2 - 4 * spread * curvature
+    # With one sample the root is of zero, where its derivative is no number.
+    root = jnp.where(inside > 0, jnp.sqrt(jnp.where(inside > 0, inside, 1.0)), 0.0)
     least = 2 * curvature / jnp.where(mixed + root > 0, mixed + root, 1.0)
     return jnp.minimum(noise.squares / jnp.maximum(noise.weights, 1.0), _MOST * least)
 

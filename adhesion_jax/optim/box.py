@@ -13,11 +13,12 @@ _START_MARGIN = 1e-3
 
 
 def on_bound(
-    x: Float[ArrayLike, "*batch p"], lower: Float[Array, " p"], upper: Float[Array, " p"]
+    x: Float[ArrayLike, "*batch p"], lower: Float[ArrayLike, " p"], upper: Float[ArrayLike, " p"]
 ) -> Bool[Array, "*batch p"]:
     """Which coordinates lie on the box; a bound at infinity is never reached."""
+    x, lower, upper = jnp.asarray(x), jnp.asarray(lower), jnp.asarray(upper)
     margin = jnp.where(jnp.isfinite(upper - lower), _ON_BOX * (upper - lower), 0.0)
-    return (jnp.asarray(x) <= lower + margin) | (jnp.asarray(x) >= upper - margin)
+    return (x <= lower + margin) | (x >= upper - margin)
 
 
 class Unbounded(NamedTuple):

@@ -38,8 +38,8 @@ _VEHICLE_SPEED = 20.0
 #: the box. (The box of He et al. 2018 has no c2 above 50, these rails rise like 115 and 275.)
 _BURCKHARDT = Known(
     curve=Burckhardt(c1=0.5, c2=100.0, c3=0.5),
-    lower=jnp.array([0.1, 20.0, 0.02]),
-    upper=jnp.array([1.0, 500.0, 3.0]),
+    lower=[0.1, 20.0, 0.02],
+    upper=[1.0, 500.0, 3.0],
 )
 
 
@@ -147,7 +147,7 @@ def mismatch_kiencke(
     truth = POLACH_RAILS[rail]
     known = Known(
         curve=Kiencke(a0=truth.stiffness * (truth.k_a + truth.k_s) / 2, p1=100.0, p2=500.0),
-        lower=jnp.array([-2.0, 1.0]),
-        upper=jnp.array([2000.0, 10_000.0]),
+        lower=[-2.0, 1.0],
+        upper=[2000.0, 10_000.0],
     )
     return _mismatch(rail, known, sigma, points, slip_max, outliers)

@@ -3,8 +3,6 @@
 import math
 from collections.abc import Mapping
 
-import jax.numpy as jnp
-
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.errors import InputError
@@ -20,8 +18,8 @@ RAILS: Mapping[str, Burckhardt] = {
 #: Start of Experiment 2 and search range of Table 2.
 HE2018 = Known(
     curve=Burckhardt(c1=0.5, c2=30.0, c3=0.08),
-    lower=jnp.array([0.1, 10.0, 0.05]),
-    upper=jnp.array([1.0, 50.0, 0.5]),
+    lower=[0.1, 10.0, 0.05],
+    upper=[1.0, 50.0, 0.5],
 )
 
 
@@ -49,8 +47,8 @@ KIENCKE_RAILS: Mapping[str, Kiencke] = {
 #: bounds are twice those of a rail with a third of the wet one's adhesion.
 QIAN2024 = Known(
     curve=Kiencke(a0=_INITIAL_SLOPE, p1=100.0, p2=50.0),
-    lower=jnp.array([-2.0, 1.0]),
-    upper=jnp.array([2000.0, 2000.0]),
+    lower=[-2.0, 1.0],
+    upper=[2000.0, 2000.0],
 )
 
 

@@ -4,15 +4,14 @@ import math
 import textwrap
 from pathlib import Path
 
-import pandas as pd
-
-from adhesion_jax.discovery.types import Candidate, Errors, Findings, FoundEffect, Opinion
+from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Opinion
 from adhesion_jax.effects.saved import FORMAT, save_law
 from adhesion_jax.files import write_metadata, write_table
 from adhesion_jax.report.discovery.content import page
 from adhesion_jax.report.discovery.figures import FIGURES, draw_discovery
+from adhesion_jax.report.discovery.frames import ranking_frame
 from adhesion_jax.report.discovery.markdown import aligned, discovery_markdown
-from adhesion_jax.report.discovery.tables import effects_table, errors_table, ranking
+from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.words import candidates
 from adhesion_jax.report.discovery.words import verdict as verdict
 from adhesion_jax.report.page import Table
@@ -40,9 +39,7 @@ def write_discovery(folder: Path, findings: Findings) -> None:
     (folder / "report.md").write_text(discovery_markdown(findings), encoding="utf-8")
     write_metadata(folder / "report.json", report_json(findings))
     save_law(folder / "law.json", findings.law)
-    write_table(
-        folder / "ranking.csv", pd.DataFrame(ranking(findings), columns=list(Candidate._fields))
-    )
+    write_table(folder / "ranking.csv", ranking_frame(findings))
     if findings.predictions is not None:
         write_table(folder / "predictions.csv", findings.predictions)
 

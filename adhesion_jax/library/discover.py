@@ -1,0 +1,119 @@
+"""`discover`: which effects an adhesion curve lacks in measured runs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import pandas as pd
+
+from adhesion_jax.data import matching
+from adhesion_jax.discovery import engine
+from adhesion_jax.discovery.types import Findings
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.library.reading import Data, citation_of, name_of, parts_of, runs_of
+from adhesion_jax.library.results import of_numbers, table_html, text_html
+from adhesion_jax.report.discovery.files import printed, write_discovery
+from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
+from adhesion_jax.report.discovery.tables import effects_table, errors_table
+from adhesion_jax.report.discovery.words import verdict
+from adhesion_jax.runtime import in_double_precision
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Discovery:
+    """What a curve lacks in measured runs, and how far its error falls with it."""
+
+    findings: Findings  # everything, as the reports read it
+
+    @property
+    def law(self) -> CorrectedLaw:
+        """The curve with its effects, a function of slip and conditions (columns by name).
+
+        Conditions are scalars for a steady state, or arrays [points] of one whole run in time.
+        """
+        return self.findings.law
+
+    @property
+    def effects(self) -> pd.DataFrame:
+        """A row for each parameter of an effect, with its 95 % interval and unit."""
+        return effects_frame(self.findings)
+
+    @property
+    def errors(self) -> pd.DataFrame:
+        """Root mean square error before and after, in training, cross-validation and test."""
+        return errors_frame(self.findings)
+
+    @property
+    def ranking(self) -> pd.DataFrame:
+        """A row for each candidate of each round, the strongest first."""
+        return ranking_frame(self.findings)
+
+    @property
+    def base_parameters(self) -> pd.DataFrame:
+        """The parameters of the base curve before and after."""
+        return self.findings.base_parameters
+
+    @property
+    def points(self) -> pd.DataFrame:
+        """A row for each training point: run, slip, adhesion, before, after and its columns."""
+        return self.findings.points
+
+    @property
+    def predictions(self) -> pd.DataFrame | None:
+        """A row for each row of the test data: row, base, corrected; None without a test."""
+        return self.findings.predictions
+
+    @property
+    def verdict(self) -> str:
+        """What is missing, how sure that is, and how much smaller the error becomes."""
+        return verdict(self.findings)
+
+    def write(self, folder: str | PathLike[str]) -> None:
+        """The report.html, report.md, law.json, tables and figures that the command writes."""
+        path = Path(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        in_double_precision(write_discovery)(path, self.findings)
+
+    def __repr__(self) -> str:
+        return printed(self.findings)
+
+    def _repr_html_(self) -> str:
+        tables = (errors_table(self.findings), effects_table(self.findings))
+        return text_html(self.verdict) + "".join(table_html(table) for table in tables)
+
+
+@in_double_precision
+def discover(
+    data: Data | Sequence[Data],
+    test: Data | Sequence[Data] | None = None,
+    base: str = "auto",
+    seed: int = 0,
+    slip_noise: float | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Discovery:
+    """Find which effects an adhesion curve lacks in measured runs.
+
+    `data` has the columns that `identify` takes, a column run (or time_s, from whose gaps runs are
+    told) and whatever was measured beside them; several tables are taken together. `test` is
+    predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
+    held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
+    it is known. `progress` is called with words and the share that is done. InputError names all
+    that is wrong with the data.
+    """
+    train = runs_of(data)
+    findings = engine.discover(
+        train,
+        None if test is None else matching(train, runs_of(test)),
+        base,
+        seed,
+        _silent if progress is None else progress,
+        source=", ".join(map(name_of, parts_of(data))),
+        citation=" ".join(filter(None, map(citation_of, parts_of(data)))),
+        slip_noise=slip_noise,
+    )
+    return Discovery(findings._replace(law=of_numbers(findings.law)))
+
+
+def _silent(*_: object) -> None:
+    """Reports no progress."""

@@ -1,0 +1,90 @@
+"""Curves and laws under the plain transformations of jax."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from adhesion_jax.curves import BASES, free_values, with_free_values
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.humidity import Humidity
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.relaxation import Relaxation
+from adhesion_jax.effects.speed import Speed
+
+NOW = {"vehicle_speed_mps": 15.0, "normal_load_N": 1.0e5, "relative_humidity_pct": 60.0}
+RANGES = {"relative_humidity_pct": (30.0, 90.0), "vehicle_speed_mps": (10.0, 30.0)}
+SLIPS = jnp.array([0.004, 0.02, 0.15])
+STEP = 1e-6
+
+
+def law(*effects):
+    return CorrectedLaw(BASES["kiencke"], effects, RANGES, Calendar("run_order", 0.0, 59.0))
+
+
+LAWS = {
+    **BASES,
+    "no effect": law(),
+    "humidity": law(Humidity(k=-0.05, centre=50.0, width=150.0, reference=50.0)),
+    "speed and humidity": law(
+        Speed(*(0.01 for _ in Speed.PARAMETERS)),
+        Humidity(k=-0.05, centre=50.0, width=150.0, reference=50.0),
+    ),
+    "relaxation": law(Relaxation(*(0.3 for _ in Relaxation.PARAMETERS))),
+}
+
+
+def central(function, at):
+    return (function(at + STEP) - function(at - STEP)) / (2 * STEP)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_by_slip(name):
+    law = LAWS[name]
+    alone = [float(law(slip, NOW)) for slip in SLIPS]
+    np.testing.assert_allclose([jax.jit(law)(slip, NOW) for slip in SLIPS], alone, rtol=1e-12)
+    np.testing.assert_allclose(jax.vmap(law, (0, None))(SLIPS, NOW), alone, rtol=1e-12)
+    slopes = jax.vmap(jax.grad(law), (0, None))(SLIPS, NOW)
+    differences = [central(lambda s: law(s, NOW), slip) for slip in SLIPS]
+    np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_by_its_numbers_and_by_conditions(name):
+    law, slip = LAWS[name], SLIPS[1]
+    slopes = jax.grad(lambda law: law(slip, NOW))(law)
+    leaves, form = jax.tree.flatten(law)
+    for place, slope in enumerate(jax.tree.leaves(slopes)):
+        size = max(abs(leaves[place]), 1e-3)
+
+        def moved(share, place=place, size=size):
+            others = list(leaves)
+            others[place] += share * size
+            return jax.tree.unflatten(form, others)(slip, NOW)
+
+        assert slope * size == pytest.approx(float(central(moved, 0.0)), rel=1e-4, abs=1e-8)
+    slopes = jax.grad(lambda now: law(slip, now))(NOW)
+    for column, slope in slopes.items():
+
+        def at(share, column=column):
+            return law(slip, {**NOW, column: (1 + share) * NOW[column]})
+
+        assert slope * NOW[column] == pytest.approx(float(central(at, 0.0)), rel=1e-4, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_what_it_is_made_of_may_be_arrays(name):
+    """As it is where parameters were found by a solver; methods are compiled like functions."""
+    arrays = jax.tree.map(jnp.asarray, LAWS[name])
+    assert jax.jit(arrays)(SLIPS[1], NOW) == pytest.approx(float(LAWS[name](SLIPS[1], NOW)))
+    assert hash(arrays) == hash(jax.tree.map(jnp.asarray, LAWS[name]))
+    found, plain = jax.jit(arrays.peak)(NOW), LAWS[name].peak(NOW)
+    np.testing.assert_allclose(found.adhesion, plain.adhesion, rtol=1e-9)
+
+
+def test_a_family_of_curves_at_once():
+    curve = BASES["burckhardt"]
+    family = jnp.stack([free_values(curve), 1.1 * free_values(curve)])
+    peaks = jax.vmap(lambda values: with_free_values(curve, values).peak({}))(family)
+    alone = [with_free_values(curve, values).peak({}).adhesion for values in family]
+    np.testing.assert_allclose(peaks.adhesion, alone, rtol=1e-12)

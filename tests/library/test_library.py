@@ -1,0 +1,236 @@
+"""The functions of the library, from data frames to results."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+import adhesion_jax as aj
+from adhesion_jax import library
+from adhesion_jax.identifiers.riv import RefinedInstruments
+
+FRAME = pd.read_csv(aj.SHIPPED["eurosprinter"].path)
+RIG = pd.read_csv(aj.SHIPPED["roller-rig"].path)
+CURVES = ["kiencke", "polach"]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return aj.identify(FRAME, CURVES)
+
+
+@pytest.fixture(scope="module")
+def missing():
+    return aj.discover(RIG)
+
+
+class Mine(RefinedInstruments):
+    """A method of one's own."""
+
+    RESETS: ClassVar[bool] = True
+
+
+def test_every_name_that_is_exported_is_there():
+    assert set(aj.__all__) <= set(dir(aj))
+    for name in aj.__all__:
+        assert getattr(aj, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        aj.nonsense  # noqa: B018
+    source = (Path(aj.__file__)).read_text()
+    assert all(f"import {name} as {name}" in source for name in aj.__all__)
+
+
+def test_what_an_identification_tells(found):
+    assert found.best == "kiencke"
+    assert list(found.fits) == CURVES
+    assert list(found.table["curve"]) == CURVES
+    row = found.table.set_index("curve").loc["kiencke"]
+    assert (row["mu_max"], row["mu_max_lo"], row["mu_max_hi"]) == (
+        *(found.mu_max, *found.mu_max_interval),
+    )
+    low, high = found.slip_opt_interval
+    assert low < found.slip_opt < high
+    assert found.curve(jnp.asarray(found.slip_opt), found.conditions) == pytest.approx(found.mu_max)
+    assert "the data frame has 163 points" in found.verdict
+    assert "kiencke" in repr(found)
+    assert "<table" in found._repr_html_()
+    assert "Data: the data frame" in found._repr_html_()
+
+
+def test_a_frame_says_what_its_file_says(found):
+    from_file = aj.identify(aj.SHIPPED["eurosprinter"].path, CURVES)
+    pd.testing.assert_frame_equal(found.table, from_file.table)
+    # Neither an index nor the kind of the numbers is part of the measurement.
+    odd = FRAME.assign(**{"Unnamed: 0": 1.0, "adhesion": FRAME["adhesion"].astype(str)})
+    odd = odd.set_index(np.arange(len(FRAME))[::-1])
+    pd.testing.assert_frame_equal(found.table, aj.identify(odd, CURVES).table)
+
+
+def test_a_curve_by_a_name_of_ones_own(found):
+    own = aj.identify(FRAME, {"mine": aj.CURVES["kiencke"]})
+    assert own.best == "mine"
+    assert own.mu_max == found.mu_max
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (FRAME.drop(columns="adhesion"), "the data frame cannot be used: the column adhesion"),
+        (FRAME.assign(slip_ratio=7.0), "column slip_ratio has in row 0 7.0, outside -1.5 to 1.5"),
+        (pd.concat([FRAME, FRAME["adhesion"]], axis=1), "has the column adhesion twice"),
+        (FRAME[:3], "there are 3 points"),
+        ("nowhere.csv", "nowhere.csv does not exist"),
+    ],
+)
+def test_data_that_cannot_be_used_are_refused_in_a_sentence(data, says):
+    for function in (aj.identify, aj.discover):
+        with pytest.raises(aj.InputError, match=says):
+            function(data)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"scenario": "nowhere"}, "There is no scenario nowhere; the scenarios are single"),
+        ({"identifiers": "nothing"}, "There is no identifier nothing"),
+        ({"identifiers": {"riv": Mine(2.0, 0.02, 0.1)}}, "riv is the name of a method of"),
+        ({"identifiers": ["riv"]}, "riv cannot be run on single: it is written for Kiencke"),
+        ({"runs": 0}, "runs and workers are 1 or more"),
+        ({"seed": -1}, "a seed is from 0"),
+        ({"colour": "red"}, "single takes rail, sigma, points.* but not colour"),
+        ({"rail": "icy"}, "icy is unknown; the rails are dry"),
+        ({"points": 3}, "points is a whole number from 4 to 1e[+]06, not 3"),
+        ({"points": 99.5}, "points is a whole number"),
+        ({"sigma": float("nan")}, "sigma is a number from 0 to 10, not nan"),
+        ({"sigma": "much"}, "sigma is a number from 0 to 10, not 'much'"),
+        ({"scenario": "corrected"}, "The scenario corrected needs law"),
+        ({"scenario": "corrected", "law": "none.json"}, "law none.json cannot be read"),
+    ],
+)
+def test_a_campaign_that_cannot_be_is_refused_in_a_sentence(arguments, says):
+    with pytest.raises(aj.InputError, match=says):
+        aj.montecarlo(**arguments)
+
+
+def test_a_method_of_ones_own_among_others():
+    result = aj.montecarlo(
+        "qian2024",
+        {"mine": Mine(2.0, 0.02, 0.1), "riv": aj.IDENTIFIERS["riv"]},
+        runs=30,
+        points=100,
+    )
+    assert set(result.tables) >= {"summary"}
+    assert set(result.summary["identifier"]) == {"mine", "riv"}
+    of = dict(list(result.estimates.groupby("identifier")))
+    assert set(of["mine"]["run"]) == set(range(30))
+    # It is the method it is derived from, on the same noise.
+    np.testing.assert_array_equal(of["mine"]["mu_max"], of["riv"]["mu_max"])
+    assert "<table" in result._repr_html_()
+    assert "mine" in repr(result)
+    assert len(result.tables["checkpoints"]) > len(result.summary) / 2
+
+
+def test_what_a_discovery_tells(missing, tmp_path):
+    assert "lateral creep" in missing.verdict
+    effects = missing.effects
+    assert set(effects["effect"]) == {"lateral_creep"}
+    assert ((effects["lo"] < effects["value"]) & (effects["value"] < effects["hi"])).all()
+    assert list(missing.errors["data"]) == ["training", "cross-validation"]
+    assert (missing.errors["after"] < missing.errors["before"]).all()
+    assert missing.predictions is None
+    assert len(missing.points) == len(RIG)
+    assert list(missing.ranking.columns) == list(type(missing.findings.ranking[0])._fields)
+    assert missing.findings.source == "the data frame"
+    assert "removes" in repr(missing)
+    assert missing._repr_html_().count("<table") == 2
+
+    conditions = {"lateral_creepage": 0.01, "angle_of_attack_deg": 0.5}
+    aj.save_law(str(tmp_path / "law.json"), missing.law)
+    again = aj.load_law(str(tmp_path / "law.json"))
+    slip = jnp.asarray(0.02)
+    assert again(slip, conditions) == missing.law(slip, conditions)
+    assert jax.jit(missing.law)(slip, conditions) == pytest.approx(float(again(slip, conditions)))
+
+    missing.write(tmp_path / "report")
+    assert json.loads((tmp_path / "report" / "report.json").read_text())["effects"]
+
+
+def test_several_tables_and_a_test():
+    """Runs of a table are told apart from runs of the same name in another one."""
+    halves = [RIG[:20].assign(run=1), RIG[20:].assign(run=1)]
+    runs = library.reading.runs_of(halves)
+    assert runs.names == ("table 1:1", "table 2:1")
+    assert library.reading.runs_of(RIG).blocks
+    judged = aj.discover(RIG, RIG)
+    assert list(judged.errors["data"]) == ["training", "cross-validation", "test"]
+    assert len(judged.predictions) == len(RIG)
+
+
+def test_a_sample_is_one_point_or_a_block():
+    one = aj.sample(0.02, 0.3, time_s=1.5)
+    assert one.slip.shape == one.mask.shape == one.conditions["time_s"].shape == (1,)
+    assert bool(one.fresh.all())
+    block = aj.sample(jnp.linspace(0.0, 0.1, 5), jnp.zeros(5), vehicle_speed_mps=20.0)
+    assert block.conditions["vehicle_speed_mps"].shape == (5,)
+    with jax.enable_x64(False), pytest.raises(aj.InputError, match="needs double precision"):
+        aj.sample(0.02, 0.3)
+
+
+_HOST = """
+import json, os, sys, threading, warnings
+import adhesion_jax as aj
+assert not {"jax", "pandas", "numpy"} & set(sys.modules), "importing it imports others"
+warnings.simplefilter("error")
+warnings.filterwarnings("ignore", message="JAXopt")
+import jax, jax.numpy as jnp
+# Packages that set variables of their own when they are imported.
+import matplotlib, pandas, pandera.pandas, sklearn.ensemble, threadpoolctl
+before = dict(os.environ), dict(jax.config.values)
+for name in aj.__all__:
+    getattr(aj, name)
+assert not jax._src.xla_bridge._backends, "importing opens a device"
+found = aj.identify("eurosprinter", "kiencke")
+result = aj.montecarlo("single", "ml-exact", runs=20, points=60)
+missing = aj.discover("roller-rig")
+repr(found), repr(result), repr(missing), found._repr_html_(), missing._repr_html_()
+assert (dict(os.environ), dict(jax.config.values)) == before, "settings were changed"
+kinds = [jnp.ones(2).dtype.name, jax.jit(lambda x: 2.0 * x)(1.0).dtype.name]
+thread = threading.Thread(target=lambda: kinds.append(jnp.ones(2).dtype.name))
+thread.start(); thread.join()
+kinds.append(found.curve(0.02, {}).dtype.name)
+assert set(kinds) == {"float32"}, kinds
+for function in (aj.identify, aj.discover):
+    try:
+        function(pandas.DataFrame({"x": [1.0]}).to_numpy())
+    except aj.InputError as error:
+        assert "pandas DataFrame or the path of a file, not ndarray" in str(error)
+    else:
+        raise AssertionError("an array was taken for a table")
+print(json.dumps({
+    "mu_max": found.mu_max, "slip_opt": found.slip_opt, "bic": found.fit.bic,
+    "rmse": result.summary["rmse"].tolist(), "bound": result.summary["crlb"].tolist(),
+    "after": missing.errors["after"].tolist(),
+}))
+"""
+
+
+def test_a_program_of_single_precision_is_left_as_it_is_and_gets_the_same_numbers(found, missing):
+    done = subprocess.run(
+        [sys.executable, "-c", _HOST], capture_output=True, text=True, timeout=500, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["mu_max"] == pytest.approx(found.mu_max, rel=1e-9)
+    assert told["slip_opt"] == pytest.approx(found.slip_opt, rel=1e-9)
+    assert told["bic"] == pytest.approx(found.fit.bic, rel=1e-9)
+    assert told["after"] == pytest.approx(missing.errors["after"].tolist(), rel=1e-9)
+    here = aj.montecarlo("single", "ml-exact", runs=20, points=60).summary
+    assert told["rmse"] == pytest.approx(here["rmse"].tolist(), rel=1e-9)
+    assert told["bound"] == pytest.approx(here["crlb"].tolist(), rel=1e-9)

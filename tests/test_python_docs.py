@@ -1,0 +1,48 @@
+"""The Python of the pages runs as it stands, each page from its top in an empty folder."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import adhesion_jax as aj
+
+HOME = Path(__file__).resolve().parents[1]
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def run(page, folder):
+    """What the blocks of a page print, one after the other in one process."""
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    assert blocks
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(blocks)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=500,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_readme(tmp_path):
+    shutil.copy(aj.SHIPPED["eurosprinter"].path, tmp_path / "my_measurement.csv")
+    told = run(HOME / "README.md", tmp_path)
+    assert "kiencke 0.3036" in re.sub(r"(0\.\d{4})\d*", r"\1", told)
+
+
+def test_the_page_on_python(tmp_path):
+    told = run(HOME / "docs" / "python.md", tmp_path)
+    assert "lateral creep" in told
+    assert aj.load_law(tmp_path / "law.json").effects
+
+
+@pytest.mark.parametrize("length", [9])
+def test_examples_are_short(length):
+    blocks = BLOCK.findall((HOME / "docs" / "python.md").read_text(encoding="utf-8"))
+    assert max(len(block.strip().splitlines()) for block in blocks) <= length
