@@ -88,7 +88,7 @@ BAD = {
         ["--system", "hxd1f", "--observer", "true-load", "--step", "3.125e-4"],
         "the control period of 0.001 s is no whole number of steps",
     ),
-    "seeker": (["--system", "fang2018", "--controller", "barrier"], "has no seeker; name one"),
+    "seeker": (["--system", "fang2018", "--controller", "barrier"], "has no seeker; name a seeker"),
     "law": (
         ["--system", "hxd1f", "--controller", "none", "--seeker", "constant-slip"],
         "which follows no seeker",
