@@ -91,7 +91,7 @@ BAD = {
     "seeker": (["--system", "fang2018", "--controller", "barrier"], "has no seeker; name a seeker"),
     "law": (
         ["--system", "hxd1f", "--controller", "none", "--seeker", "constant-slip"],
-        "which follows no seeker",
+        "so it takes no seeker",
     ),
     "plant": (["--system", "hxd1f", "--plant", "tgv"], "is neither a file nor a plant that ships"),
     "runs": (["--system", "hxd1f", "--runs", "-1"], "is not in the range"),

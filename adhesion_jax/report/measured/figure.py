@@ -62,7 +62,7 @@ def draw_measured(
         means = running_mean(residuals[name].slip, residuals[name].residual, window)
         below.plot(*means, color=colour, linestyle=line, linewidth=2.2 if rank == 0 else 1.4)
     below.set(
-        xlabel=f"{'slip velocity (m/s)' if best.slip_unit else 'slip ratio'}, root scale",
+        xlabel=f"{'slip velocity (m/s)' if best.slip_unit else 'slip ratio (1)'}, root scale",
         ylabel="measured less curve (1)",
         ylim=(-1.1 * np.abs(left.residual).max(), 1.1 * np.abs(left.residual).max()),
     )
