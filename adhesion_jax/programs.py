@@ -31,10 +31,10 @@ from platformdirs import user_cache_path
 
 from adhesion_jax.runtime import is_double
 
-#: The variable that names the folder.
+#: The environment variable that names the folder.
 VARIABLE = "ADHESION_JAX_CACHE"
 
-#: Most bytes of the programs that are kept, and as many again of the small ones that jax keeps.
+#: Largest number of bytes of the kept programs, and again of the small ones that jax keeps.
 MOST_BYTES = 2**29
 
 _PACKAGE = Path(__file__).parent
@@ -53,7 +53,7 @@ _folder: list[Path] = []  # none before it is asked for
 
 
 def outside(path: Path, source: bytes) -> None:
-    """From now on programs depend on this source, too."""
+    """Adds a source outside the package to those that programs depend on."""
     _outside[path] = source
 
 
@@ -85,7 +85,7 @@ def _of_machine() -> str:
 
 
 def _processor() -> str:
-    """Its name and what it can do: a program compiled for another one may not run here."""
+    """The processor's name and features: a program compiled for another one may not run here."""
     told = Path("/proc/cpuinfo")
     if not told.exists():
         return f"{platform.machine()} {platform.processor()}"
@@ -103,7 +103,7 @@ def _settings() -> Iterable[tuple[str, str]]:
 
 
 def folder() -> Path:
-    """Where programs are kept: the user's cache folder, or one that passes with this process."""
+    """The folder of the programs: the user's cache folder, or one that ends with this process."""
     if not _folder:
         asked = os.environ.get(VARIABLE, "")
         _folder.append(_passing() if asked == "off" else _own(asked))
@@ -126,15 +126,15 @@ def _own(asked: str) -> Path:
     if reason is None:
         return path
     print(
-        f"Compiled programs are not kept: {reason}. Name a folder of your own by {VARIABLE}, or "
-        "switch them off by the value off.",
+        f"Compiled programs are not kept: {reason}. Set {VARIABLE} to a folder of your own, or to "
+        "off to keep no programs.",
         file=sys.stderr,
     )
     return _passing()
 
 
 def _reason_not_to_trust(path: Path) -> str | None:
-    """A program that is loaded is run: nobody else may have been able to put it there."""
+    """Why a folder is not safe, or None. Programs in it are run: nobody else may write there."""
     if not hasattr(os, "getuid"):
         return None  # the folders of a Windows profile are the user's own
     if not os.access(path, os.W_OK):
@@ -253,7 +253,7 @@ def _loaded(path: Path) -> jax.stages.Compiled | None:
     try:
         found = deserialize_and_load(*pickle.loads(content[32:]))
         os.utime(path)  # the time of its last use
-    except Exception:  # whatever jax or the system says of it, it can be made again
+    except Exception:  # whatever the error, the program can be made again
         return None
     return found
 
@@ -273,7 +273,7 @@ def _keep(path: Path, made: jax.stages.Compiled) -> None:
         partly.write_bytes(sha256(payload).digest() + payload)
         partly.replace(path)
         _bound(path.parent)
-    except OSError:  # a full disk costs the next process some seconds, and this one nothing
+    except OSError:  # a full disk: the next process compiles the program again
         partly.unlink(missing_ok=True)
 
 
