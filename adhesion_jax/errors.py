@@ -1,4 +1,4 @@
-"""The exceptions that speak to the user."""
+"""The exceptions whose messages are written for the user."""
 
 
 class InputError(ValueError):

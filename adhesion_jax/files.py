@@ -37,10 +37,10 @@ def output_directory(path: Path) -> Path:
 def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
     """A folder to write into whose files appear in `directory` when all are complete.
 
-    `own` are the names a command may write: what an earlier job left of them goes, other files
-    are left alone. After an error nothing changes. Of several jobs with one directory the files are
-    those of the job that ended last, all of them. InputError where a folder bears one of the names,
-    or where there is no room to write.
+    `own` are the names that a command may write: files of an earlier job with these names are
+    removed, other files are left alone. After an error nothing changes. If several jobs write to
+    one directory, all its files are those of the job that ended last. Raises InputError if a folder
+    has one of the names, or if the directory cannot be written to.
     """
     for name in own:
         if (directory / name).is_dir():
@@ -68,13 +68,13 @@ def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
 
 @contextmanager
 def _alone(directory: Path) -> Iterator[None]:
-    """No other job puts its files there meanwhile; a job that is killed lets go of the folder."""
+    """A lock on the directory for moving files into it; a killed job releases it."""
     if sys.platform == "win32":
         yield
         return
     folder = os.open(directory, os.O_RDONLY)
     try:
-        with suppress(OSError):  # a network disk may know no locks: then as if alone
+        with suppress(OSError):  # a network disk may not support locks: the job goes on without one
             fcntl.flock(folder, fcntl.LOCK_EX)
         yield
     finally:
@@ -82,7 +82,7 @@ def _alone(directory: Path) -> Iterator[None]:
 
 
 def write_table(path: Path, table: pd.DataFrame) -> None:
-    """As CSV at full precision; what does not apply is left empty."""
+    """Writes a table as CSV at full precision; cells that do not apply are left empty."""
     table.to_csv(path, index=False)
 
 

@@ -27,7 +27,7 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 from adhesion_jax.keeping import folder, is_outside, of_outside, of_package
 from adhesion_jax.runtime import is_double
 
-#: Most bytes of the programs that are kept, and as many again of the small ones that jax keeps.
+#: Largest number of bytes of the kept programs, and again of the small ones that jax keeps.
 MOST_BYTES = 2**29
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimistix")
@@ -62,7 +62,7 @@ def _of_machine() -> str:
 
 
 def _processor() -> str:
-    """Its name and what it can do: a program compiled for another one may not run here."""
+    """The processor's name and features: a program compiled for another one may not run here."""
     told = Path("/proc/cpuinfo")
     if not told.exists():
         return f"{platform.machine()} {platform.processor()}"
@@ -193,7 +193,7 @@ def _loaded(path: Path) -> jax.stages.Compiled | None:
     try:
         found = deserialize_and_load(*pickle.loads(content[32:]))
         os.utime(path)  # the time of its last use
-    except Exception:  # whatever jax or the system says of it, it can be made again
+    except Exception:  # whatever the error, the program can be made again
         return None
     return found
 
@@ -213,7 +213,7 @@ def _keep(path: Path, made: jax.stages.Compiled) -> None:
         partly.write_bytes(sha256(payload).digest() + payload)
         partly.replace(path)
         _bound(path.parent)
-    except OSError:  # a full disk costs the next process some seconds, and this one nothing
+    except OSError:  # a full disk: the next process compiles the program again
         partly.unlink(missing_ok=True)
 
 

@@ -1,4 +1,4 @@
-"""What every room hands on: a record of slip and adhesion, and what is known of its curve."""
+"""The types that all parts exchange: a record of slip and adhesion, and what is known of it."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -15,8 +15,8 @@ class Record(NamedTuple):
 
     slip: Float[Array, "*blocks points"]
     adhesion: Float[Array, "*blocks points"]
-    mask: Bool[Array, "*blocks points"]  # false: there is no such point
-    fresh: Bool[Array, "*blocks points"]  # false: seen before, or no such point
+    mask: Bool[Array, "*blocks points"]  # false for padding
+    fresh: Bool[Array, "*blocks points"]  # false for points seen before and for padding
     conditions: Mapping[str, Float[Array, "*blocks points"]]
 
 
@@ -25,7 +25,7 @@ def record_axes(slip: int | None, adhesion: int | None, conditions: Any) -> Any:
     return Record(slip, adhesion, None, None, conditions)  # type: ignore[arg-type]
 
 
-#: The axes of `Scenario.run_axes` where the slips are the same in every run, and where they differ.
+#: `Scenario.run_axes` if the slips are the same in every run, and if they differ.
 SHARED_SLIP, OWN_SLIP = record_axes(None, 0, {}), record_axes(0, 0, {})
 
 

@@ -1,4 +1,4 @@
-"""How jax is started for a command, what is asked of it in a program of others, and its threads."""
+"""How jax is started for a command, what the package needs as a library, and its threads."""
 
 import os
 import platform
@@ -22,7 +22,7 @@ T = TypeVar("T")
 #: Cores this process may use; a campaign starts one worker process on each.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-# One thread a process: a sum is then taken in the same order whatever the number of cores.
+# One thread per process: a sum is then taken in the same order whatever the number of cores.
 _FLAGS = {"--xla_cpu_multi_thread_eigen": "false"}
 
 PACKAGES = (
@@ -41,8 +41,8 @@ PACKAGES = (
 def start() -> None:
     """Set the flags and the precision that commands, their workers and the tests run with.
 
-    To be called before jax opens a device, which has the flags of that moment; `describe` tells
-    what is in force. Importing the package sets nothing: a program that uses it as a library
+    Call it before jax opens a device, which takes the flags of that moment; `describe` returns
+    the flags in force. Importing the package sets nothing: a program that uses it as a library
     keeps its own flags, and its own precision where it does not ask for another.
     """
     given = os.environ.get("XLA_FLAGS", "")
@@ -72,7 +72,7 @@ def is_double() -> bool:
 
 
 def require_double_precision() -> None:
-    """InputError where jax would compute in single precision."""
+    """Raises InputError if jax would compute in single precision."""
     if not is_double():
         raise InputError(
             "Identification needs double precision, and jax is set to single: call "
@@ -111,7 +111,7 @@ def cores_for(workers: int, context: BaseContext) -> Queue:
 def take_core(cores: Queue) -> None:
     """Keep this process to a core of its own: processes that share all of them wait for threads.
 
-    To be called before jax opens a device, which then starts as many threads as there are cores.
+    Call it before jax opens a device, which then starts one thread per core.
     """
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {cores.get()})

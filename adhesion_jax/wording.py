@@ -5,16 +5,16 @@ from collections.abc import Sequence
 
 
 def number(value: float) -> str:
-    """Four digits; nothing where there is no number."""
+    """A number with four digits; empty if it is not finite."""
     if not math.isfinite(value):
         return ""
     return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
 def plus_minus(value: float, standard_error: float) -> str:
-    """A value to the digits that its standard error leaves, and the error to two.
+    """`value ± error`, rounded to two digits of the error.
 
-    Nothing where the value is not a number, the value alone where it is infinite or has no error.
+    Empty if the value is NaN; the value alone if it is infinite or has no finite error.
     """
     if math.isnan(value):
         return ""

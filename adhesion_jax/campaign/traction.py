@@ -36,7 +36,7 @@ WHOLE = "all"
 #: Values of the column noise.
 QUIET, NOISY = "none", "yes"
 
-#: What is said of a segment where a figure, which is 1 or 0 in a run, is 1.
+#: The words for a figure that is 1 in a run, and 0 otherwise.
 _STATUSES = {
     "stood": "the train never moves",
     "rolled_back": "the train rolls back",
@@ -47,13 +47,13 @@ Figures = Mapping[str, np.ndarray]  # by name: [runs, segments, of which the las
 
 
 class Judged(NamedTuple):
-    """What became of the cases of a system."""
+    """The results of the cases of a system."""
 
     metrics: pd.DataFrame  # a row a case, segment and noise
     traces: Sequence[Trace]  # of each case without noise: NumPy arrays [rows, ...]
-    seconds: float  # of the processor, all processes together, without compilation
-    compile_seconds: float  # as the clock has it, of all processes added up
-    steps: int  # of the plant, in all runs
+    seconds: float  # CPU seconds of all processes together, without compilation
+    compile_seconds: float  # wall-clock seconds, added up over all processes
+    steps: int  # number of steps of the plant, in all runs
 
 
 class Unit(NamedTuple):
@@ -68,7 +68,7 @@ class Unit(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What is run of the cases of a system, and how often each of them is run with noise."""
+    """The units of work for the cases of a system, and the number of runs with noise of each."""
 
     cases: Sequence[Case]
     units: Sequence[Unit]
@@ -87,7 +87,8 @@ def planned(
 ) -> Plan:
     """Every case once without noise, those of one form together, and some runs with noise.
 
-    InputError where a seeker and a controller do not go together, or a case has no grid of steps.
+    Raises InputError if a seeker and a controller do not go together, or a case has no grid of
+    steps.
     """
     alike: dict[tuple[object, Timing], list[tuple[int, Loop]]] = defaultdict(list)
     noisy = []
@@ -144,7 +145,7 @@ def judge(plan: Plan, progress: Callable[[str], None], workers: int = CORES) -> 
 
 
 def _tiles(runs: int) -> list[range]:
-    """Equal ones, of which the last may go beyond the runs."""
+    """Tiles of equal size, of which the last may go beyond the runs."""
     size = min(-(-runs // _LEAST) * _LEAST, _MOST)
     return [range(first, first + size) for first in range(0, runs, size or 1)]
 
@@ -170,7 +171,7 @@ def _judged(unit: Unit) -> _Result:
 
 
 def _form(loop: Loop) -> object:
-    """What loops have in common that one program can run."""
+    """The key of a loop: loops of equal keys are run by one program."""
     return jax.tree.structure(loop), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(loop))
 
 
@@ -212,7 +213,7 @@ def _compiled(
 
 
 def _every(grid: Timing) -> int:
-    """Samples from one row that is drawn to the next: the least that divides the run."""
+    """Number of samples from one drawn row to the next: the smallest that divides the run."""
     least = max(-(-grid.samples // _ROWS), 1)
     return next(n for n in range(least, grid.samples + 1) if grid.samples % n == 0)
 
@@ -245,7 +246,7 @@ def _rows(case: Case, noise: str, moments: KnownMoments) -> pd.DataFrame:
 
 
 def _status(moments: KnownMoments, segment: int) -> str:
-    """In words, with the number of runs where there are several."""
+    """The status of a segment in words, with the number of runs if there are several."""
     if not moments.known["utilisation"][segment]:
         return "not reached"
     counts = {words: int(moments.total[name][segment]) for name, words in _STATUSES.items()}

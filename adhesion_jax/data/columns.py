@@ -1,4 +1,4 @@
-"""The columns the project knows: unit, the range a sane value lies in, and what they mean."""
+"""The columns that the package knows: their units, the ranges of valid values, their meanings."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,8 @@ class Column(NamedTuple):
 
 _ANY = math.inf
 
-#: Name to column. The ranges are wide: what lies outside is a slip of the unit or of the sensor.
+#: Name to column. The ranges are wide: a value outside has a wrong unit or comes from a faulty
+#: sensor.
 COLUMNS: Mapping[str, Column] = {
     "time_s": Column("s", -_ANY, _ANY, "time, not decreasing within a run"),
     "vehicle_speed_mps": Column("m/s", 0.0, 200.0, "speed of the vehicle over the rail"),

@@ -1,4 +1,4 @@
-"""From a file to a table of cells, exactly as they stand in it."""
+"""Reads a file as a table of cells, exactly as they are written."""
 
 import csv
 import gzip
@@ -16,10 +16,10 @@ from adhesion_jax.errors import InputError
 
 _KINDS = "a .csv, .csv.gz or .parquet file"
 
-#: What pandas calls an index that was saved among the columns.
+#: Names that pandas gives to an index that was saved as a column.
 _SAVED_INDEX = re.compile(r"|Unnamed: \d+|__index_level_\d+__")
 
-#: Bytes read at a time where rows are counted.
+#: Number of bytes that are read at a time to count rows.
 _CHUNK = 1 << 22
 
 
@@ -27,7 +27,7 @@ def refuse_many_rows(paths: Sequence[Path], limit: int) -> None:
     """InputError where the files hold more than `limit` rows of data together.
 
     The rows are counted before anything is read into memory, and no further than the limit. What
-    is not a file, or not a whole one, is left for `read_table` to name.
+    is not a file, or is damaged, is left for `read_table` to report.
     """
     total = 0
     for path in paths:
@@ -48,7 +48,7 @@ def too_many_rows(names: Sequence[str], limit: int) -> InputError:
 
 
 def _rows(path: Path, enough: int) -> int:
-    """The rows of data of a file, counted until there are more than enough."""
+    """The number of rows of data of a file; counting stops once it exceeds `enough`."""
     name = path.name.lower()
     if name.endswith(".parquet"):
         rows: int = pyarrow.parquet.read_metadata(path).num_rows
@@ -58,7 +58,7 @@ def _rows(path: Path, enough: int) -> int:
         while ends <= enough + 1 and (chunk := stream.read(_CHUNK)):
             ends += chunk.count(b"\n")
             last = chunk[-1:]
-    # The header is no row; the last line of a file may lack its end.
+    # The header is not counted; the last line of a file may lack its line break.
     return max(ends - 1 + (last != b"\n"), 0)
 
 
@@ -74,7 +74,7 @@ def read_table(path: Path) -> pd.DataFrame:
         raise InputError(f"{path} {problem}; name {_KINDS}.")
     name = path.name.lower()
     if not name.endswith((".csv", ".csv.gz", ".parquet")):
-        raise InputError(f"{path} is of a kind that is not known by its name; name {_KINDS}.")
+        raise InputError(f"the ending of {path} is not known; name {_KINDS}.")
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -142,7 +142,7 @@ def _text(path: Path, content: bytes) -> pd.DataFrame:
 
 
 def _header(path: Path, text: str) -> list[str]:
-    """The names of the columns, once every row is known to have as many cells."""
+    """The names of the columns; InputError if a row has another number of cells."""
     # Where a quoted cell holds a line break the row is the one a spreadsheet shows.
     rows = csv.reader(io.StringIO(text, newline=""), strict=True)
     number = 0
@@ -151,18 +151,20 @@ def _header(path: Path, text: str) -> list[str]:
             if number == 1:
                 header = [" ".join(name.split()) for name in row]
                 if len(header) == 1 and any(mark in text for mark in ";\t"):
-                    raise InputError(f"{path} is not separated by commas; separate its cells so.")
+                    raise InputError(
+                        f"{path} is not separated by commas; write commas between cells."
+                    )
                 _refuse_duplicates(path, header)
             elif not row:
                 raise InputError(f"{path} has no cells in row {number}; leave out the empty row.")
             elif len(row) != len(header):
                 raise InputError(
                     f"{path} has {len(row)} cells in row {number} where its header has "
-                    f"{len(header)} columns; give every row one cell a column."
+                    f"{len(header)} columns; give every row one cell for each column."
                 )
     except csv.Error as error:
         raise InputError(
-            f"{path} is not comma-separated text after row {number} ({error}); mend that row."
+            f"{path} is not comma-separated text after row {number} ({error}); correct that row."
         ) from None
     return header
 

@@ -9,7 +9,8 @@ import pandas as pd
 
 from adhesion_jax.data.reading import Measured
 
-#: A step in time over this many median steps, and over _PAUSE seconds, parts two runs.
+#: A new run begins where the step in time exceeds this multiple of the median step and _PAUSE
+#: seconds.
 _STEPS = 10.0
 _PAUSE = 1.0
 

@@ -59,7 +59,7 @@ def to_measured(name: str, cells: pd.DataFrame) -> Measured:
 
 
 def check_curve(measured: Measured) -> None:
-    """InputError where no curve can be identified though every cell is sane."""
+    """Raises InputError if no curve can be identified although every cell is valid."""
     slip = measured.table[measured.slip]
     different = slip.abs().nunique()
     if len(slip) < POINTS:
@@ -76,9 +76,9 @@ def check_curve(measured: Measured) -> None:
 
 
 def adhesion_faults(slip: pd.Series, adhesion: pd.Series) -> Sequence[str]:
-    """Whether the adhesion of all points cannot be that of their slip, [points] each."""
+    """Sentences on why the adhesion cannot belong to the slip, both [points]; none if it can."""
     if (adhesion == 0).all():
-        return ["column adhesion is 0 in every row (there is no curve in that)"]
+        return ["column adhesion is 0 in every row (no curve can be fitted to that)"]
     if slip.min() < slip.max() and (slip * adhesion).sum() <= 0:
         return [
             f"column adhesion is mostly of the other sign than {slip.name} "
@@ -88,7 +88,7 @@ def adhesion_faults(slip: pd.Series, adhesion: pd.Series) -> Sequence[str]:
 
 
 def too_few(points: int) -> str:
-    """What is wrong with a table of fewer than POINTS points."""
+    """The fault of a table that has fewer than POINTS points."""
     held = {0: "there is a header but no point", 1: "there is one point"}.get(
         points, f"there are {points} points"
     )
@@ -104,8 +104,8 @@ def to_record(measured: Measured) -> Record:
         if name not in LABELS
     }
     if measured.slip == "slip_velocity_mps":
-        # Falling friction multiplies slip by the vehicle speed to have the slip velocity. Here
-        # slip is that velocity already, and a speed of one leaves it as it is.
+        # Falling friction multiplies the slip by the vehicle speed to get the slip velocity. Here
+        # the slip is already that velocity, and a speed of 1 leaves it unchanged.
         conditions["vehicle_speed_mps"] = jnp.ones(len(table))
     every = jnp.ones(len(table), dtype=bool)
     return Record(conditions[measured.slip], conditions["adhesion"], every, every, conditions)
@@ -129,7 +129,7 @@ def _missing_columns(table: pd.DataFrame) -> Sequence[str]:
 
 
 def _derive(table: pd.DataFrame) -> tuple[pd.DataFrame, Sequence[str]]:
-    """Adhesion from force and load, slip ratio and vehicle speed from each other; faults."""
+    """The table with adhesion from force and load, slip ratio or speed from each other; faults."""
     table = table.copy()
     faults: list[str] = []
     if "adhesion" not in table:
@@ -139,7 +139,7 @@ def _derive(table: pd.DataFrame) -> tuple[pd.DataFrame, Sequence[str]]:
         if at_rest.any():
             faults.append(
                 f"column vehicle_speed_mps is 0 in row {at_rest.idxmax()}, where slip_velocity_mps "
-                "has no ratio (leave out the rows at rest)"
+                "gives no slip ratio (leave out the rows at rest)"
             )
         table["slip_ratio"] = table["slip_velocity_mps"] / table["vehicle_speed_mps"].where(
             ~at_rest, 1.0
@@ -147,8 +147,8 @@ def _derive(table: pd.DataFrame) -> tuple[pd.DataFrame, Sequence[str]]:
     elif "vehicle_speed_mps" not in table and {"slip_ratio", "slip_velocity_mps"} <= {*table}:
         slips = table["slip_ratio"] != 0
         speed = (table["slip_velocity_mps"] / table["slip_ratio"].where(slips)).abs()
-        # Without slip the speed acts on no curve: any finite value will do there.
+        # At slip 0 adhesion does not depend on the speed: any finite value will do there.
         table["vehicle_speed_mps"] = speed.fillna(speed.median() if slips.any() else 0.0)
-    # The derived columns must be as sane as those that are given.
+    # The derived columns must lie within the same ranges as the given ones.
     faults += cell_faults(table, table) if not faults else []
     return table, faults

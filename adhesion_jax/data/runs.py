@@ -16,13 +16,15 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.wording import listed
 
-#: Rows of data that a campaign may have.
+#: Largest number of rows of data of a campaign.
 MOST_ROWS = 1_000_000
 
-#: Cells of one padded column, at most: one very long run among many short ones would fill memory.
+#: Largest number of cells of one padded column: one very long run among many short ones would
+#: otherwise fill the memory.
 _MOST_CELLS = 10_000_000
 
-#: What is to be explained is no condition: slip and adhesion, and the force is adhesion times load.
+#: Columns that are no conditions: the slip, and what is to be explained by it, the adhesion and the
+#: force, which is adhesion times load.
 _EXPLAINED = ("slip_ratio", "adhesion", "tangential_force_N")
 
 #: Conditions that a curve or an effect in time may need, kept whatever else they are equal to.
@@ -129,7 +131,7 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
     """
     record = test.record
     there = {**record.conditions, test.slip: record.slip, "adhesion": record.adhesion}
-    # Two columns may differ in the one set and be the same in the other.
+    # Two columns may differ in one set and be equal in the other.
     there |= {name: there[first] for name, first in test.same.items()}
     needed = [runs.slip, *runs.record.conditions]
     if runs.slip == "slip_velocity_mps":
@@ -149,8 +151,8 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
         strange = [axle for axle in test.axles if axle not in runs.axles]
         if strange:
             warnings += (
-                f"The training data have no axle {listed(strange)}: what is found of the other "
-                "axles is not applied to it.",
+                f"The training data have no axle {listed(strange)}: effects found on the other "
+                "axles are not applied to it.",
             )
     return test._replace(
         record=record._replace(slip=there[runs.slip], conditions=conditions),
@@ -186,7 +188,7 @@ def _refuse_two_kinds(files: Sequence[Measured]) -> None:
         ratio, velocity = (files[0], other) if files[0].slip == "slip_ratio" else (other, files[0])
         raise InputError(
             f"{velocity.name} has slip_velocity_mps without vehicle_speed_mps where {ratio.name} "
-            "has a slip ratio, give every file the same slip."
+            "has a slip ratio; give every file the same kind of slip."
         )
 
 
@@ -208,7 +210,7 @@ def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
 def _refuse_useless(
     files: Sequence[Measured], table: pd.DataFrame, slip: str, grouping: Grouping
 ) -> None:
-    """InputError where the files together are of no use though every cell is sane."""
+    """Raises InputError if the files together cannot be used although every cell is valid."""
     length = np.bincount(grouping.run)
     if len(table) < POINTS:
         faults: Sequence[str] = [too_few(len(table))]
@@ -220,8 +222,8 @@ def _refuse_useless(
         ]
     elif length.size > 1 and length.max() == 1:
         faults = [
-            f"each of the {length.size} runs has one row (a run is a sweep of several; without the "
-            "column run all rows are one run)"
+            f"each of the {length.size} runs has one row (a run is a sweep of several; without "
+            "the column run all rows are one run)"
         ]
     else:
         faults = adhesion_faults(table[slip], table["adhesion"])
@@ -246,14 +248,14 @@ def _conditions(table: pd.DataFrame, slip: str) -> tuple[dict[str, pd.Series], t
 
 
 def _by_number(label: str) -> tuple[float, str]:
-    """Axle 10 comes after axle 9, and names after numbers."""
+    """The key by which axles are sorted: numbers by their value, then names."""
     return (float(label) if label.isdecimal() else np.inf, label)
 
 
 def _repeated(columns: Mapping[str, pd.Series]) -> dict[str, str]:
     """Each column that is exactly another one, and which: a known column goes before others.
 
-    Columns that never change are not compared, for none of them explains anything.
+    Constant columns are not compared, because they explain nothing.
     """
     first: dict[bytes, str] = {}
     same: dict[str, str] = {}
@@ -274,7 +276,7 @@ def _slip_warnings(slip: str) -> Iterable[str]:
     if slip == "slip_velocity_mps":
         yield (
             "There is no vehicle_speed_mps: slip is the slip velocity in m/s, the speed is taken "
-            "as 1, and no effect of the speed can be tested."
+            "as 1, and no effect of speed can be tested."
         )
 
 
@@ -285,7 +287,7 @@ def _time_warnings(table: pd.DataFrame, grouping: Grouping) -> Iterable[str]:
     if equal:
         yield (
             f"In time_s {equal} {'row has' if equal == 1 else 'rows have'} the time of the row "
-            "before in the same run: for effects that act in time nothing passes there."
+            "before in the same run: no time passes there for effects that act in time."
         )
 
 
@@ -299,13 +301,13 @@ def _run_warnings(grouping: Grouping) -> Iterable[str]:
         )
         yield (
             f"There is one run only: {length.size} contiguous blocks of {points} points take the "
-            "place of runs. Intervals and p-values then rest on neighbouring points being nearly "
-            "independent between blocks, and effects that act in time within a run can hardly be "
+            "place of runs. Intervals and p-values then assume that points of different blocks are "
+            "nearly independent, and effects that act in time within a run can hardly be "
             "tested."
         )
     single = int((length == 1).sum())
     if single:
         yield (
             f"{single} of {length.size} runs {'has' if single == 1 else 'have'} one point only, "
-            "which says nothing of the noise within a run or of effects that act in time."
+            "which shows neither the noise within a run nor effects that act in time."
         )

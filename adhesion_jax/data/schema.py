@@ -1,4 +1,4 @@
-"""Which tables are sane: every cell a finite number inside its column's range, time in order."""
+"""Whether a table is valid: every cell finite and within its column's range, time in order."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from pandera.errors import SchemaErrors
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 
-#: How a missing number is written; anything else that is no number is text.
+#: Spellings of a missing number; any other cell that is no number counts as text.
 _MISSING = ("", "-", "na", "n/a", "nan", "nat", "none", "null", "<na>")
 
 
@@ -61,13 +61,13 @@ def label_faults(table: pd.DataFrame) -> Sequence[str]:
         empty = table[name] == ""
         if empty.any():
             faults.append(
-                f"column {name} has in row {empty.idxmax()} no value (name it in each row)"
+                f"row {empty.idxmax()} of column {name} has no value (name it in each row)"
             )
     if "mode" in table:
         strange = table["mode"][~table["mode"].str.lower().isin(["", *MODES])]
         if len(strange):
             faults.append(
-                f"column mode has in row {strange.index[0]} the label '{_shown(strange.iloc[0])}' "
+                f"row {strange.index[0]} of column mode has the label '{_shown(strange.iloc[0])}' "
                 f"(write {', '.join([*MODES][:-1])} or {[*MODES][-1]})"
             )
     return faults
@@ -90,10 +90,10 @@ def time_faults(table: pd.DataFrame) -> Sequence[str]:
 def _as_numbers(cells: pd.Series) -> pd.Series:
     if pd.api.types.is_bool_dtype(cells) or pd.api.types.is_numeric_dtype(cells):
         return cells.astype(float)
-    # As text, for pandas would take a date for its nanoseconds.
+    # As text, because pandas would turn a date into its number of nanoseconds.
     text = cells.astype(str).str.strip()
     try:
-        # Takes a tenth of the time, but only where every cell is a number.
+        # This takes a tenth of the time of the way below, but fails if any cell is not a number.
         number = pyarrow.array(text).cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
         return pd.Series(number, index=cells.index)
     except pyarrow.ArrowInvalid:
@@ -102,13 +102,13 @@ def _as_numbers(cells: pd.Series) -> pd.Series:
 
 def _as_labels(cells: pd.Series) -> pd.Series:
     if pd.api.types.is_float_dtype(cells) and (cells.dropna() % 1 == 0).all():
-        # A file may hold whole numbers as 1.0 where another one has 1.
+        # Whole numbers may be written as 1.0 in one file and as 1 in another.
         cells = cells.astype("Int64")
     return cells.astype(object).where(cells.notna(), "").astype(str).str.strip()
 
 
 def _kinds(cases: pd.DataFrame, cells: pd.DataFrame) -> pd.Series:
-    """What is wrong in each case: outside, infinite, missing or text."""
+    """The kind of each fault: outside, infinite, missing or text."""
     kinds = pd.Series("infinite", index=cases.index, dtype=object)
     kinds[cases["check"] == "inside"] = "outside"
     no_number = (cases["check"] != "inside") & cases["failure_case"].isna()
@@ -120,7 +120,7 @@ def _kinds(cases: pd.DataFrame, cells: pd.DataFrame) -> pd.Series:
 
 
 def _shown(written: object) -> str:
-    """A cell on one line, cut where it is long."""
+    """The content of a cell on one line, cut to 30 characters."""
     return f"{' '.join(str(written).split()):.30}"
 
 
@@ -138,7 +138,7 @@ def _sentence(name: str, row: int, kind: str, written: object) -> str:
             fault = (
                 f"{written}, outside {column.lower:g} to {column.upper:g}{unit} ({column.advice})"
             )
-    return f"column {name} has in row {row} {fault}"
+    return f"row {row} of column {name} has {fault}"
 
 
 def _finite(values: pd.Series) -> pd.Series:
@@ -148,7 +148,7 @@ def _finite(values: pd.Series) -> pd.Series:
 def _inside(name: str) -> pandera.Check:
     column = COLUMNS[name]
     return pandera.Check(
-        # What is not finite is reported as such, once.
+        # A cell that is not finite is reported as such, and not also as out of range.
         lambda values: values.between(column.lower, column.upper) | ~_finite(values),
         name="inside",
     )

@@ -1,4 +1,4 @@
-"""What an effect is: something that an adhesion law may lack."""
+"""The contract of an effect: something that an adhesion law may lack."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -41,7 +41,7 @@ class Effect(eqx.Module):
     def before(
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
-        """The slip that the law below is asked at."""
+        """The slip at which the law below is evaluated."""
 
     @abstractmethod
     def after(
@@ -50,7 +50,7 @@ class Effect(eqx.Module):
         slip: Float[Array, "*shape"],
         conditions: Conditions,
     ) -> Float[Array, "*shape"]:
-        """What becomes of the adhesion of the law below; `slip` is the measured one."""
+        """The adhesion with the effect, from that of the law below; `slip` is the measured one."""
 
     @classmethod
     @abstractmethod

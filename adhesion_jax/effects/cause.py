@@ -1,4 +1,4 @@
-"""What a physical cause is: an effect, and all that the rest of the package must know of it."""
+"""The contract of a physical cause: an effect, and what the package needs to know about it."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -13,10 +13,10 @@ from adhesion_jax.effects.planting import Plantable
 
 
 class Cause(Effect, Plantable):
-    """A physical cause. Whatever is asked of it elsewhere is declared here, on its class.
+    """A physical cause; its class declares everything that other modules ask about it.
 
-    SENTENCE says to the reader what it does. RESTS_ON names the columns that a claim of it rests
-    on, slip_ratio among them where it is a function of the slip. OF_SLIP_ALONE: it is a function
+    SENTENCE tells what the cause does. RESTS_ON names the columns that a claim of it rests on,
+    slip_ratio among them where it is a function of the slip. OF_SLIP_ALONE: it is a function
     of nothing else, an error of a signal that hardly any data tell from another shape of the
     curve. SLOW: it may be so slow that what a little of it changes says nothing of what it
     changes in whole. SCREENED: it is looked for among the candidates of the search, rather than
@@ -50,7 +50,7 @@ class Scaling(Cause):
 
     @abstractmethod
     def factor(self, slip: Float[Array, "*shape"], conditions: Conditions) -> Float[Array, "..."]:
-        """What adhesion is multiplied by."""
+        """The factor on adhesion."""
 
 
 class Bending(Cause):
@@ -101,7 +101,7 @@ class Remembering(Cause):
         slip: Float[Array, ""],
         conditions: Conditions,
     ) -> tuple[Any, Float[Array, ""]]:
-        """The memory after one more sample, and what becomes of its adhesion."""
+        """The memory after one more sample, and the adhesion of that sample."""
 
 
 def now(conditions: Conditions) -> Float[Array, ""]:

@@ -11,7 +11,7 @@ from adhesion_jax.effects.cause import Changing, Remembering, now
 from adhesion_jax.effects.history import has_history, steps
 from adhesion_jax.effects.planting import CleanRuns, Plan, by_factor, by_its_formula
 
-#: Load in N whose slip energy is counted whole: F0 of the formula.
+#: F0 of the formula: the load in N at which the slip energy is counted with the factor 1.
 _LOAD = 1e5
 
 _SOURCE = "Voltr and Lata 2015, Veh. Syst. Dyn. 53:605-618"

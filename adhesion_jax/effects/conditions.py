@@ -1,4 +1,4 @@
-"""What follows from the measured columns of a run: the other names and rates that effects need."""
+"""Conditions computed from the measured columns of a run: other names, rates and the calendar."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -12,19 +12,19 @@ from adhesion_jax.effects.history import has_history, smoothed
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
-#: Radius in m that turns a rolled distance into an angle where no angle was measured.
+#: Wheel radius in m by which an angle follows from the rolled distance if none was measured.
 NOMINAL_RADIUS = 0.46
 
-#: Seconds over which a speed is smoothed before its slope is taken for the acceleration.
+#: Width in s of the smoothing of a speed whose slope is taken as the acceleration.
 _ACCELERATION_WIDTH = 0.5
 
-#: Columns that stand in for one another, the first there is counts.
+#: Columns that can replace each other; the first one in the data is used.
 TEMPERATURES = ("temperature_C", "rail_temperature_C", "tread_temperature_C")
 ANGLES = ("angle_of_attack_deg", "slip_angle_deg")
 
 
 class Calendar(NamedTuple):
-    """Where the campaign lies in time: campaign_time is 0 at `start` and 1 at `end`."""
+    """The time axis of a campaign: campaign_time is 0 at `start` and 1 at `end` of `column`."""
 
     column: str  # time_s, or run_order where time starts anew with each run
     start: float
@@ -36,7 +36,7 @@ def calendar_of(record: Record) -> Calendar:
     if "time_s" in record.conditions:
         time = np.asarray(record.conditions["time_s"])
         span = np.ptp(time)
-        # Where every run starts anew, their times lie on top of each other.
+        # If time starts anew in every run, the times of the runs overlap.
         if time.shape[0] > 1 and np.ptp(time[:, 0]) > 0.5 * span > 0:
             return Calendar("time_s", float(time.min()), float(time.max()))
     order = np.asarray(record.conditions["run_order"])
@@ -54,7 +54,7 @@ def completed(
     return followed
 
 
-# Compiled, since every campaign and every law asks for it, and its steps are many and small.
+# Compiled, because it consists of many small steps and every campaign and law needs it.
 @kept()
 def _followed(slip: Float[Array, "*shape"], measured: Mapping[str, Array]) -> dict[str, Array]:
     conditions = dict(measured)

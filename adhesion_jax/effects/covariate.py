@@ -24,7 +24,7 @@ class Covariate(ShapeTerm):
     column: str = eqx.field(static=True)
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "k": Parameter("1", -3.0, 3.0, "log change a spread of the column", _SOURCE),
+        "k": Parameter("1", -3.0, 3.0, "change of g per standard deviation of the column", _SOURCE),
         "reference": Parameter("column", -1e12, 1e12, "value at which nothing changes", _SOURCE),
         "scale": Parameter("column", 1e-12, 1e12, "unit of the change", _SOURCE),
     }

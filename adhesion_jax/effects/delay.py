@@ -13,12 +13,12 @@ from adhesion_jax.effects.planting import CleanRuns, Plan, by_its_formula, plant
 
 _SOURCE = "measuring chain"
 
-#: Samples that the step form remembers: a delay over more of them is cut to these.
+#: Number of samples that the step form keeps: a longer delay is cut to these.
 _KEPT = 1024
 
 
 class Delay(Changing, Remembering):
-    """Source: any measuring chain with separate channels."""
+    """A constant delay between two channels. Source: any measuring chain with separate channels."""
 
     delay: Scalar
 
@@ -62,7 +62,7 @@ class Delay(Changing, Remembering):
         conditions: Conditions,
     ) -> tuple[Any, Float[Array, ""]]:
         times, values = memory
-        # A sample again at the same time takes the place of the last.
+        # A second sample at the same time replaces the first.
         again = now(conditions) == times[-1]
         times = jnp.where(again, times, jnp.append(times[1:], now(conditions)))
         values = jnp.where(again, values.at[-1].set(adhesion), jnp.append(values[1:], adhesion))

@@ -34,7 +34,7 @@ class Drift(Scaling):
     REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "campaign_time"}
     NEEDS: ClassVar[tuple[str, ...]] = ("campaign_time",)
     SENTENCE: ClassVar[str] = (
-        "Something changes over the campaign: slowly, in a step, or dying away."
+        "Adhesion changes over the campaign: slowly, in a step, or levelling off."
     )
     FORMULA: ClassVar[str] = (
         "mu (1 + k (s(t) - s(t0))), s(t) = tanh((t - c)/w), t from 0 to 1 over the campaign"

@@ -1,4 +1,4 @@
-"""What effects that act in time are made of: first-order filters, shifts and sums along a run."""
+"""The parts of effects that act in time: first-order filters, shifts and sums along a run."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from adhesion_jax.curves import Conditions, Scalar
 
 
 def has_history(conditions: Conditions) -> bool:
-    """Whether the conditions are a run in time, rather than one steady state."""
+    """Whether the conditions are those of a run in time rather than of one steady state."""
     return "time_s" in conditions and jnp.ndim(conditions["time_s"]) == 1
 
 

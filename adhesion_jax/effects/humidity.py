@@ -34,7 +34,7 @@ class Humidity(Scaling):
     REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "relative_humidity_pct"}
     NEEDS: ClassVar[tuple[str, ...]] = ("relative_humidity_pct",)
     SENTENCE: ClassVar[str] = (
-        "The moisture of the air takes adhesion: linearly, saturating, or from a threshold on."
+        "Humidity of the air changes adhesion: linearly, with saturation, or beyond a threshold."
     )
     FORMULA: ClassVar[str] = (
         "mu (1 + k (s(H) - s(H0))), s(H) = tanh((H - c)/w)/tanh(50/w), H the relative humidity in %"

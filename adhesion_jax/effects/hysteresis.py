@@ -29,7 +29,7 @@ class Hysteresis(Scaling, Remembering):
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
-    SENTENCE: ClassVar[str] = "Adhesion is not the same for rising and for falling slip."
+    SENTENCE: ClassVar[str] = "Adhesion differs between rising and falling slip."
     FORMULA: ClassVar[str] = (
         "mu (1 + k h), T dh/dt + h = tanh((d|l|/dt)/s), s in 1/s, T the memory in s"
     )

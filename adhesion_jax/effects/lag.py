@@ -15,7 +15,7 @@ _SOURCE = "measuring chain"
 
 
 class Lag(Changing, Remembering):
-    """Source: any filtered force signal."""
+    """A first-order low-pass in the force signal. Source: any filtered signal."""
 
     time_constant: Scalar
 

@@ -28,7 +28,7 @@ class LateralCreep(Cause):
     offset: Scalar
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "gain": Parameter("1 or m", 0.0, 50.0, "lateral creepage a unit of the column", _SOURCE),
+        "gain": Parameter("1 or m", 0.0, 50.0, "lateral creepage per unit of the column", _SOURCE),
         "offset": Parameter(
             "1 or 1/m", -0.2, 0.2, "column value without lateral creepage", _SOURCE
         ),
@@ -37,7 +37,7 @@ class LateralCreep(Cause):
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("lateral_measure",)
     ORDER: ClassVar[int] = 0
-    SENTENCE: ClassVar[str] = "Lateral creep takes its share of the friction."
+    SENTENCE: ClassVar[str] = "Lateral creep uses a part of the friction."
     FORMULA: ClassVar[str] = "mu(l_t) l/l_t, l_t^2 = l^2 + l_y^2, l_y = g (y - y0)"
     PHRASE: ClassVar[str] = "lateral creep"
     FAMILY: ClassVar[str] = "curvature"

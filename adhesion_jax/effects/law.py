@@ -15,7 +15,7 @@ from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.shape import exponents_of, shaped
 from adhesion_jax.effects.slip_noise import SlipNoise
 
-#: What each effect of a law remembers, in the order in which they are applied.
+#: The memory of each effect of a law, in the order in which they are applied.
 Memory = tuple[Any, ...]
 
 
@@ -35,7 +35,7 @@ class CorrectedLaw(Law):
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
-        # What follows from the slip follows from the slip that is to be expected.
+        # Conditions that depend on the slip are computed from the expected slip.
         for effect in self.effects:
             if isinstance(effect, SlipNoise):
                 slip = effect.before(slip, conditions)
@@ -52,10 +52,9 @@ class CorrectedLaw(Law):
         """The memory after one more sample, the first included, and its adhesion.
 
         Conditions are scalars. Over the samples of a run it gives what a call with the whole run
-        gives, to the first order in the time between samples. Noise of the slip is left out: it
-        is of the signal, and a plant has the true slip. What a run tells of rates
-        (acceleration_mps2, wheel_angle_rad) has to be among the conditions where an effect needs
-        it.
+        gives, to the first order in the time between samples. Noise of the slip is left out,
+        because it is in the signal and a plant has the true slip. Conditions that follow from a
+        whole run (acceleration_mps2, wheel_angle_rad) must be given if an effect needs them.
         """
         return self._advanced(memory, slip, conditions)
 

@@ -24,7 +24,7 @@ class ModeAsymmetry(Scaling):
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("mode",)
-    SENTENCE: ClassVar[str] = "Traction and braking do not have the same adhesion."
+    SENTENCE: ClassVar[str] = "Adhesion differs between traction and braking."
     FORMULA: ClassVar[str] = "mu (1 + k m), m = 1 in traction, -1 in braking, 0 in coasting"
     PHRASE: ClassVar[str] = "a difference between traction and braking"
     FAMILY: ClassVar[str] = "mode_asymmetry"

@@ -25,7 +25,7 @@ class Periodic(Effect):
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "sine": Parameter("1", -0.9, 0.9, "amplitude of the sine", _SOURCE),
         "cosine": Parameter("1", -0.9, 0.9, "amplitude of the cosine", _SOURCE),
-        "frequency": Parameter("1/column", 0.0, 1e12, "waves a unit of the column", _SOURCE),
+        "frequency": Parameter("1/column", 0.0, 1e12, "waves per unit of the column", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sine", "cosine")
     REFERENCES: ClassVar[Mapping[str, str]] = {}

@@ -1,4 +1,4 @@
-"""What it takes to plant an effect in simulated runs: the runs, and a strength that is open."""
+"""Planting an effect in simulated runs: the runs, and the effect with its strength left open."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -117,7 +117,7 @@ class Plantable(eqx.Module):
     @classmethod
     @abstractmethod
     def planted_otherwise(cls, runs: CleanRuns, generator: np.random.Generator) -> Plan:
-        """The same cause by another formula: no law of nature reads this code."""
+        """The same cause by another formula, because a real rail follows none of the catalogue."""
 
 
 def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRuns) -> Plan:

@@ -32,7 +32,7 @@ class Product(ShapeTerm):
     second: str = eqx.field(static=True)
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "k": Parameter("1", -3.0, 3.0, "log change a spread of both", _SOURCE),
+        "k": Parameter("1", -3.0, 3.0, "change of g per spread of both columns", _SOURCE),
         "first_centre": Parameter("1", -1e12, 1e12, "centre of the first, in spreads", _SOURCE),
         "second_centre": Parameter("1", -1e12, 1e12, "centre of the second, in spreads", _SOURCE),
         "first_scale": Parameter("column", 1e-12, 1e12, "spread of the first", _SOURCE),

@@ -19,8 +19,8 @@ from adhesion_jax.errors import InputError
 #: Format number of the files of a discovery; a file without one is of format 1.
 FORMAT = 2
 
-#: Effects whose formulas or parameters were others in format 1: read as of today, they would give
-#: other numbers.
+#: Effects whose formulas or parameters have changed since format 1: read by the present formulas,
+#: their saved values would give other adhesions.
 _CHANGED = ("covariate", "product", "slip_noise", "spline")
 
 
@@ -45,7 +45,7 @@ def law_text(law: CorrectedLaw) -> str:
 
 
 def load_law(path: str | PathLike[str]) -> CorrectedLaw:
-    """A law that was saved; InputError where the file is none."""
+    """The law saved in a file; InputError if the file holds none."""
     try:
         return law_from(Path(path).read_text(encoding="utf-8"), str(path))
     except OSError as error:
@@ -55,7 +55,7 @@ def load_law(path: str | PathLike[str]) -> CorrectedLaw:
 
 
 def law_from(text: str, source: str) -> CorrectedLaw:
-    """The law that was saved as this text; InputError, which names the source, where it is none."""
+    """The law saved as this text; InputError, which names the source, if the text holds none."""
     try:
         saved = json.loads(text)
         _check_format(saved, source)
@@ -79,7 +79,7 @@ def law_from(text: str, source: str) -> CorrectedLaw:
 
 
 def _check_format(saved: Mapping[str, Any], source: str) -> None:
-    """InputError where the law means something else to this version."""
+    """Raises InputError if this version would read the law with another meaning."""
     written = saved.get("format", 1)
     if written > FORMAT:
         raise InputError(

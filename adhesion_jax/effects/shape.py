@@ -22,8 +22,8 @@ ACTS_ON = ("level", "slip", "fall")
 _SLIPS = np.geomspace(2e-3, 5.0, 12)
 _REACHES = (2.0, 1.2, 1.05)
 
-#: What g is expected to be at any place before there are data, as a standard deviation: a factor of
-#: 4.5. Where no run tells (no slip beyond the peak at some value of a column) g stays near zero.
+#: Prior standard deviation of g at any place; exp(1.5) is a factor of 4.5. Where the data do not
+#: determine g (no slip beyond the peak at some value of a column) it stays near zero.
 _SPREAD = 1.5
 
 

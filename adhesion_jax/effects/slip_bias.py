@@ -24,7 +24,9 @@ class SlipBias(Bending):
     STRENGTHS: ClassVar[tuple[str, ...]] = ("bias",)
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ()
-    SENTENCE: ClassVar[str] = "The wheel radius is not what the slip was calculated with."
+    SENTENCE: ClassVar[str] = (
+        "The wheel radius differs from the one that the slip was calculated with."
+    )
     FORMULA: ClassVar[str] = "mu(l + e sign(l)), e the bias of the slip ratio"
     PHRASE: ClassVar[str] = "a bias of the slip"
     FAMILY: ClassVar[str] = "offset"

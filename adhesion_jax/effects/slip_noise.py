@@ -45,7 +45,7 @@ class SlipNoise(Bending):
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
     SENTENCE: ClassVar[str] = (
-        "The slip signal is noisy: its neighbours in time know the slip better than it does itself."
+        "The slip signal is noisy: the true slip is estimated from neighbouring points in time."
     )
     FORMULA: ClassVar[str] = (
         "mu(E[l]), E[l] the slip to be expected where white noise is on the signal of the "

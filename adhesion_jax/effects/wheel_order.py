@@ -23,7 +23,7 @@ class WheelOrder(Wave):
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         **AMPLITUDES,
-        "order": Parameter("1", 0.2, 40.0, "waves a turn", _SOURCE),
+        "order": Parameter("1", 0.2, 40.0, "waves per turn", _SOURCE),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ("wheel_angle_rad",)
     AXIS: ClassVar[str] = "wheel_angle_rad"

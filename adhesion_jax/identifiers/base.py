@@ -1,4 +1,4 @@
-"""What an identifier is: a stream that takes records and can be asked for an estimate."""
+"""The contract of an identifier: it takes records one by one and gives an estimate at any time."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ Carry = tuple[State, Seen]
 
 
 class Status(IntEnum):
-    """Why an estimate may not be trusted; of several reasons the first of this list counts."""
+    """Why an estimate may not be trusted; if several reasons apply, the first of this list."""
 
     NOT_FINITE = 5
     INADMISSIBLE = 4
@@ -41,12 +41,14 @@ _SENTENCES = {
     Status.NOT_FINITE: (
         "The solver produced NaN or infinity; the previous estimate, or the start, is reported."
     ),
-    Status.INADMISSIBLE: "The curve gives no positive adhesion; the values are as found.",
+    Status.INADMISSIBLE: "The curve gives no positive adhesion; the values are reported as found.",
     Status.NO_PEAK: (
         "No peak between slip 0 and the largest slip asked for; "
         "mu_max is the largest adhesion in that range."
     ),
-    Status.NOT_CONVERGED: "The solver stopped before it converged; the values are its last.",
+    Status.NOT_CONVERGED: (
+        "The solver stopped before it converged; the values are those of its last step."
+    ),
     Status.ON_BOX: "A parameter lies on its bound; standard errors are those without the bound.",
     Status.TRUSTED: "The solver converged to a peak inside the box.",
 }
@@ -65,8 +67,8 @@ class Estimate(NamedTuple):
     covariance: Float[Array, "... values values"]
     status: Int[Array, "..."]  # a Status
     objective: Float[Array, "..."]  # sum of squared residuals over the last record
-    reset: Bool[Array, "..."]  # whether the past was given up in the last record
-    #: The factor by which the past was last discounted; NaN for a method without a past.
+    reset: Bool[Array, "..."]  # whether earlier data were discarded within the last record
+    #: The factor by which earlier data were last discounted; NaN for a method without earlier data.
     forgetting: Float[Array, "..."]
     evaluations: Int[Array, "..."]  # of the model on the whole record, for this update
     skipped: Int[Array, "..."]  # points of the last record left out because they are not finite
@@ -80,15 +82,15 @@ class Identifier(eqx.Module):
 
     __hash__ = content_hash
 
-    #: Whether it looks for the least sum of squares over the last record: only then is a gap to
-    #: the exact optimum a failure.
+    #: Whether it minimises the sum of squares over the last record: only then is a gap to the
+    #: exact optimum a failure.
     FITS_LAST_RECORD: eqx.AbstractClassVar[bool]
 
-    #: Whether it ever gives up its past at once, on data that contradict it.
+    #: Whether it may discard all earlier data at once, when new data contradict them.
     RESETS: eqx.AbstractClassVar[bool]
 
-    #: Whether its estimates rest on all the blocks since the rail last changed, and not on the last
-    #: one alone: its bound is then that of all of them.
+    #: Whether its estimates use all blocks since the rail last changed rather than the last one
+    #: alone: they are then held against the bound of all these blocks.
     POOLS: ClassVar[bool] = False
 
     #: Whether the compiler is to fuse the loops of its programs. That takes half as long again to
@@ -109,15 +111,15 @@ class Identifier(eqx.Module):
 
     @abstractmethod
     def estimate(self, state: State) -> Estimate:
-        """What is known now."""
+        """The estimate after the records so far."""
 
 
 @runtime_checkable
 class Reducer(Protocol):
-    """Keeps of a run what is asked about its course, one step after the other."""
+    """Reduces the estimates of a run, step by step, to what is reported about its course."""
 
     def init(self) -> Seen:
-        """Nothing seen yet."""
+        """The state before the first step."""
 
     def update(
         self,
@@ -126,7 +128,7 @@ class Reducer(Protocol):
         values: Mapping[str, Float[Array, ""]],
         reset: Bool[Array, ""],
     ) -> Seen:
-        """After one more step, in the block of this number: its values, and if it was a reset."""
+        """The state after one more step: its block, the values, and whether it brought a reset."""
 
 
 def begun(state: S) -> S:
@@ -140,7 +142,7 @@ def begun(state: S) -> S:
 
 
 def needs_blocks(known: Known) -> str | None:
-    """None, or the reason why a method without a past cannot work on this."""
+    """None, or the reason why a method that uses whole blocks alone cannot work on this."""
     if not known.by_sample:
         return None
     return "it takes whole blocks, and this scenario gives one sample at a time"
@@ -159,7 +161,7 @@ def identify(identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyA
 def follow(
     identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray, reducer: Reducer
 ) -> tuple[Estimate, Seen]:
-    """`identify`, and what the reducer has seen of the method at every step.
+    """The estimates of `identify`, and the state of the reducer after every step of the method.
 
     A step is a whole block or, where `known.by_sample`, one sample of it. `reset`, `forgetting`
     and `skipped` of an estimate are those of all the steps since the one before: any reset, the

@@ -1,1 +1,1 @@
-"""How good an estimate can be, and how good it is."""
+"""Bounds on the accuracy of estimates, and the accuracy that was reached."""

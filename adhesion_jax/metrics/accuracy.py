@@ -1,4 +1,4 @@
-"""The figures by which identifiers are compared."""
+"""The accuracy of an identifier: bias, RMSE, coverage and failures."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -11,32 +11,32 @@ from adhesion_jax.metrics.moments import Moments
 
 Array = NDArray[np.float64]
 
-#: A method fails where its sum of squares exceeds the optimum by more than this many sigma^2.
+#: A fit fails if its sum of squares exceeds the optimum by more than this multiple of sigma^2.
 FAILURE_GAP = 1.0
 
-#: Where more runs than this touch the box, an RMSE below the bound is truncation.
+#: If more than this share of the runs touch the box, an RMSE below the bound is due to truncation.
 _BOX_SHARE = 0.01
 
-#: Below this gap two sums of squares are the same to rounding (of noise-free data).
+#: Two sums of squares whose gap is below this are equal within rounding (for data without noise).
 _ROUNDING = 1e-12
 
 
 class Outcome(NamedTuple):
-    """What one identifier did on some runs; arrays are [runs, blocks] or [runs, blocks, values]."""
+    """Estimates of one identifier on some runs: arrays [runs, blocks] or [runs, blocks, values]."""
 
     values: Array
     standard_errors: Array
     on_box: NDArray[np.bool_]
-    unusable: NDArray[np.bool_]  # no peak, inadmissible or not finite
+    unusable: NDArray[np.bool_]  # whether the status is no peak, inadmissible or not finite
     objective: Array
-    optimum: Array  # the objective of the exact maximum likelihood on the same data
-    optimum_on_box: NDArray[np.bool_]  # whether that lies on the box
+    optimum: Array  # objective of the exact maximum likelihood on the same data
+    optimum_on_box: NDArray[np.bool_]  # whether that optimum lies on the box
     evaluations: Array
     delay: Array  # steps until the rail is tracked, [runs, stretches]
 
 
 class Truth(NamedTuple):
-    """What the outcome is held against."""
+    """The true values and bounds that the estimates are compared with."""
 
     names: tuple[str, ...]
     values: Array  # [blocks, values]
@@ -75,16 +75,16 @@ def run_statistics(
 def table_rows(
     moments: Moments, truth: Truth, blocks: tuple[int, ...], seconds: Array
 ) -> pd.DataFrame:
-    """One row a quantity, absolute and in the quantity's unit.
+    """One row for each quantity, absolute and in the unit of the quantity.
 
     `delay_steps` is the mean delay after a switch in steps: samples of a stream, or blocks.
-    `seconds` are those of one identification, once for each part of the runs.
+    `seconds` is the time of one identification, given once for each part of the runs.
     """
     rmse = np.sqrt(moments.mean("squared_error"))
     rmse_se = moments.standard_error("squared_error") / (2 * np.where(rmse > 0, rmse, np.nan))
     bound = np.sqrt(moments.mean("squared_bound"))
     share = float(moments.mean("on_box"))
-    # A solver may stop short of the box where the optimum lies on it: it is truncated all the same.
+    # An estimate is truncated if the optimum lies on the box, even if the solver stopped inside.
     truncated = max(share, float(moments.mean("optimum_on_box")))
     comparable = (bound > 0) & (truncated <= _BOX_SHARE)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -7,21 +7,21 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt64
 
-#: Tracking and estimation errors are also given without this time after a switch, s.
+#: Tracking and estimation errors are given a second time from this time after a switch on, s.
 SETTLED = 2.0
 
 #: t95 is the start of the first stretch of this length in s in which this share of the samples has
 #: at least this share of the largest adhesion.
 STRETCH, SHARE_OF_SAMPLES, SHARE_OF_PEAK = 0.3, 0.95, 0.95
 
-#: Flags in a word.
+#: Number of flags in a word.
 _BITS = 64
 
-#: Slip has run away where, settled, it is this many times that of the largest adhesion.
+#: Slip has run away if from `SETTLED` on it exceeds that of the largest adhesion by this factor.
 RUNAWAY = 5.0
 
-#: A train that never was faster than this in m/s stood still; one slower than its negative rolls
-#: back.
+#: A train stood still if its speed never reached this in either direction, and rolled back if it
+#: exceeded this backwards, m/s.
 STANDSTILL = 0.01
 
 
@@ -32,14 +32,14 @@ class Sample(NamedTuple):
     """
 
     segment: Int[Array, ""]
-    counts: Bool[Array, ""]  # false once the driver asks for no more
+    counts: Bool[Array, ""]  # false after the run of the driver has ended
     direction: Float[Array, ""]  # 1 in traction, -1 in braking
     slip: Float[Array, " axles"]  # m/s
     optimum: Float[Array, " axles"]  # m/s
     adhesion: Float[Array, " axles"]
     largest: Float[Array, " axles"]  # mu_max
     observed: Float[Array, " axles"]  # adhesion as the observer has it
-    asked: Float[Array, " axles"]  # slip that a seeker asks for, m/s; NaN if none did yet
+    asked: Float[Array, " axles"]  # slip that a seeker asks for, m/s; NaN before it has asked
     torque: Float[Array, " axles"]  # of the motor, N m
     slip_power: Float[Array, ""]  # of all axles, W
     pull: Float[Array, ""]  # of all axles, N
@@ -73,12 +73,12 @@ class Segment(NamedTuple):
     reached: Float[Array, "..."]  # s; infinite: not yet
 
 
-#: What is not added up.
+#: Fields of a segment of which the largest or the least is kept, instead of the sum.
 _LARGEST, _LEAST = ("overshoot", "torque_largest", "fastest"), ("slowest", "reached")
 
 
 class Totals(NamedTuple):
-    """What is kept of a run.
+    """The totals of a run, from which its figures follow.
 
     Each segment has scalars of its own: arrays [segments] would take longer, since so short an
     axis keeps the compiler from working on several runs at once.
@@ -93,7 +93,7 @@ class Totals(NamedTuple):
 
 
 def start(first: Sample, segments: int, period: float) -> Totals:
-    """Nothing counted yet; `period` is the time from a sample to the next, in s."""
+    """The totals before the first sample; `period` is the time between samples in s."""
     nothing = {name: jnp.asarray(_neutral(name)) for name in Segment._fields}
     return Totals(
         segments=(Segment(**nothing),) * segments,
@@ -106,7 +106,7 @@ def start(first: Sample, segments: int, period: float) -> Totals:
 
 
 def _neutral(name: str) -> float:
-    """What changes nothing where it is joined."""
+    """The value of a field that leaves every other value unchanged when they are joined."""
     return -jnp.inf if name in _LARGEST else jnp.inf if name in _LEAST else 0.0
 
 
@@ -117,14 +117,14 @@ def _joined(name: str, one: Array, other: Array) -> Array:
 
 
 def _stretch(period: float) -> int:
-    """Its samples."""
+    """The number of samples of the stretch of t95."""
     return max(round(STRETCH / period), 1)
 
 
 def _shifted(
     words: tuple[UInt64[Array, ""], ...], newest: Bool[Array, ""], length: int
 ) -> tuple[tuple[UInt64[Array, ""], ...], Bool[Array, ""]]:
-    """Flags with one more before them, and the one of `length` that has no place any more.
+    """The last `length` flags with a new one in front, and the flag that drops out.
 
     They are bits of words: an array of flags would be copied whole at every sample.
     """
@@ -138,7 +138,7 @@ def _shifted(
 
 
 def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -> Totals:
-    """After one more sample, of which `number` are before it in the run."""
+    """The totals after one more sample; `number` is the number of samples before it in the run."""
     last = totals.last
     same = (sample.segment == last.segment) & (number > 0)
     age = jnp.where(same, totals.age + 1, 0)
@@ -210,35 +210,39 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
 
 #: Unit and meaning of each figure of a segment.
 FIGURES: Mapping[str, tuple[str, str]] = {
-    "utilisation": ("1", "mean adhesion as a share of the largest"),
-    "overshoot": ("m/s", "largest slip beyond that of the largest adhesion"),
-    "t95": ("s", "until adhesion stays above 95 % of the largest; empty where it never does"),
-    "never95": ("1", "share of the runs in which it never does"),
-    "slip_energy": ("J", "lost in the contact"),
-    "slip_energy_share": ("1", "the same, per useful work of traction"),
-    "torque_variation": ("kN m/s", "sum of the changes of torque, in a second"),
+    "utilisation": ("1", "mean adhesion, as a share of the largest possible"),
+    "overshoot": ("m/s", "largest excess of slip over that of the largest adhesion"),
+    "t95": ("s", "time until 95 % of the largest adhesion is kept for .3 s; empty if it never is"),
+    "never95": ("1", "share of the runs in which it never is"),
+    "slip_energy": ("J", "energy lost in the contact"),
+    "slip_energy_share": ("1", "energy lost in the contact, per useful work of traction"),
+    "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
     "torque_largest": ("kN m", "largest torque of a motor"),
-    "jerk_rms": ("m/s^3", "of the train"),
-    "tracking_rms": ("m/s", "slip less that of the largest adhesion"),
-    "tracking_rms_settled": ("m/s", "the same, from 2 s after the switch on"),
-    "estimation_rms": ("m/s", "slip asked for less slip"),
-    "estimation_rms_settled": ("m/s", "the same, from 2 s after the switch on"),
-    "adhesion_rms": ("1", "adhesion observed less adhesion"),
+    "jerk_rms": ("m/s^3", "jerk of the train, root mean square"),
+    "tracking_rms": ("m/s", "slip minus that of the largest adhesion, root mean square"),
+    "tracking_rms_settled": ("m/s", "tracking_rms from 2 s after the switch on"),
+    "estimation_rms": ("m/s", "slip asked for minus slip, root mean square"),
+    "estimation_rms_settled": ("m/s", "estimation_rms from 2 s after the switch on"),
+    "adhesion_rms": ("1", "adhesion observed minus adhesion, root mean square"),
     "slip_settled": ("m/s", "mean slip from 2 s after the switch on"),
     "utilisation_settled": ("1", "utilisation from 2 s after the switch on"),
-    "ran_away": ("1", "share of the runs in which slip, settled, exceeds five times the best"),
+    "ran_away": (
+        "1",
+        "share of the runs in which slip, from 2 s after the switch on, exceeds five times that of "
+        "the largest adhesion",
+    ),
     "rolled_back": ("1", "share of the runs in which the train rolls back"),
     "stood": ("1", "share of the runs in which the train never moves"),
 }
 
 
 def by_segment(totals: Totals) -> Segment:
-    """Arrays [segments]."""
+    """The sums and extremes of all segments, arrays [segments]."""
     return jax.tree.map(lambda *each: jnp.stack(each), *totals.segments)
 
 
 def whole(totals: Totals) -> Segment:
-    """Arrays [1] of the run as one segment; its t95 is that of the first."""
+    """The whole run as one segment, arrays [1]; its t95 is that of its first segment."""
     segments = by_segment(totals)
     reached = segments.reached[:1]
     joined = segments._replace(

@@ -1,4 +1,4 @@
-"""What data say about a curve: sensitivities, information, covariance, Cramer-Rao bound."""
+"""The information of data on a curve: sensitivities, covariance, Cramer-Rao bound."""
 
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
@@ -23,7 +23,7 @@ def quantity_names(curve: Curve) -> tuple[str, ...]:
 def quantities(curve: Curve, known: Known) -> Float[Array, " values"]:
     """The free parameters, the largest adhesion and its slip.
 
-    Here and below `known` says under which conditions and up to which slip the peak is asked.
+    Here and below `known` gives the conditions and the largest slip for the peak.
     """
     peak = curve.peak(known.conditions, known.slip_limit)
     return jnp.concatenate([free_values(curve), jnp.stack([peak.adhesion, peak.slip])])

@@ -1,4 +1,4 @@
-"""Means over runs with their Monte Carlo standard errors, gathered part by part."""
+"""Means over runs with their Monte Carlo standard errors, summed up part by part."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -42,7 +42,7 @@ class Moments(NamedTuple):
         return np.asarray(self.total[name] / self.runs)
 
     def standard_error(self, name: str) -> Array:
-        """Standard error of the mean; not a number for a single run."""
+        """Standard error of the mean; NaN for a single run."""
         if self.runs < 2:
             return np.asarray(np.full_like(self.total[name], np.nan))
         variance = self.total_square[name] / self.runs - self.mean(name) ** 2
@@ -52,8 +52,8 @@ class Moments(NamedTuple):
 class KnownMoments(NamedTuple):
     """Number, sum and sum of squares of the values of some statistics that are finite.
 
-    A statistic need not be known in every run (a time until something happens is not where it
-    never does): mean and error are those of the runs in which it is, NaN where there are too few.
+    A statistic need not be known in every run (the time until an event is not, in a run without the
+    event): mean and error are those of the runs in which it is known, NaN if these are too few.
     """
 
     runs: int
@@ -79,12 +79,12 @@ class KnownMoments(NamedTuple):
         )
 
     def mean(self, name: str) -> Array:
-        """Over the runs in which it is known."""
+        """Mean over the runs in which the statistic is known."""
         known = self.known[name]
         return np.asarray(self.total[name] / np.where(known > 0, known, np.nan))
 
     def standard_error(self, name: str) -> Array:
-        """Standard error of the mean; not a number where one run or none is known."""
+        """Standard error of that mean; NaN if the statistic is known in fewer than two runs."""
         known = np.where(self.known[name] > 1, self.known[name], np.nan)
         variance = self.total_square[name] / known - self.mean(name) ** 2
         return np.asarray(np.sqrt(np.maximum(variance, 0.0) / (known - 1)))

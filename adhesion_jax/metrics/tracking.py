@@ -1,4 +1,4 @@
-"""How fast and how steadily a method follows a rail that changes, reduced step by step.
+"""Delay, overshoot and resets of a method on a rail that changes, reduced step by step.
 
 A step is one update of the method: a sample of a stream, or a whole block. A stretch is a part of
 a run on one rail.
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from adhesion_jax.records import Known
 
-#: The rail is tracked while the error of mu_max is smaller than this share of its true value.
+#: The rail is tracked as long as the error of mu_max is below this share of its true value.
 TRACKED = 0.03
 
 
 class Criteria(NamedTuple):
-    """What counts as tracked, as answered and as overshoot, in steps of the kind named `unit`."""
+    """Numbers of steps that define tracking, answered resets and overshoot; `unit` names a step."""
 
     unit: str
     in_a_row: int  # the delay ends with the first of this many tracked steps in a row
@@ -33,24 +33,25 @@ BY_BLOCK = Criteria("block", in_a_row=1, grace=1, transient=5)
 
 
 def criteria_of(known: Known) -> Criteria:
-    """Those of a step: a method is followed at every sample, or at every block."""
+    """The criteria in samples if a method is followed at every sample, else those in blocks."""
     return BY_SAMPLE if known.by_sample else BY_BLOCK
 
 
 class Tracking(NamedTuple):
-    """What has been seen of one run; arrays are [stretches].
+    """The tracking of one run so far; arrays are [stretches].
 
-    `delay` are the steps from the start of a stretch to the first of those in a row that are
-    tracked; as long as there is none, the steps gone by. `overshoot` is the furthest that mu_max
-    went beyond the truth, seen from the rail before, as a share of the truth.
+    `delay` is the number of steps from the start of a stretch to the first tracked one of the row
+    that ends the delay; before that row, the number of steps so far. `overshoot` is the largest
+    excess of mu_max over the truth, in the direction away from the rail before, as a share of the
+    truth.
     """
 
     stretch: Int[Array, ""]
     streak: Int[Array, ""]
     delay: Int[Array, " stretches"]
     settled: Int[Array, " stretches"]  # 1 where the delay is final
-    length: Int[Array, " stretches"]  # steps gone by
-    resets: Float[Array, " stretches"]  # in answer to a switch; NaN: a method without resets
+    length: Int[Array, " stretches"]  # number of steps so far
+    resets: Float[Array, " stretches"]  # in answer to a switch; NaN for a method without resets
     false_resets: Float[Array, " stretches"]
     overshoot: Float[Array, " stretches"]
 
@@ -60,10 +61,12 @@ class Tracker(eqx.Module):
 
     stretch: Int[Array, " blocks"]
     truth: Float[Array, " blocks"]
-    before: Float[Array, " blocks"]  # true mu_max at the end of the stretch before; NaN: none
+    before: Float[
+        Array, " blocks"
+    ]  # true mu_max at the end of the stretch before; NaN for the first
     stretches: int = eqx.field(static=True)
     criteria: Criteria = eqx.field(static=True)
-    resets: bool = eqx.field(static=True)  # whether the method has any
+    resets: bool = eqx.field(static=True)  # whether the method makes resets
 
     @staticmethod
     def of(
@@ -77,7 +80,7 @@ class Tracker(eqx.Module):
         return Tracker(*arrays, int(stretch[-1]) + 1, criteria, resets)
 
     def init(self) -> Tracking:
-        """Nothing seen yet."""
+        """The state before the first step."""
         none = jnp.zeros(self.stretches, dtype=int)
         zero = jnp.zeros(self.stretches)
         return Tracking(jnp.int64(0), jnp.int64(0), none, none, none, zero, zero, zero)
@@ -89,15 +92,15 @@ class Tracker(eqx.Module):
         values: Mapping[str, Float[Array, ""]],
         reset: Bool[Array, ""],
     ) -> Tracking:
-        """One step on: what is identified after it, and whether it brought a reset."""
+        """The state after one more step: the values after it, and whether it brought a reset."""
         s, truth, before = self.stretch[block], self.truth[block], self.before[block]
         mu_max = values.get("mu_max", jnp.asarray(jnp.nan))
         since = seen.length[s]
         close = jnp.abs(mu_max - truth) < TRACKED * truth
         streak = jnp.where(close, jnp.where(s == seen.stretch, seen.streak, 0) + 1, 0)
         settled = (seen.settled[s] == 1) | (streak >= self.criteria.in_a_row)
-        # Until the delay is settled it is counted to the start of the row of tracked steps that
-        # ends now, or to the next step where there is no such row.
+        # Until the delay is final it is counted up to the start of the row of tracked steps that
+        # ends now, or up to the next step if there is no such row.
         delay = jnp.where(seen.settled[s] == 1, seen.delay[s], since + 1 - streak)
 
         resets = jnp.where(reset, 1.0, 0.0) if self.resets else jnp.asarray(jnp.nan)
@@ -142,8 +145,8 @@ def tracking_row(seen: Tracking, stretch: int, unit: str) -> Mapping[str, object
     }
     length = at["length"][0]
     rows: dict[str, object] = {"unit": unit}
-    # Tracked steps that begin too near the end are too few in a row: the stretch counts as one
-    # that was never tracked, and its delay as the length of the stretch.
+    # If tracked steps begin so near the end that the row stays too short, the stretch counts as
+    # never tracked, and its delay is the length of the stretch.
     delay = np.where(at["settled"] == 1, at["delay"], length)
     figures = {
         "delay_median": _median(delay),

@@ -1,1 +1,1 @@
-"""Tables and figures; nothing here computes a result."""
+"""Tables, figures and sentences; no result is computed here."""

@@ -1,4 +1,4 @@
-"""What a page of a report is made of, whatever it is rendered as."""
+"""The parts of a page of a report, from which every rendering is made."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A report as one page that needs nothing beside it."""
+"""A report as one HTML page that needs no other file."""
 
 import base64
 from collections.abc import Mapping

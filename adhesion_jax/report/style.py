@@ -1,4 +1,4 @@
-"""How lines are told apart, in colour and in grey, and the axis of slip."""
+"""Styles that distinguish lines in colour and in grey, and the axis of slip."""
 
 import numpy as np
 import pandas as pd
@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
-#: Okabe and Ito's colours, which the colour-blind can tell apart, in an order of falling darkness.
+#: Okabe and Ito's colours, which colour-blind readers can distinguish, the darkest first.
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F")
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 3)))
 _MARKERS = ("o", "s", "^", "D", "v", "x", "+", "*")
@@ -34,7 +34,7 @@ def root_axis(axis: Axes, low: float, high: float, gap: float = 0.045) -> None:
     Ticks keep `gap` of the length of the longer side from each other.
     """
     axis.set_xscale("function", functions=(_signed_root, _signed_square))
-    # With braking beside traction a side has half of the axis.
+    # If braking is shown as well, each side has half of the axis.
     ticks = _ticks(max(high, -low), gap * (2 if low < 0 < high else 1))
     both = [-tick for tick in reversed(ticks) if 0 < tick <= -low] + [t for t in ticks if t <= high]
     axis.xaxis.set_major_locator(FixedLocator(both))
@@ -50,7 +50,7 @@ def _signed_square(root: np.ndarray) -> np.ndarray:
 
 
 def _ticks(end: float, gap: float) -> list[float]:
-    """0 and 1, 2, 5 times powers of ten, closer than a linear axis near zero."""
+    """0 and round numbers up to `end`, closer to each other near zero than on a linear axis."""
     decade = 10.0 ** np.floor(np.log10(end))
     steps = decade * np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
     kept = [0.0]
@@ -63,15 +63,16 @@ def _ticks(end: float, gap: float) -> list[float]:
     return sorted(kept)
 
 
-#: A law before and after something was added to it: open and dashed, filled and solid.
+#: Colours of a law before effects were added (open, dashed) and after it (filled, solid), and of
+#: points.
 BEFORE, AFTER, POINT = "#D55E00", "#08306B", "#6B6B6B"
 
-#: More points than this make a figure slow and a grey field.
+#: Largest number of points that are drawn: more make the figure slow and cannot be distinguished.
 _MOST_POINTS = 4000
 
 
 def thinned(points: pd.DataFrame) -> pd.DataFrame:
-    """Every n-th point, so that no more than can be told apart are drawn."""
+    """Every n-th point, with the smallest n that leaves few enough points to draw."""
     return points.iloc[:: -(-len(points) // _MOST_POINTS) or 1]
 
 
@@ -112,6 +113,6 @@ def light_frame(axis: Axes) -> None:
 
 
 def label_text(text: str, longest: int = 46) -> str:
-    """Text from a user's file as a label: cut where it is long, dollars no mathematics."""
+    """Text from a user's file as a label: cut if it is long, its dollars escaped."""
     cut = text if len(text) <= longest else text[: longest - 1] + "…"
     return cut.replace("$", r"\$")

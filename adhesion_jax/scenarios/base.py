@@ -1,4 +1,4 @@
-"""What is to be identified: records in blocks and the truth behind them."""
+"""The contract of a scenario: it draws records in blocks, and gives the truth behind them."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from adhesion_jax.records import Known, Record
 class Group(NamedTuple):
     """Blocks whose estimates are pooled into one row of a table.
 
-    `switched` is the stretch of the run that began with a switch to this rail, if one did; k is
-    the number of points seen, where a table is ordered by it.
+    `switched` is the number of the stretch that began with a switch to this rail, or None; k is
+    the number of points seen, in tables that are ordered by it.
     """
 
     rail: str
@@ -46,13 +46,13 @@ class Scenario(eqx.Module):
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
         """Cramer-Rao bound of `quantities`, [blocks, values]; NaN where there is none.
 
-        It is that of the last `support` points of one run up to each block; a method that rests
-        on more of them may come below it.
+        It is the bound for the last `support` points of one run up to each block; a method that
+        uses more points may come below it.
         """
 
     @abstractmethod
     def support(self) -> np.ndarray:
-        """How many points an estimate after each block can rest on, [blocks]."""
+        """The number of points that an estimate after each block can use, [blocks]."""
 
     @abstractmethod
     def tables(self) -> Mapping[str, Sequence[Group]]:

@@ -51,7 +51,7 @@ class Blocks(Scenario):
         return true_quantities(stacked(self.truth), self.known)
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        """For noise of the correlation there is: its inverse covariance whitens J exactly."""
+        """The bound for correlated noise: the filter that makes the noise white is applied to J."""
 
         def of_block(curve: Curve) -> Float[Array, " values"]:
             _, sensitivity = adhesion_and_sensitivity(curve, self.slip, {})
@@ -64,7 +64,7 @@ class Blocks(Scenario):
         return np.full(len(self.rails), self.slip.size)
 
     def tables(self) -> Mapping[str, Sequence[Group]]:
-        """The first block after a switch has a table of its own: it shows the tracking."""
+        """The first block after a switch has a table of its own, which shows the tracking."""
         starts = [b for b in range(1, len(self.rails)) if self.rails[b] != self.rails[b - 1]]
         blocks = {
             rail: tuple(b for b, other in enumerate(self.rails) if other == rail)
@@ -124,9 +124,9 @@ def coloured(
 ) -> Blocks:
     """As single, but neighbouring points share their noise (first-order autoregressive, 0.8).
 
-    The noise of a point is as large as ever. That a method takes it as white costs it a per cent
-    or two of its accuracy at most; but it believes that the points tell nine times more than
-    they do, so its standard errors are a third of the true ones.
+    The noise of a point is as large as in single. A method that takes it as white loses at most a
+    per cent or two of its accuracy; but it assumes nine times the information that the points
+    hold, so that its standard errors are a third of the true ones.
     """
     return _blocks((rail_named(rail),), sigma, points, slip_max, outliers, _COLOURED)
 

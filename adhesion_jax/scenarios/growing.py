@@ -1,4 +1,4 @@
-"""One sequence that grows: estimated again and again from all the points so far."""
+"""One growing sequence of points; each estimate uses all points so far."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

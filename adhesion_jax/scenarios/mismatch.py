@@ -30,8 +30,8 @@ POLACH_RAILS: Mapping[str, PolachFalling] = {
     "wet": PolachFalling(mu0=0.3, a=0.4, b=0.2, stiffness=_STIFFNESS, k_s=0.1, k_a=0.3),
 }
 
-#: Our choice: fast enough that friction falls by a third to a half within the block, so that
-#: both curves have their peak in it (dry at slip 0.026, wet at 0.071).
+#: Vehicle speed, m/s. Our choice: fast enough that friction falls by a third to a half within the
+#: block, so that both curves have their peak in it (dry at slip 0.026, wet at 0.071).
 _VEHICLE_SPEED = 20.0
 
 #: Wide enough that the nearest curve to either rail lies well inside: the form is judged, not
@@ -46,7 +46,7 @@ _BURCKHARDT = Known(
 class Mismatch(Scenario):
     """Polach's law with falling friction at one vehicle speed, known as some other curve.
 
-    Parameters of the curve assumed have no truth; what both have is a peak.
+    The parameters of the assumed curve have no true values; the quantities of the peak have.
     """
 
     rails: tuple[str, ...] = eqx.field(static=True)
@@ -59,7 +59,7 @@ class Mismatch(Scenario):
 
     @property
     def conditions(self) -> Conditions:
-        """What the truth needs to know; a curve that is assumed here needs nothing."""
+        """The conditions of the true curve; the curves that are assumed here need none."""
         return {"vehicle_speed_mps": _VEHICLE_SPEED}
 
     def draw(self, key: PRNGKeyArray) -> Record:
@@ -73,10 +73,10 @@ class Mismatch(Scenario):
         return {"mu_max": peak[:1], "slip_opt": peak[1:]}
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        """What a method could know that has the right curve, its free parameters unknown.
+        """The bound of a method that assumes the true curve with its free parameters unknown.
 
-        It holds for estimates without bias. The curve assumed has fewer parameters and may come
-        below it, where its bias happens to be small.
+        It holds for estimates without bias. The assumed curve has fewer parameters, and its
+        estimate may come below the bound if its bias happens to be small.
         """
         curve, every = self.truth[0], jnp.ones(self.slip.shape, dtype=bool)
         _, information = adhesion_and_information(curve, self.slip, every, self.conditions)

@@ -1,4 +1,4 @@
-"""The rails, and what the experiments on them tell the identifiers."""
+"""The rails, and what the identifiers are told about them: curve, start and box."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _INITIAL_SLOPE = 40.0
 
 
 def peak_matched(slip: float, adhesion: float) -> Kiencke:
-    """p2 = 1/l_m^2 and p1 = a0/mu_m - 2/l_m put the peak where it is wanted."""
+    """Kiencke's curve with that peak: p2 = 1/l_m^2 and p1 = a0/mu_m - 2/l_m."""
     return Kiencke(a0=_INITIAL_SLOPE, p1=_INITIAL_SLOPE / adhesion - 2 / slip, p2=slip**-2)
 
 
@@ -53,7 +53,7 @@ QIAN2024 = Known(
 
 
 def rail_named(name: str) -> str:
-    """The name, where there is such a rail."""
+    """The name itself; InputError if there is no such rail."""
     if name not in RAILS:
         raise InputError(f"--rail {name} is unknown; the rails are {', '.join(RAILS)}.")
     return name

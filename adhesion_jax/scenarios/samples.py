@@ -1,4 +1,4 @@
-"""A stream that is followed sample by sample, on a rail that changes."""
+"""A stream in which every sample is followed, on a rail that changes."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, rail_named
 
-#: Samples between two reports.
+#: Number of samples between two reports.
 _BLOCK = 10
 
-#: Blocks between two checkpoints.
+#: Number of blocks between two checkpoints.
 _SPACING = 5
 
 #: A stream is followed at every sample.
@@ -37,8 +37,8 @@ _KNOWN = dataclasses.replace(QIAN2024, by_sample=True)
 class Samples(Scenario):
     """Slips independent and uniform on 0 to `slip_max`; the curve may differ between samples.
 
-    The bound is that for the data since the last switch; a rail that drifts has none, for no
-    curve holds for two samples.
+    The bound is that for the data since the last switch; a rail that drifts has none, because
+    every sample has another curve.
     """
 
     rails: tuple[str, ...] = eqx.field(static=True)
@@ -113,7 +113,7 @@ class Samples(Scenario):
 
 
 def _of_samples(curves: Sequence[Kiencke]) -> Kiencke:
-    """One curve whose parameters have the axis [samples]; in NumPy, for there are many."""
+    """One curve whose parameters have the axis [samples]; stacked in NumPy, which is faster."""
     parameters = np.array([jax.tree.leaves(curve) for curve in curves], dtype=float).T
     together: Kiencke = jax.tree.unflatten(
         jax.tree.structure(curves[0]), [jnp.asarray(values) for values in parameters]
@@ -122,7 +122,7 @@ def _of_samples(curves: Sequence[Kiencke]) -> Kiencke:
 
 
 def _check_samples(name: str, points: int) -> None:
-    """InputError where a number of samples does not divide into blocks and two equal halves."""
+    """Raises InputError if the samples do not divide into blocks and two equal halves."""
     if points % (2 * _BLOCK) or points < 10 * _BLOCK:
         raise InputError(
             f"--points {points} does not go with --scenario {name}; "
@@ -150,7 +150,7 @@ def qian2024_switch(
     )
 
 
-#: Share of adhesion that is lost between 20 and 100 % relative humidity.
+#: Share of the adhesion that is lost from 20 to 100 % relative humidity.
 _LOST_TO_HUMIDITY = 0.17
 
 

@@ -21,10 +21,12 @@ from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 #: Samples between two reports, and reports between two checkpoints.
 _BLOCK, _SPACING = 10, 10
 
-#: Fang et al. 2018 prints neither; our reading of a train under way and its controller.
+#: Speed of the vehicle in m/s and time between samples in s. Fang et al. 2018 prints neither: both
+#: are our choice for a train under way and its controller.
 _VEHICLE_SPEED, _SAMPLING = 20.0, 0.01
 
-#: The slip velocity goes from an eighth of its largest value to that and back in this time, s.
+#: Time in s in which the slip velocity goes from its least value, an eighth of the largest, to the
+#: largest and back.
 _PERIOD, _LEAST = 8.0, 0.125
 
 #: The largest slip of the stream over the slip of the peak.
@@ -42,9 +44,9 @@ _KNOWN = dataclasses.replace(HE2018, by_sample=True, asked=("slope",))
 class SlopeStream(Scenario):
     """One rail; slip velocity v_s follows a sine of time, adhesion Burckhardt's curve.
 
-    Adhesion and slip velocity are both measured with noise. What is asked for is d mu/d v_s at
-    the slip velocity of the moment, in s/m. It is close to zero on the far side of the peak, so
-    an error of it means little as a share.
+    Adhesion and slip velocity are both measured with noise. The quantity sought is d mu/d v_s
+    in s/m at the present slip velocity. It is close to zero beyond the peak, so that a relative
+    error of it means little.
     """
 
     rails: tuple[str, ...] = eqx.field(static=True)
@@ -81,7 +83,7 @@ class SlopeStream(Scenario):
         return {"slope": np.asarray(slope(self.slip(self.time()[:, -1]))) / _VEHICLE_SPEED}
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        """None: the slope is another one at every sample, and no curve that joins them is known."""
+        """NaN: the slope differs from sample to sample, and no curve that joins them is known."""
         return jnp.full((len(self.rails), 1), jnp.nan)
 
     def support(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A stream of samples at random slips, asked for estimates now and then."""
+"""A stream of samples at random slips, whose estimates are taken at a few moments."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -50,7 +50,7 @@ class Loop(eqx.Module):
 
 
 class Timing(NamedTuple):
-    """The step of the plant in s, and what is counted in what."""
+    """The step of the plant in s, and the numbers of steps and periods in each other."""
 
     step: float
     control: int  # steps in a control period
@@ -69,7 +69,7 @@ class Timing(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What is drawn of a run: [samples, ...]."""
+    """The signals of a run that are drawn, [samples, ...]."""
 
     time: Float[Array, ""]
     sample: Sample
@@ -87,14 +87,14 @@ class _State(NamedTuple):
     controller: Any
     mode: Int[Array, ""]
     steps: Int[Array, ""]
-    waiting: Float[Array, "dead axles"]  # commands on their way
+    waiting: Float[Array, "dead axles"]  # commands within the dead time, not yet in effect
     command: Float[Array, " axles"]
     asked: Float[Array, " axles"]
     totals: Any  # Totals, once the first sample is taken
 
 
 def timing(loop: Loop, step: float, period: float, duration: float) -> Timing:
-    """The grid of a run. InputError where times do not divide, or the step is above a limit."""
+    """The grid of a run. Raises InputError if times do not divide or the step is too large."""
     limit, by = largest_step(loop)
     if not 0 < step <= limit:
         raise InputError(
@@ -127,7 +127,7 @@ def _whole(time: float, unit: float, what: str, units: str) -> int:
 
 
 def largest_step(loop: Loop) -> tuple[float, str]:
-    """The largest step of the plant in s, and what it is due to."""
+    """The largest stable step of the plant in s, and the part of the loop that limits it."""
     found = _jacobians(loop.plant, loop.rails, loop.train_speed, loop.slip, loop.slope)
     fastest = float(np.abs(np.linalg.eigvals(found)).max())
     by_plant = RK4_STABLE / fastest if fastest > 0 else np.inf
@@ -145,7 +145,7 @@ def _jacobians(
     slip: Float[Array, " axles"],
     slope: Float[Array, ""],
 ) -> Float[Array, "segments numbers numbers"]:
-    """The largest step of a plant that rolls almost without slip on each of the surfaces, s."""
+    """The Jacobian of the plant in 1/s, rolling almost without slip, on each of the surfaces."""
     speed = jnp.maximum(train_speed, 1.0)
     # Not at slip zero, where the sign in an odd law has no derivative.
     state = plant.init(_motor_speed(plant, speed, jnp.full_like(slip, 1e-6)), speed)
@@ -158,11 +158,13 @@ def _jacobians(
 
 
 def check(loop: Loop) -> None:
-    """InputError where a seeker and a controller do not go together."""
+    """Raises InputError if the controller needs a seeker and has none, or the reverse."""
     if loop.controller.FOLLOWS and loop.seeker is None:
-        raise InputError("the controller follows a slip and has no seeker; name one.")
+        raise InputError("the controller follows a slip and has no seeker; name a seeker.")
     if loop.seeker is not None and not loop.controller.FOLLOWS:
-        raise InputError("the controller is a whole law, which follows no seeker; name no seeker.")
+        raise InputError(
+            "the controller follows no slip, so it takes no seeker; name it without a seeker."
+        )
 
 
 def run(loop: Loop, grid: Timing, key: PRNGKeyArray) -> Totals:
@@ -171,9 +173,9 @@ def run(loop: Loop, grid: Timing, key: PRNGKeyArray) -> Totals:
 
 
 def trace(loop: Loop, grid: Timing, key: PRNGKeyArray, every: int = 1) -> tuple[Totals, Trace]:
-    """One run as it goes: its totals, and a row for every `every` samples of the metrics.
+    """The totals of one run, and a row of its signals for every `every` samples of the metrics.
 
-    `every` divides the samples of the run.
+    `every` must divide the number of samples of the run.
     """
 
     def row(state: _State, number: Int[Array, ""]) -> tuple[_State, Trace]:
@@ -310,7 +312,7 @@ def _sample(loop: Loop, state: _State) -> Sample:
 
 
 def _control(loop: Loop, grid: Timing, state: _State, key: PRNGKeyArray) -> _State:
-    """One control sample, and the steps of the plant until the next."""
+    """One control sample, and the steps of the plant up to the next one."""
     count = max(grid.control // grid.measured, 1)
     drawn = loop.sensors.draw(key, count, state.command.size)
     mode = loop.driver.update(state.mode, state.plant.train_speed)

@@ -77,7 +77,7 @@ def back_in_time(table):
     [
         (lambda table: table.drop(columns="adhesion"), "adhesion"),
         (lambda table: table.drop(columns=["slip_ratio", "slip_velocity_mps"]), "slip_ratio"),
-        (lambda table: table.assign(slip_ratio=np.nan), "slip_ratio has in row 2 no value"),
+        (lambda table: table.assign(slip_ratio=np.nan), "row 2 of column slip_ratio has no value"),
         (back_in_time, "time_s decreases in row 52"),
         (lambda table: table.head(3), "3 points"),
         (lambda table: table.assign(adhesion=-table["adhesion"]), "other sign"),

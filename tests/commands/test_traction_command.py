@@ -91,10 +91,10 @@ BAD = {
         ["--system", "hxd1f", "--observer", "true-load", "--step", "3.125e-4"],
         "the control period of 0.001 s is no whole number of steps",
     ),
-    "seeker": (["--system", "fang2018", "--controller", "barrier"], "has no seeker; name one"),
+    "seeker": (["--system", "fang2018", "--controller", "barrier"], "has no seeker; name a seeker"),
     "law": (
         ["--system", "hxd1f", "--controller", "none", "--seeker", "constant-slip"],
-        "which follows no seeker",
+        "so it takes no seeker",
     ),
     "plant": (["--system", "hxd1f", "--plant", "tgv"], "tgv does not exist; name a TOML file or"),
     "runs": (["--system", "hxd1f", "--runs", "-1"], "is not in the range"),

@@ -127,7 +127,7 @@ def test_no_value_outside_its_range_is_accepted(tmp_path_factory, name, excess, 
     table.loc[4, name] = value
     table[name] = table[name].fillna(np.clip(1.0, column.lower, column.upper))
     path = written(tmp_path_factory.mktemp("range"), table)
-    with pytest.raises(InputError, match=f"column {name} has in row 6 .*outside"):
+    with pytest.raises(InputError, match=f"row 6 of column {name} has .*outside"):
         read_measured(path)
 
 
@@ -230,13 +230,13 @@ def test_all_faults_are_reported_at_once_each_where_it_first_is(tmp_path, capsys
     table.loc[8, "temperature_C"] = "inf"
     said = refusal(written(tmp_path, table), capsys, monkeypatch)
     for part in (
-        "adhesion has in row 4 the text 'wet'",
-        "adhesion has in row 5 no value",
-        "slip_ratio has in row 6 9.0, outside",
-        "temperature_C has in row 10 an infinite value",
+        "row 4 of column adhesion has the text 'wet'",
+        "row 5 of column adhesion has no value",
+        "row 6 of column slip_ratio has 9.0, outside",
+        "row 10 of column temperature_C has an infinite value",
     ):
         assert part in said
-    assert said.count("has in row") == 4
+    assert said.count(" of column ") == 4
 
 
 def test_time_may_begin_anew_with_a_new_run(tmp_path):
@@ -250,11 +250,11 @@ def test_rows_of_a_parquet_file_are_counted_from_one(tmp_path):
     table = good()
     table.loc[3, "adhesion"] = np.nan
     table.to_parquet(tmp_path / "a.parquet")
-    with pytest.raises(InputError, match="adhesion has in row 4 no value"):
+    with pytest.raises(InputError, match="row 4 of column adhesion has no value"):
         read_measured(tmp_path / "a.parquet")
     dated = good().assign(time_s=pd.Timestamp("2026-01-01"))
     dated.to_parquet(tmp_path / "b.parquet")
-    with pytest.raises(InputError, match="time_s has in row 1 the text '2026-01-01"):
+    with pytest.raises(InputError, match="row 1 of column time_s has the text '2026-01-01"):
         read_measured(tmp_path / "b.parquet")
 
 

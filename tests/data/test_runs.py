@@ -182,11 +182,11 @@ def test_labels_that_are_none_are_faults(tmp_path):
     for path, shift in ((written(tmp_path, table), 2), (tmp_path / "b.parquet", 1)):
         said = refused(path)
         assert (
-            f"column mode has in row {3 + shift} the label 'brake' "
+            f"row {3 + shift} of column mode has the label 'brake' "
             "(write traction, braking or coasting)" in said
         )
-        assert f"column run has in row {4 + shift} no value" in said
-        assert f"column axle has in row {5 + shift} no value" in said
+        assert f"row {4 + shift} of column run has no value" in said
+        assert f"row {5 + shift} of column axle has no value" in said
 
 
 def test_braking_is_ordinary_and_one_slip_value_is_allowed(tmp_path):
@@ -267,8 +267,8 @@ def test_the_faults_of_all_files_are_told_at_once(tmp_path):
     first = written(tmp_path, campaign().assign(slip_ratio=9.0, adhesion="wet"), "x.csv")
     second = written(tmp_path, campaign().drop(columns="adhesion"), "y.csv")
     said = refused(first, second, tmp_path / "z.csv", first)
-    assert "x.csv cannot be used: column slip_ratio has in row 2 9.0" in said
-    assert "column adhesion has in row 2 the text 'wet'" in said
+    assert "x.csv cannot be used: row 2 of column slip_ratio has 9.0" in said
+    assert "row 2 of column adhesion has the text 'wet'" in said
     assert "y.csv cannot be used: the column adhesion (or" in said
     assert "z.csv does not exist" in said
     assert "x.csv is given twice" in said

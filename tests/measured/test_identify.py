@@ -121,7 +121,7 @@ def test_the_verdict(told):
     assert verdict in " ".join(output.split())
     for part in (
         "kiencke describes the points best",
-        "over polach-falling",
+        "below that of polach-falling",
         "strong evidence",
         "lies within the measured slips",
         "neighbouring points scatter by 0.0244",
@@ -263,7 +263,7 @@ def test_a_peak_beyond_the_points_is_called_extrapolated(tmp_path):
     )
     said = " ".join(result.output.split())
     assert "It is extrapolated: the points end at slip 0.015." in said
-    assert "no other was fitted to compare it with" in said
+    assert "no other curve was fitted to compare it with" in said
     assert len(pd.read_csv(tmp_path / "out" / "curves.csv")) == 1
 
 

@@ -227,10 +227,10 @@ def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
         for row in null().ranking
     )
     assert verdict(null()._replace(ranking=ranking)) == (
-        "No effect is claimed, but humidity stands out of 2 candidates (adjusted p = 0.0005) and "
-        "did not hold (no gain in cross-validation): something is missing that these data do not "
-        "settle. Look at the residual against every column, and measure more runs that differ in "
-        f"them. {ERROR_ALONE}"
+        "No effect is claimed, but humidity stands out among 2 candidates (adjusted p = 0.0005) "
+        "and was not accepted (no gain in cross-validation): something is missing that these data "
+        "do not determine. Look at the residual against every column, and measure more runs that "
+        f"differ in them. {ERROR_ALONE}"
     )
     dropped = "The shape of the base curve is in doubt: patch is not counted as an effect."
     words = verdict(null()._replace(ranking=ranking, warnings=("Noise: all is well.", dropped)))
@@ -272,8 +272,8 @@ def test_verdict_of_runs_that_scatter_more_than_their_points():
 def test_torsion_alone_is_not_praised():
     words = verdict(null()._replace(effects=(TORSION,)))
     assert words == (
-        f"{verdict(null())} Torsion (adjusted p = 0.0004) is in the noise: its phase differs from "
-        "run to run, so that no prediction gets better by it."
+        f"{verdict(null())} Torsion (adjusted p = 0.0004) is part of the noise: its phase differs "
+        "from run to run, so that it improves no prediction."
     )
     both = two_effects()
     words = verdict(both._replace(effects=(*both.effects, TORSION)))
@@ -299,7 +299,7 @@ def test_a_correction_that_helps_nothing_unseen_is_not_praised():
     assert "removes" not in words
     same = findings.test._replace(after=findings.test.before)
     words = verdict(findings._replace(test=same))
-    assert "the error stays at 0.01588 [0.01478, 0.01718]: no prediction gets better" in words
+    assert "the error stays at 0.01588 [0.01478, 0.01718]: no prediction improves" in words
     assert "removes" not in words
 
 

@@ -363,7 +363,7 @@ def test_what_cannot_be_run_is_refused_in_a_sentence():
         by_time([*hxd1f.SURFACES.values()], [0.0, 5.00005, 10.0], 1e-4)
     with pytest.raises(InputError, match="follows a slip and has no seeker"):
         check(quick(seeker=None))
-    with pytest.raises(InputError, match="which follows no seeker"):
+    with pytest.raises(InputError, match="so it takes no seeker"):
         check(quick(controller=CONTROLLERS["none"]))
 
 

@@ -1,1 +1,1 @@
-"""What is told of a discovery."""
+"""The report of a discovery: its files, tables, figures and sentences."""

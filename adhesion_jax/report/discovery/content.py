@@ -1,4 +1,4 @@
-"""What a report of a discovery says, in which order: the one source of all its renderings."""
+"""The content of the report of a discovery, in its order; every rendering is made from it."""
 
 from collections.abc import Sequence
 
@@ -85,8 +85,8 @@ def _data(findings: Findings) -> Section:
             Picture(
                 "adhesion.png",
                 "The measured points under all their conditions, and the law before and after "
-                "at the median of every column. What of the scatter comes from other "
-                "conditions is not in these lines.",
+                "at the median of every column. These lines do not show the scatter that other "
+                "conditions cause.",
             ),
             *([Paragraph(one_line(findings.citation))] if findings.citation else []),
         ],
@@ -97,7 +97,7 @@ def _effects(findings: Findings) -> list[Section]:
     sections = [
         _effect(effect, f"Missing {place}: {title(effect, True)}")
         for place, effect in enumerate(findings.effects, start=1)
-    ] or [Section("Missing effects", [Paragraph("None was accepted.")])]
+    ] or [Section("Missing effects", [Paragraph("No effect was accepted.")])]
     return sections + [
         _effect(effect, f"Unexplained: structure against {title(effect, False)}")
         for effect in findings.unexplained
@@ -112,7 +112,7 @@ def _effect(effect: FoundEffect, heading: str) -> Section:
         *([_begun(told)] if told else []),
         *([f"It rests on {columns}"] if columns else []),
         *([f"It {acts_on(effect)}"] if acts_on(effect) else []),
-        "With it and those accepted before it the error of cross-validation is "
+        "With this effect and those accepted before it the error of cross-validation is "
         f"{error(effect.rmse_after)}",
     ]
     return Section(
@@ -134,8 +134,8 @@ def _dependence(findings: Findings) -> list[Section]:
     pictures: list[Block] = []
     if findings.dependences:
         caption = (
-            "The factor on adhesion as one column moves and the others stay, with its 95 % band; "
-            "it is 1 at the median of the column. Marks below: tenths of the measured points."
+            "The factor on adhesion as one column varies and the others are held, with its 95 % "
+            "band; it is 1 at the median of the column. Marks below: deciles of the points."
         )
         pictures.append(Picture("dependence.png", caption))
     if shape_columns(findings):
@@ -155,7 +155,7 @@ def _levels(findings: Findings) -> list[Section]:
     caption = (
         "The level of each run, measured less law as a share of the law, before (open) and after "
         "(filled), against the mean of every column over the run; bars are two standard errors "
-        "from the noise within the run. A trend of the filled points is a cause that the law "
+        "from the noise within the run. A trend of the filled points shows a cause that the law "
         f"still lacks.{left_out}"
     )
     title = "The level of every run, against every column"
@@ -178,10 +178,10 @@ def _residual(findings: Findings) -> list[Section]:
     left_out = "" if len(shown) == len(varying) else f" {len(shown)} of {len(varying)} columns."
     caption = (
         "Measured less law: grey points before; means in bins before (open) and after (filled), "
-        "with two standard errors from the scatter between runs. A law that lacks nothing stays "
-        f"on zero in every panel.{left_out}"
+        "with two standard errors from the scatter between runs. The means of a law that lacks "
+        f"nothing are zero within their errors in every panel.{left_out}"
     )
-    return [Section("What is left, against every column", [Picture("residuals.png", caption)])]
+    return [Section("The residual, against every column", [Picture("residuals.png", caption)])]
 
 
 def _base(findings: Findings) -> Section:
@@ -204,7 +204,7 @@ def _base(findings: Findings) -> Section:
                 list(zip(names, *pairs, units, strict=True)),
             ),
             Paragraph(
-                ("After: fitted together with all that was added. " if added else "")
+                ("After: fitted together with all added effects and terms. " if added else "")
                 + "The whole law is in law.json."
             ),
         ],
@@ -212,7 +212,7 @@ def _base(findings: Findings) -> Section:
 
 
 def _confounded(findings: Findings) -> Section:
-    none = "No two of the causes found are alike in these data."
+    none = "No other cause acts like an effect that was found."
     return Section("What the data cannot tell apart", _items(findings.confounded, none), boxed=True)
 
 
@@ -238,7 +238,7 @@ def _next(findings: Findings) -> Section:
 def _ranking(findings: Findings) -> Section:
     ranked = ranking(findings)
     if not ranked:
-        return Section("Ranking of all candidates", [Paragraph("None was looked at.")])
+        return Section("Ranking of all candidates", [Paragraph("No candidate was tested.")])
     return Section(
         "Ranking of all candidates",
         [
@@ -254,8 +254,8 @@ def _ranking(findings: Findings) -> Section:
             ),
             ranking_table(ranked),
             Paragraph(
-                "Gain a run: of the cross-validated log likelihood, where the candidate was "
-                "refitted together with the base curve."
+                "Gain of log likelihood: of runs left out, summed over all runs, where the "
+                "candidate was refitted together with the law of that round."
             ),
         ],
     )

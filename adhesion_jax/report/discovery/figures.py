@@ -167,7 +167,7 @@ def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
             markersize=9,
             transform=axis.get_xaxis_transform(),
             clip_on=False,
-            label="tenths of the points",
+            label="deciles of the points",
         )
     axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
     axis.set_xlabel(label_text(column_label(dependence.column, dependence.unit)))

@@ -118,5 +118,5 @@ def _opinion(opinion: Opinion) -> dict[str, object]:
 
 
 def _plain(value: float) -> float | None:
-    """A float of Python, which JSON knows; it knows no NaN."""
+    """A Python float for JSON; None for a number that is not finite, which JSON does not have."""
     return float(value) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""How a discovery is spoken of: names, numbers and the sentences all its reports share."""
+"""Names, numbers and sentences that all reports of a discovery share."""
 
 from collections.abc import Sequence
 
@@ -25,10 +25,10 @@ _ACTS_ON = {
     "fall": "deepens or flattens the fall beyond the peak",
 }
 
-#: Effects that are claimed and make no prediction better.
+#: Effects that are claimed although they improve no prediction.
 _IN_NOISE = ("torsion",)
 
-#: Words of every warning that an effect was found and dropped.
+#: Words that every warning of an effect that was found and dropped contains.
 _DROPPED = "not counted as an effect"
 
 #: Columns that are not measured but follow from the file.
@@ -56,7 +56,7 @@ def decision(words: str) -> str:
 
 
 def column_label(name: str, unit: str = "") -> str:
-    """A column with its unit; of one the project does not know the name says what it can."""
+    """A column with its unit; an unknown column is labelled with its name as it is in the file."""
     if name in _DERIVED:
         return _DERIVED[name]
     if name not in COLUMNS:
@@ -68,7 +68,7 @@ def column_label(name: str, unit: str = "") -> str:
 
 
 def error(value: float) -> str:
-    """Five decimals, so that errors can be compared by eye; four digits of very small ones."""
+    """An error of adhesion with five decimals, below .001 four digits; empty if not finite."""
     if not np.isfinite(value):
         return ""
     return f"{value:.5f}" if value >= 1e-3 else f"{value:.4g}"
@@ -110,7 +110,7 @@ def candidates(effect: FoundEffect) -> tuple[str, ...]:
 
 
 def class_sentence(effect: FoundEffect) -> str:
-    """What the data cannot tell from the effect; nothing where it stands alone."""
+    """A sentence on the names that the data cannot tell from the effect; empty if there is none."""
     first, *others = (humanised(name) for name in candidates(effect))
     return f"the data cannot tell {first} from {listed(others, 'or')}" if others else ""
 
@@ -121,7 +121,7 @@ def axis(effect: FoundEffect) -> str:
 
 
 def acts_on(effect: FoundEffect) -> str:
-    """What becomes of the curve; nothing where an effect of signals or of time is no factor."""
+    """What the effect does to the curve; empty for an effect of signals or of time."""
     signals = not effect.covariates or {"time_s", "slip_ratio"} & {*effect.covariates}
     return "" if effect.acts_on == "level" and signals else _ACTS_ON[effect.acts_on]
 
@@ -133,7 +133,7 @@ def kind_of_run(findings: Findings) -> str:
 
 
 def opinion_sentence(opinion: Opinion) -> str:
-    """What trees predict of the residual, from which columns, and what follows."""
+    """The share of the residual that trees predict, from which columns, and what follows."""
     source = "the slip itself, or columns that go together"
     if opinion.columns:
         source = listed([one_line(name) for name in opinion.columns])
@@ -145,7 +145,7 @@ def opinion_sentence(opinion: Opinion) -> str:
 
 
 def verdict(findings: Findings) -> str:
-    """What is missing, how sure that is, and how much smaller the error becomes."""
+    """The verdict: what is missing, the evidence for it, and how far the error falls."""
     effects = [effect for effect in findings.effects if effect.name not in _IN_NOISE]
     sentences = []
     if effects:
@@ -187,7 +187,7 @@ def _axes(findings: Findings) -> str:
 
 
 def _open_questions(findings: Findings) -> list[str]:
-    """What was seen and is no effect, each a sentence without its full stop."""
+    """Sentences, without full stops, on structure in the data that is not counted as an effect."""
     return [
         *_did_not_hold(findings),
         *(one_line(doubt.sentence).rstrip(".") for doubt in findings.doubts),
@@ -197,7 +197,7 @@ def _open_questions(findings: Findings) -> list[str]:
 
 
 def _did_not_hold(findings: Findings) -> list[str]:
-    """What was found and dropped, by the warnings; else what stood out where nothing was found."""
+    """Sentences on dropped effects; if nothing was found, on the candidate that stood out."""
     if findings.doubts:
         return []
     dropped = [one_line(text) for text in findings.warnings if _DROPPED in text]
@@ -207,15 +207,15 @@ def _did_not_hold(findings: Findings) -> list[str]:
     if first is None or first.p_adjusted > rules.SIGNIFICANT:
         return []
     return [
-        f"{humanised(first.name)} stands out of {len(findings.ranking)} candidates (adjusted "
-        f"p = {p_value(first.p_adjusted)}) and did not hold ({decision(first.decision)}): "
-        "something is missing that these data do not settle. Look at the residual against every "
+        f"{humanised(first.name)} stands out among {len(findings.ranking)} candidates (adjusted "
+        f"p = {p_value(first.p_adjusted)}) and was not accepted ({decision(first.decision)}): "
+        "something is missing that these data do not determine. Look at the residual against every "
         "column, and measure more runs that differ in them"
     ]
 
 
 def _scatter(findings: Findings) -> list[str]:
-    """Where no law is found, and more of the noise is between runs than within them."""
+    """A sentence on the run scatter, if no law is found and it exceeds the noise within runs."""
     sigma, scatter = (findings.noise.get(name, 0.0) for name in ("sigma", "run_scatter"))
     if findings.effects or findings.unexplained or findings.noise_floor**2 < 2 * sigma**2:
         return []
@@ -226,10 +226,10 @@ def _scatter(findings: Findings) -> list[str]:
 
 
 def _in_noise(findings: Findings) -> list[str]:
-    """Effects that no prediction can use."""
+    """Sentences on effects that no prediction can use."""
     return [
         f"{humanised(effect.name)[0].upper()}{humanised(effect.name)[1:]} ({evidence(effect)}) is "
-        "in the noise: its phase differs from run to run, so that no prediction gets better by it."
+        "part of the noise: its phase differs from run to run, so that it improves no prediction."
         for effect in findings.effects
         if effect.name in _IN_NOISE
     ]
@@ -257,7 +257,7 @@ def _missing(findings: Findings, effects: Sequence[FoundEffect]) -> str:
 
 
 def _size(findings: Findings, effect: FoundEffect) -> str:
-    """Size, sign and place of the change of adhesion, over the column that changes it most."""
+    """Size and sign of the change of adhesion over the column that changes it most."""
     own = [one for one in findings.dependences if one.effect == effect.name]
     if not own:
         return ""
@@ -278,7 +278,7 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
 
 
 def _held_out(findings: Findings) -> Errors:
-    """The test set where there is one; the runs each left out in turn where not."""
+    """The errors on the test set; if there is none, those of cross-validation."""
     return findings.test or findings.validation
 
 
@@ -290,7 +290,7 @@ def _unseen(findings: Findings) -> tuple[Interval, Interval]:
 def _where(findings: Findings) -> str:
     kind = kind_of_run(findings)
     count = _held_out(findings).runs
-    # What a test set was cut into is not known.
+    # The findings do not say whether a test set consists of runs or of blocks.
     parts = "run or block" if findings.test and kind == "block" else kind
     plural = " ".join(f"{word}s" if word != "or" else word for word in parts.split())
     source = "test set" if findings.test else "cross-validation"
@@ -303,7 +303,7 @@ def _change(findings: Findings) -> str:
     start = f"{where[0].upper()}{where[1:]} the error"
     floor = f"the noise floor is {error(findings.noise_floor)}"
     if error(before.value) == error(after.value):
-        return f"{start} stays at {error_in_brackets(after)}: no prediction gets better; {floor}"
+        return f"{start} stays at {error_in_brackets(after)}: no prediction improves; {floor}"
     if after.value > before.value:
         return (
             f"{start} does not fall: it rises from {error(before.value)} to "
@@ -322,7 +322,7 @@ def _first_of_ranking(findings: Findings) -> Candidate | None:
 
 
 def _strongest(findings: Findings) -> str:
-    """What came closest, so that nothing is said of an effect that was never looked for."""
+    """The strongest candidate and the number of candidates, in brackets."""
     first = _first_of_ranking(findings)
     if first is None:
         return ""

@@ -1,1 +1,1 @@
-"""What is told of one measured record."""
+"""Tables, words and the figure of one measured record."""

@@ -28,7 +28,7 @@ _POINT = "#6b6b6b"
 def draw_measured(
     path: Path, title: str, fits: Mapping[str, MeasuredFit], residuals: Mapping[str, Residual]
 ) -> None:
-    """Above adhesion, below what each curve leaves, both against slip; the best curve first."""
+    """Adhesion and, below it, the residual of each curve against slip; the best curve first."""
     ranked = sorted(fits, key=lambda name: fits[name].bic)
     best, left = fits[ranked[0]], residuals[ranked[0]]
     figure = Figure(figsize=(10, 8), layout="constrained")
@@ -62,7 +62,7 @@ def draw_measured(
         means = running_mean(residuals[name].slip, residuals[name].residual, window)
         below.plot(*means, color=colour, linestyle=line, linewidth=2.2 if rank == 0 else 1.4)
     below.set(
-        xlabel=f"{'slip velocity (m/s)' if best.slip_unit else 'slip ratio'}, root scale",
+        xlabel=f"{'slip velocity (m/s)' if best.slip_unit else 'slip ratio (1)'}, root scale",
         ylabel="measured less curve (1)",
         ylim=(-1.1 * np.abs(left.residual).max(), 1.1 * np.abs(left.residual).max()),
     )
@@ -107,14 +107,14 @@ def _curve(
 ) -> None:
     colour, line, marker = _STYLES[rank % len(_STYLES)]
     adhesion, half = confidence_band(fit, jnp.asarray(grid))
-    # Outside the measured slips a band tells of the curve's form, not of the data.
+    # Outside the measured slips the width of a band follows from the form of the curve alone.
     seen = (grid >= measured_slip[0]) & (grid <= measured_slip[-1])
     axes.fill_between(
         grid, adhesion - half, adhesion + half, where=seen, color=colour, alpha=0.12, linewidth=0
     )
     width = 2.6 if rank == 0 else 1.5
     axes.plot(grid, adhesion, color=colour, linestyle=line, linewidth=width, zorder=20 - rank)
-    label = f"{name}: rms {fit.rms:.4f}, BIC {fit.bic - least_bic:+.1f}"
+    label = f"{name}: rms {fit.rms:.4f}, difference of BIC {fit.bic - least_bic:+.1f}"
     slip_opt, mu_max = float(fit.peak.slip), float(fit.peak.adhesion)
     if fit.peak.found:
         label += f", peak at {slip_opt:.3g}{fit.slip_unit}"
@@ -132,7 +132,7 @@ def _curve(
         )
     else:
         label += ", no peak"
-    # An empty line that shows curve and peak together in the legend.
+    # An empty line, whose entry in the legend shows the curve and its peak together.
     axes.plot(
         [],
         [],

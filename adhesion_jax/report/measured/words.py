@@ -1,4 +1,4 @@
-"""What is told of a measured record: a row for each curve, the printed table, the verdict."""
+"""The results of a measured record: a row for each curve, the printed table, the verdict."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -12,10 +12,12 @@ from adhesion_jax.measured.fit import EXACT, MeasuredFit
 from adhesion_jax.measured.residual import Residual
 from adhesion_jax.wording import plus_minus
 
-#: Differences of BIC and what they are called (Kass and Raftery 1995, J. Am. Stat. Assoc. 90).
+#: Smallest differences of BIC and the words for that evidence (Kass and Raftery 1995, J. Am. Stat.
+#: Assoc. 90).
 _EVIDENCE = ((10.0, "very strong"), (6.0, "strong"), (2.0, "positive"), (0.0, "hardly any"))
 
-#: A residual whose neighbours are alike by more standard deviations than this has structure.
+#: The residual is said to have structure if the likeness of its neighbours exceeds this number of
+#: standard deviations.
 _LIKENESS = 2.0
 
 _WIDTH = 96
@@ -24,10 +26,11 @@ _WIDTH = 96
 def curve_rows(
     fits: Mapping[str, MeasuredFit], not_fitted: Mapping[str, Sequence[str]]
 ) -> pd.DataFrame:
-    """One row a curve, a column a parameter and one for its standard error; what is not is NaN.
+    """One row for each curve; NaN where a quantity does not apply.
 
     Columns: curve, rms, bic, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status,
-    then the parameters. `not_fitted` names the columns that a curve lacks.
+    then each parameter with its standard error (`_se`). `not_fitted` names the columns that a curve
+    needs and the data lack.
     """
     rows: list[dict[str, object]] = []
     for name, fit in fits.items():
@@ -102,7 +105,7 @@ def verdict(
     not_fitted: Mapping[str, Sequence[str]],
     left: Residual,
 ) -> str:
-    """In words: the best curve, its peak, what its residual still shows, and what not to trust.
+    """The verdict in words: the best curve, its peak, the structure of its residual, and doubts.
 
     `left` is the residual of the curve with the lowest BIC.
     """
@@ -121,31 +124,33 @@ def verdict(
 
 
 def reasons(fit: MeasuredFit) -> list[str]:
-    """The status of a fit in whole sentences; all that apply."""
+    """Every reason why a fit may not be trusted, as sentences; that of TRUSTED if there is none."""
     sentences = []
     if fit.status in (Status.NOT_FINITE, Status.INADMISSIBLE):
         sentences.append(fit.status.sentence)
     if not fit.peak.found:
         sentences.append(
             f"Adhesion has no peak between slip 0 and {fit.slip_limit:g}{fit.slip_unit}; "
-            "mu_max is the largest in that range."
+            "mu_max is the largest adhesion in that range."
         )
     if not np.all(np.isfinite(fit.covariance)):
         sentences.append("The data do not determine all parameters: there are no standard errors.")
     elif not fit.converged:
-        sentences.append("The solver stopped before it converged; the values are its last.")
+        sentences.append(
+            "The solver stopped before it converged; the values are those of its last step."
+        )
     for name, value, bound, unfelt in zip(
         fit.curve.free, fit.parameters, fit.on_bound, fit.no_influence, strict=True
     ):
         if bound:
             sentences.append(
-                f"{name} lies on its bound {value:g}: it has no standard error, and the others "
-                "are those with it held there."
+                f"{name} lies on its bound {value:g}: it has no standard error, and those "
+                "of the other parameters hold with it fixed there."
             )
         if unfelt:
             sentences.append(
-                f"{name} has no influence on this curve: it has no standard error, and the others "
-                "are those with it held."
+                f"{name} has no influence on this curve: it has no standard error, and those of "
+                "the other parameters hold with it fixed."
             )
     return sentences or [Status.TRUSTED.sentence]
 
@@ -156,13 +161,17 @@ def _data_sentences(measured: Measured, citation: str, left: Residual) -> list[s
     sentences = [
         f"{measured.name} has {left.slip.size} points with slip between {left.slip[0]:.4g} and "
         f"{left.slip[-1]:.4g}{unit}"
-        + (f", {braking} of them braking (turned over, curves being odd)." if braking else ".")
+        + (
+            f", {braking} of them braking (with both signs turned, since curves are odd)."
+            if braking
+            else "."
+        )
     ]
     if measured.covariates:
         sentences.append(f"Further numeric columns: {', '.join(measured.covariates)}.")
     if measured.left_out:
         sentences.append(
-            f"Left out, not being finite numbers throughout: {', '.join(measured.left_out)}."
+            f"Columns left out because a cell is no finite number: {', '.join(measured.left_out)}."
         )
     return [*sentences, citation] if citation else sentences
 
@@ -171,14 +180,14 @@ def _curve_sentences(fits: Mapping[str, MeasuredFit], ranked: Sequence[str]) -> 
     best = ranked[0]
     if len(ranked) == 1:
         return [
-            f"{best}, rms {fits[best].rms:.4f}, BIC {fits[best].bic:.1f}; no other was fitted to "
-            "compare it with."
+            f"{best}, rms {fits[best].rms:.4f}, BIC {fits[best].bic:.1f}; no other curve was "
+            "fitted to compare it with."
         ]
     gap = fits[ranked[1]].bic - fits[best].bic
     word = next(word for least, word in _EVIDENCE if gap >= least)
     return [
-        f"by BIC {best} describes the points best (rms {fits[best].rms:.4f}), by {gap:.1f} over "
-        f"{ranked[1]} (rms {fits[ranked[1]].rms:.4f}): {word} evidence."
+        f"{best} describes the points best: its BIC is {gap:.1f} below that of {ranked[1]} (rms "
+        f"{fits[best].rms:.4f} against {fits[ranked[1]].rms:.4f}), which is {word} evidence."
     ]
 
 
@@ -204,20 +213,23 @@ def _peak_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
         sentences.append(f"It is extrapolated: the points begin at slip {left.slip[0]:.4g}{unit}.")
     elif slip_opt + reach > largest:
         sentences.append(
-            f"It lies within the measured slips, but its interval does not: they end at "
+            f"It lies within the measured slips, but its interval reaches beyond their end at "
             f"{largest:.4g}{unit}."
         )
     else:
         sentences.append(
-            f"It lies within the measured slips, {left.points_behind} points behind it."
+            f"It lies within the measured slips, with {left.points_behind} points beyond it."
         )
     return sentences
 
 
 def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
     if fit.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)):
-        return ["none: the points lie on the curve to the rounding of numbers."]
-    alike = f"neighbours in slip are alike by {left.likeness:.1f} standard deviations"
+        return ["none: the points lie on the curve within the rounding of numbers."]
+    alike = (
+        f"the likeness of neighbours in slip is {left.likeness:.1f} standard deviations above that "
+        "of white noise"
+    )
     sentences = [
         f"rms {fit.rms:.4f}, where neighbouring points scatter by {left.scatter:.4f};",
         f"structure is left ({alike})."
@@ -225,14 +237,18 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
         else f"no structure is left that these points could show ({alike}).",
     ]
     unit, scale = (" per m/s", 1.0) if fit.slip_unit else (" per % of slip", 0.01)
-    where = f"Behind slip {left.behind:.4g}{fit.slip_unit}"
+    where = f"Beyond slip {left.behind:.4g}{fit.slip_unit}"
     if np.isnan(left.slope):
         sentences.append(f"{where} there are too few points ({left.points_behind}) for a slope.")
         return sentences
     slope, error = scale * left.slope, scale * left.slope_se
     sentences.append(
-        f"{where} the residual slopes by {slope:+.5f} +- {error:.5f}{unit}: "
-        + ("the fall is not met." if abs(slope) > 2 * error else "nothing is left there.")
+        f"{where} the residual has a slope of {slope:+.5f} ± {error:.5f}{unit}: "
+        + (
+            "the curve does not follow the fall of the points."
+            if abs(slope) > 2 * error
+            else "no slope is left there that exceeds two standard errors."
+        )
     )
     return sentences
 
@@ -254,12 +270,13 @@ def _doubts(
         doubts.append(
             f"Curves within 10 of the best BIC ({', '.join(tenable)}) put the peak at slip "
             f"{min(slips):.4g} to {max(slips):.4g}{best.slip_unit} and adhesion {min(levels):.4f} "
-            f"to {max(levels):.4f}: the intervals of one curve do not know of this."
+            f"to {max(levels):.4f}: the interval of a single curve does not include this "
+            "difference."
         )
     if left.likeness > _LIKENESS:
         doubts.append(
-            "The residual has structure: the curve, or a condition it does not know, is not "
-            "right, and every interval is too narrow."
+            "The residual has structure: the form of the curve is wrong, or a condition that it "
+            "lacks matters, and every interval is too narrow."
         )
     if left.lag_one > 2 / np.sqrt(left.slip.size):
         longer = np.sqrt((1 + left.lag_one) / max(1 - left.lag_one, 1e-6))
@@ -286,8 +303,8 @@ def _doubts(
         for name in ranked
     }
     doubts += [
-        f"{name}: the points do not settle {', '.join(parameters)} (standard error above half "
-        "the value), so its errors and intervals are rough."
+        f"{name}: the points hardly determine {', '.join(parameters)} (standard error above "
+        "half the value), so the standard errors and intervals of this curve are rough."
         for name, parameters in loose.items()
         if parameters
     ]
@@ -296,7 +313,8 @@ def _doubts(
         for name, columns in not_fitted.items()
     ]
     doubts.append(
-        "All errors take the slip as exact and the noise as independent and the same everywhere."
+        "All standard errors assume an exact slip, and noise that is independent from point to "
+        "point and equally large everywhere."
     )
     return doubts
 

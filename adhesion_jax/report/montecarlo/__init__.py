@@ -1,1 +1,1 @@
-"""What is told of a Monte Carlo campaign."""
+"""Tables and figures of a Monte Carlo campaign."""

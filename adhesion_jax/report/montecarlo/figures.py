@@ -27,7 +27,7 @@ LABELS = {
 
 _SHORT = {"mu_max": r"$\mu_{max}$ (1)", "forgetting": "forgetting\nfactor (1)"}
 
-#: Dots an inch of a figure of many panels: it is large, and takes long to write.
+#: Dots per inch of a figure of many panels, which is large and takes long to write.
 _MANY_PANELS = 110
 
 #: The histogram reaches this many bounds to either side of the truth.
@@ -37,10 +37,11 @@ _WIDTHS, _BINS = 6, 60
 def histogram(
     path: Path, summary: pd.DataFrame, estimates: Estimates, blocks: Mapping[str, list[int]]
 ) -> None:
-    """mu_max of every identifier, a panel a scenario and rail, with the truth and the bound.
+    """mu_max of every identifier with truth and bound, one panel per scenario and rail.
 
-    `blocks` are those of each scenario that stand in its summary: the first after a switch are
-    left out. Estimates beyond the panel are counted in it (He et al. 2018, Fig. 12 and 17).
+    `blocks` are the blocks of each scenario that its summary contains: the first ones after a
+    switch are left out. The share of estimates beyond the axis is written in the panel.
+    After He et al. 2018, Fig. 12 and 17.
     """
     rows = summary[summary["quantity"] == "mu_max"]
     panels = list(dict.fromkeys(zip(rows["scenario"], rows["rail"], strict=True)))
@@ -96,8 +97,8 @@ def _half_width(bound: float, values: np.ndarray) -> float:
 def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[str]) -> None:
     """Parameters and mu_max over the blocks: the median and the band from 5 to 95 %.
 
-    A row a quantity, the last one the error of mu_max; a column an identifier. `truth` has the
-    columns block and quantities.
+    One row per quantity, the last one for the error of mu_max; one column per identifier. `truth`
+    has the columns block and quantities.
     """
     shown = _shown(truth)
     width, height = 2.4 * len(names) + 1.2, 2.0 * (len(shown) + 1)
@@ -142,8 +143,8 @@ def _shown(truth: pd.DataFrame) -> list[str]:
 def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> None:
     """The quantities of a stream over its samples, and the forgetting factor beneath them.
 
-    A column an identifier, so that the two algorithms of Qian et al. 2024 stand side by side
-    (their Fig. 4 to 6); a row a quantity: the median and the band from 5 to 95 % of the runs.
+    One column per identifier, so that the two algorithms of Qian et al. 2024 stand side by side
+    (their Fig. 4 to 6); one row per quantity: the median and the band from 5 to 95 % of the runs.
     `truth` has the columns block and quantities, a block is `step` samples.
     """
     names, shown = list(dict.fromkeys(bands["identifier"])), _shown(truth)
@@ -180,7 +181,7 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
 
 
 def _margins(width: float, height: float) -> dict[str, float]:
-    """Places in inches: with forty panels a layout engine takes longer than drawing."""
+    """Margins set in inches, as shares of the figure: a layout engine takes longer than drawing."""
     return {
         "left": 0.8 / width,
         "right": 1 - 0.1 / width,
@@ -198,7 +199,7 @@ def convergence(
     reached: list[float],
     reached_label: str,
 ) -> None:
-    """Estimates against what has been seen of a run (He et al. 2018, Fig. 4 to 7).
+    """Estimates against the part of a run that has been seen (He et al. 2018, Fig. 4 to 7).
 
     For every identifier the median and the band from 5 to 95 %, one panel a quantity; the grey
     band is the truth with the Cramer-Rao bound's 90 % width.
@@ -255,7 +256,7 @@ def _band(
 
 
 def _edges(block: np.ndarray) -> np.ndarray:
-    """Where each block begins and ends, so that one that stands alone is seen."""
+    """The beginning and the end of each block, so that a single block is visible as well."""
     return np.ravel(np.column_stack([block - 0.5, block + 0.5]))
 
 

@@ -1,4 +1,4 @@
-"""Tables as a person reads them."""
+"""The tables of a campaign as text."""
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ def _percent(value: float) -> str:
 
 
 def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",)) -> str:
-    """An aligned table of how well each identifier knows some quantities, relative to the truth."""
+    """An aligned table of the errors of each identifier, relative to the truth."""
     chosen = table[table["quantity"].isin(quantities)]
     several = len(set(chosen["scenario"])) > 1
     lines = pd.DataFrame(
@@ -48,8 +48,8 @@ def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",
 
 
 def tracking_text(table: pd.DataFrame) -> str:
-    """An aligned table of how each identifier follows a rail that changes."""
-    table = table[table["overshoot"].notna()]  # the first rail of a run is not tracked from another
+    """An aligned table of delay, overshoot and resets of each identifier on a rail that changes."""
+    table = table[table["overshoot"].notna()]  # the first rail of a run follows no switch
     several = len(set(table["scenario"])) > 1
     return pd.DataFrame(
         {

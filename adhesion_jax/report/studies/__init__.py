@@ -1,1 +1,1 @@
-"""What is told of what judges."""
+"""Tables and figures of the studies that judge the methods."""

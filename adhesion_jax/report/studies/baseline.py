@@ -1,4 +1,4 @@
-"""What moved since the baseline, as a person reads it."""
+"""The figures that moved since the baseline, as text."""
 
 import numpy as np
 import pandas as pd
@@ -8,8 +8,8 @@ from adhesion_jax.wording import plus_minus
 
 #: Verdicts on an identifier that only one of the two tables has.
 _WHOLE = {
-    NEW: "is not in the baseline; --update takes it in.",
-    GONE: "is in the baseline but is no identifier any more; --update takes it out.",
+    NEW: "is not in the baseline; --update adds it.",
+    GONE: "is in the baseline but is no identifier any more; --update removes it.",
 }
 
 

@@ -1,4 +1,4 @@
-"""Published claims beside what was computed here: the table and the figures."""
+"""Published claims and the numbers computed here: the table and the figures."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -23,7 +23,7 @@ def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:
 
 
 def claims_text(table: pd.DataFrame) -> str:
-    """The table as a person reads it: numbered lines, then a remark on each."""
+    """The table as text: numbered lines, then a remark on each."""
     width = max(map(len, table["claim"]))
     pairs = zip(table["ours"], table["ours_error"], strict=True)
     lines = pd.DataFrame(

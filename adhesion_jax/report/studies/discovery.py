@@ -17,7 +17,7 @@ def draw_detection(path: Path, rates: pd.DataFrame) -> None:
     """Share of sets with a claim, and with the right one, against the visible misfit."""
     power = rates[rates["part"] == "power"]
     names = list(dict.fromkeys(power["group"]))
-    lines = {"detected": "an effect is claimed", "in_class": "the planted one is in a class"}
+    lines = {"detected": "an effect is claimed", "in_class": "the planted effect is in a class"}
     styles = line_styles(list(lines))
     rows = -(-len(names) // 3)
     figure = Figure(figsize=(11, 1.2 + 2.6 * rows), layout="constrained")
@@ -132,7 +132,7 @@ def draw_random(path: Path, sets: pd.DataFrame) -> None:
 
 
 def study_text(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame) -> str:
-    """The random effects first, then false claims and the other parts, then the time a set took."""
+    """The random effects, then false claims and the other parts, then the time per set."""
     lines = _random_lines(rates, removed, sets)
     nulls = rates[rates["part"] == "nothing"]
     for row in nulls.to_dict("records"):
@@ -149,7 +149,7 @@ def study_text(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame) -
     return "\n".join(lines)
 
 
-_TIMES = {"seconds": "Seconds a set", "cpu_seconds": "CPU seconds a set"}
+_TIMES = {"seconds": "Seconds per set", "cpu_seconds": "CPU seconds per set"}
 
 
 def _seconds(sets: pd.DataFrame, column: str, name: str) -> str:
@@ -183,7 +183,7 @@ def _random_lines(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame
         }
     )
     lines = ["Random effects", table.to_string(index=False)]
-    # Shares are unknown where there is nothing to remove: no miss.
+    # A share is NaN if there is no error to remove; such a set does not count as missed.
     misses = chosen[chosen["removed"] < MISSED]
     if len(misses):
         told = misses[["seed", "base", "planted", "visible", "removed", "reported"]]

@@ -13,7 +13,7 @@ from adhesion_jax.studies.peers.summary import BETTER, beaten, summarised
 
 
 def peers_text(rows: pd.DataFrame) -> str:
-    """The table as a person reads it, and the sets on which a general method is better."""
+    """The table as text, and the sets on which a general method is better."""
     summary = summarised(rows)
     shown = pd.DataFrame(
         {
@@ -30,13 +30,13 @@ def peers_text(rows: pd.DataFrame) -> str:
             ],
             "removed >= .9": _of(summary["removed_90"], summary["removed_of"]),
             "false name": _of(summary["sets_with_false_name"], summary["sets"]),
-            "null with a name": _of(summary["nulls_with_name"], summary["nulls"]),
-            "worse": _of(summary["worse"], summary["sets"]),
-            "null worse": _of(summary["nulls_worse"], summary["nulls"]),
-            "s a set": summary["seconds_median"].map("{:.2f}".format),
+            "null sets with a name": _of(summary["nulls_with_name"], summary["nulls"]),
+            "made worse": _of(summary["worse"], summary["sets"]),
+            "null sets made worse": _of(summary["nulls_worse"], summary["nulls"]),
+            "seconds per set": summary["seconds_median"].map("{:.2f}".format),
         }
     )
-    lines = ["On held-out runs; of the sets with hidden effects unless null"]
+    lines = ["On held-out runs, for the sets with hidden effects; null sets have none"]
     lines.append(shown.to_string(index=False))
     lost = beaten(rows)
     if len(lost):

@@ -1,4 +1,4 @@
-"""What is told of a traction system: its table, its figures and the page that has both."""
+"""The report of a traction system: its table, its figures and the page that shows both."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from adhesion_jax.report.traction.runs import Drawing
 
 
 class Subject(NamedTuple):
-    """What is told of one system."""
+    """The table and the figures of one system."""
 
     table: Callable[[pd.DataFrame], pd.DataFrame]
     figures: Callable[[Drawing], Mapping[str, Sequence[Panel]]]

@@ -13,15 +13,15 @@ from adhesion_jax.report.style import light_frame, line_styles
 from adhesion_jax.report.traction.panels import draw_lines
 from adhesion_jax.report.traction.runs import Array, Line, Shown, curves, mean_of_axles
 
-#: What is shown begins this long before a switch and ends this long after it, s.
+#: Times before and after the switch between which the operating point is shown, s.
 _BEFORE, _AFTER = 1.0, 4.0
 
-#: Frames of the moving picture, and how many of them a second.
+#: Number of frames of the moving picture, and of frames per second.
 _FRAMES, _RATE = 80, 16
 
 
 class _Passage(NamedTuple):
-    """What is seen around the first switch: two curves, and the operating point [rows]."""
+    """The time around the first switch: two curves, and the operating point [rows]."""
 
     title: str
     lines: list[Line]
@@ -31,7 +31,7 @@ class _Passage(NamedTuple):
 
 
 def draw_operating_point(path: Path, one: Shown) -> None:
-    """The whole passage, its time from dark to bright."""
+    """The whole passage in one figure; the colour of a point, from dark to bright, is its time."""
     passage = _passage(one)
     figure, axis = _frame(passage)
     axis.plot(passage.slip, passage.adhesion, color="0.75", lw=0.8, zorder=1)
@@ -62,7 +62,7 @@ def animate_operating_point(path: Path, one: Shown) -> None:
 def _passage(one: Shown) -> _Passage:
     rows = one.trace.sample
     segment, time = np.asarray(rows.segment), np.asarray(one.trace.time)
-    # The first change of surface; a run that has none is shown from its beginning.
+    # The first change of the surface; a run without a change is shown from its beginning.
     changes = np.nonzero(np.diff(segment))[0]
     at = int(changes[0]) + 1 if len(changes) else 0
     seen = (time >= time[at] - _BEFORE) & (time <= time[at] + _AFTER)

@@ -1,4 +1,4 @@
-"""The page on a traction system: what was found, what the paper has, and what was assumed."""
+"""The page on a traction system: our figures, those of the paper, and the assumptions."""
 
 from collections.abc import Mapping, Sequence
 
@@ -48,14 +48,14 @@ def traction_page(
 
 
 def _verdict(metrics: pd.DataFrame) -> str:
-    """How much the first method uses, the most and the least; and what did not go regularly."""
+    """Utilisation of the first, the best and the worst method, and each run that is not regular."""
     rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
     means = rows.groupby("method", sort=False)["utilisation"].mean()
     told = [f"{100 * mean:.1f} % (“{method}”)" for method, mean in means.items()]
     order = [int(place) for place in means.to_numpy().argsort()]
     words = f"Share of the largest adhesion that is used, without noise: {told[0]}."
     if len(told) > 1:
-        words += f" The most is {told[order[-1]]}, the least {told[order[0]]}."
+        words += f" The largest share is {told[order[-1]]}, the smallest {told[order[0]]}."
     for _, row in rows[rows["status"] != "regular"].iterrows():
         words += f" On “{row['scenario']}” with “{row['method']}” {row['status']}."
     return words
@@ -64,7 +64,7 @@ def _verdict(metrics: pd.DataFrame) -> str:
 def _beside(system: System) -> str:
     return (
         f"Each row is a run without noise on the plant of {system.source}. Columns whose names "
-        "begin with paper hold what it prints."
+        "begin with paper hold the numbers that the source prints."
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from adhesion_jax.report.style import light_frame, line_styles
 
-#: The colour of what a paper prints; in grey it is told apart by its marker or by its dots.
+#: The colour of published numbers; in grey print their markers or dots distinguish them.
 _PUBLISHED = "#7A0019"
 
 
@@ -22,7 +22,7 @@ class Line(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A published number: a point, or a dotted line where one of the two is not told."""
+    """A published number: a point, or a dotted line if one of its coordinates is not printed."""
 
     label: str
     x: float | None = None
@@ -39,7 +39,7 @@ class Panel(NamedTuple):
 
 
 def draw(path: Path, panels: Sequence[Panel]) -> None:
-    """The panels in a grid, with one legend for all; a label has one style in all of them."""
+    """The panels in a grid with one legend; a label has the same style in every panel."""
     columns = 2 if len(panels) == 4 else min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(4.3 * max(columns, 1.4), 3.1 * rows + 0.8), layout="constrained")
@@ -64,7 +64,7 @@ def draw(path: Path, panels: Sequence[Panel]) -> None:
 
 
 def draw_lines(axis: Axes, lines: Sequence[Line], styles: Mapping[str, Mapping[str, Any]]) -> None:
-    """Each in the colour and the dashes of its label."""
+    """Draws the lines, each in the colour and the dashes of its label."""
     for line in lines:
         style = {key: styles[line.label][key] for key in ("color", "linestyle")}
         axis.plot(np.asarray(line.x), np.asarray(line.y), label=line.label, lw=1.3, **style)

@@ -1,4 +1,4 @@
-"""What is drawn of the runs of any system."""
+"""The lines and panels that the figures of all systems share."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -28,13 +28,13 @@ class Shown(NamedTuple):
 
 
 def shown(case: Case, trace: Trace) -> Shown:
-    """The run up to the row at which the driver is done."""
+    """The rows of the run up to the end of the driver's demand."""
     counts = np.asarray(trace.sample.counts)
     return Shown(case, jax.tree.map(lambda x: jnp.asarray(x[counts]), trace))
 
 
 class Drawing(NamedTuple):
-    """What the figures of a system are made of."""
+    """The cases, runs and plant that the figures of a system are drawn from."""
 
     shown: Sequence[Shown]
     plant: Plant
@@ -54,7 +54,7 @@ MPS, KMH = SpeedUnit("m/s", 1.0), SpeedUnit("km/h", 3.6)
 
 
 def by_method(shown: Sequence[Shown], *methods: str) -> list[Shown]:
-    """The runs of these methods, in their order; those of the first method where there are none."""
+    """The runs of these methods, in their order; if there are none, those of the first method."""
     found = [one for method in methods for one in shown if one.case.method == method]
     return found or [one for one in shown if one.case.method == shown[0].case.method]
 

@@ -127,5 +127,11 @@ def _lyapunov(shown: Sequence[Shown], drawing: Drawing) -> list[Panel]:
         return []
     return [
         Panel("Lyapunov function", TIME, "L (m²/s²)", falling),
-        Panel("its rate of change", TIME, "dL/dt (m²/s³)", rate, limits=(-5.0, 1.0)),
+        Panel(
+            "rate of change of the Lyapunov function",
+            TIME,
+            "dL/dt (m²/s³)",
+            rate,
+            limits=(-5.0, 1.0),
+        ),
     ]

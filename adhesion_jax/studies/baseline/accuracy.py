@@ -13,8 +13,8 @@ from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import SCENARIOS, Options, needs_options
 from adhesion_jax.studies.baseline.table import ACCURACY, KEYS
 
-#: Where an identifier is measured: the first of these that it accepts, so that it compiles once;
-#: one that accepts none of them goes to the first of all scenarios that it does accept.
+#: Preferred scenarios. An identifier is measured on the first of these that it accepts, so that it
+#: compiles once; if it accepts none of them, on the first of all scenarios that it accepts.
 HOMES = (
     Config("he2018-blocks", options=Options(blocks=6)),
     Config("qian2024-switch"),
@@ -23,7 +23,7 @@ HOMES = (
 
 
 def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
-    """The home of each identifier; InputError where one accepts no scenario at all."""
+    """The scenario of each identifier; InputError if one accepts no scenario at all."""
     places = (*HOMES, *(Config(name) for name in SCENARIOS if not needs_options(name)))
     built = [(place, build_scenario(place)) for place in places]
     found = {}
@@ -38,7 +38,7 @@ def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
 
 
 def accuracy_steps(identifiers: Mapping[str, Identifier], runs: int) -> int:
-    """How often `measure_accuracy` reports progress."""
+    """The number of times that `measure_accuracy` reports progress."""
     return sum(progress_steps(config, identifiers) for config in _campaigns(identifiers, runs, 0))
 
 
@@ -49,7 +49,7 @@ def measure_accuracy(
     progress: Callable[[str], None],
     workers: int = CORES,
 ) -> pd.DataFrame:
-    """The accuracy rows of the table: one an identifier, rail and quantity."""
+    """The accuracy rows of the table, one per identifier, rail and quantity."""
     tables = [
         run_campaign(config, lambda _: None, progress, workers, identifiers).tables["summary"]
         for config in _campaigns(identifiers, runs, seed)

@@ -15,7 +15,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.traction.plants import MODELS
 from adhesion_jax.traction.plants.base import Plant, Quantity
 
-#: What is said of a parameter.
+#: The entries of a parameter in a file.
 _KEYS = ("value", "unit", "tag", "source")
 
 #: Where a value comes from.
@@ -38,7 +38,7 @@ class Given(NamedTuple):
 
 
 class PlantFile(NamedTuple):
-    """A plant and what is known of its parameters."""
+    """A plant, its title, and the entries of its parameters."""
 
     title: str
     plant: Plant
@@ -52,9 +52,9 @@ def shipped() -> Mapping[str, Path]:
 
 
 def read_plant(path: Path) -> PlantFile:
-    """The plant of a file; with `like`, a shipped plant but for what the file gives.
+    """The plant of a file; with `like`, a shipped plant with the parameters of the file replaced.
 
-    InputError, a sentence that names file and parameter, if it has none.
+    Raises InputError, which names the file and the parameter, if the file gives no plant.
     """
     table = _with_what_it_is_like(path, _toml(path))
     model = str(table.get("model", ""))
@@ -102,7 +102,7 @@ def _with_what_it_is_like(path: Path, table: Mapping[str, Any]) -> Mapping[str, 
     if name not in shipped():
         raise InputError(f"{path}: like {name!r} is not known; name {' or '.join(shipped())}.")
     if "model" in table:
-        raise InputError(f"{path} has both like and model; a plant like {name} has its model.")
+        raise InputError(f"{path} has both like and model; leave out model: {name} has one.")
     base = _with_what_it_is_like(shipped()[name], _toml(shipped()[name]))
     own = table.get("parameters", {})
     if not isinstance(own, dict):
@@ -122,7 +122,7 @@ def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
             f'"{quantity.unit}".'
         )
     for key in {*table} - {*_KEYS}:
-        raise InputError(f"{path}: parameter {name} has {key}; it may have {', '.join(_KEYS)}.")
+        raise InputError(f"{path}: parameter {name} has {key}; allowed are {', '.join(_KEYS)}.")
     if table["unit"] != quantity.unit:
         raise InputError(
             f"{path}: parameter {name} is given in {table['unit']!r}; it must be in "
@@ -155,6 +155,6 @@ def _plant(path: Path, kind: type[Plant], given: Mapping[str, Given]) -> Plant:
         elif name not in kind.PER_AXLE and count == 1:
             numbers[name] = jnp.asarray(parameter.value[0])
         else:
-            right = f"one value or {axles}, one an axle" if name in kind.PER_AXLE else "one value"
+            right = f"one value or {axles}, one per axle" if name in kind.PER_AXLE else "one value"
             raise InputError(f"{path}: parameter {name} has {count} values; give {right}.")
     return kind(**numbers)
