@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 import adhesion_jax as aj
 
 HOME = Path(__file__).resolve().parents[1]
@@ -33,7 +31,7 @@ def run(page, folder):
 def test_the_readme(tmp_path):
     shutil.copy(aj.SHIPPED["eurosprinter"].path, tmp_path / "my_measurement.csv")
     told = run(HOME / "README.md", tmp_path)
-    assert "kiencke 0.3036" in re.sub(r"(0\.\d{4})\d*", r"\1", told)
+    assert re.search(r"^kiencke 0\.30357\d* \(0\.2979\d*, 0\.3092\d*\)$", told, re.MULTILINE)
 
 
 def test_the_page_on_python(tmp_path):
@@ -42,7 +40,6 @@ def test_the_page_on_python(tmp_path):
     assert aj.load_law(tmp_path / "law.json").effects
 
 
-@pytest.mark.parametrize("length", [9])
-def test_examples_are_short(length):
-    blocks = BLOCK.findall((HOME / "docs" / "python.md").read_text(encoding="utf-8"))
-    assert max(len(block.strip().splitlines()) for block in blocks) <= length
+def test_examples_are_short():
+    for block in BLOCK.findall((HOME / "docs" / "python.md").read_text(encoding="utf-8")):
+        assert len([line for line in block.splitlines() if line]) <= 6, block
