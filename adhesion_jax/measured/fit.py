@@ -1,4 +1,4 @@
-"""The best fit of a curve to one measured record within its physical bounds, from no start."""
+"""The best fit of a curve to one measured record within its physical bounds, without a start."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
