@@ -208,7 +208,7 @@ class LogForm(NamedTuple):
 
     factor: Callable[[float, _Course], np.ndarray]  # of adhesion, at an amount
     limit: float  # largest plausible amount; with it the misfit may stay below the wanted one
-    also_right: tuple[str, ...]  # names that count as right: in a log weather and speed drift
+    also_right: tuple[str, ...]  # other right names: weather only drifts, speed hardly varies
 
 
 LOG_FORMS: Mapping[str, LogForm] = {
