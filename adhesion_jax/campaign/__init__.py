@@ -1,1 +1,1 @@
-"""Thousands of runs: what is asked for, seeds, chunks, devices and the store."""
+"""Thousands of runs: configuration, seeds, tiles, worker processes and the store."""

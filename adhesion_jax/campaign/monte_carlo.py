@@ -37,16 +37,16 @@ from adhesion_jax.records import Record
 from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import Group, Scenario
 
-#: The method whose objective every other is held against.
+#: The method with whose objective every other is compared.
 REFERENCE = "ml-exact"
 
-#: The bands of a stream are those of the runs of this many tiles, so that memory is flat.
+#: Number of tiles whose runs give the bands of a stream, so that memory does not grow with runs.
 _BAND_TILES = 2
 
-#: A campaign of at most as many tiles is run in this process alone.
+#: Largest number of tiles of a campaign that is run in this process alone.
 _FEW_TILES = 2
 
-#: Statuses that count as a failure whatever the method.
+#: Statuses that count as a failure for every method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
 
 
@@ -61,7 +61,7 @@ class Campaign(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """Which row of which table some statistics belong to."""
+    """The table and the row to which some statistics belong."""
 
     table: str
     group: Group
@@ -69,7 +69,7 @@ class _Row(NamedTuple):
 
 
 def progress_steps(config: Config, identifiers: Mapping[str, Identifier] = IDENTIFIERS) -> int:
-    """How often progress is reported for one configuration."""
+    """The number of times that progress is reported for one configuration."""
     return len(_work(config, identifiers))
 
 
@@ -80,10 +80,10 @@ def run_campaigns(
     workers: int = CORES,
     identifiers: Mapping[str, Identifier] = IDENTIFIERS,
 ) -> list[Campaign]:
-    """Run all identifiers on all runs; what is kept of a run is its share in some sums.
+    """Runs all identifiers on all runs; runs are reduced to sums tile by tile.
 
-    `keep` is given the estimates of each tile of runs, one row an estimate, in the order of the
-    runs; `progress` the name of the identifier whenever one is done with a tile. The names of
+    `keep` is called with the estimates of each tile, one row per estimate, in the order of the
+    runs; `progress` with the name of an identifier whenever it has finished a tile. The names in
     the configurations are looked up in `identifiers`.
     """
     work = [unit for config in configs for unit in _work(config, identifiers)]
@@ -139,7 +139,7 @@ def _gathered(
         for group in groups
     ]
     tally: dict[int, Moments] = {}
-    # Medians need every run. Where the rail never changes there is nothing to follow.
+    # Medians need every run. Without a change of the rail there is no delay to report.
     switches = any(a != b for a, b in pairwise(scenario.rails))
     seen: dict[str, list[Tracking]] = {name: [] for name in names}
     first_tiles: list[dict[str, Estimate]] = []
@@ -163,7 +163,7 @@ def _gathered(
         truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
         pool = _pooled(scenario, records, truth)
         truths = {name: pool if identifiers[name].POOLS else truth for name in methods}
-        # Where the exact optimum is not known, or not looked for, no gap to it is a failure.
+        # A gap to the exact optimum is a failure only if the optimum is known and minimised.
         optima = {
             name: estimates.get(REFERENCE, e) if identifiers[name].FITS_LAST_RECORD else e
             for name, e in estimates.items()
@@ -207,9 +207,9 @@ def _tiles(config: Config) -> int:
 def _methods(
     scenario: Scenario, names: tuple[str, ...], identifiers: Mapping[str, Identifier]
 ) -> tuple[str, ...]:
-    """What is run: the reference wherever it can be, even where it is not reported.
+    """The methods to run; the reference is among them if it accepts the scenario, reported or not.
 
-    One method of each compiled form first, so that the workers begin by compiling different ones.
+    One method of each compiled form comes first, so that the workers compile different ones.
     """
     reference = identifiers.get(REFERENCE)
     has_reference = reference is not None and reference.accepts(scenario.known) is None
@@ -234,8 +234,8 @@ def _truth(scenario: Scenario, bound: np.ndarray) -> Truth:
 def _pooled(scenario: Scenario, records: Record, truth: Truth) -> Truth:
     """The truth for a method that pools the blocks since the rail last changed.
 
-    Blocks of a rail tell as much as each other, so that a pool of k has a bound smaller by the
-    root of k. A block that holds the points of those before it is such a pool already.
+    The blocks of a rail have equal information, so that the bound of a pool of k is smaller by the
+    root of k. A block that contains the points of those before it is such a pool already.
     """
     fresh = np.asarray(records.fresh).sum(axis=-1)
     points = np.zeros(len(scenario.rails))

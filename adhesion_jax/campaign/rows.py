@@ -1,4 +1,4 @@
-"""What a campaign keeps: rows of estimates, bands of a stream, the table of tracking."""
+"""The rows that a campaign keeps: estimates, bands of a stream, the table of tracking."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +11,7 @@ from adhesion_jax.identifiers import Estimate, Status
 from adhesion_jax.metrics.tracking import Tracking, criteria_of, tracking_row
 from adhesion_jax.scenarios import Scenario
 
-#: Tables whose blocks are kept run by run; the others pool too many.
+#: Tables whose estimates are kept for every run; those of the others are too many.
 _STORED = ("summary", "switches", "checkpoints")
 
 _ROW_KEYS = ("scenario", "run", "identifier", "block", "rail")
@@ -41,7 +41,7 @@ def _identified(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _kept_share(estimate: Estimate) -> np.ndarray:
-    """The factor by which the past was last discounted; a reset keeps nothing of it."""
+    """The factor by which earlier data were last discounted; 0 after a reset."""
     return np.where(estimate.reset, 0.0, estimate.forgetting)
 
 
@@ -52,7 +52,7 @@ def estimate_rows(
     estimates: Mapping[str, Estimate],
     runs: np.ndarray,
 ) -> pd.DataFrame:
-    """A row for each run, identifier and block of the tables that are `_STORED`."""
+    """One row for each run, identifier and block of the tables that are `_STORED`."""
     tables = scenario.tables()
     groups = [group for name in _STORED if name in tables for group in tables[name]]
     blocks = np.array(sorted({block for group in groups for block in group.blocks}))

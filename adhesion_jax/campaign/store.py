@@ -1,4 +1,4 @@
-"""Where the estimates of a campaign are kept: one parquet file, a row group a table."""
+"""The file of the estimates of a campaign: one parquet file, one row group per table."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 
 
 class EstimateWriter:
-    """Appends tables of estimates to one parquet file, a row group a table.
+    """Appends tables of estimates to one parquet file, one row group per table.
 
     A column that a table does not have stays empty in its rows.
     """

@@ -117,7 +117,7 @@ def _compiled(
 ) -> _Program:
     """The compiled function of all methods of one form, whose numbers are of these kinds.
 
-    The identifier is an argument of it, so variants that differ in numbers alone share it.
+    The identifier is an argument, so that variants that differ in numbers alone share the function.
     """
     scenario = _scenario(scenario_name, options)
     keys = solver_keys(0, scenario_name, "", jnp.asarray(tile_runs(0)))

@@ -22,12 +22,15 @@ from adhesion_jax.traction.loop import Loop, Timing, Trace, check, run, timing, 
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
 
-#: The runs of a tile: a multiple of the first number, at most the second. With fewer runs the calls
-#: at each step take longer than the work, with more the states leave the cache. No loop has a
-#: matrix product or a sum over runs, so that a run gives the same bits whatever runs beside it.
-_LEAST, _MOST = 32, 512
+#: The number of runs of a tile is a multiple of this: with fewer runs the calls at each step take
+#: longer than the work. No loop has a matrix product or a sum over runs, so that a run gives the
+#: same bits whatever runs beside it.
+_LEAST = 32
 
-#: A run that is drawn has at most this many rows.
+#: Largest number of runs of a tile: with more the states leave the cache.
+_MOST = 512
+
+#: Largest number of rows of a run that is drawn.
 _ROWS = 3000
 
 #: The name of the segment that is the whole run.

@@ -1,4 +1,4 @@
-"""What an adhesion law is: adhesion from slip, and where its peak lies."""
+"""The contract of an adhesion law: adhesion as a function of slip, and its peak."""
 
 import dataclasses
 from abc import abstractmethod
@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 Scalar = float | Float[Array, ""]
 Conditions = Mapping[str, Float[Array, "..."] | float]
 
-#: Largest slip ratio that a peak is looked for at: a wheel that turns twice as fast as it rolls.
+#: Largest slip ratio at which a peak is searched: the wheel turns at twice its rolling speed.
 SLIP_LIMIT = 1.0
 
 
@@ -61,7 +61,7 @@ class Law(eqx.Module):
         """Adhesion at `slip`, odd in slip.
 
         `conditions` holds columns by name (vehicle_speed_mps, normal_load_N ...), each a scalar
-        or of the shape of `slip`; a law takes what it needs and ignores the rest.
+        or of the shape of `slip`; a law uses those it needs and ignores the others.
         """
 
     @abstractmethod
@@ -73,8 +73,8 @@ class Curve(Law):
     """A law whose fields are its parameters.
 
     PARAMETERS describes every field; `free` names those that are identified, the others are
-    known. NEEDS names the conditions without which the curve cannot be evaluated. AUTOMATIC: it
-    is among the curves that a discovery chooses from by itself.
+    known. NEEDS names the conditions without which the curve cannot be evaluated. AUTOMATIC says
+    whether a discovery considers the curve in its own choice.
     """
 
     PARAMETERS: eqx.AbstractClassVar[Mapping[str, Parameter]]
@@ -85,12 +85,12 @@ class Curve(Law):
     @classmethod
     @abstractmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
-        """Free parameters to begin a fit from, where the largest adhesion is about `top`."""
+        """Free parameters to start a fit from, for data whose largest adhesion is about `top`."""
 
     @classmethod
     @abstractmethod
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> "Curve":
-        """A random curve of about this largest adhesion, at about this slip ratio if it can."""
+        """A random curve of about this largest adhesion, at about this slip ratio if possible."""
 
 
 C = TypeVar("C", bound=Curve)

@@ -29,7 +29,7 @@ class Burckhardt(Curve):
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "c1": Parameter("1", 0.001, 2.0, "level of the plateau", _SOURCE),
         "c2": Parameter("1", 0.5, 5000.0, "steepness of the rise", _SOURCE),
-        "c3": Parameter("1", 0.0, 5.0, "fall behind the peak", _SOURCE),
+        "c3": Parameter("1", 0.0, 5.0, "fall beyond the peak", _SOURCE),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ()
     AUTOMATIC: ClassVar[bool] = True
@@ -50,7 +50,7 @@ class Burckhardt(Curve):
         return self.c1 * jnp.sign(slip) * rise - self.c3 * slip
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        # Kept from zero, so that value and derivative stay finite; the clip below then answers.
+        # Kept above zero, so that value and derivative stay finite; the clip then gives the slip.
         rise, fall = jnp.maximum(self.c1 * self.c2, 1e-300), jnp.maximum(self.c3, 1e-300)
         stationary = (jnp.log(rise) - jnp.log(fall)) / self.c2
         slip = jnp.clip(stationary, 0.0, slip_limit)

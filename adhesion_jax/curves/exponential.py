@@ -27,7 +27,7 @@ class Exponential(Curve):
     free: tuple[str, ...] = eqx.field(default=("a", "b", "c"), static=True)
 
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "a": Parameter("1/slip", 1e-4, 100.0, "decay behind the peak", _SOURCE),
+        "a": Parameter("1/slip", 1e-4, 100.0, "decay beyond the peak", _SOURCE),
         "b": Parameter("1/slip", 0.1, 5000.0, "steepness of the rise", _SOURCE),
         "c": Parameter("1", 0.001, 5.0, "level of the plateau", _SOURCE),
     }

@@ -12,7 +12,7 @@ from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, P
 
 
 class Level(Curve):
-    """mu(l) = m sign(l): what is left of a curve where all data are at one size of slip."""
+    """mu(l) = m sign(l): the curve for data that are all at one size of slip."""
 
     level: Scalar
     free: tuple[str, ...] = eqx.field(default=("level",), static=True)

@@ -35,7 +35,7 @@ class MagicFormula(Curve):
         "e": Parameter("1", -20.0, 1.0, "curvature factor", _SOURCE),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ()
-    AUTOMATIC: ClassVar[bool] = False  # it absorbs real effects
+    AUTOMATIC: ClassVar[bool] = False  # its free shape absorbs real effects
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:

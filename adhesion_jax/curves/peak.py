@@ -1,4 +1,4 @@
-"""The peak of a law that has no closed form for it."""
+"""The peak of a law without a closed form for it, found numerically."""
 
 from collections.abc import Callable
 

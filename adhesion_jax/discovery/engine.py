@@ -259,8 +259,8 @@ def _thinned(record: Record) -> tuple[Record, list[str]]:
     if every == 1:
         return record, []
     return jax.tree.map(lambda column: column[:, ::every], record), [
-        f"Of {points} points every {every}. was used to find effects, and all to measure errors; "
-        "effects that act within a few samples may be missed."
+        f"One in {every} of the {points} points was used to find effects, and all to measure the "
+        "errors; effects that act within a few samples may be missed."
     ]
 
 

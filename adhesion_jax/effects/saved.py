@@ -99,7 +99,7 @@ def _no_law(source: str) -> InputError:
 
 
 def _finite(parameters: Iterable[str], fields: dict[str, Any]) -> dict[str, Any]:
-    """The fields, of which the parameters are finite numbers: Python's JSON knows NaN."""
+    """The fields; the parameters must be finite numbers, because Python's JSON accepts NaN."""
     if not all(math.isfinite(fields[name]) for name in parameters if name in fields):
         raise ValueError
     return fields

@@ -1,4 +1,4 @@
-"""From the parameters a method found to its Estimate: what all methods with a curve share."""
+"""The Estimate from the parameters that a method found: shared by all methods with a curve."""
 
 from collections import OrderedDict
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from adhesion_jax.records import Known, Record
 
 
 class Fit(NamedTuple):
-    """Parameters found and how well they fit the last record."""
+    """The parameters found, and their fit to the last record."""
 
     parameters: Float[Array, " free"]
     covariance: Float[Array, "free free"]
@@ -35,7 +35,7 @@ class FitState(NamedTuple):
     """The state of a batch method: the last fit, which is what the next one starts from."""
 
     known: Known
-    key: PRNGKeyArray  # a solver's own randomness, new for every block
+    key: PRNGKeyArray  # random key of the solver, new for every block
     fit: Fit
 
 
@@ -61,12 +61,12 @@ def evaluate(
     evaluations: Int[Array, ""],
     converged: Bool[Array, ""],
 ) -> Fit:
-    """What the record says of parameters that minimise the sum of squares.
+    """The fit of a record for parameters that minimise its sum of squares.
 
     Their covariance is the inverse information times the noise variance, which is estimated
     from the residual. A record that makes the sum of squares NaN or infinite is left out whole,
-    and the previous parameters stay: were single points masked out, every run of a batch would
-    have a mask of its own, and what runs with the same slips share would be computed in each.
+    and the previous parameters stay: if single points were masked out, every run of a batch would
+    have its own mask, and quantities that runs of equal slips share would be computed in each.
     """
     curve = with_free_values(known.curve, parameters)
     adhesion, information = adhesion_and_information(
@@ -89,7 +89,7 @@ def evaluate(
 
 
 def without_past(state: FitState) -> Estimate:
-    """The estimate of a method that knows its last record alone."""
+    """The estimate of a method that uses its last record alone."""
     return to_estimate(state.known, state.fit, jnp.asarray(jnp.nan), jnp.zeros((), dtype=bool))
 
 

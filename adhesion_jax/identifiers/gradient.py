@@ -22,7 +22,7 @@ class GradientLeastSquares(Identifier):
     RESETS: ClassVar[bool] = False
 
     solver: Solver = eqx.field(static=True)
-    steps: int = eqx.field(static=True)  # at most; a batch waits for its slowest run
+    steps: int = eqx.field(static=True)  # largest number; a batch takes as many as its slowest run
 
     def accepts(self, known: Known) -> str | None:
         return needs_blocks(known)

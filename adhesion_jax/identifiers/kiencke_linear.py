@@ -21,8 +21,8 @@ from adhesion_jax.identifiers.online import OnlineState, R, Step, over_fresh_sam
 from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.records import Known, Record
 
-#: The program in the box is pulled to the start by this share of the information: enough to
-#: settle it while one sample alone is known, too little to be seen afterwards.
+#: The quadratic program in the box has a prior at the start of this share of the information:
+#: enough to determine it from a single sample, too little to matter afterwards.
 _RIDGE = 1e-10
 
 #: p1 and p2 of one estimate; not one array, for over a batch of runs each of them is one.
@@ -80,7 +80,7 @@ def solve(normal: Normal) -> Float[Array, "2"]:
 
 
 def solve_in_box(known: Known, normal: Normal) -> Pair:
-    """The best x in the box, pulled a little to the start of the scenario."""
+    """The best x in the box, with a weak prior at the start of the scenario."""
     pull = _RIDGE * (normal.h11 + normal.h22)
     x1, x2 = free_values(known.curve)
     return bounded_pair(
@@ -127,7 +127,7 @@ def discounted(
     eta: Float[Array, ""],
     weight: Float[Array, ""],
 ) -> Normal:
-    """The sums after one more sample: what was there times eta, the sample times its weight.
+    """The sums after one more sample: the old sums times eta, plus the sample times its weight.
 
     The sums of residuals are only discounted: the residual is known once x is.
     """
@@ -143,7 +143,7 @@ def discounted(
 
 
 def with_residual(normal: Normal, sample: Regression, weight: Float[Array, ""], x: Pair) -> Normal:
-    """The residual of the sample just taken up, at the x found with it, put into the sums."""
+    """The sums with the residual of the last sample, at the x that was found with it."""
     u1, u2, z = sample
     squared = (weight * (z - x[0] * u1 - x[1] * u2)) ** 2
     return normal._replace(

@@ -18,7 +18,7 @@ from adhesion_jax.records import Known, Record
 
 
 class LinearLeastSquares(Identifier):
-    """x = (sum U U')^-1 sum U Z, without bounds: what is behind every method of Qian et al. 2024.
+    """x = (sum U U')^-1 sum U Z, without bounds: the basis of every method of Qian et al. 2024.
 
     On a slippery rail p2 may come out negative; there is no peak then, and that is a failure.
     """

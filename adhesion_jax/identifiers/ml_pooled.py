@@ -23,13 +23,13 @@ from adhesion_jax.records import Known, Record
 
 _PARAMETERS = 3
 
-#: Residuals whose squares add up to less than this share of the squared adhesion are those of
+#: If the squared residuals add up to less than this share of the squared adhesion, they are due to
 #: rounding in the sums.
 _ROUNDING = 1e-12
 
 
 class Pool(NamedTuple):
-    """What is kept of the points since the last reset: their sums, number and optimum."""
+    """The points since the last reset: their sums, their number and their optimum."""
 
     sums: Sums
     points: Float[Array, ""]
@@ -37,7 +37,7 @@ class Pool(NamedTuple):
 
 
 class PooledState(NamedTuple):
-    """The pool, and of the last record what an estimate tells of it."""
+    """The pool, and the quantities of the last record that an estimate reports."""
 
     known: Known
     pool: Pool
@@ -53,11 +53,11 @@ def penalty(
     yy: Float[Array, ""],
     points: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """(J_joint - J_apart)/s^2, s^2 = J_apart/(n - 6): what one curve for two sets of data costs.
+    """(J_joint - J_apart)/s^2, s^2 = J_apart/(n - 6): the penalty of one curve for two data sets.
 
     J_apart is the sum of the optima of either set alone. If one curve holds for both, the
     penalty is distributed as chi-square with 3 degrees of freedom for large n, and a third of it
-    nearly as F(3, n - 6). The noise of data without any is taken as that of rounding.
+    nearly as F(3, n - 6). For data without noise, s^2 is that of rounding.
     """
     freedom = jnp.maximum(points - 2 * _PARAMETERS, 1.0)
     return (joint - apart) * freedom / jnp.maximum(apart, _ROUNDING * yy)
@@ -104,20 +104,20 @@ class PooledMaximumLikelihood(Identifier):
         points = jnp.sum(record.fresh, dtype=float)
         both = jax.tree.map(jnp.add, pool.sums, sums)
         count = pool.points + points
-        # In a loop of two, so that the search, a long program, is compiled once.
+        # The search, a long program, is called in a loop of two so that it is compiled once.
         found = jax.lax.map(
             lambda sums: variable_projection.minimise(sums, known.lower, known.upper),
             jax.tree.map(lambda *x: jnp.stack(x), sums, both),
         )
         alone, joint = (jax.tree.map(itemgetter(i), found) for i in range(2))
         cost = penalty(joint.objective, pool.found.objective + alone.objective, both.yy, count)
-        # A curve passes through any three points, so as few say nothing against another one.
+        # A curve passes through any three points, so that as few cannot contradict another curve.
         comparable = jnp.minimum(pool.points, points) > _PARAMETERS
         changed = comparable & (chance(cost, count) < self.level)
         grown, new = Pool(both, count, joint), Pool(sums, points, alone)
         after = jax.tree.map(lambda a, b: jnp.where(changed, a, b), new, grown)
-        # A block that is not finite is left out, for it would stay in the sums of the pool. So is
-        # an empty one, which may be the first: without points the optimum is any point of the box.
+        # A block that is not finite is left out, because it would stay in the sums of the pool. An
+        # empty block, which may be the first, is left out too: it has no unique optimum.
         finite = jnp.isfinite(joint.objective)
         after = jax.tree.map(lambda a, b: jnp.where(finite & (points > 0), a, b), after, pool)
         misfit = residual(known, record, _parameters(after))

@@ -1,4 +1,4 @@
-"""What methods that take one sample after the other share."""
+"""The state and the loop of methods that take one sample after the other."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
@@ -17,17 +17,17 @@ Step = Callable[..., R]
 
 
 class OnlineState(NamedTuple):
-    """The recursion of the method, and of the last record what an estimate tells of it."""
+    """The recursion, and the quantities of the last record that an estimate reports."""
 
     known: Known
     recursion: Any  # the method's own
     objective: Float[Array, ""]  # sum of squared residuals
-    samples: Int[Array, ""]  # those not seen before
-    skipped: Int[Array, ""]  # those of them that were left out
+    samples: Int[Array, ""]  # number of samples not seen before
+    skipped: Int[Array, ""]  # number of these that were left out
 
 
 def begin(known: Known, recursion: R) -> OnlineState:
-    """Before any data."""
+    """The state before any data."""
     return begun(OnlineState(known, recursion, jnp.zeros(()), jnp.int32(0), jnp.int32(0)))
 
 
@@ -36,7 +36,7 @@ def over_fresh_samples(
 ) -> OnlineState:
     """The state after every point of the record that has not been seen before.
 
-    A sample that is not finite is left out and counted: it would stay in the sums for good.
+    A sample that is not finite is left out and counted, because it would stay in the sums.
     """
 
     def one_sample(

@@ -30,9 +30,9 @@ _MOST = 0.5
 
 
 class Noise(NamedTuple):
-    """What noise of variance 1 adds to H, m = sum w [l^2, l^3; l^3, l^4], and takes from f.
+    """The bias by noise of variance 1: H is too large by m = sum w [l^2, l^3; l^3, l^4].
 
-    From f it takes [sum w l, m11]. Its variance is estimated by sum w e^2/D^2 over sum w.
+    f is too small by [sum w l, m11]. Its variance is estimated by sum w e^2/D^2 over sum w.
     """
 
     m11: Float[Array, ""]
@@ -103,7 +103,7 @@ class BiasCompensatedProgram(Identifier):
             eta * old.m12 + size**3,
             eta * old.m22 + size**4,
             eta * old.f1 + size,
-            eta * old.squares,  # the residual of this sample is added below, when x is known
+            eta * old.squares,  # the residual of this sample is added below, once x is known
             eta * old.weights + 1,
         )
         s2 = variance(normal, noise)
@@ -119,7 +119,7 @@ class BiasCompensatedProgram(Identifier):
 
 
 def variance(normal: Normal, noise: Noise) -> Float[Array, ""]:
-    """That of the adhesion, no more than a share of the least s^2 where det(H - s^2 M) = 0."""
+    """Noise variance of the adhesion, at most a share of the least s^2 with det(H - s^2 M) = 0."""
     curvature = jnp.maximum(normal.h11 * normal.h22 - normal.h12**2, 0.0)
     spread = noise.m11 * noise.m22 - noise.m12**2
     mixed = normal.h11 * noise.m22 + normal.h22 * noise.m11 - 2 * normal.h12 * noise.m12
@@ -141,5 +141,5 @@ def compensated(normal: Normal, noise: Noise, s2: Float[Array, ""]) -> Normal:
     )
 
 
-#: With the settings of Algorithm 2.
+#: The settings are those of Algorithm 2.
 qp_bias_compensated = BiasCompensatedProgram(0.971, 1.0, 2.0)

@@ -112,7 +112,7 @@ class QuadraticProgram(Identifier):
 
 
 def _of_three(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation; not of an array of three, which would be slow in a batch."""
+    """Mean and standard deviation of three scalars; an array of three would be slow in a batch."""
     mean = (a + b + c) / 3
     return mean, jnp.sqrt(((a - mean) ** 2 + (b - mean) ** 2 + (c - mean) ** 2) / 3)
 

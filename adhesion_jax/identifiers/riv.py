@@ -39,9 +39,12 @@ _FEW = 10
 #: the true one; a switch among them is missed if it makes the residuals, and so the scale, large.
 _FAST, _SLOW = (4, 5, 3.0), (8, 10, 2.2)
 
-#: Median of |n| for a standard Gaussian n, and the step of the recursion for the logarithm of that
-#: median that gives it the least variance: 1/(density of log |n| at the median).
-_MEDIAN, _STEP = 0.6745, 2.333
+#: Median of |n| for a standard Gaussian n.
+_MEDIAN = 0.6745
+
+#: Step of the recursion for the logarithm of that median, of least variance: 1/(density of log |n|
+#: at the median).
+_STEP = 2.333
 
 #: Least standard deviation of the noise, finer than any sensor of adhesion: data without noise
 #: would otherwise bring the scale to zero, and residuals are divided by it.

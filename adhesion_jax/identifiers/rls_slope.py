@@ -12,7 +12,8 @@ from adhesion_jax.identifiers.online import OnlineState, begin, over_fresh_sampl
 from adhesion_jax.optim.recursive_slope import slope_step
 from adhesion_jax.records import Known, Record
 
-#: Variance of the slope at the start, per unit of the noise variance: nothing is known of it.
+#: Variance of the slope at the start, per unit of the noise variance: so large that the start does
+#: not matter.
 _DIFFUSE = 1e12
 
 
@@ -50,8 +51,8 @@ class RecursiveSlope(Identifier):
     mu and v_s pass the same first-order low-pass before they are differenced; unequal filters
     would bias the slope. The noise of such a derivative is not white, so the covariance reported
     is carried through filter and recursion instead, with the noise of a sample estimated from the
-    innovations. It knows nothing of the lag behind a slope that changes, nor of the noise of v_s
-    in phi, which takes the share of that noise in E phi^2 off the slope.
+    innovations. It contains neither the lag behind a slope that changes nor the noise of v_s in
+    phi, which lowers the slope by the share of that noise in E phi^2.
     """
 
     FITS_LAST_RECORD: ClassVar[bool] = False
@@ -133,7 +134,7 @@ class RecursiveSlope(Identifier):
         return Recursion(*(jnp.where(first, a, b) for a, b in zip(begun, taken, strict=True)))
 
 
-#: Neither number is printed. Our reading: where slip velocity changes by 1 m/s^2 and samples are
-#: 10 ms apart the filter reaches back 0.1 s and the recursion 3 samples more. On fang2018-slope a
-#: longer memory lags by more than it gains in noise.
+#: gamma and the time constant are not printed; these are our choice. If the slip velocity changes
+#: by 1 m/s^2 and samples are 10 ms apart, the filter reaches back 0.1 s and the recursion 3 samples
+#: more. On fang2018-slope a longer memory adds more error by its lag than it saves in noise.
 rls_slope = RecursiveSlope(gamma=0.3, time_constant=0.1)

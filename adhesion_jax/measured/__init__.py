@@ -1,1 +1,1 @@
-"""One measured record: the fit of every curve, and what it leaves over."""
+"""One measured record: the fit of every curve, and the structure of its residual."""

@@ -1,4 +1,4 @@
-"""One measured record, one curve, nothing known beforehand: the best fit in the physical box."""
+"""The best fit of a curve to one measured record within its physical bounds, without a start."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
-#: Largest slip, in m/s, that a peak is looked for at where slip is a velocity.
+#: Largest slip at which a peak is searched if slip is a velocity, m/s.
 SLIP_VELOCITY_LIMIT = 10.0
 
 #: Polach's curve with falling friction has two valleys: of 48 noisy records a population of 50
@@ -30,33 +30,33 @@ _GENERATIONS, _SPREAD, _SEED = 2000, 1e-8, 0
 #: Largest number of steps of Levenberg-Marquardt.
 _STEPS = 500
 
-#: The search sees at most this many points, evenly chosen in slip; the polish sees all.
+#: Largest number of points of the search, chosen evenly in slip; the final fit uses all points.
 _SEARCH_POINTS = 1000
 
-#: A parameter lies on its bound where moving it there costs no more than this share of the misfit.
+#: A parameter lies on its bound if moving it there raises the misfit by at most this share.
 _FREE_OF_COST = 1e-9
 
-#: A parameter is without influence where its whole range moves adhesion by less than this (rms).
+#: A parameter has no influence if its whole range changes adhesion by less than this (rms).
 _NO_INFLUENCE = 1e-7
 
-#: A fit has converged where the step that is left is below this share of the standard errors.
+#: A fit has converged if the next step is below this share of the standard errors.
 _STEP_LEFT = 1e-3
 
-#: A residual below this share of the adhesion is the rounding of numbers, not noise.
+#: A residual below this share of the adhesion is due to the rounding of numbers, not to noise.
 EXACT = 1e-10
 
 
 class MeasuredFit(NamedTuple):
-    """The least squares fit of one curve, and what the record says about it.
+    """The least squares fit of one curve to a record, with errors and status.
 
     Noise is taken as independent, of one unknown variance SSE/(n - p), p the parameters that are
     not held. A parameter that is held (on its bound, or without influence) has no standard error
     (NaN); the others have those of a fit with that parameter known.
     """
 
-    curve: Curve  # its free parameters are those found
-    conditions: Mapping[str, float]  # what the peak is evaluated under: the record's medians
-    slip_limit: float  # the largest slip the peak was looked for at
+    curve: Curve  # with the fitted values of its free parameters
+    conditions: Mapping[str, float]  # conditions of the peak: the medians of the record
+    slip_limit: float  # largest slip at which the peak was searched
     slip_unit: str
     points: int
     sum_of_squares: float
@@ -233,7 +233,7 @@ def _fit(
             return jnp.sum((model - adhesion[chosen]) ** 2)
 
         value = jax.vmap(one_member, in_axes=1)(_box_share_to_parameters(curve, share))
-        # Inside the box a denominator may vanish: such a curve is worse than any other.
+        # A denominator may vanish inside the box: such a curve counts as worse than any other.
         return jnp.where(jnp.isfinite(value), value, jnp.inf)
 
     population_key, search_key = jax.random.split(jax.random.key(_SEED))
@@ -262,7 +262,7 @@ def _fit(
     free = ~bound & ~unfelt
     sum_of_squares = jnp.sum(misfit(parameters) ** 2)
     variance = sum_of_squares / jnp.maximum(slip.size - jnp.sum(free), 1)
-    # Held parameters are taken out: their rows and columns become those of the identity.
+    # Held parameters are removed: their rows and columns become those of the identity.
     information = jnp.where(jnp.outer(free, free), sensitivity.T @ sensitivity, 0.0)
     information = information + jnp.diag(jnp.where(free, 0.0, 1.0))
     of_share = jnp.where(jnp.outer(free, free), variance * inverse_information(information), 0.0)
@@ -277,7 +277,7 @@ def _fit(
     # The derivative by a parameter that is held may not be a number, and is not needed.
     by_parameter = jnp.where(free, jax.jacfwd(peak_values)(parameters), 0.0)
     peak_se = jnp.sqrt(jnp.diagonal(by_parameter @ covariance @ by_parameter.T))
-    # At the end of the range the slip of the largest adhesion is not an estimate.
+    # Without a peak the slip of the largest adhesion is an end of the range, not an estimate.
     peak_se = jnp.stack([jnp.where(peak.found, peak_se[0], jnp.nan), peak_se[1]])
     # Gauss-Newton's next step, squared and in standard errors: g' C g / s^4 with g = J'e.
     gradient = sensitivity.T @ misfit(parameters) / variance

@@ -8,34 +8,34 @@ from jaxtyping import Bool, Float, Int
 from adhesion_jax.measured.fit import MeasuredFit
 from adhesion_jax.records import Record
 
-#: Without a peak among the points, "behind" begins where the curve has reached this share of the
-#: largest adhesion it has there.
+#: If no peak lies among the points, the slope is taken beyond the slip at which the curve first
+#: reaches this share of its largest value at the points.
 _SHOULDER = 0.9
 
-#: Fewer points than this behind the peak do not give a slope.
+#: Fewest points beyond the peak for which a slope is given.
 _SLOPE_POINTS = 8
 
 
 class Residual(NamedTuple):
-    """Measured adhesion less the curve, in order of the size of slip, and what can be seen in it.
+    """Measured adhesion minus the curve, in order of the size of slip, with tests for structure.
 
-    Curves are odd: a braking point (negative slip) is turned over into the first quadrant.
+    Curves are odd: both signs of a braking point (negative slip) are turned.
     """
 
     slip: Float[np.ndarray, " points"]  # |slip|, rising
     adhesion: Float[np.ndarray, " points"]
     braking: Bool[np.ndarray, " points"]
     residual: Float[np.ndarray, " points"]
-    #: sqrt(mean(d^2)/2), d the differences of adhesion between neighbours in slip: the noise, as
-    #: far as the curve is straight between neighbours.
+    #: sqrt(mean(d^2)/2), d the differences of adhesion between neighbours in slip: the noise, if
+    #: the curve is straight between neighbours.
     scatter: float
     #: (2 - sum(d^2)/sum(e^2)) over its standard deviation, d the differences of the residual e
     #: between neighbours in slip: standard normal for white noise, large where neighbours are
     #: alike (von Neumann 1941, Ann. Math. Statist. 12:367-395).
     likeness: float
-    behind: float  # the slip behind which the slope is taken
+    behind: float  # the slip beyond which the slope is taken
     points_behind: int
-    slope: float  # of the residual against slip, behind the peak; NaN with too few points
+    slope: float  # of the residual against slip, beyond the peak; NaN with too few points
     slope_se: float
     #: Correlation of consecutive residuals of a run; NaN where the record has no time_s.
     lag_one: float
@@ -44,7 +44,7 @@ class Residual(NamedTuple):
 def residual_structure(
     fit: MeasuredFit, record: Record, runs: Int[np.ndarray, " points"]
 ) -> Residual:
-    """What one fit leaves. `runs` numbers the run that each point belongs to."""
+    """The residual of one fit. `runs` is the number of the run of each point."""
     measured_slip = np.asarray(record.slip)
     size = np.abs(measured_slip)
     side = np.where(measured_slip < 0, -1.0, 1.0)

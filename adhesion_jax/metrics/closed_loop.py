@@ -10,9 +10,14 @@ from jaxtyping import Array, Bool, Float, Int, UInt64
 #: Tracking and estimation errors are given a second time from this time after a switch on, s.
 SETTLED = 2.0
 
-#: t95 is the start of the first stretch of this length in s in which this share of the samples has
-#: at least this share of the largest adhesion.
-STRETCH, SHARE_OF_SAMPLES, SHARE_OF_PEAK = 0.3, 0.95, 0.95
+#: t95 is the start of the first stretch of this length in s that is near the largest adhesion.
+STRETCH = 0.3
+
+#: A stretch is near the largest adhesion if at least this share of its samples is.
+SHARE_OF_SAMPLES = 0.95
+
+#: A sample is near the largest adhesion if it has at least this share of it.
+SHARE_OF_PEAK = 0.95
 
 #: Number of flags in a word.
 _BITS = 64

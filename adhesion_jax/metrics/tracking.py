@@ -61,9 +61,7 @@ class Tracker(eqx.Module):
 
     stretch: Int[Array, " blocks"]
     truth: Float[Array, " blocks"]
-    before: Float[
-        Array, " blocks"
-    ]  # true mu_max at the end of the stretch before; NaN for the first
+    before: Float[Array, " blocks"]  # true mu_max at the end of the stretch before, or NaN
     stretches: int = eqx.field(static=True)
     criteria: Criteria = eqx.field(static=True)
     resets: bool = eqx.field(static=True)  # whether the method makes resets

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-#: An estimate nearer to a bound than this share of the box's width lies on the box.
+#: An estimate lies on the box if it is nearer to a bound than this share of the box's width.
 _ON_BOX = 1e-4
 
 # The sine has no slope on a bound: a start there could never leave it.
@@ -22,7 +22,7 @@ def on_bound(
 
 
 class Unbounded(NamedTuple):
-    """Coordinates without bounds for a solver that knows none.
+    """Coordinates without bounds, for a solver that has no bounds.
 
     x = lower + (upper - lower)(1 + sin u)/2 where both ends are finite (the transformation of
     MINUIT), x = scale u elsewhere, the scale being the size of the start.
@@ -50,6 +50,6 @@ class Unbounded(NamedTuple):
         return jnp.where(self.bounded, inside, self.scale * u)
 
     def from_box(self, x: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Moved inside where x lies on or beyond a bound."""
+        """x, moved inside the box if it lies on or beyond a bound."""
         share = jnp.clip((x - self.lower) / self.width, _START_MARGIN, 1 - _START_MARGIN)
         return jnp.where(self.bounded, jnp.arcsin(2 * share - 1), x / self.scale)

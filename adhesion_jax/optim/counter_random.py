@@ -1,4 +1,4 @@
-"""Random numbers from a counter: cheap enough for the inner loop of a population method.
+"""Random numbers from a counter, for the inner loop of a population method.
 
 A threefry draw costs several times a generation of differential evolution on a small problem.
 Here a 32-bit integer hash (two rounds of xor-shift and odd multiplication, constants of

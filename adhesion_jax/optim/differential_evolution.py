@@ -18,12 +18,12 @@ Objective = Callable[[Float[Array, "p members"]], Float[Array, " members"]]
 
 
 class Settings(NamedTuple):
-    """What steers the search. All but the two sizes may differ from run to run."""
+    """The settings of the search. All but the two sizes may differ from run to run."""
 
     scale: Float[Array, ""]  # F, the weight of the difference vector
     crossover: Float[Array, ""]  # CR
     reflect: Bool[Array, ""]  # a trial outside the box is mirrored at the bound, else clipped
-    tolerance: Float[Array, ""]  # spread of the objective, as a share of its best, to stop at
+    tolerance: Float[Array, ""]  # spread of the objective at which to stop, as a share of its best
 
 
 class State(NamedTuple):
@@ -136,7 +136,7 @@ def minimise(
 
 
 def _into_box(x: Array, lower: Array, upper: Array, reflect: bool | Bool[Array, ""]) -> Array:
-    """Clipped, or mirrored at the bounds; then a step longer than the box is cut where it ends."""
+    """Trials brought into the box: clipped, or mirrored at the bounds and then clipped."""
     mirrored = jnp.where(x < lower, 2 * lower - x, x)
     mirrored = jnp.where(mirrored > upper, 2 * upper - mirrored, mirrored)
     return jnp.clip(jnp.where(reflect, mirrored, x), lower, upper)

@@ -1,4 +1,4 @@
-"""What the gradient least-squares solvers have in common: their contract and the proof of success.
+"""The contract that all gradient least-squares solvers share, and the check of their success.
 
 Each library stands behind one adaptor file; both work on unbounded coordinates, mapped into the
 box by a sine.
@@ -26,7 +26,7 @@ class Result(NamedTuple):
     x: Float[Array, " p"]
     objective: Float[Array, ""]  # sum of squares
     steps: Int[Array, ""]
-    evaluations: Int[Array, ""]  # of the residual; a Jacobian counts as p of them
+    evaluations: Int[Array, ""]  # of the residual; a Jacobian counts as p evaluations
     converged: Bool[Array, ""]
 
 
@@ -44,9 +44,9 @@ def finish(
     upper: Float[Array, " p"],
     steps: Int[Array, ""],
 ) -> Result:
-    """The result at the x a library returned, its success proved afresh.
+    """The result at the x that a library returned, with its success checked again.
 
-    A library's own word for success is not taken: the Gauss-Newton step that is left, in the
+    The success that a library reports is not used: the Gauss-Newton step that is left, in the
     parameters that are not held by a bound, must be negligible and the Jacobian of full rank.
     An answer that is not finite is replaced by the start, and is no success.
     """

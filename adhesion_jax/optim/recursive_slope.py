@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 
 class SlopeStep(NamedTuple):
-    """After a sample: the coefficient, P, and what the sample did."""
+    """The coefficient and P after a sample, with its forgetting factor, gain and innovation."""
 
     theta: Float[Array, "..."]
     p: Float[Array, "..."]

@@ -1,9 +1,9 @@
 """Exact box-constrained least squares for y ~ a phi(x; nu) + b psi(x).
 
 Given nu the problem is linear in a and b (Golub and Pereyra 1973, SIAM J. Numer. Anal. 10),
-so the search is one-dimensional. What the data say is kept as sums that are smooth functions
-of nu, each a Chebyshev series in sqrt(nu): taken once from the points, they give the objective
-anywhere in the box at the cost of three short series, and those of two sets of data add up.
+so the search is one-dimensional. The data are reduced to sums that are smooth functions of
+nu, each a Chebyshev series in sqrt(nu): computed once from the points, they give the objective
+anywhere in the box at the cost of three short series, and the sums of two sets of data add up.
 """
 
 from collections.abc import Callable
@@ -23,8 +23,9 @@ DEGREE = 40
 _GRID = 64
 _SECANTS = 16
 
-#: Steps of the recurrence in a row: all of them where the series is most of the work (a search
-#: by population), else few, for the compiler takes longer over a long program than it saves.
+#: Number of steps of the recurrence that are unrolled: all of them if the series is most of the
+#: work (a search by population), else few, because compiling a long program takes longer than it
+#: saves.
 _UNROLL = 3
 
 Pair = tuple[Array, Array]
@@ -127,7 +128,7 @@ def minimise(sums: Sums, lower: Float[Array, "3"], upper: Float[Array, "3"]) -> 
 def _minimise_batch(
     size: int, batched: list, sums: Sums, lower: Array, upper: Array
 ) -> tuple[Solution, Solution]:
-    """A batch has its run axis last: a coefficient of all runs is then one stretch of memory."""
+    """Batches have their run axis last: a coefficient of all runs is then contiguous in memory."""
     run_last = jax.tree.map(
         lambda is_batched, x: jnp.moveaxis(x, 0, -1) if is_batched else x[..., None],
         tuple(batched),
@@ -169,7 +170,7 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
         # The barrier keeps the compiler from evaluating the series once for each of its uses.
         x, slope = jax.lax.optimization_barrier((x, slope_of_profile(values, slopes)))
         falling = slope < 0
-        # Illinois: the end kept twice in a row has its slope halved.
+        # Illinois: if the same end is kept twice in a row, its slope is halved.
         slope_high = jnp.where(falling & (last > 0), 0.5 * slope_high, slope_high)
         slope_low = jnp.where(~falling & (last < 0), 0.5 * slope_low, slope_low)
         return (

@@ -18,16 +18,23 @@ from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
 
-#: Samples between two reports, and reports between two checkpoints.
-_BLOCK, _SPACING = 10, 10
+#: Number of samples between two reports.
+_BLOCK = 10
 
-#: Speed of the vehicle in m/s and time between samples in s. Fang et al. 2018 prints neither: both
-#: are our choice for a train under way and its controller.
-_VEHICLE_SPEED, _SAMPLING = 20.0, 0.01
+#: Number of reports between two checkpoints.
+_SPACING = 10
 
-#: Time in s in which the slip velocity goes from its least value, an eighth of the largest, to the
-#: largest and back.
-_PERIOD, _LEAST = 8.0, 0.125
+#: Speed of the vehicle, m/s. Fang et al. 2018 does not print it; our choice for a train under way.
+_VEHICLE_SPEED = 20.0
+
+#: Time between two samples, s. Fang et al. 2018 does not print it; our choice for its controller.
+_SAMPLING = 0.01
+
+#: Time in which the slip velocity goes from its least to its largest value and back, s.
+_PERIOD = 8.0
+
+#: The least slip velocity, as a share of the largest.
+_LEAST = 0.125
 
 #: The largest slip of the stream over the slip of the peak.
 _BEYOND = 1.6

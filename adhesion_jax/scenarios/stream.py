@@ -81,7 +81,7 @@ def qian2024(
     if points < _CHECKPOINTS[0]:
         raise InputError(
             f"--points {points} is too few for --scenario qian2024; "
-            f"its first estimate is asked for after {_CHECKPOINTS[0]}."
+            f"its first estimate is taken after {_CHECKPOINTS[0]} points."
         )
     lengths = (*(k for k in _CHECKPOINTS if k < points), points)
     rail = rail_named(rail)

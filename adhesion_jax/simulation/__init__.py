@@ -1,1 +1,1 @@
-"""Simulated measurements that share no idea with the search they are to test."""
+"""Simulated measurements, independent of the search that they test."""

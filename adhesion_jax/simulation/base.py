@@ -1,4 +1,4 @@
-"""A base law on all runs of a simulated set: its adhesion, and what it leaves unexplained."""
+"""A base law on all runs of a simulated set: its adhesion, and its misfit after a refit."""
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ def _adhesion(
 def misfit(
     law: Curve, slip: np.ndarray, clean: np.ndarray, conditions: Conditions, rows: np.ndarray
 ) -> float:
-    """Rms of what the base law leaves of the clean adhesion of some runs, refitted by them."""
+    """Rms difference of the clean adhesion of some runs from the base law refitted to them."""
     needed = {name: jnp.asarray(conditions[name])[rows] for name in law.NEEDS}
     return refitted(law, slip[rows], clean[rows], needed)[1]
 
@@ -48,9 +48,9 @@ def misfit(
 def refitted(
     law: Curve, slip: np.ndarray, adhesion: np.ndarray, conditions: Conditions
 ) -> tuple[Curve, float]:
-    """The law with its free parameters by bounded least squares from where they are; the rms left.
+    """The law refitted by bounded least squares from its present parameters, and the rms residual.
 
-    Arrays of one shape; `conditions` holds what the law needs.
+    All arrays have one shape; `conditions` holds the columns that the law needs.
     """
     start = np.asarray(free_values(law))
     lower, upper = (np.asarray(bound) for bound in physical_box(law))

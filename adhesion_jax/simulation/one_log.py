@@ -14,18 +14,18 @@ from adhesion_jax.simulation.simulator import Noise, SimulatedSet, noisy
 #: Seconds between two points.
 _STEP = 0.1
 
-#: Slip ratio between the events, where the locomotive hardly slips.
+#: Slip ratio between the slip events.
 _BASE_SLIP = 0.004
 
-#: Misfit over the points of the events that each effect is given, in sigma.
+#: Wanted misfit of each effect over the points of the events, in standard deviations of the noise.
 _VISIBLE = 1.0
 
-#: Points that the longest event needs about itself.
+#: Number of points that the longest event needs in a run.
 _ROOM = 100
 
 
 class _Course(NamedTuple):
-    """What happens in a log before any adhesion, arrays [runs, points]."""
+    """The slip, events and columns of a log, before any adhesion; arrays [runs, points]."""
 
     slip: np.ndarray  # true
     event: np.ndarray  # whether the point lies in a slip event
@@ -113,7 +113,7 @@ def _course(
     """Columns and slip of one log; some are drawn for each run, the others drift as over a day."""
     draw = generator.uniform
     clock = _STEP * np.arange(points)
-    # Minutes to hours between two runs.
+    # The pauses between runs take minutes to hours.
     start = np.concatenate([[0.0], np.cumsum(clock[-1] + draw(300.0, 5000.0, runs - 1))])
     time = np.round(start[:, None] + clock, 1)
     speed = np.clip(draw(6.5, 8.5, (runs, 1)) + _wave(time, 1.5, 100.0, 300.0, generator), 5, 10)
@@ -183,7 +183,7 @@ def _events(
 
 
 def _dry(amount: float, course: _Course) -> np.ndarray:
-    """Less adhesion the damper: exp(-a (H - 65 %)/20 %)."""
+    """Adhesion falls with humidity: exp(-a (H - 65 %)/20 %)."""
     return np.exp(-amount * (course.columns["relative_humidity_pct"] - 65) / 20)
 
 
@@ -207,8 +207,8 @@ class LogForm(NamedTuple):
     """How an effect is planted in a log."""
 
     factor: Callable[[float, _Course], np.ndarray]  # of adhesion, at an amount
-    limit: float  # larger amounts are not believed: the misfit then stays below what is wanted
-    also_right: tuple[str, ...]  # names as right: the weather only drifts, speed hardly varies
+    limit: float  # largest plausible amount; with it the misfit may stay below the wanted one
+    also_right: tuple[str, ...]  # other right names: weather only drifts, speed hardly varies
 
 
 LOG_FORMS: Mapping[str, LogForm] = {
@@ -220,7 +220,7 @@ LOG_FORMS: Mapping[str, LogForm] = {
 
 def _amount(name: str, course: _Course, law: Burckhardt, sigma: float) -> float:
     amount = 0.1
-    # The misfit grows about as the amount does.
+    # The misfit is nearly proportional to the amount.
     for _ in range(4):
         clean = burckhardt(law, course.slip) * LOG_FORMS[name].factor(amount, course)
         ratio = _VISIBLE * sigma / _visible(law, course, clean)
@@ -229,7 +229,7 @@ def _amount(name: str, course: _Course, law: Burckhardt, sigma: float) -> float:
 
 
 def _visible(law: Burckhardt, course: _Course, clean: np.ndarray) -> float:
-    """Rms over the points of the events of what the base leaves, refitted to them."""
+    """Rms misfit of the base curve over the points of the events, refitted to these points."""
     return misfit(law, course.slip, clean, {}, course.event)
 
 

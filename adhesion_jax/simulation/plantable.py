@@ -97,7 +97,7 @@ class JointDependence(Plantable):
 
 
 class WaveAlongColumn(Plantable):
-    """A wave along a column that is neither place nor angle."""
+    """A wave along a column that is neither a position nor an angle."""
 
     FAMILY: ClassVar[str] = "periodic"
     SAME_AS: ClassVar[tuple[str, ...]] = ("periodic:groove_depth_um", "covariate:groove_depth_um")
@@ -137,8 +137,8 @@ PLANTABLE: Mapping[str, type[Plantable]] = {**EFFECTS, **BEYOND}
 
 
 def names_for(name: str) -> tuple[str, ...]:
-    """All names that stand for a planted effect, its own first.
+    """All names that count as a planted effect, its own first.
 
-    One that ends in a colon stands for every name that begins with it.
+    A name that ends in a colon counts for every name that begins with it.
     """
     return (name, *PLANTABLE[name].SAME_AS)

@@ -12,10 +12,10 @@ RANDOM_COLUMNS = (
     *("position_m", "curvature_per_m", "rail_age_days"),
 )
 
-#: What of the curve it changes: its level, the scale of its slip, its fall beyond the peak.
+#: The part of the curve that it changes: its level, its slip scale, its fall beyond the peak.
 ACTS_ON = ("level", "slip", "fall")
 
-#: The peak is looked for up to this slip, which is where the excitation ends.
+#: Largest slip at which the peak is searched, which is the largest slip of the excitation.
 _SLIP_END = 0.16
 
 #: Each of two columns has at least this share of the variance of the function, by total effect.
@@ -95,7 +95,7 @@ def smooth_function(
         scales = generator.uniform(0.3, 1.5, count)
         frequency = generator.standard_normal((count, _FEATURES)) / scales[:, None]
         if generator.random() < 0.5:
-            # Each cosine is one of a single column: a sum of functions of one column each.
+            # Each cosine depends on one column: f is then a sum of functions of one column each.
             frequency *= np.arange(count)[:, None] == np.arange(_FEATURES) % count
         phase = generator.uniform(0, 2 * np.pi, _FEATURES)
         weight = generator.standard_normal(_FEATURES)

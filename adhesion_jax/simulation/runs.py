@@ -13,7 +13,7 @@ _DAY = 86400.0
 _WHEEL_RADIUS = 0.46  # m
 _TRACK = 1000.0  # m
 
-#: Slip ratio at the low end of every excitation; where it was lower, adhesion would be all slope.
+#: Smallest slip ratio of every excitation; below it adhesion shows the initial slope alone.
 _SLIP_LOW = 0.005
 
 #: The base curves in turn.
@@ -23,7 +23,7 @@ Columns = dict[str, np.ndarray]
 
 
 class Runs(NamedTuple):
-    """What is true of each point, arrays [runs, points]; braking runs have negative slip."""
+    """The true slip and columns of each point, [runs, points]; braking runs have negative slip."""
 
     slip: np.ndarray  # ratio
     columns: Columns  # every other column of the table, and those that only effects ask for
@@ -69,7 +69,7 @@ def draw_runs(runs: int, points: int, operational: bool, generator: np.random.Ge
 
 
 def measured_speed(speed: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """The vehicle speed as it is measured: a thousandth of noise."""
+    """The measured vehicle speed, with noise of a thousandth."""
     return speed * (1 + 1e-3 * generator.standard_normal(speed.shape))
 
 

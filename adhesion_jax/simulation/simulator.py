@@ -1,4 +1,4 @@
-"""Simulated sets of runs with planted effects: what a discovery can be tested on."""
+"""Simulated sets of runs with planted effects, on which a discovery can be tested."""
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -55,7 +55,7 @@ class Noise(NamedTuple):
 
 
 class SimulatedSet(NamedTuple):
-    """A training and a test table, one row a point, and all that is true of them."""
+    """A training and a test table, one row per point, and the truth behind them."""
 
     train: pd.DataFrame
     test: pd.DataFrame
@@ -112,7 +112,7 @@ def simulate(
     clean_runs = CleanRuns(truth.slip, truth.columns, conditions, curve)
     planted: dict[str, Planted] = {}
     for name in (*effects, *(() if random is None else ("random",))):
-        # By name, so that an effect is the same whatever else is planted beside it.
+        # Seeded by name, so that an effect does not depend on the others that are planted.
         own = np.random.default_rng((seed, 9, *name.encode()))
         wanted = own.uniform(0.15, 0.3) if strength is None else strength
         if random is not None and name == "random":
@@ -160,7 +160,7 @@ def write_set(folder: Path, made: SimulatedSet) -> None:
     }
     with staged(folder, SET_FILES) as stage:
         for name, table in (("train", made.train), ("test", made.test)):
-            # Without a time stamp, so that equal sets are equal files.
+            # Without a time stamp, so that equal sets give equal files.
             table.to_csv(
                 stage / f"{name}.csv.gz",
                 index=False,
@@ -190,7 +190,7 @@ def _check(
     ):
         _known(what, asked, known)
     if len(set(effects)) < len(effects):
-        raise InputError("An effect is planted once only; name each once.")
+        raise InputError("An effect can be planted only once; name each once.")
     needed = [name for name in remove if name in ("slip_ratio", "adhesion", "run")]
     if needed:
         raise InputError(f"Without the column {needed[0]} there is nothing to discover; keep it.")
@@ -212,7 +212,7 @@ def _known(what: str, asked: Iterable[str], known: Collection[str]) -> None:
 
 
 def _extra_columns(effects: Sequence[str], truth: Runs, seed: int) -> Mapping[str, np.ndarray]:
-    """The columns that the table has only for the sake of these effects."""
+    """The columns that the table has only because these effects need them."""
     extra: dict[str, np.ndarray] = {}
     for name in effects:
         own = np.random.default_rng((seed, 10, *name.encode()))

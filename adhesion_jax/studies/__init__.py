@@ -1,1 +1,1 @@
-"""What judges: claims of papers, the baseline, the discovery over many sets, other methods."""
+"""Studies that judge the methods: claims of papers, a baseline, the discovery, other methods."""

@@ -25,16 +25,16 @@ RECURSION_PEER = "numpy-rls"
 RECURSIONS = ("rls-kiencke", "rls-kiencke-variable", "qp-qian2024-1", "qp-qian2024-2")
 RECURSION_RUNS, RECURSION_SAMPLES = 10_000, 500
 
-#: Number of groups that the runs go through in, whose states then fit into the cache; NumPy, which
-#: pays for every call, is fastest with all runs at once.
+#: Number of groups that the runs are divided into, so that the states of a group fit into the
+#: cache; NumPy, whose calls are slow, is fastest with all runs at once.
 RECURSION_GROUPS = 5
 
-#: What is timed is optimised, whatever the flags of the environment say.
+#: Timed programs are compiled with full optimisation, whatever the flags of the environment.
 _OPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "3"}
 
 
 def timed(seed: int) -> tuple[str, ...]:
-    """What takes turns in `block_table`: the peer, and every identifier that suits the blocks."""
+    """The methods of `block_table`: the peer, and every identifier that accepts the blocks."""
     scenario = build_scenario(Config(seed=seed))
     return (
         PEER,

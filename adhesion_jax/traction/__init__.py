@@ -1,1 +1,1 @@
-"""The traction loop: plants, and what is put around them."""
+"""The traction loop: plants, sensors, observers, seekers and controllers."""

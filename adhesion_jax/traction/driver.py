@@ -1,4 +1,4 @@
-"""What the driver asks for: torque up to a speed, then braking down to another."""
+"""The driver's demand: torque up to a speed, then braking down to another."""
 
 import equinox as eqx
 import jax.numpy as jnp

@@ -108,7 +108,7 @@ def timing(loop: Loop, step: float, period: float, duration: float) -> Timing:
         if control % measured and measured % control:
             raise InputError(
                 f"the sampling period of the sensors, {loop.sensors.period:g} s, neither divides "
-                f"nor is a multiple of the control period of {period:g} s; give one that does."
+                f"nor is a multiple of the control period of {period:g} s; give a period that does."
             )
     dead = 0
     if float(loop.plant.dead_time) > 0:

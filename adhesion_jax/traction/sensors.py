@@ -1,4 +1,4 @@
-"""How speeds are measured: sampled and held, with noise, pulses, bias and a wrong radius."""
+"""The sensors of speed: sampled and held, with noise, pulses, bias and a wrong radius."""
 
 from typing import NamedTuple
 
@@ -41,7 +41,7 @@ class Sensors(eqx.Module):
         if self.noise is None:
             return jnp.zeros((samples, axles + 1))
         drawn = jax.random.normal(key, (samples, axles + 1), dtype=jnp.float32)
-        # Without the barrier the compiler draws the same numbers anew wherever they are used.
+        # Without the barrier the compiler would draw the same numbers again at every use.
         return jax.lax.optimization_barrier(drawn).astype(float)
 
     def init(

@@ -1,4 +1,4 @@
-"""What passes between the parts of the loop."""
+"""The signals that pass between the parts of the loop."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 
 class Measured(NamedTuple):
-    """What the sensors of a train give."""
+    """The measurements of the sensors of a train."""
 
     motor_speed: Float[Array, " axles"]  # rad/s
     train_speed: Float[Array, ""]  # m/s
@@ -15,7 +15,7 @@ class Measured(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """What seekers and controllers are given at a control sample: nothing of rail or true state."""
+    """The input of seekers and controllers at a control sample; it contains no true state."""
 
     time: Float[Array, ""]  # s
     demand: Float[Array, " axles"]  # the driver's torque, N m

@@ -1,4 +1,4 @@
-"""What a wheel rolls on: a law of adhesion in slip velocity or in slip ratio."""
+"""The surface of a rail: a law of adhesion in slip velocity or in slip ratio."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -7,17 +7,17 @@ from jaxtyping import Array, Float
 from adhesion_jax.curves import Law
 from adhesion_jax.curves.base import SLIP_LIMIT, Peak
 
-#: Below this speed in m/s a slip ratio is taken as if the train had it: a ratio has no bound there.
+#: Smallest speed in m/s by which a slip velocity is divided: slip ratios diverge at rest.
 _SLOWEST = 0.5
 
-#: Largest slip velocity in m/s that a peak is looked for at.
+#: Largest slip velocity in m/s at which a peak is searched.
 SLIP_VELOCITY_LIMIT = 5.0
 
 
 class Surface(eqx.Module):
     """Adhesion at a slip velocity in m/s.
 
-    The law is asked at the slip velocity itself, or at its ratio to the speed of the train. The
+    The law is evaluated at the slip velocity itself, or at its ratio to the speed of the train. The
     parameters of the law are scalars, or have the shape of the contacts.
     """
 

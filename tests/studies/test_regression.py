@@ -348,7 +348,7 @@ def test_the_baseline_of_the_repository_holds_every_identifier():
         (lambda text: text.replace("rmse_se", "rmse_sd", 1), "no column rmse_se"),
         (lambda text: text.replace(",128.0,", ",many,", 1), "row 2, column runs: 'many'"),
         (lambda text: text.replace(",128.0,", ",0,", 1), "row 2, column runs is not above 0"),
-        (lambda text: text + text.splitlines()[1] + "\n", "names what an earlier row does"),
+        (lambda text: text + text.splitlines()[1] + "\n", "repeats an earlier row"),
         (lambda _: "", "is empty"),
     ],
 )

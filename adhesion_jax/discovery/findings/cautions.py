@@ -39,10 +39,10 @@ def absent(runs: RunSet) -> str:
         if name not in there and not any(other in there for other in others)
     ]
     if not missing:
-        return "No known column is absent; a cause without a column can still be behind a proxy."
+        return "No known column is absent; a cause without a column may still act through a proxy."
     return (
         f"Absent from the data: {', '.join(missing)}. If one of them acts, a column that varies "
-        "with it (a proxy) may have been blamed in its place."
+        "with it (a proxy) may have been named in its place."
     )
 
 
@@ -95,8 +95,8 @@ def extrapolated(state: Selection, law: CorrectedLaw, test: Record | None) -> tu
         if share > 0:
             sentences.append(
                 f"{100 * share:.2g} % of the test points have {name} outside {low:.4g} to "
-                f"{high:.4g}, where its effect was found: there the correction is held at its "
-                "edge value."
+                f"{high:.4g}, where its effect was found: there the correction keeps "
+                "its value at the edge."
             )
     return tuple(sentences)
 

@@ -334,8 +334,8 @@ def _slip_noise(noise: NoisySlip | None) -> list[FoundEffect]:
         f"{kind.sigma:.2g} m/s of a wheel speed" if kind.falls_with else f"{kind.sigma:.2g} of slip"
     )
     sentence = (
-        f"The slip signal has white noise of {what}: adhesion follows the slip that its neighbours "
-        "in time let expect, not the one measured. Points where the curve is steep count less."
+        f"The slip signal has white noise of {what}: adhesion follows the slip expected from the "
+        "neighbours in time, not the measured one. Points where the curve is steep count less."
     )
     return [
         FoundEffect(
@@ -370,7 +370,7 @@ def _torsion(line: Torsion | None, validation: Errors) -> list[FoundEffect]:
             {"frequency": "Hz", "amplitude": "1"},
             line.p,
             validation.after.value,
-            "An oscillation whose phase differs from run to run: it is in the noise, and no "
+            "An oscillation whose phase differs from run to run: it is part of the noise, and no "
             "prediction can know it.",
         )
     ]

@@ -145,19 +145,19 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
         return ()
     row = max(standing, key=lambda row: row.gain)
     name = row.name.split(" (")[0]
-    seen = f"{row.name} stands out of the residual (adjusted p = {row.p_adjusted:.2g}), but"
+    seen = f"{row.name} stands out in the residual (adjusted p = {row.p_adjusted:.2g}), but"
     if state.fitted.log and row.gain > rules.SURE_BUT_FOR_A_STRETCH * row.gain_se:
         why = (
             f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "
-            "effect. What happened once goes with every column that was different there; a second "
-            "run of the same line would tell."
+            "effect. A single event agrees with every column that was different there; a second "
+            "run over the same line would decide."
         )
     else:
         why = (
             f"{seen} taken into the law it does not raise the likelihood of runs left out by "
             f"enough ({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not "
-            "counted as an effect. It may be weak, or stand for something that has no column here; "
-            "more runs in which it varies would tell."
+            "counted as an effect. It may be weak, or a proxy for a cause that has no column here; "
+            "more runs in which it varies would decide."
         )
     return (Doubt((name,), why),)
 
@@ -184,8 +184,8 @@ def level_doubts(state: Selection, seed: int) -> tuple[Doubt, ...]:
     return (
         Doubt(
             (found.column,),
-            f"What is left of the level of each run follows {found.column}: a smooth function of "
-            f"it explains {100 * found.explained:.0f} % of the variance (adjusted p = "
+            f"The remaining level of each run follows {found.column}: a smooth function of this "
+            f"column explains {100 * found.explained:.0f} % of the variance (adjusted p = "
             f"{found.p:.2g}). No effect of {found.column} was accepted that also agrees with what "
             "happens within the runs: it may act in a form that is not in the catalogue, or "
             "together with an error of the signals.",

@@ -37,7 +37,7 @@ from adhesion_jax.report.style import (
     thinned,
 )
 
-#: The figures by the names of their files; those that there is nothing for are not drawn.
+#: The names of the files of the figures; a figure without content is not drawn.
 FIGURES = (
     "adhesion.png",
     "residuals.png",
@@ -50,7 +50,7 @@ FIGURES = (
 
 _DPI = 110
 
-#: Bars of a round: what comes behind them is in the table.
+#: Largest number of bars of a round; the other candidates are in the table.
 _BARS = 10
 _ROUNDS = 4
 
@@ -233,7 +233,7 @@ def _ranking(findings: Findings) -> Figure | None:
 
 
 def _end(row: Candidate) -> float:
-    """How far the axis must reach so that a bar and the words behind it fit."""
+    """The end of the axis at which a bar and the words beside it fit."""
     words = min(len(decision(row.decision)), _WORDS)
     return max(float(np.nan_to_num(row.z)), 1.0) / (0.94 - 0.0085 * words)
 
@@ -241,7 +241,7 @@ def _end(row: Candidate) -> float:
 def _round(axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...]) -> None:
     bars = axis.barh(
         np.arange(len(rows)),
-        # Less than nothing is nothing: a bar to the left would run into the names.
+        # A negative z is drawn as 0: a bar to the left would run into the names.
         np.maximum(np.nan_to_num([row.z for row in rows]), 0.0),
         color=[_shade(row.decision) for row in rows],
         edgecolor="0.25",

@@ -26,7 +26,7 @@ def level_panels(findings: Findings) -> Figure | None:
                 200 * levels["error"],
                 color=BEFORE if before else AFTER,
                 marker="s" if before else "o",
-                # A level that stays as it was is seen as a point within a square.
+                # A level that does not change shows as a point within a square.
                 markersize=6 if before else 3.5,
                 markerfacecolor="white" if before else AFTER,
                 linestyle="none",

@@ -1,4 +1,4 @@
-"""What a law leaves, before and after, against every column of the data."""
+"""The residual of a law, before and after, against every column of the data."""
 
 import numpy as np
 import pandas as pd
@@ -21,19 +21,23 @@ from adhesion_jax.report.style import (
     thinned,
 )
 
-_BINS, _FEWEST_BINS = 10, 3
+#: Number of bins in which the means of a column are drawn.
+_BINS = 10
 
-#: Fewer runs in a bin give no standard error to go by.
+#: Fewest bins of a column that is nearly constant in each run.
+_FEWEST_BINS = 3
+
+#: Fewest runs in a bin for a useful standard error.
 _RUNS_A_BIN = 4
 
-#: Half the height of a panel in standard deviations of its points: the means are what it shows.
+#: Half the height of a panel, in standard deviations of its points: the panel shows the means.
 _REACH = 2.2
 
 
 def residual_panels(findings: Findings) -> Figure | None:
     """Small multiples: points before, and the means in bins before and after; none to draw: None.
 
-    Means and their errors are taken over runs: the points of one run are no independent ones.
+    Means and their errors are taken over runs, because the points of a run are not independent.
     """
     names, _ = residual_columns(findings)
     if not names:
@@ -84,7 +88,7 @@ def _label(findings: Findings, name: str) -> str:
 
 
 def _places(column: pd.Series) -> tuple[pd.Series, list[str] | None]:
-    """Where the points stand on the axis; for labels such as those of axles, their order."""
+    """The places of the points on the axis; labels such as those of axles are placed in order."""
     if pd.api.types.is_numeric_dtype(column):
         return column.astype(float), None
     codes, labels = pd.factorize(column.astype(str), sort=True)
@@ -111,7 +115,7 @@ def _binned(place: pd.Series, left: pd.Series, run: pd.Series) -> pd.DataFrame:
 
 
 def _bins(place: pd.Series, run: pd.Series) -> int:
-    """Fewer for a column that is much the same all along a run: each run is then in one bin."""
+    """The number of bins; fewer for a column that is nearly constant in each run."""
     along = place.groupby(run).std().median()
     if not along < 0.1 * place.std():
         return _BINS
@@ -119,7 +123,7 @@ def _bins(place: pd.Series, run: pd.Series) -> int:
 
 
 def _draw(axis: Axes, means: pd.DataFrame, when: str) -> float:
-    """The means with their errors; how far from zero they reach."""
+    """Draws the means with their errors; returns the largest distance from zero."""
     before = when == "before"
     axis.errorbar(
         means["place"],

@@ -47,7 +47,7 @@ def shape_panels(findings: Findings) -> Figure | None:
 
 
 def slip_limits(findings: Findings) -> tuple[float, float]:
-    """Zero and a little more than the measured slips."""
+    """The ends of the slip axis: zero and a little more than the measured slips."""
     slip = findings.points["slip"].to_numpy(dtype=float)
     low, high = min(0.0, 1.04 * slip.min()), max(0.0, 1.04 * slip.max())
     return (low, high) if low < high else (low, 1.0)  # every slip may be zero
@@ -60,7 +60,7 @@ def root_grid(low: float, high: float) -> np.ndarray:
 
 
 def medians(findings: Findings) -> Mapping[str, float]:
-    """The middle of every column, so that the law is drawn in its steady state."""
+    """The median of every column, so that the law is drawn in its steady state."""
     numeric = findings.points.select_dtypes("number").drop(
         columns=["run", "slip", "adhesion", "before", "after"], errors="ignore"
     )

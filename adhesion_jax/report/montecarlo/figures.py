@@ -30,8 +30,11 @@ _SHORT = {"mu_max": r"$\mu_{max}$ (1)", "forgetting": "forgetting\nfactor (1)"}
 #: Dots per inch of a figure of many panels, which is large and takes long to write.
 _MANY_PANELS = 110
 
-#: The histogram reaches this many bounds to either side of the truth.
-_WIDTHS, _BINS = 6, 60
+#: The histogram reaches this multiple of the bound to either side of the truth.
+_WIDTHS = 6
+
+#: Number of bins of the histogram.
+_BINS = 60
 
 
 def histogram(

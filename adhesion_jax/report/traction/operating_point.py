@@ -13,11 +13,17 @@ from adhesion_jax.report.style import light_frame, line_styles
 from adhesion_jax.report.traction.panels import draw_lines
 from adhesion_jax.report.traction.runs import Array, Line, Shown, curves, mean_of_axles
 
-#: Times before and after the switch between which the operating point is shown, s.
-_BEFORE, _AFTER = 1.0, 4.0
+#: The operating point is shown from this time before the switch on, s.
+_BEFORE = 1.0
 
-#: Number of frames of the moving picture, and of frames per second.
-_FRAMES, _RATE = 80, 16
+#: The operating point is shown up to this time after the switch, s.
+_AFTER = 4.0
+
+#: Number of frames of the moving picture.
+_FRAMES = 80
+
+#: Frames of the moving picture per second.
+_RATE = 16
 
 
 class _Passage(NamedTuple):

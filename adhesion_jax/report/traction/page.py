@@ -112,6 +112,10 @@ def _parameters(plant: PlantFile) -> Sequence[Block]:
         for tag, words in TAGS.items()
     }
     told = ", ".join(f"{count} {words}" for words, count in counted.items() if count)
-    words = f"Parameters of the plant ({plant.title}): {told}." if told else "No tags are given."
+    words = (
+        f"Parameters of the plant ({plant.title}): {told}."
+        if told
+        else "The parameters of the plant have no tags."
+    )
     headings = ("parameter", "value", "unit", "where from", "source")
     return [Paragraph(words), Table(headings, rows, ("value",))]

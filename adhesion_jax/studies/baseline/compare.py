@@ -30,19 +30,19 @@ from adhesion_jax.studies.baseline.table import KEYS, SPEED
 
 Array = NDArray[np.float64]
 
-#: Probability of a false alarm in the whole table of accuracy, at most.
+#: Largest probability of a false alarm in the whole table of accuracy.
 FALSE_ALARM = 0.005
 
-#: An identifier is slower when its ratio to the peer is this many times below the baseline's.
+#: An identifier is slower if its ratio to the peer is below the baseline's divided by this.
 SLOWER = 1.5
 
 #: Two figures whose standard errors are zero are the same to this relative difference.
 _ROUNDING = 1e-9
 
-#: Figures by which an identifier can only get better by having less.
+#: Figures of which a smaller value is always better.
 _LESS_IS_BETTER = ("rmse", "failure_share")
 
-#: What became of a figure; the first three mean that something got worse.
+#: Verdicts on a figure; the first three are regressions.
 WORSE, MOVED, GONE, BETTER, NEW, SAME = "worse", "moved", "gone", "better", "new", "same"
 REGRESSIONS = (WORSE, MOVED, GONE)
 
@@ -50,7 +50,7 @@ REGRESSIONS = (WORSE, MOVED, GONE)
 def compare(baseline: pd.DataFrame, fresh: pd.DataFrame) -> pd.DataFrame:
     """One row a comparison: keys, statistic, baseline, baseline_se, fresh, fresh_se, p, verdict.
 
-    What stands in one table alone is `new` or `gone`, one row an identifier where all of it is.
+    A figure that only one table has is `new` or `gone`; an identifier that only one has is one row.
     """
     old, new = _figures(baseline), _figures(fresh)
     both = _judged(old.merge(new, on=[*KEYS, "statistic"], suffixes=("_0", "_1")))
@@ -59,13 +59,13 @@ def compare(baseline: pd.DataFrame, fresh: pd.DataFrame) -> pd.DataFrame:
 
 
 def suspects(compared: pd.DataFrame) -> tuple[str, ...]:
-    """The identifiers that seem slower: to be timed again before they are accused."""
+    """The identifiers that seem slower; they are timed a second time before the verdict."""
     slow = compared[(compared["statistic"] == SPEED) & (compared["verdict"] == WORSE)]
     return tuple(slow["identifier"])
 
 
 def faster_of(first: pd.DataFrame, again: pd.DataFrame) -> pd.DataFrame:
-    """The table with the better of two timings: what else a machine does only costs time."""
+    """The table with the better of two timings, since other load can only slow a method down."""
     better = first.copy()
     for _, row in again.iterrows():
         place = (better["identifier"] == row["identifier"]) & (better["quantity"] == SPEED)
@@ -128,18 +128,18 @@ def share_p(share: Sequence[Array], runs: Sequence[Array]) -> Array:
 
 
 def _where_finite(p: Array, figures: Sequence[Array]) -> Array:
-    """A figure that is a number on one side alone has moved; on neither, not."""
+    """The p, replaced by 0 if only one of two figures is a number and by 1 if neither is."""
     old, new = (np.isfinite(figure) for figure in figures)
     return np.where(old & new, p, np.where(old == new, 1.0, 0.0))
 
 
 def _figures(table: pd.DataFrame) -> pd.DataFrame:
-    """In long form: one row a figure that is compared, with its error and its runs."""
+    """The table in long form: one row per compared figure, with its error and its runs."""
     parts = []
     accuracy = table[table["quantity"] != SPEED]
     for name in ("bias", "rmse", "coverage95"):
         parts.append(_long(accuracy, name, f"{name}_se"))
-    # A failure is one of the whole curve, the same for all its quantities.
+    # A failure concerns the whole curve and is the same for all its quantities.
     whole = accuracy.assign(quantity="curve").drop_duplicates(list(KEYS))
     parts.append(_long(whole, "failure_share", "failure_share_se"))
     parts.append(_long(table[table["quantity"] == SPEED], SPEED, "speed_spread"))
@@ -175,7 +175,7 @@ def _judged(both: pd.DataFrame) -> pd.DataFrame:
 
 
 def _unmatched(side: pd.DataFrame, other: pd.DataFrame, verdict: str) -> pd.DataFrame:
-    """Figures that the other table has not; one row for an identifier it does not know at all."""
+    """Figures that the other table lacks; one row for an identifier that it lacks entirely."""
     names = [*KEYS, "statistic"]
     known = pd.MultiIndex.from_frame(other[names])
     alone = side.loc[~pd.MultiIndex.from_frame(side[names]).isin(known), names]

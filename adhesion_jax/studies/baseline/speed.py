@@ -13,10 +13,10 @@ from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.studies.baseline.accuracy import homes
 from adhesion_jax.studies.baseline.table import SPEED
 
-#: CPU seconds that an identifier is timed for in a turn, at least.
+#: Fewest CPU seconds for which an identifier is timed in a turn.
 _LEAST_SECONDS = 0.2
 
-#: Pieces of the peer's work before an identifier is timed, and after it.
+#: Number of pieces of the peer's work before, and again after, an identifier is timed.
 _PEER_REPEATS = 3
 
 _PEER_CURVES, _PEER_POINTS, _PEER_STEPS = 64, 500, 8

@@ -7,7 +7,7 @@ import pandas as pd
 from adhesion_jax.data.files import read_table
 from adhesion_jax.errors import InputError
 
-#: What names a row.
+#: The columns that identify a row.
 KEYS = ("scenario", "identifier", "rail", "quantity")
 
 #: Figures of a quantity on a rail; empty in a row of speed.
@@ -30,7 +30,7 @@ def assemble(accuracy: pd.DataFrame, speed: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_baseline(path: Path) -> pd.DataFrame:
-    """The table in a file; InputError where there is none, or where it is not such a table."""
+    """The table in a file; InputError if there is no file or it holds no such table."""
     if not path.is_file():
         raise InputError(f"--baseline {path} does not exist; make it with --update.")
     cells = read_table(path)
@@ -54,5 +54,5 @@ def read_baseline(path: Path) -> pd.DataFrame:
             raise InputError(f"{path} row {bad[0]}, column {name} is not above 0; {_REMEDY}.")
     twice = table.index[table.duplicated(list(KEYS))]
     if len(twice):
-        raise InputError(f"{path} row {twice[0]} names what an earlier row does; {_REMEDY}.")
+        raise InputError(f"{path} row {twice[0]} repeats an earlier row; {_REMEDY}.")
     return table.reset_index(drop=True)

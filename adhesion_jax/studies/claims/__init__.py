@@ -1,1 +1,1 @@
-"""What published papers claim, held against what can be computed."""
+"""Claims of published papers, compared with the numbers computed here."""

@@ -1,4 +1,4 @@
-"""Standard errors by drawing whole runs again, with replacement."""
+"""Standard errors by a bootstrap over whole runs."""
 
 from collections.abc import Iterator
 
@@ -15,5 +15,5 @@ def resamples(runs: int, random: np.random.Generator) -> Iterator[NDArray[np.int
 
 
 def spread(resampled: list[float]) -> float:
-    """The standard error from the values of the resamples; not a number where one is infinite."""
+    """The standard error from the values of the resamples; NaN if one of them is infinite."""
     return float(np.std(resampled, ddof=1)) if np.isfinite(resampled).all() else float("nan")

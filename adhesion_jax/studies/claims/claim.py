@@ -10,7 +10,7 @@ REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
 CANNOT_BE_CHECKED = "cannot be checked"
 
-#: Two numbers differ when they are further apart than this many Monte Carlo standard errors.
+#: Two numbers differ if their distance exceeds this number of Monte Carlo standard errors.
 STANDARD_ERRORS = 3.0
 
 

@@ -1,4 +1,4 @@
-"""What is computed for each run, tile by tile as in a campaign."""
+"""Functions of single runs, computed tile by tile as in a campaign."""
 
 from collections.abc import Callable
 

@@ -11,7 +11,7 @@ from adhesion_jax.discovery.types import Findings
 
 
 def discover_tables(train: pd.DataFrame, test: pd.DataFrame | None, seed: int) -> Findings:
-    """What a user gets who has the tables as files, reading included."""
+    """The findings that a user gets from these tables as files; reading them is included."""
     with TemporaryDirectory() as folder:
         runs = _runs(Path(folder) / "train.parquet", train)
         other = None if test is None else matching(runs, _runs(Path(folder) / "test.parquet", test))

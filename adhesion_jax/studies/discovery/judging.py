@@ -1,4 +1,4 @@
-"""What is right: which reported names and columns stand for what was planted."""
+"""Whether reported names and columns are right: which of them stand for the planted effects."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from adhesion_jax.simulation.plantable import names_for
 from adhesion_jax.simulation.simulator import SimulatedSet
 from adhesion_jax.studies.discovery.tasks import Task
 
-#: A class of more names than this counts by its first.
+#: Of a class of more names than this only the first one counts.
 _LARGEST_CLASS = 4
 
 
@@ -43,7 +43,7 @@ def judged(task: Task, made: SimulatedSet, findings: Findings) -> dict[str, obje
     reported = (*findings.effects, *findings.unexplained)
     claims = list(reported)
     if task.log is not None:
-        # The slip of a wheel speed is noisy: to say so is right, and no answer to what is hidden.
+        # The slip of a wheel speed is noisy: this claim is right, but names no planted effect.
         claims = [claim for claim in claims if "slip_noise" not in counted(claim)]
     hidden = task.effects if task.random is None else task.random.columns
     # [hidden, claims]
@@ -57,7 +57,7 @@ def judged(task: Task, made: SimulatedSet, findings: Findings) -> dict[str, obje
         if findings.test is not None
         else (np.nan, np.nan)
     )
-    # Noise of the slip is in every prediction of a log, and no law removes it.
+    # Noise of the slip is part of every prediction error of a log, and no law removes it.
     noisy_slip = task.log is not None and task.log.wheel_speed_noise > 0
     return {
         "chosen_base": findings.base,
@@ -92,7 +92,7 @@ def _stands_for(task: Task, hidden: str, claim: FoundEffect, names: Sequence[str
 
 
 def _is_offset(effect: str) -> bool:
-    """Whether a doubt about the shape of the curve is an answer to it."""
+    """Whether a doubt about the shape of the curve counts as naming the planted effect."""
     return effect in EFFECTS and EFFECTS[effect].OF_SLIP_ALONE
 
 
@@ -105,5 +105,5 @@ def _is_doubted(task: Task, hidden: str, findings: Findings) -> bool:
 def removed_share(before: float, after: float, noise: float) -> float:
     """(before^2 - after^2)/(before^2 - noise^2) of root mean square errors; NaN without excess."""
     excess = before**2 - noise**2
-    # With less than two per cent of excess over the noise its share is all chance.
+    # If the excess over the noise is below two per cent, its share is due to chance.
     return (before**2 - after**2) / excess if excess > 0.02 * noise**2 else np.nan

@@ -11,8 +11,8 @@ from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import ACTS_ON
 from adhesion_jax.studies.discovery.tasks import AUTOCORRELATIONS
 
-#: An effect is well removed from this share of the removable squared error on, and missed below
-#: that one.
+#: An effect is well removed if at least `REMOVED` of the removable squared error is removed, and
+#: missed if less than `MISSED` is.
 REMOVED, MISSED = 0.9, 0.1
 
 
@@ -70,7 +70,7 @@ def _null_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
 
 def _strength_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
     for part in ("power", "confusion"):
-        # An effect that cannot become as visible as was wanted says nothing of that strength.
+        # An effect that cannot reach the wanted misfit is not counted at that strength.
         reached = ~(sets["visible"] < 0.8 * sets["wanted"])
         chosen = sets[(sets["part"] == part) & reached]
         keys = chosen["wanted"].fillna(-1.0)

@@ -1,4 +1,4 @@
-"""The sets of a study: what is hidden in each, how strong, in which noise; all from the seed."""
+"""The sets of a study: planted effect, strength and noise of each, all drawn from the seed."""
 
 import itertools
 from collections.abc import Sequence
@@ -232,7 +232,7 @@ def make_set(task: Task) -> SimulatedSet:
         return with_strength(None)
     strength = 0.1
     made = with_strength(strength)
-    # The misfit grows about as the strength does: two corrections come within a few per cent.
+    # The misfit is nearly proportional to the strength: two corrections come within a few per cent.
     for _ in range(2):
         strength = float(np.clip(strength * task.visible / made.visible, 1e-4, 1.0))
         made = with_strength(strength)

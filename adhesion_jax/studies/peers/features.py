@@ -1,4 +1,4 @@
-"""What the peers of the discovery are given: the best base curve, features, folds of runs."""
+"""The input of the peers of the discovery: the best base curve, features, folds of runs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,7 +13,7 @@ from adhesion_jax.curves import CURVES, Curve, with_free_values
 from adhesion_jax.simulation.base import refitted
 from adhesion_jax.simulation.runs import BASE_CURVES
 
-#: Columns of the slip itself, which the base curve has already: a name of them is no cause.
+#: Columns of the slip, which the base curve contains already: naming them names no cause.
 OWN = ("base_adhesion", "slip_size")
 
 #: Number of blocks that a log without runs is cut into; folds and tests go by them.

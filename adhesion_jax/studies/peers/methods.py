@@ -1,4 +1,4 @@
-"""What a user would try on the residual of a base curve instead: the peers of the discovery.
+"""The peers of the discovery: general methods for the residual of a base curve.
 
 Each takes the measured training and test tables and answers with the adhesion it predicts on the
 test table and the columns that it names as causes. All are told the best base curve.
@@ -45,7 +45,7 @@ def sparse_regression(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Pr
     def fit(setting: tuple[float, float], rows: np.ndarray) -> np.ndarray:
         threshold, ridge = setting
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that a threshold has left no term is an answer
+            warnings.simplefilter("ignore")  # a result without any term is valid
             solver = STLSQ(threshold=threshold, alpha=ridge * rows.size, max_iter=10)
             solver.fit(library[rows], problem.residual[rows, None] / scale)
         return np.asarray(solver.coef_).ravel() * scale
@@ -53,7 +53,8 @@ def sparse_regression(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Pr
     def fitted_with(setting: tuple[float, float], rows: np.ndarray) -> np.ndarray:
         return library @ fit(setting, rows)
 
-    # There are more terms than runs: without a ridge, columns constant in a run run wild.
+    # There are more terms than runs: without a ridge the coefficients of columns that are constant
+    # in a run would diverge.
     settings = [
         (threshold, ridge)
         for threshold in (0.04, 0.08, 0.12, 0.2, 0.4, 1e3)

@@ -1,4 +1,4 @@
-"""The sets that the discovery and its peers are held against each other on."""
+"""The sets on which the discovery and its peers are compared."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -38,7 +38,7 @@ class Hidden(NamedTuple):
 
 
 class PeerSet(NamedTuple):
-    """One set and what is true of it."""
+    """One set and the truth behind it."""
 
     name: str
     planted: str  # in a word

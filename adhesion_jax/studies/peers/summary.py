@@ -1,11 +1,11 @@
-"""What each method did over all sets, and where a general method did better."""
+"""The results of each method over all sets, and the sets on which a general method is better."""
 
 import pandas as pd
 
 #: This project's own discovery, beside the peers.
 THIS = "discovery"
 
-#: A share larger by less than this is no better.
+#: A removed share counts as better only if it is larger by at least this.
 BETTER = 0.05
 
 

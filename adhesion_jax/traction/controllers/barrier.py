@@ -13,7 +13,7 @@ from adhesion_jax.traction.controllers.base import (
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Reference, Signals
 
-#: The error counts as no nearer to the end of its interval than this share of it.
+#: Largest share of its interval that the error counts as: z/k_z is clipped to it.
 _NEAREST = 0.95
 
 

@@ -1,4 +1,4 @@
-"""What a controller is: it commands the torque of each motor at every control sample."""
+"""The contract of a controller: it commands the torque of each motor at every control sample."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -16,8 +16,8 @@ Scalar = float | Float[Array, "..."]
 class Controller(eqx.Module):
     """Its fields are settings; numbers among them may differ without a new compilation.
 
-    One that follows a slip goes with a seeker; another is a whole law by itself. What it commands
-    is lowered to the driver's demand and kept within the limits of the drive by the loop.
+    A controller that follows a slip needs a seeker; another computes its torque without one. The
+    loop lowers its command to the driver's demand and keeps it within the limits of the drive.
     """
 
     FOLLOWS: ClassVar[bool] = True  # whether it follows the slip that a seeker asks for
@@ -35,7 +35,7 @@ class Controller(eqx.Module):
         reference: Reference | None,
         period: float,
     ) -> tuple[Any, Float[Array, " axles"]]:
-        """At a control sample, one `period` in s after the last: the torques in N m."""
+        """The state and the torques in N m at a control sample, `period` seconds after the last."""
 
 
 def direction(signals: Signals) -> Float[Array, " axles"]:
@@ -56,7 +56,7 @@ def torque_for(
 
 
 def following(reference: Reference | None) -> Reference:
-    """The reference of a controller that has a seeker, as the loop sees to."""
+    """The reference of a controller that needs a seeker; the loop makes sure that it has one."""
     if reference is None:
         raise TypeError("a controller that follows a slip was given no reference")
     return reference

@@ -66,7 +66,7 @@ class DifferentialAcceleration(Controller):
 
         load = sign * signals.load
         goal = jnp.minimum(self.back * state.at_trip, jnp.maximum(state.torque, load))
-        # While it holds, too: a rail that gets worse then would not be noticed.
+        # Also while it holds: otherwise a rail that gets worse then would not be noticed.
         trips = (gaining > self.trip) & (state.phase != _UNLOADING)
         rests = (state.phase == _UNLOADING) & (gaining < -self.released)
         calms = (state.phase == _HOLDING) & (state.held >= self.hold)

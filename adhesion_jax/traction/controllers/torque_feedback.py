@@ -24,7 +24,7 @@ class SlopeFeedback(Controller):
 
     The slope is that of recursive least squares (Eq. 11) through the differences of adhesion and
     slip from sample to sample, both with the lag of the observer, kept within +- 1 s/m and then
-    filtered. It is a whole law: it seeks no slip, K2 decides where it settles.
+    filtered. It needs no seeker: K2 decides the slip at which it settles.
     """
 
     FOLLOWS: ClassVar[bool] = False

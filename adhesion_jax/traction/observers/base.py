@@ -1,7 +1,7 @@
-"""What an observer is: it tells the load of the motor, and so the adhesion, from speed and torque.
+"""The contract of an observer: it estimates the load of the motor, and so the adhesion.
 
-One is a module whose fields are its settings, numbers or arrays [axles] that may differ without
-a new compilation. It is asked at every step of the plant.
+It computes them from speed and torque at every step of the plant. Its fields are its settings,
+numbers or arrays [axles] that may differ without a new compilation.
 """
 
 from abc import abstractmethod
@@ -19,7 +19,7 @@ Scalar = float | Float[Array, "..."]
 class Observer(eqx.Module):
     """J dw = T - T_L at the motor of each axle; adhesion is that of the load T_L."""
 
-    TOLD_LOAD: ClassVar[bool] = False  # whether it is given the true load: a yardstick, no observer
+    TOLD_LOAD: ClassVar[bool] = False  # whether it is given the true load, for comparison
 
     @abstractmethod
     def init(self, nominal: Plant, measured: Measured) -> Any:
@@ -42,7 +42,7 @@ class Observer(eqx.Module):
 
     @abstractmethod
     def slip(self, state: Any) -> Float[Array, " axles"]:
-        """The slip measured, in m/s, with the lag of the load as far as that is a linear one."""
+        """The measured slip in m/s, with the lag of the load if that lag is linear."""
 
     @abstractmethod
     def largest_step(self, nominal: Plant) -> float:

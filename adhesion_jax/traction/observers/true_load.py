@@ -1,4 +1,4 @@
-"""The true load: no observer, but the best that one could tell."""
+"""The true load, for comparison: the best that an observer could give."""
 
 from typing import ClassVar, NamedTuple
 
@@ -17,7 +17,7 @@ class TrueLoadState(NamedTuple):
 
 
 class TrueLoad(Observer):
-    """T_L as the rail gives it, which no train can know."""
+    """The true T_L in N m, which no train can measure."""
 
     TOLD_LOAD: ClassVar[bool] = True
 

@@ -1,4 +1,4 @@
-"""What a plant is: a train on its wheels, driven by the torque of its motors."""
+"""The contract of a plant: a train on its wheels, driven by the torque of its motors."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ class Quantity(NamedTuple):
 
 
 class Held(NamedTuple):
-    """What stays the same during a step."""
+    """The inputs of a plant that are constant during a step."""
 
     command: Float[Array, " axles"]  # torque of each motor in N m
     surface: Surface
@@ -41,12 +41,12 @@ class Powers(NamedTuple):
     motor: Float[Array, ""]
     slip: Float[Array, ""]
     gear: Float[Array, ""]
-    shaft: Float[Array, ""]  # what the damping of an elastic axle takes
+    shaft: Float[Array, ""]  # dissipated by the damping of an elastic axle
     resistance: Float[Array, ""]
     slope: Float[Array, ""]
 
 
-#: What every plant has.
+#: The parameters that every plant has.
 DRIVE: Mapping[str, Quantity] = {
     "torque_limit": Quantity("N m", 0.0, 1e6, "largest torque of a motor"),
     "power_limit": Quantity("W", 0.0, 1e8, "largest power of a motor"),
@@ -59,8 +59,8 @@ class Plant(eqx.Module):
     """The equations of motion of a train; its fields are its parameters, which PARAMETERS describe.
 
     Plants are given and give arrays [axles] for what each axle has. A state has the fields
-    `train_speed` and `torque`. What control is told of a train is a plant too: its properties and
-    the methods that take no state are what observers and controllers compute with.
+    `train_speed` and `torque`. The model of the train in the control is a plant too: observers and
+    controllers use its properties and the methods that take no state.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Quantity]]

@@ -1,4 +1,4 @@
-"""What a seeker is: it asks for a slip velocity, from what is observed of the rail."""
+"""The contract of a seeker: it asks for a slip velocity, from the observed adhesion."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -15,7 +15,7 @@ Scalar = float | Float[Array, "..."]
 class Seeker(eqx.Module):
     """Its fields are settings; numbers among them may differ without a new compilation."""
 
-    TOLD_OPTIMUM: ClassVar[bool] = False  # whether it is given the optimum: a yardstick, no seeker
+    TOLD_OPTIMUM: ClassVar[bool] = False  # whether it is given the true optimum, for comparison
 
     @abstractmethod
     def init(self, nominal: Plant, signals: Signals) -> Any:
@@ -25,4 +25,4 @@ class Seeker(eqx.Module):
     def update(
         self, state: Any, nominal: Plant, signals: Signals, period: float
     ) -> tuple[Any, Reference]:
-        """At a control sample, one `period` in s after the last: the slip asked for."""
+        """The state and the slip asked for at a control sample, `period` seconds after the last."""

@@ -1,4 +1,4 @@
-"""The slip of the largest adhesion, as the rail has it."""
+"""The true slip of the largest adhesion."""
 
 from typing import ClassVar
 
@@ -10,7 +10,7 @@ from adhesion_jax.traction.signals import Reference, Signals
 
 
 class TrueOptimum(Seeker):
-    """What no train can know: the best that a seeker could ask for."""
+    """The best slip that a seeker could ask for, which no train can measure."""
 
     TOLD_OPTIMUM: ClassVar[bool] = True
 

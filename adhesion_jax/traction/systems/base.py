@@ -1,4 +1,4 @@
-"""A published control system: what runs on which plant, over which rails."""
+"""A published control system: its methods, its plant and its rails."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -31,7 +31,7 @@ class Case(NamedTuple):
 
 
 class System(NamedTuple):
-    """What all cases of a paper share."""
+    """The settings that all cases of a paper share."""
 
     title: str
     source: str
@@ -43,13 +43,13 @@ class System(NamedTuple):
     slip: float  # at first, m/s
     slope: float  # of the track, rad
     driver: Driver
-    noise: Noise  # of the runs with noise: assumed, no paper has any
+    noise: Noise  # of the runs with noise; assumed, because no paper gives it
     cases: Callable[[float], Sequence[Case]]  # on a grid of steps in s; the paper's own come first
-    repairs: Sequence[str]  # where the equations here are not the printed ones
-    assumptions: Sequence[str]  # what the paper does not tell, beside the parameters of the plant
+    repairs: Sequence[str]  # sentences on equations that differ from the printed ones
+    assumptions: Sequence[str]  # sentences on what the paper leaves open beside the plant
 
 
-#: The name of a seeker that is not there.
+#: The name for the absence of a seeker.
 NO_SEEKER = "none"
 
 
@@ -58,7 +58,7 @@ def with_parts(
 ) -> Sequence[Case]:
     """The first case of each scenario with the parts that are named; all cases if none is.
 
-    A controller that is a whole law takes the place of the seeker too.
+    A controller that follows no slip replaces the seeker too.
     """
     if observer is seeker is controller is None:
         return cases
