@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.optimize import minimize_scalar
 
 from adhesion_jax.curves.burckhardt import Burckhardt
@@ -125,6 +126,16 @@ BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
 
 #: A short scenario that each method takes.
 HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
+
+
+def in_lanes(pairs):
+    """Always each method on its home, on the other scenarios where there is more time."""
+    return [
+        pytest.param(
+            *pair, marks=() if HOME.get(pair[0], pair[1]) == pair[1] else pytest.mark.thorough
+        )
+        for pair in pairs
+    ]
 
 
 @functools.cache

@@ -103,6 +103,7 @@ def told(tmp_path_factory):
     return answers
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["exact", "perturbed"])
 def test_the_new_effect_is_planted_on_the_new_curve_by_both_formulas(told, form):
     simulated = told[f"simulated {form}"]

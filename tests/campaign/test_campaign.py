@@ -181,6 +181,7 @@ def small():
     return collect(SMALL)
 
 
+@pytest.mark.thorough
 def test_same_numbers_whatever_the_number_of_workers(small):
     campaign, estimates = small
     parallel, parallel_estimates = collect(SMALL, workers=2)
@@ -245,6 +246,7 @@ class Still(Identifier):
         return Estimate(values, unit, none, nothing, no, jnp.asarray(jnp.nan), none, none)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("scenario", "blocks", "bytes_a_run"),
     [

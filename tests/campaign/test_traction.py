@@ -33,6 +33,7 @@ def few():
     return judged(40)
 
 
+@pytest.mark.thorough
 def test_runs_have_their_numbers_from_seed_and_run_alone(few):
     # 3 runs are in a tile of 32, 40 in one of 64: the first three are the same to the bit.
     three, again = judged(3), judged(3)
@@ -46,6 +47,7 @@ def test_runs_have_their_numbers_from_seed_and_run_alone(few):
     )
 
 
+@pytest.mark.thorough
 def test_processes_give_the_numbers_of_one(few):
     pd.testing.assert_frame_equal(few.metrics, judged(40, workers=2).metrics, check_exact=True)
 
@@ -87,6 +89,7 @@ def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
     assert rows["status"].tolist() == ["regular", "not reached", "not reached", "regular"]
 
 
+@pytest.mark.thorough
 def test_a_train_stands_coasts_or_runs_away_under_eq_8():
     stands, coasts, runs_away = (
         "Eq. 8 from rest, K1 19000, K2 18000",

@@ -64,6 +64,7 @@ def test_a_small_job_writes_its_files_and_leaves_others_alone(tmp_path):
         assert min(pixels.shape[:2]) > 400
 
 
+@pytest.mark.thorough
 def test_a_growing_sequence_has_its_own_figure_and_what_an_earlier_job_left_is_gone(tmp_path):
     (tmp_path / "switches.csv").write_text("of an earlier job")
     done = command(
@@ -83,6 +84,7 @@ def test_a_growing_sequence_has_its_own_figure_and_what_an_earlier_job_left_is_g
     assert in_force["points"] == 100
 
 
+@pytest.mark.thorough
 def test_the_main_job_has_both_scenarios_in_one_table_and_one_set_of_figures(tmp_path):
     done = command(
         *("--runs", 6, "--points", 100, "--identifiers", "ml-exact,riv,qp-qian2024-1"),

@@ -52,6 +52,7 @@ def two(campaign, train):
     return found, test, told
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, *more(2, 3)])
 def test_where_nothing_was_planted_nothing_is_found(seed):
     found = discover(runs_of(simulate(seed=seed, **SIZE).train))
@@ -64,6 +65,7 @@ def test_where_nothing_was_planted_nothing_is_found(seed):
     assert found.predictions is None
 
 
+@pytest.mark.thorough
 def test_two_effects_at_once_are_named(two, campaign):
     found = two[0]
     assert sorted(names_of(found.effects)) == ["humidity", "patch"]
@@ -234,6 +236,7 @@ def test_odd_tables_are_searched_as_others_are(change):
     assert found.train.after.value == pytest.approx(fitted_rms(table), rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_noise_in_the_slip_is_no_delay():
     campaign = simulate(["slip_noise"], seed=1, **SIZE)
     found = discover(runs_of(campaign.train))
@@ -242,6 +245,7 @@ def test_noise_in_the_slip_is_no_delay():
     assert found.train.after.value < 0.5 * found.train.before.value
 
 
+@pytest.mark.thorough
 def test_load_is_found_where_it_moves_adhesion_by_more_than_any_noise():
     """As on a tyre rig: adhesion by the load to a power, over a range of one to six."""
     table = simulate(seed=5, base="burckhardt", **SIZE).train.drop(columns=["sanding"])
@@ -284,6 +288,7 @@ def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs():
     assert shares == sorted(shares)
 
 
+@pytest.mark.thorough
 def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):
     monkeypatch.setattr("adhesion_jax.discovery.search.rules.MOST_SQUARES_TIMES", 0.0)
     found = discover(train)
@@ -311,6 +316,7 @@ def test_a_rig_of_one_slip_has_lateral_creep(seed):
     assert min(shown.factor) == pytest.approx(1 / np.hypot(1, 0.0175 / 0.02), abs=0.03)
 
 
+@pytest.mark.thorough
 def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
     found = discover(read_runs([SHIPPED["eurosprinter"].path]))
     assert found.effects == found.unexplained == ()
@@ -332,6 +338,7 @@ def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak(seed):
     assert found.train.after.high < found.train.before.value
 
 
+@pytest.mark.thorough
 def test_a_lag_slower_than_the_slip_is_found_though_a_curve_with_slow_noise_fits_too():
     """At 1.4 sigma the signal hardly follows the slip, and its score at no lag is nothing."""
     noise = Noise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)

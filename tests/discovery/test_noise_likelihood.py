@@ -296,6 +296,7 @@ def test_levels_of_runs_are_those_of_a_mixed_model():
     assert -loss_of(found, level, value - mean) == pytest.approx(told, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_level_is_fitted_as_by_generalised_least_squares():
     draw, runs, points = np.random.default_rng(9), 17, 100
     error = np.zeros((runs, points))

@@ -106,6 +106,7 @@ def test_a_fall_begins_at_the_peak_and_without_a_kink(name):
         assert np.abs(np.diff(found)).max() < 3 * np.abs(np.diff(bare)).max()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("acts_on", ACTS_ON)
 @pytest.mark.parametrize("name", LAWS)
 def test_derivatives_of_a_bent_curve_are_those_of_finite_differences(name, acts_on):
@@ -166,6 +167,7 @@ def setting():
     return Setting(problem, white_noise(problem.points, 0.01), np.asarray(problem.data.adhesion))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("base", ["burckhardt", "kiencke", "polach-falling", "polach"])
 def test_the_compiled_program_predicts_what_the_law_does(setting, base):
     """Of one term of each kind, an effect that bends the slip, a wave, and one with a memory."""

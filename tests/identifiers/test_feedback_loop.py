@@ -66,6 +66,7 @@ def looped(name, kind, samples):
     return jax.jit(jax.vmap(one_run))(noise_of(samples))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "kind"), ONLINE)
 def test_a_loop_over_many_runs_is_that_of_each_run_step_by_step(name, kind):
     samples, run = 5, 2

@@ -19,6 +19,7 @@ from identifier_cases import (
     UNBOUNDED,
     accepts,
     identified,
+    in_lanes,
     law,
     parameters_of,
     peak_slip,
@@ -41,7 +42,7 @@ def test_every_identifier_accepts_a_case_and_every_case_has_an_identifier():
     assert {case for _, case in PAIRS} == set(CASES)
 
 
-@pytest.mark.parametrize(("name", "case"), PAIRS)
+@pytest.mark.parametrize(("name", "case"), in_lanes(PAIRS))
 def test_every_identifier_keeps_the_contract_on_every_scenario(name, case):
     scenario, _, estimate = small(name, case)
     peers = ("lm-jaxopt", "rls-kiencke", "rls-slope")
@@ -76,7 +77,7 @@ def test_every_identifier_keeps_the_contract_on_every_scenario(name, case):
     assert np.all(np.abs(correlation) <= 1 + 1e-6)
 
 
-@pytest.mark.parametrize(("name", "case"), CURVE_PAIRS)
+@pytest.mark.parametrize(("name", "case"), in_lanes(CURVE_PAIRS))
 def test_values_objective_and_status_are_those_of_the_curve_that_was_found(name, case):
     scenario, records, estimate = small(name, case)
     known, parameters = scenario.known, parameters_of(estimate)

@@ -135,6 +135,7 @@ def test_variable_forgetting_is_that_of_a_loop():
     np.testing.assert_allclose(found_parameters(estimate), x, rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_pair_over_a_rectangle_is_that_of_two_outside_solvers():
     rng = np.random.default_rng(0)
     solver = BoxOSQP(tol=1e-9, maxiter=20_000)
@@ -166,6 +167,7 @@ def accuracy():
     return {name: table.set_index(["identifier", "quantity"]) for name, table in tables.items()}
 
 
+@pytest.mark.thorough
 def test_linear_least_squares_is_biased_and_wide_as_theory_says(accuracy):
     summary = accuracy["summary"]
     row = summary.loc["ls-kiencke", "mu_max"]

@@ -249,6 +249,7 @@ def test_a_switch_is_answered_within_eight_samples_and_outliers_are_not(outliers
             assert abs(row["rmse_over_crlb"] - 1) < 0.03 + 4 * row["rmse_over_crlb_se"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [0.01, 0.1])
 def test_instruments_reach_the_bound_and_know_it(sigma):
     summary = campaign("qian2024", None, sigma)["summary"].set_index("quantity")

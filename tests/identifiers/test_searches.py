@@ -77,6 +77,7 @@ def assert_share(right, rate):
     assert low <= np.sum(right) <= high
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("place", "rail"), list(enumerate(("dry", "common", "wet"))))
 @pytest.mark.parametrize("name", EVOLUTION)
 def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, place, rail):
@@ -88,6 +89,7 @@ def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, pla
         assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
 
 
+@pytest.mark.thorough
 def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
     scenario = build("qian2024", Options(points=120, sigma=0.0))
     for name, rate in GAUSS_NEWTON.items():
@@ -118,6 +120,7 @@ def test_no_perturbation_inside_the_box_improves_the_exact_optimum(scenario_name
         assert np.all(other >= least * (1 - 1e-10))
 
 
+@pytest.mark.thorough
 def test_standard_errors_of_the_exact_method_are_the_scatter_of_many_runs():
     scenario = build("single")
     _, estimate = identified(IDENTIFIERS["ml-exact"], scenario, runs=400)
@@ -138,6 +141,7 @@ def test_standard_errors_of_the_exact_method_are_the_scatter_of_many_runs():
     np.testing.assert_allclose(100 * claimed / true_values, published, rtol=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["ml-de-he2018", "lm-optimistix"])
 def test_a_stream_of_updates_gives_what_identify_gives(name):
     scenario, records, estimate = small(name, "he2018-blocks")

@@ -86,6 +86,7 @@ def is_strict_local_minimum(problem, b):
     return slope < 1e-8 and curvature > 1e-6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", nist.MODELS)
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_nist_problems_are_solved_as_recorded_and_no_success_is_claimed_wrongly(solver, name):

@@ -73,6 +73,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("sigma", [0.0, 0.05])
 def test_the_optimum_is_that_of_a_dense_grid_with_a_bounded_solver(case, sigma):

@@ -94,6 +94,7 @@ def humid(tmp_path_factory):
     return config, *summary_of(config, workers=1), summary_of(config, workers=2)[1]
 
 
+@pytest.mark.thorough
 def test_who_ignores_humidity_is_wrong_by_what_it_takes(humid):
     """A factor on Burckhardt's curve is a factor on c1 and c3, and so on mu_max alone."""
     row, peak = humid[1].loc["mu_max"], humid[1].loc["slip_opt"]
@@ -175,6 +176,7 @@ def test_conditions_are_those_of_one_operating_point_a_run(tmp_path):
     np.testing.assert_allclose(angle, 0.1 * speed[:, 1:] * (1 + slip), rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_every_effect_of_the_catalogue_acts(tmp_path):
     flat = {name: np.linspace(*ends, 50) for name, ends in {**RANGES, "time_s": (0, 5)}.items()}
     effects = [kind.starts(flat)[0] for kind in EFFECTS.values()]

@@ -62,6 +62,7 @@ def test_outliers_are_ten_times_the_coloured_noise():
     assert abs(out.mean() - 0.1) < 4.5 * np.sqrt(0.09 / out.size)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rail", RAILS)
 def test_the_bound_is_that_of_the_dense_inverse_covariance(rail):
     scenario = build("coloured", Options(rail=rail, points=200, sigma=0.02))
@@ -80,6 +81,7 @@ def test_the_bound_is_that_of_the_dense_inverse_covariance(rail):
     np.testing.assert_allclose(bound, expected[None], rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_least_squares_hardly_loses_by_colour_but_claims_a_third_of_its_error():
     """Both shares as computed for least squares on noise of this covariance in NumPy."""
     scenario = build("coloured")
@@ -148,6 +150,7 @@ def test_the_truth_is_polachs_curve_and_its_peak_lies_within_the_block(name, rai
     assert 0.02 < found[1] < 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rail", TRUTHS)
 def test_the_bound_is_that_of_the_true_curve(rail):
     scenario = build("mismatch", Options(rail=rail, sigma=0.02))

@@ -60,6 +60,7 @@ def noise_of(scenario, key):
     return np.asarray(record.adhesion - clean_adhesion(scenario, record))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_has_the_blocks_and_points_that_are_promised(name):
     scenario = build(name)
@@ -102,6 +103,7 @@ def test_every_point_is_fresh_once(name):
         np.testing.assert_array_equal(fresh, mask)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_options_change_what_they_name(name):
     options = Options(sigma=0.1, points=200, slip_max=0.3)
@@ -217,6 +219,7 @@ def test_tables_pool_each_rail_without_the_first_block_after_a_switch():
     assert [g.blocks for g in growing["checkpoints"]] == [(j,) for j in range(20)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_shared_by_all_runs_is_declared(name):
     scenario = build(name, Options(points=100))
@@ -309,6 +312,7 @@ def test_a_switching_stream_is_on_dry_then_on_common_rail():
     assert k == sorted(set(k))
 
 
+@pytest.mark.thorough
 def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
     scenario = build("qian2024-switch")
     record = scenario.draw(jax.random.key(4))
@@ -333,6 +337,7 @@ def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
     assert share[[49, 99]] == pytest.approx([0.0705, 0.256], rel=0.02)
 
 
+@pytest.mark.thorough
 def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_slip():
     scenario = build("drift", Options(rail="common"))
     first, last = (jax.tree.map(lambda x: x[k], scenario.curves) for k in (0, -1))  # noqa: B023

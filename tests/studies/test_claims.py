@@ -58,6 +58,7 @@ LOWER, UPPER = jnp.array([0.1, 10.0, 0.05]), jnp.array([1.0, 50.0, 0.5])
 # ------------------------------------------------------------------------------- verdicts
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("ours", "error", "verdict"),
     [

@@ -58,6 +58,7 @@ def test_features_stay_inside_their_run_and_folds_are_whole_runs(campaign):
     assert sum(map(len, of_part)) == len(runs)
 
 
+@pytest.mark.thorough
 def test_peers_find_a_strong_effect(campaign):
     pytest.importorskip("sklearn")
     pytest.importorskip("pysindy")
@@ -129,6 +130,7 @@ def test_what_is_hidden_is_named_by_a_claim_of_its_class_or_by_a_column():
     assert not is_named_by_claim(column, claim("humidity"))
 
 
+@pytest.mark.thorough
 def test_a_log_without_runs_is_cut_into_blocks_and_compared(campaign):
     pytest.importorskip("sklearn")
     pytest.importorskip("threadpoolctl")

@@ -169,6 +169,7 @@ def test_new_parts_draw_for_themselves_and_share_no_seed():
     ]
 
 
+@pytest.mark.thorough
 def test_a_random_effect_is_seen_enough():
     (level, slip, fall) = study_tasks(0, 0, 4, random=3)
     for one in (level, slip, fall):
@@ -293,6 +294,7 @@ def test_the_quantiles_of_the_shares_are_those_of_numpy():
     assert table.loc["one column", "sets"] == 6
 
 
+@pytest.mark.thorough
 def test_workers_give_the_rows_of_one_process():
     tasks = study_tasks(3, 0, 6, random=1, log_effects=1)
     times = ["seconds", "cpu_seconds"]
@@ -305,6 +307,7 @@ def test_workers_give_the_rows_of_one_process():
     assert done == 2 * [one.part for one in tasks]
 
 
+@pytest.mark.thorough
 def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.FOLLOWED", ("humidity",))
     monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.VISIBLE", (0.5, 2.0))

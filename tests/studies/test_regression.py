@@ -135,6 +135,7 @@ def without_speed(baseline):
     return baseline[baseline["quantity"] != "speed"]
 
 
+@pytest.mark.thorough
 def test_the_same_method_on_other_noise_has_not_moved(baseline):
     compared = compare(without_speed(baseline), measured(1))
     # Three rails of five quantities by bias, rmse and coverage; a failure share a rail.
@@ -142,6 +143,7 @@ def test_the_same_method_on_other_noise_has_not_moved(baseline):
     assert verdicts(compared) == {}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("quantity", ["mu_max", "c3"])
 def test_a_planted_bias_of_five_per_cent_is_caught(baseline, quantity):
     compared = compare(

@@ -67,6 +67,7 @@ def test_eq_9_settles_on_roads_2_and_3_by_its_gain():
     np.testing.assert_allclose(by_road("utilisation_settled"), shares, atol=0.005)
 
 
+@pytest.mark.thorough
 def test_the_printed_seeker_of_uyulan_estimates_as_it_does():
     loops = loops_of("uyulan2018", "as printed")
     grid = grid_of("uyulan2018", loops[0])
