@@ -113,7 +113,6 @@ def test_what_a_program_depends_on_changes_its_digest(monkeypatch):
         keeping.outside(Path("mine.py"), source)
         seen.add(programs.digest())
     monkeypatch.undo()
-    keeping.of_outside.cache_clear()
     jax.config.update("jax_default_matmul_precision", "highest")
     seen.add(programs.digest())
     jax.config.update("jax_default_matmul_precision", None)
