@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import settings
@@ -38,13 +39,20 @@ def room_for_programs():
         jax.clear_caches()
 
 
-def pytest_configure():
+def pytest_configure(config):
     """All processes of a session, those that tests start too, keep and share what they compile."""
     # After the flags above, and under the hook.
     import jax
 
-    from adhesion_jax import programs, runtime
+    from adhesion_jax import runtime
 
     runtime.start()
-    programs.share_with_jax()
+    if jax.config.values["jax_compilation_cache_dir"] is None:
+        # The many small programs of tests pass with the session: a bounded folder is looked
+        # through whenever something is added to it.
+        passing = TemporaryDirectory()
+        config.add_cleanup(passing.cleanup)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = passing.name  # which workers inherit
+        jax.config.update("jax_compilation_cache_dir", passing.name)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)

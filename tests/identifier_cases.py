@@ -129,12 +129,12 @@ HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CU
 
 
 def in_lanes(pairs):
-    """Always each method on its home, on the other scenarios where there is more time."""
+    """Always each method on its home; on the others one in three before a change lands."""
+    lanes = (pytest.mark.thorough, pytest.mark.slow, pytest.mark.slow)
+    at_home = [HOME.get(name, case) == case for name, case in pairs]
     return [
-        pytest.param(
-            *pair, marks=() if HOME.get(pair[0], pair[1]) == pair[1] else pytest.mark.thorough
-        )
-        for pair in pairs
+        pytest.param(*pair, marks=() if home else lanes[number % 3])
+        for number, (pair, home) in enumerate(zip(pairs, at_home, strict=True))
     ]
 
 

@@ -112,14 +112,14 @@ def test_a_seeker_drives(folder):
     assert metrics["utilisation"].between(0.3, 1).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_effect_is_planted_and_found(folder):
     _, told = done_in(folder, of("discover", "--effects"), "effect")
     assert "Planted: Leaves" in told
     assert "eaves on the rail" in told
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_curve_is_the_base_of_a_search(folder):
     out, _ = done_in(folder, of("discover", "--base"), "base")
     assert "Hyperbolic" in (out / "report.md").read_text()

@@ -28,7 +28,12 @@ def burckhardt_sums(known: Known, record: Record) -> Sums:
         return sign * (1 - jnp.exp(-c2 * jnp.abs(record.slip)))
 
     return summarise(
-        phi, -record.slip, record.adhesion, record.mask, known.lower[1], known.upper[1]
+        phi,
+        -record.slip,
+        record.adhesion,
+        record.mask,
+        jnp.asarray(known.lower[1]),
+        jnp.asarray(known.upper[1]),
     )
 
 

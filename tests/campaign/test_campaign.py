@@ -246,7 +246,7 @@ class Still(Identifier):
         return Estimate(values, unit, none, nothing, no, jnp.asarray(jnp.nan), none, none)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "blocks", "bytes_a_run"),
     [

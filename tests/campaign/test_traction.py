@@ -33,7 +33,7 @@ def few():
     return judged(40)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_runs_have_their_numbers_from_seed_and_run_alone(few):
     # 3 runs are in a tile of 32, 40 in one of 64: the first three are the same to the bit.
     three, again = judged(3), judged(3)

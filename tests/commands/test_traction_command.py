@@ -45,7 +45,7 @@ def written(tmp_path_factory):
     return out, found.output
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_command_writes_its_files(written):
     out, told = written
     pictures = {f"{name}.png" for name in SUBJECTS["hxd1f"].captions}

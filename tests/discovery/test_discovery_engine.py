@@ -52,7 +52,7 @@ def two(campaign, train):
     return found, test, told
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, *more(2, 3)])
 def test_where_nothing_was_planted_nothing_is_found(seed):
     found = discover(runs_of(simulate(seed=seed, **SIZE).train))
@@ -245,7 +245,7 @@ def test_noise_in_the_slip_is_no_delay():
     assert found.train.after.value < 0.5 * found.train.before.value
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_load_is_found_where_it_moves_adhesion_by_more_than_any_noise():
     """As on a tyre rig: adhesion by the load to a power, over a range of one to six."""
     table = simulate(seed=5, base="burckhardt", **SIZE).train.drop(columns=["sanding"])
@@ -316,7 +316,7 @@ def test_a_rig_of_one_slip_has_lateral_creep(seed):
     assert min(shown.factor) == pytest.approx(1 / np.hypot(1, 0.0175 / 0.02), abs=0.03)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
     found = discover(read_runs([SHIPPED["eurosprinter"].path]))
     assert found.effects == found.unexplained == ()
@@ -338,7 +338,7 @@ def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak(seed):
     assert found.train.after.high < found.train.before.value
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_lag_slower_than_the_slip_is_found_though_a_curve_with_slow_noise_fits_too():
     """At 1.4 sigma the signal hardly follows the slip, and its score at no lag is nothing."""
     noise = Noise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)

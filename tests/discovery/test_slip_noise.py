@@ -173,7 +173,7 @@ def test_the_errors_are_those_of_drawn_slips():
     np.testing.assert_allclose(left.var(axis=1), found.variance, rtol=5 * np.sqrt(2 / count))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("planted", [0.01, 0.03])
 def test_a_planted_noise_of_the_wheel_speed_is_estimated(planted):
     campaign = one_log(seed=0, wheel_speed_noise=planted)

@@ -167,7 +167,7 @@ def setting():
     return Setting(problem, white_noise(problem.points, 0.01), np.asarray(problem.data.adhesion))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["burckhardt", "kiencke", "polach-falling", "polach"])
 def test_the_compiled_program_predicts_what_the_law_does(setting, base):
     """Of one term of each kind, an effect that bends the slip, a wave, and one with a memory."""

@@ -167,7 +167,7 @@ def accuracy():
     return {name: table.set_index(["identifier", "quantity"]) for name, table in tables.items()}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_linear_least_squares_is_biased_and_wide_as_theory_says(accuracy):
     summary = accuracy["summary"]
     row = summary.loc["ls-kiencke", "mu_max"]

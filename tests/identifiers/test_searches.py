@@ -77,7 +77,7 @@ def assert_share(right, rate):
     assert low <= np.sum(right) <= high
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "rail"), list(enumerate(("dry", "common", "wet"))))
 @pytest.mark.parametrize("name", EVOLUTION)
 def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, place, rail):
@@ -89,7 +89,7 @@ def test_the_share_of_searches_that_find_the_truth_is_the_measured_one(name, pla
         assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
     scenario = build("qian2024", Options(points=120, sigma=0.0))
     for name, rate in GAUSS_NEWTON.items():

@@ -217,7 +217,7 @@ def test_known_parameters_are_recovered(name):
         assert abs(fit.peak.slip - peak.slip) < 4 * fit.slip_opt_se
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_intervals_hold_the_truth_as_often_as_they_say():
     truth, draws = CURVES["burckhardt"], 300
     slip = np.linspace(0.002, 0.2, 40)

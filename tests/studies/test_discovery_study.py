@@ -294,7 +294,7 @@ def test_the_quantiles_of_the_shares_are_those_of_numpy():
     assert table.loc["one column", "sets"] == 6
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_workers_give_the_rows_of_one_process():
     tasks = study_tasks(3, 0, 6, random=1, log_effects=1)
     times = ["seconds", "cpu_seconds"]

@@ -204,7 +204,7 @@ def test_a_curve_traced_up_and_down_is_one_curve():
     assert np.abs(unmatched).max() > 5e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_run_is_that_of_a_solver_started_anew_at_every_command():
     loop = loop_of("hxd1f", "SMES, NTSMO, ABLF")
     grid = grid_of("hxd1f", loop, 0.05)
@@ -399,8 +399,8 @@ def combinations():
 
 
 def _lane(number):
-    """Always one in five of those that are run at all before a change lands."""
-    return () if number % 5 == 0 else pytest.mark.thorough
+    """Always one in five of those that bring every part together with another one."""
+    return () if number % 5 == 0 else pytest.mark.slow
 
 
 @pytest.mark.parametrize(("observer", "seeker", "controller", "name"), combinations())
