@@ -32,9 +32,13 @@ def burckhardt_sums(known: Known, record: Record) -> Sums:
         -record.slip,
         record.adhesion,
         record.mask,
-        jnp.asarray(known.lower[1]),
-        jnp.asarray(known.upper[1]),
+        *_bounds(known),
     )
+
+
+def _bounds(known: Known) -> tuple[Array, Array]:
+    """The bounds of c2."""
+    return jnp.asarray(known.lower[1]), jnp.asarray(known.upper[1])
 
 
 def burckhardt_information(
@@ -50,7 +54,7 @@ def burckhardt_information(
     c1, c2, _ = parameters
 
     def products(c2: Float[Array, ""]) -> Float[Array, "2"]:
-        return jnp.stack(sums_at(sums, c2, known.lower[1], known.upper[1])[1:])
+        return jnp.stack(sums_at(sums, c2, *_bounds(known))[1:])
 
     slopes = jax.jacfwd(products)
     phi_phi, phi_psi = products(c2)
