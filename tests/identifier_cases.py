@@ -129,11 +129,11 @@ HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CU
 
 
 def in_lanes(pairs):
-    """Always each method on its home; on the others one in three before a change lands."""
-    lanes = (pytest.mark.thorough, pytest.mark.slow, pytest.mark.slow)
+    """Always each method on its home; on the others one in six before a change lands."""
+    lanes = (pytest.mark.thorough, *[pytest.mark.slow] * 5)
     at_home = [HOME.get(name, case) == case for name, case in pairs]
     return [
-        pytest.param(*pair, marks=() if home else lanes[number % 3])
+        pytest.param(*pair, marks=() if home else lanes[number % 6])
         for number, (pair, home) in enumerate(zip(pairs, at_home, strict=True))
     ]
 

@@ -22,7 +22,7 @@ def test_what_is_kept_is_small_and_without_an_error():
         assert output.get("name", "stdout") == "stdout"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # of what runs notebooks
 def test_it_runs_to_its_end(tmp_path):
     from nbclient import NotebookClient  # slow to import
