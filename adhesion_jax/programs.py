@@ -38,6 +38,9 @@ _Options = Mapping[str, str | bool]
 
 NO_OPTIONS: _Options = MappingProxyType({})
 
+#: For programs that take longer to compile than to run: two thirds of the time to compile.
+QUICKLY: _Options = MappingProxyType({"xla_cpu_use_fusion_emitters": False})
+
 
 def digest() -> str:
     """All that a program depends on beside its arguments, in a number of fixed length.
@@ -125,8 +128,9 @@ def _made(
 
     It would lack parts when it is loaded ("Function ... not found", jax 0.10).
     """
+    lowered = jax.jit(function).lower(argument)  # which may compile small programs on its way
     _of_thread.hits = 0
-    made = jax.jit(function).lower(argument).compile(dict(compiler))
+    made = lowered.compile(dict(compiler))
     return made, _of_thread.hits == 0
 
 
@@ -244,7 +248,7 @@ class Kept:
         self, function: Callable[..., Any], compiler: _Options, static: tuple[int, ...]
     ) -> None:
         self.function, self.options, self.static = function, dict(compiler), static
-        self.jitted = jax.jit(function, static_argnums=static, compiler_options=self.options)
+        self.jitted = jax.jit(function, static_argnums=static)
         self.programs: dict[object, Callable[..., Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
@@ -277,7 +281,7 @@ class Kept:
         return tuple(None if i in self.static else one for i, one in enumerate(arguments))
 
 
-def kept(*, compiler: _Options = NO_OPTIONS, static: tuple[int, ...] = ()) -> Any:
+def kept(*, compiler: _Options = QUICKLY, static: tuple[int, ...] = ()) -> Any:
     """A decorator that makes a function of a module one whose programs are kept (`Kept`)."""
     return lambda function: wraps(function)(Kept(function, compiler, static))
 

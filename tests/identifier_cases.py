@@ -128,14 +128,19 @@ BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
 HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
 
 
+#: One method of each form; those that differ from it in numbers alone share its program.
+FORMS = [*{jax.tree.structure(IDENTIFIERS[name]): name for name in reversed(IDENTIFIERS)}.values()]
+
+
 def in_lanes(pairs):
-    """Always each method on its home; on the others one in six before a change lands."""
-    lanes = (pytest.mark.thorough, *[pytest.mark.slow] * 5)
-    at_home = [HOME.get(name, case) == case for name, case in pairs]
-    return [
-        pytest.param(*pair, marks=() if home else lanes[number % 6])
-        for number, (pair, home) in enumerate(zip(pairs, at_home, strict=True))
-    ]
+    """Always each form of a method on its home, before a change lands each on one case besides."""
+    home = [pair for pair in pairs if HOME.get(pair[0], pair[1]) == pair[1]]
+    always = [pair for pair in home if pair[0] in FORMS or pair[0] not in HOME]
+    away = {name: (name, case) for name, case in pairs if (name, case) not in home}
+    thorough = [pair for pair in away.values() if pair[0] in FORMS]
+    marks = dict.fromkeys(pairs, pytest.mark.slow)
+    marks |= dict.fromkeys(thorough, pytest.mark.thorough) | dict.fromkeys(always, ())
+    return [pytest.param(*pair, marks=mark) for pair, mark in marks.items()]
 
 
 @functools.cache

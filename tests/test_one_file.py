@@ -17,6 +17,8 @@ import adhesion_jax
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.simulator import simulate
 
+pytestmark = pytest.mark.thorough  # all rest on one process that imports and compiles anew
+
 PACKAGE = Path(adhesion_jax.__file__).parent
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs" / "extending.md"
@@ -103,7 +105,6 @@ def told(tmp_path_factory):
     return answers
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["exact", "perturbed"])
 def test_the_new_effect_is_planted_on_the_new_curve_by_both_formulas(told, form):
     simulated = told[f"simulated {form}"]

@@ -64,6 +64,7 @@ def mu_max(out):
     return table.loc["DampedGaussNewton", "mu_max"]
 
 
+@pytest.mark.thorough
 def test_an_identifier_is_compared_and_one_that_was_edited_gives_new_numbers(folder):
     asked = of("montecarlo", "--identifiers damped")
     whole = mu_max(done_in(folder, asked, "damped")[0])
@@ -78,6 +79,7 @@ def test_an_identifier_is_compared_and_one_that_was_edited_gives_new_numbers(fol
     assert again["rmse"] == whole["rmse"]
 
 
+@pytest.mark.thorough
 def test_a_scenario_has_options_of_its_own(folder):
     out, told = done_in(folder, of("montecarlo", "steep.py"), "steep")
     assert "of steep" in told
@@ -105,6 +107,7 @@ def test_a_curve_is_identified(folder):
     assert 0.25 < row["mu_max"] < 0.35
 
 
+@pytest.mark.thorough
 def test_a_seeker_drives(folder):
     out, _ = done_in(folder, of("traction"), "seeker")
     metrics = pd.read_csv(out / "metrics.csv")

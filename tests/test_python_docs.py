@@ -34,6 +34,7 @@ def test_the_readme(tmp_path):
     assert re.search(r"^kiencke 0\.30357\d* \(0\.2979\d*, 0\.3092\d*\)$", told, re.MULTILINE)
 
 
+@pytest.mark.thorough
 def test_the_page_on_python(tmp_path):
     told = run(HOME / "docs" / "python.md", tmp_path)
     assert "lateral creep" in told

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Array, ArrayLike, Bool, Float
 from scipy.special import stdtrit
 
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
@@ -33,6 +34,7 @@ from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import Tracking
 from adhesion_jax.optim.box import on_bound
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import Group, Scenario
@@ -275,7 +277,16 @@ def _on_box(scenario: Scenario, estimate: Estimate) -> np.ndarray:
     if not set(known.curve.free) <= set(estimate.values):  # a method without a curve
         return np.zeros(estimate.status.shape, dtype=bool)
     parameters = values_of(estimate, known.curve.free)
-    return np.asarray(jnp.any(on_bound(parameters, known.lower, known.upper), axis=-1))
+    return np.asarray(_any_on_bound(parameters, known.lower, known.upper))
+
+
+@kept()
+def _any_on_bound(
+    parameters: Float[ArrayLike, "*batch p"],
+    lower: Float[ArrayLike, " p"],
+    upper: Float[ArrayLike, " p"],
+) -> Bool[Array, "*batch"]:
+    return jnp.any(on_bound(parameters, lower, upper), axis=-1)
 
 
 def _outcome(

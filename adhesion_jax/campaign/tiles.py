@@ -29,7 +29,7 @@ _Program = Callable[[Identifier, Record, Key[Array, " runs"]], tuple[Estimate, T
 
 #: The lowest optimisation level of the compiler that does not make the programs slower.
 _COMPILER: dict[str, str | bool] = {"xla_backend_optimization_level": "1"}
-_UNFUSED = {**_COMPILER, "xla_cpu_use_fusion_emitters": False}
+_UNFUSED = {**_COMPILER, **programs.QUICKLY}
 
 
 class TileResult(NamedTuple):

@@ -19,6 +19,7 @@ from adhesion_jax.campaign.config import Config, build_scenario, choose_identifi
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaigns
 from adhesion_jax.campaign.rows import row_columns
 from adhesion_jax.campaign.store import EstimateWriter, read_estimates
+from adhesion_jax.campaign.tiles import draw_tile
 from adhesion_jax.files import output_directory, staged, write_metadata, write_table
 from adhesion_jax.identifiers import Status
 from adhesion_jax.report.montecarlo import figures
@@ -78,7 +79,10 @@ def main(
         _draw(stage, jobs, tables)
         metadata = {
             "config": _config(asked, parts),
-            "in_force": {job.name: _in_force(job.scenario) for job in jobs},
+            "in_force": {
+                job.name: _in_force(job.scenario, part)
+                for job, part in zip(jobs, parts, strict=True)
+            },
             "identifiers": {job.name: job.identifiers for job in jobs},
             "seed": seed,
             "statuses": {status.name.lower(): status.sentence for status in Status},
@@ -110,9 +114,9 @@ def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
     return {**config, "scenario": ",".join(part.scenario for part in parts)}
 
 
-def _in_force(scenario: Scenario) -> dict[str, object]:
-    """What the options and the scenario's own defaults come to."""
-    slip = scenario.draw(jax.random.key(0)).slip
+def _in_force(scenario: Scenario, part: Config) -> dict[str, object]:
+    """What the options and the scenario's own defaults come to; the slip is that of one tile."""
+    slip = np.asarray(draw_tile(part, 0).slip)
     return {
         "rails": scenario.rails,
         "sigma": scenario.sigma,
@@ -146,7 +150,7 @@ def _draw(stage: Path, jobs: Sequence[Job], tables: Mapping[str, pd.DataFrame]) 
         truth = pd.DataFrame(scenario.quantities())
         truth.insert(0, "block", np.arange(len(truth)))
         if scenario.known.by_sample:
-            steps = np.asarray(scenario.draw(jax.random.key(0)).slip).shape[-1]
+            steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
             of_job = tables["bands"][tables["bands"]["scenario"] == name]
             figures.bands(stage / "bands.png", truth, of_job, steps)
             continue

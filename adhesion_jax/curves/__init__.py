@@ -9,6 +9,7 @@ from adhesion_jax.curves.base import Law as Law
 from adhesion_jax.curves.base import Parameter as Parameter
 from adhesion_jax.curves.base import Peak as Peak
 from adhesion_jax.curves.base import Scalar as Scalar
+from adhesion_jax.curves.base import adhesion_of as adhesion_of
 from adhesion_jax.curves.base import content_hash as content_hash
 from adhesion_jax.curves.base import free_values as free_values
 from adhesion_jax.curves.base import physical_box as physical_box

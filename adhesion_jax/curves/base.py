@@ -9,7 +9,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from adhesion_jax.programs import kept
 
 Scalar = float | Float[Array, ""]
 Conditions = Mapping[str, Float[Array, "..."] | float]
@@ -94,6 +96,14 @@ class Curve(Law):
 
 
 C = TypeVar("C", bound=Curve)
+
+
+@kept()
+def adhesion_of(
+    law: Law, slip: Float[ArrayLike, "*shape"], conditions: Conditions
+) -> Float[Array, "*shape"]:
+    """`law(slip, conditions)` as one program: called as it is, a law compiles each operation."""
+    return law(jnp.asarray(slip), conditions)
 
 
 def free_values(curve: Curve) -> Float[Array, " free"]:

@@ -249,7 +249,7 @@ def with_run_order(runs: RunSet) -> Record:
     except ValueError:
         order = np.arange(len(runs.names), dtype=float)
     shape = runs.record.slip.shape
-    column = jnp.broadcast_to(jnp.asarray(order)[:, None], shape)
+    column = jnp.asarray(np.broadcast_to(order[:, None], shape))
     return runs.record._replace(conditions={**runs.record.conditions, "run_order": column})
 
 

@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from adhesion_jax.curves import Conditions
+from adhesion_jax.curves import Conditions, Scalar
 from adhesion_jax.effects.history import has_history, smoothed
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
@@ -27,8 +28,8 @@ class Calendar(NamedTuple):
     """The time axis of a campaign: campaign_time is 0 at `start` and 1 at `end` of `column`."""
 
     column: str  # time_s, or run_order where time starts anew with each run
-    start: float
-    end: float
+    start: Scalar
+    end: Scalar
 
 
 def calendar_of(record: Record) -> Calendar:
@@ -47,17 +48,10 @@ def completed(
     slip: Float[Array, "*shape"], measured: Conditions, calendar: Calendar
 ) -> Mapping[str, Float[Array, "..."]]:
     """The conditions of one run, or one steady state, with those that follow from them."""
-    followed = _followed(slip, {name: jnp.asarray(values) for name, values in measured.items()})
-    if calendar.column in followed:
+    conditions = {name: jnp.asarray(values) for name, values in measured.items()}
+    if calendar.column in conditions:
         span = calendar.end - calendar.start
-        followed["campaign_time"] = (followed[calendar.column] - calendar.start) / span
-    return followed
-
-
-# Compiled, because it consists of many small steps and every campaign and law needs it.
-@kept()
-def _followed(slip: Float[Array, "*shape"], measured: Mapping[str, Array]) -> dict[str, Array]:
-    conditions = dict(measured)
+        conditions["campaign_time"] = (conditions[calendar.column] - calendar.start) / span
     for name in TEMPERATURES:
         if name in conditions:
             conditions.setdefault("temperature_C", conditions[name])
@@ -79,3 +73,25 @@ def _followed(slip: Float[Array, "*shape"], measured: Mapping[str, Array]) -> di
     elif "curvature_per_m" in conditions:
         conditions["lateral_measure"] = conditions["curvature_per_m"]
     return conditions
+
+
+def completed_runs(
+    slip: Float[ArrayLike, "runs points"],
+    measured: Mapping[str, Float[ArrayLike, "runs points"]],
+    calendar: Calendar,
+) -> dict[str, Float[Array, "runs points"]]:
+    """`completed` of every run of a campaign."""
+    found: dict[str, Array] = _completed_runs(slip, measured, *calendar)
+    return found
+
+
+@kept(static=(2,))
+def _completed_runs(
+    slip: Float[ArrayLike, "runs points"],
+    measured: Mapping[str, Float[ArrayLike, "runs points"]],
+    column: str,
+    start: Scalar,
+    end: Scalar,
+) -> Mapping[str, Float[Array, "runs points"]]:
+    calendar = Calendar(column, start, end)
+    return jax.vmap(lambda slip, measured: completed(slip, measured, calendar))(slip, measured)

@@ -29,7 +29,7 @@ class CorrectedLaw(Law):
 
     curve: Law
     effects: tuple[Effect, ...]
-    ranges: Mapping[str, tuple[float, float]] = eqx.field(static=True)
+    ranges: Mapping[str, tuple[Scalar, Scalar]]
     calendar: Calendar = eqx.field(static=True)
 
     def __call__(

@@ -6,11 +6,12 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from adhesion_jax.curves import Conditions, Parameter, Scalar
 from adhesion_jax.effects.base import Columns
 from adhesion_jax.effects.shape import ShapeTerm
+from adhesion_jax.programs import kept
 
 _SOURCE = "Hastie, Tibshirani and Friedman 2009, The Elements of Statistical Learning, Eq. 5.4"
 _KNOTS = np.linspace(0.0, 1.0, 6)
@@ -29,6 +30,11 @@ def _basis(place: Float[Array, "*shape"]) -> Sequence[Float[Array, "*shape"]]:
 
     u = jnp.clip(place, 0.0, 1.0)
     return [here - middle for here, middle in zip(basis(u), basis(0.5), strict=True)]
+
+
+@kept()
+def _basis_at(places: Float[ArrayLike, " places"]) -> Float[Array, "places functions"]:
+    return jnp.stack(_basis(jnp.asarray(places)), axis=1)
 
 
 class Spline(ShapeTerm):
@@ -69,7 +75,7 @@ class Spline(ShapeTerm):
 
     @classmethod
     def at_places(cls) -> np.ndarray:
-        return np.stack([np.asarray(part) for part in _basis(jnp.asarray(_KNOTS))], axis=1)
+        return np.asarray(_basis_at(_KNOTS))
 
     @classmethod
     def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:

@@ -20,7 +20,6 @@ class GradientLeastSquares(Identifier):
 
     FITS_LAST_RECORD: ClassVar[bool] = True
     RESETS: ClassVar[bool] = False
-    FUSED: ClassVar[bool] = True
 
     solver: Solver = eqx.field(static=True)
     steps: int = eqx.field(static=True)  # largest number; a batch takes as many as its slowest run

@@ -16,7 +16,7 @@ from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
-from adhesion_jax.programs import kept
+from adhesion_jax.programs import QUICKLY, kept
 from adhesion_jax.records import Record
 
 #: Largest slip at which a peak is searched if slip is a velocity, m/s.
@@ -137,7 +137,7 @@ class _Problem(NamedTuple):
 
 def _problem(curve: Curve, record: Record, slip_is_velocity: bool) -> _Problem:
     conditions = {name: record.conditions[name] for name in curve.NEEDS}
-    medians = {name: float(jnp.median(column)) for name, column in conditions.items()}
+    medians = {name: float(np.median(column)) for name, column in conditions.items()}
     limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
     order = np.argsort(np.abs(np.asarray(record.slip)), kind="stable")
     chosen = jnp.asarray(order[:: -(-order.size // _SEARCH_POINTS)])
@@ -145,6 +145,7 @@ def _problem(curve: Curve, record: Record, slip_is_velocity: bool) -> _Problem:
 
 
 def _measured_fit(problem: _Problem, found: tuple, slip_is_velocity: bool) -> MeasuredFit:
+    found = jax.tree.map(np.asarray, found)
     parameters, covariance, bound, unfelt, objective, peak, peak_se, converged = found
     return MeasuredFit(
         with_free_values(problem.curve, parameters),
@@ -153,10 +154,10 @@ def _measured_fit(problem: _Problem, found: tuple, slip_is_velocity: bool) -> Me
         " m/s" if slip_is_velocity else "",
         problem.slip.size,
         float(objective),
-        np.asarray(parameters),
-        np.asarray(covariance),
-        np.asarray(bound),
-        np.asarray(unfelt),
+        parameters,
+        covariance,
+        bound,
+        unfelt,
         peak,
         float(peak_se[0]),
         float(peak_se[1]),
@@ -207,7 +208,7 @@ def _box_share_to_parameters(
 
 # Compiling takes many times as long as running: unoptimised and without the fusion emitters, of the
 # six curves together, 11 CPU-seconds instead of 37, and running 2.4 instead of 1.2.
-@kept(compiler={"xla_backend_optimization_level": "0", "xla_cpu_use_fusion_emitters": False})
+@kept(compiler={"xla_backend_optimization_level": "0", **QUICKLY})
 def _fit(
     curve: Curve,
     slip: Float[Array, " points"],

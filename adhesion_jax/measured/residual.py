@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from adhesion_jax.curves import adhesion_of
 from adhesion_jax.measured.fit import MeasuredFit
 from adhesion_jax.records import Record
 
@@ -49,7 +50,8 @@ def residual_structure(
     size = np.abs(measured_slip)
     side = np.where(measured_slip < 0, -1.0, 1.0)
     folded = side * np.asarray(record.adhesion)
-    left = folded - side * np.asarray(fit.curve(record.slip, record.conditions))
+    needed = {name: record.conditions[name] for name in fit.curve.NEEDS}
+    left = folded - side * np.asarray(adhesion_of(fit.curve, record.slip, needed))
     order = np.argsort(size, kind="stable")
     slip, adhesion, residual = size[order], folded[order], left[order]
 

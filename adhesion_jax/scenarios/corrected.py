@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from adhesion_jax.curves import Curve, free_values, with_free_values
+from adhesion_jax.curves import Curve, Scalar, free_values, with_free_values
 from adhesion_jax.effects.conditions import NOMINAL_RADIUS
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_from
@@ -117,7 +117,7 @@ class Corrected(Scenario):
         return {"summary": [Group(self.rails[0], (0,))]}
 
 
-def _drawn(name: str, key: PRNGKeyArray, low: float, high: float) -> Float[Array, ""]:
+def _drawn(name: str, key: PRNGKeyArray, low: Scalar, high: Scalar) -> Float[Array, ""]:
     """A value drawn uniformly from low to high; for the axle a whole number."""
     if name == "axle":
         return jnp.floor(jax.random.uniform(key, minval=low, maxval=high + 1))
@@ -125,7 +125,7 @@ def _drawn(name: str, key: PRNGKeyArray, low: float, high: float) -> Float[Array
 
 
 def _to_and_fro(
-    key: PRNGKeyArray, way: Float[Array, " points"], low: float, high: float
+    key: PRNGKeyArray, way: Float[Array, " points"], low: Scalar, high: Scalar
 ) -> Float[Array, " points"]:
     """The position after each distance travelled, [points], reflected at both ends of the range.
 

@@ -31,7 +31,7 @@ def peak_matched(slip: float, adhesion: float) -> Kiencke:
     return Kiencke(a0=_INITIAL_SLOPE, p1=_INITIAL_SLOPE / adhesion - 2 / slip, p2=slip**-2)
 
 
-def _peak(rail: Burckhardt) -> tuple[float, float]:
+def peak_of(rail: Burckhardt) -> tuple[float, float]:
     """The closed form of the curve in plain numbers: at import jax would compile for it."""
     c1, c2, c3 = float(rail.c1), float(rail.c2), float(rail.c3)
     logarithm = math.log(c1 * c2 / c3)
@@ -40,7 +40,7 @@ def _peak(rail: Burckhardt) -> tuple[float, float]:
 
 #: The same rails by Kiencke's curve: Qian et al. 2024 draws its curves and prints no parameters.
 KIENCKE_RAILS: Mapping[str, Kiencke] = {
-    name: peak_matched(*_peak(rail)) for name, rail in RAILS.items()
+    name: peak_matched(*peak_of(rail)) for name, rail in RAILS.items()
 }
 
 #: a0 known; p2 >= 1 and p1 >= -2 keep the peak below slip 1 and the curve above zero, the upper

@@ -22,7 +22,14 @@ from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import OWN_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, peak_matched, rail_named
+from adhesion_jax.scenarios.rails import (
+    KIENCKE_RAILS,
+    QIAN2024,
+    RAILS,
+    peak_matched,
+    peak_of,
+    rail_named,
+)
 
 #: Number of samples between two reports.
 _BLOCK = 10
@@ -168,7 +175,7 @@ def drift(
     """
     _check_samples("drift", points)
     rail = rail_named(rail)
-    peak = KIENCKE_RAILS[rail].peak({})
+    peak_slip, peak = peak_of(RAILS[rail])
     left = 1 - _LOST_TO_HUMIDITY * np.arange(points) / (points - 1)
     return Samples(
         rails=(rail,) * (points // _BLOCK),
@@ -176,8 +183,6 @@ def drift(
         outliers=outliers,
         slip_max=slip_max,
         drifts=True,
-        curves=_of_samples(
-            [peak_matched(float(peak.slip), share * float(peak.adhesion)) for share in left]
-        ),
+        curves=_of_samples([peak_matched(peak_slip, float(share * peak)) for share in left]),
         known=_KNOWN,
     )

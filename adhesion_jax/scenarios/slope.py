@@ -16,7 +16,7 @@ from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios.base import Group, Scenario
 from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.rails import HE2018, RAILS, rail_named
+from adhesion_jax.scenarios.rails import HE2018, RAILS, peak_of, rail_named
 
 #: Number of samples between two reports.
 _BLOCK = 10
@@ -126,7 +126,7 @@ def fang2018_slope(
         rails=(rail,) * blocks,
         sigma=sigma,
         outliers=outliers,
-        slip_max=_BEYOND * float(truth.peak({}).slip) if slip_max is None else slip_max,
+        slip_max=_BEYOND * peak_of(truth)[0] if slip_max is None else slip_max,
         truth=(truth,) * blocks,
         known=_KNOWN,
     )

@@ -6,35 +6,31 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from adhesion_jax.curves import Conditions, Curve, free_values, physical_box, with_free_values
-from adhesion_jax.effects.conditions import Calendar, completed
+from adhesion_jax.curves import (
+    Conditions,
+    Curve,
+    adhesion_of,
+    free_values,
+    physical_box,
+    with_free_values,
+)
+from adhesion_jax.effects.conditions import Calendar, completed_runs
 from adhesion_jax.effects.planting import Bend
 from adhesion_jax.programs import kept
 from adhesion_jax.simulation.runs import Runs
 
 
-def completed_runs(truth: Runs) -> Conditions:
+def conditions_of(truth: Runs) -> Conditions:
     """The conditions that effects are given, as a law found in these data would have them."""
     time = truth.columns["time_s"]
     calendar = Calendar("time_s", float(time.min()), float(time.max()))
-    return dict(
-        jax.vmap(lambda slip, measured: completed(slip, measured, calendar))(
-            jnp.asarray(truth.slip),
-            {name: jnp.asarray(values, dtype=float) for name, values in truth.columns.items()},
-        )
-    )
+    measured = {name: np.asarray(values, float) for name, values in truth.columns.items()}
+    return completed_runs(truth.slip, measured, calendar)
 
 
 def on_runs(law: Curve, conditions: Conditions) -> Bend:
     arrays = jax.tree.map(jnp.asarray, law)
-    return lambda slip: np.asarray(_adhesion(arrays, jnp.asarray(slip), conditions))
-
-
-@kept()
-def _adhesion(
-    law: Curve, slip: Float[Array, "*shape"], conditions: Conditions
-) -> Float[Array, "*shape"]:
-    return law(slip, conditions)
+    return lambda slip: np.asarray(adhesion_of(arrays, jnp.asarray(slip), conditions))
 
 
 def misfit(

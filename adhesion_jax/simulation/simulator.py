@@ -13,7 +13,7 @@ from adhesion_jax.curves import CURVES, Curve
 from adhesion_jax.effects.planting import Bend, CleanRuns, Plan, Planted
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
-from adhesion_jax.simulation.base import completed_runs, misfit, on_runs, rms
+from adhesion_jax.simulation.base import conditions_of, misfit, on_runs, rms
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
@@ -104,7 +104,7 @@ def simulate(
     truth = truth._replace(columns={**truth.columns, **extra})
     _known("column", remove, (*TABLE_COLUMNS, *extra))
     law = draw_curve(family, chance[1])
-    conditions = completed_runs(truth)
+    conditions = conditions_of(truth)
     curve = on_runs(law, conditions)
     if random is not None and random.acts_on == "fall" and not has_peak(curve, truth.slip.shape):
         family, law = "burckhardt", draw_curve("burckhardt", np.random.default_rng((seed, 1)))

@@ -52,6 +52,7 @@ def test_processes_give_the_numbers_of_one(few):
     pd.testing.assert_frame_equal(few.metrics, judged(40, workers=2).metrics, check_exact=True)
 
 
+@pytest.mark.thorough
 def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
     twenty = judged(20).metrics
     noisy = (twenty["noise"] == "yes") & (twenty["segment"] == "dry")

@@ -2,6 +2,7 @@ import jax
 import numpy as np
 import pytest
 from discovery_campaigns import SIZE, problem_of
+from lanes import lanes
 from scipy import stats
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
@@ -153,7 +154,7 @@ def scipys(setting, base, effects, start):
     return found.cost, found.x
 
 
-@pytest.mark.parametrize("base", [name for name in BASES if name != "level"])
+@pytest.mark.parametrize("base", lanes([n for n in BASES if n != "level"], always=2, thorough=2))
 def test_the_fit_of_a_curve_is_the_minimum_that_scipy_finds(base, setting):
     fitted = first_fits(fits_alone(setting, [base]))[base]
     own = fitted.setting

@@ -65,7 +65,7 @@ def test_where_nothing_was_planted_nothing_is_found(seed):
     assert found.predictions is None
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_two_effects_at_once_are_named(two, campaign):
     found = two[0]
     assert sorted(names_of(found.effects)) == ["humidity", "patch"]
@@ -325,6 +325,7 @@ def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
     assert "contiguous blocks" in found.warnings[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [3, *more(0, 1, 2)])
 def test_a_locomotive_shows_falling_friction_where_the_curve_has_no_peak(seed):
     """Whichever of its blocks are held out."""
@@ -362,6 +363,7 @@ def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train
 @pytest.mark.parametrize(
     "cause", ["slip_speed", pytest.param("falling_friction", marks=pytest.mark.slow)]
 )
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [2, *more(3)])
 def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     """Polach's curve falls with slip velocity by itself, and alone it fits best."""
@@ -378,7 +380,7 @@ def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     [
         (("load_transfer", "curve"), "burckhardt"),
         pytest.param(("axle_position", "contact_heating"), "burckhardt", marks=pytest.mark.slow),
-        (("cleaning", "rail_joint"), "kiencke"),
+        pytest.param(("cleaning", "rail_joint"), "kiencke", marks=pytest.mark.thorough),
     ],
     ids=lambda given: given if isinstance(given, str) else "+".join(given),
 )

@@ -58,6 +58,7 @@ def square(null):
     return state_of(table, joint())
 
 
+@pytest.mark.thorough
 def test_the_harmonics_of_a_wave_are_those_that_its_form_has_not(quiet):
     problem = quiet.setting.problem
     (first,) = joint().parts

@@ -186,6 +186,7 @@ def test_a_planted_noise_of_the_wheel_speed_is_estimated(planted):
     assert kind.falls_with == "vehicle_speed_mps"
 
 
+@pytest.mark.thorough
 def test_what_the_slip_leaves_of_a_log_is_white_once_it_is_whitened():
     """The true curve leaves the noise of adhesion, .008, and the errors of the expected slip."""
     campaign = one_log(seed=72, wheel_speed_noise=0.01)
@@ -212,6 +213,7 @@ def test_what_the_slip_leaves_of_a_log_is_white_once_it_is_whitened():
     assert plain.total > found.total + 30
 
 
+@pytest.mark.thorough
 def test_what_happened_once_in_a_log_is_told_but_is_no_effect():
     """A twentieth less adhesion for 18 s of a log of 300 s, in which nothing else is hidden."""
     campaign = one_log(seed=1)

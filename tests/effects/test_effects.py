@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.effects import EFFECTS, KINDS, ShapeTerm, family_of
@@ -169,7 +170,7 @@ STEADY = {name: float(z[7]) for name, z in MEASURED.items() if name != "time_s"}
 }
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", lanes(KINDS, always=10, thorough=10))
 def test_a_steady_state_has_a_peak_and_is_that_of_a_run_in_which_nothing_changes(name):
     effect = start(name)
     law = CorrectedLaw(BARE, (effect,), {"wear": (2.0, 4.0)}, CALENDAR)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.records import Record
@@ -66,8 +67,7 @@ def looped(name, kind, samples):
     return jax.jit(jax.vmap(one_run))(noise_of(samples))
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("name", "kind"), ONLINE)
+@pytest.mark.parametrize(("name", "kind"), lanes(ONLINE, always=1, thorough=2))
 def test_a_loop_over_many_runs_is_that_of_each_run_step_by_step(name, kind):
     samples, run = 5, 2
     slips, values = looped(name, kind, samples)
@@ -80,7 +80,7 @@ def test_a_loop_over_many_runs_is_that_of_each_run_step_by_step(name, kind):
             assert float(value) == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
-@pytest.mark.parametrize(("name", "kind"), ONLINE)
+@pytest.mark.parametrize(("name", "kind"), lanes(ONLINE, always=2, thorough=3))
 def test_the_loop_stays_finite_and_finds_the_peak(name, kind):
     slips, values = looped(name, kind, 600)
     assert all(np.all(np.isfinite(value)) for value in values.values())

@@ -180,6 +180,7 @@ def test_linear_least_squares_is_biased_and_wide_as_theory_says(accuracy):
         assert abs(row["rmse_over_crlb"] - ratio) < 4 * row["rmse_over_crlb_se"]
 
 
+@pytest.mark.thorough
 def test_nonlinear_least_squares_reaches_the_bound_and_forgetting_costs(accuracy):
     summary = accuracy["summary"]
     for quantity in ("p1", "p2", "mu_max"):

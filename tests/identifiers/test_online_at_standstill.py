@@ -36,6 +36,7 @@ optimised = functools.partial(jax.jit, compiler_options={"xla_backend_optimizati
 #: Published methods, which stay as they are printed. The others are this project's own.
 PRINTED = ("qp-qian2024-1", "qp-qian2024-2", "rls-kiencke", "rls-kiencke-variable", "rls-slope")
 OWN = ("qp-bias-compensated", "riv")
+ALWAYS = ("riv", "rls-kiencke")
 
 #: Where the RMSE is more than a tenth larger, or infinite: those of docs/online_at_standstill.md.
 WORSE = {
@@ -123,7 +124,11 @@ def measured(name):
     }
 
 
-CASES = [(name, one) for name in (*OWN, *PRINTED) for one in DISTURBANCES[1:]]
+CASES = [
+    pytest.param(name, one, marks=() if name in ALWAYS else pytest.mark.thorough)
+    for name in (*OWN, *PRINTED)
+    for one in DISTURBANCES[1:]
+]
 
 
 def test_every_method_that_takes_single_samples_is_among_them():

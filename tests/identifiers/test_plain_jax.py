@@ -4,10 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from identifier_cases import scenario_of
+from identifier_cases import FORMS, scenario_of
+from lanes import lanes
 
 from adhesion_jax.errors import InputError
-from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Status
+from adhesion_jax.identifiers import IDENTIFIERS, Status
 
 STREAMS = 3
 
@@ -48,10 +49,7 @@ def same(one, other):
         np.testing.assert_allclose(value, other.values[name], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=pytest.mark.slow if n in ABLATIONS else ()) for n in IDENTIFIERS],
-)
+@pytest.mark.parametrize("name", lanes(FORMS, always=4, thorough=4))
 def test_methods_are_compiled_once_and_mapped_over_streams(name):
     identifier = IDENTIFIERS[name]
     known, taken = records(identifier)
@@ -76,7 +74,7 @@ def test_methods_are_compiled_once_and_mapped_over_streams(name):
     assert np.isfinite(next(iter(together.values.values()))).all()
 
 
-@pytest.mark.parametrize("name", ONE_PASS)
+@pytest.mark.parametrize("name", lanes(ONE_PASS, always=2, thorough=2))
 def test_estimates_are_differentiated_by_the_samples(name):
     identifier = IDENTIFIERS[name]
     known, taken = records(identifier, 1, 1, 12)

@@ -221,6 +221,7 @@ print(json.dumps({
 """
 
 
+@pytest.mark.thorough
 def test_a_program_of_single_precision_is_left_as_it_is_and_gets_the_same_numbers(found, missing):
     done = subprocess.run(
         [sys.executable, "-c", _HOST], capture_output=True, text=True, timeout=500, check=False

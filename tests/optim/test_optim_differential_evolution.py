@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 from scipy import stats
 from scipy.optimize import differential_evolution
 
@@ -109,8 +110,7 @@ def gap(objective):
     return (objective - least) / SIGMA**2
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("generations", [15, 40])
+@pytest.mark.parametrize("generations", lanes([15, 40], always=0, thorough=1))
 def test_objectives_have_the_distribution_of_scipys_at_the_same_settings(generations):
     # Before convergence, where every detail of mutation and crossover shows.
     here, there = ours(generations, 600), scipys(generations, 200)
@@ -125,8 +125,7 @@ def test_that_comparison_sees_other_settings(change):
     assert stats.ks_2samp(ours(15, 600, **change), scipys(15, 200)).pvalue < LEAST_P
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("reflect", [False, True])
+@pytest.mark.parametrize("reflect", lanes([False, True], always=0, thorough=1))
 def test_in_the_papers_box_the_search_is_as_good_as_scipys(reflect):
     here, there = ours(60, 600, (LOWER, UPPER), reflect=reflect), scipys(60, 100, far=False)
     assert np.mean(gap(there) > 1) < 0.03

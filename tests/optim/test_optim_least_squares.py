@@ -1,11 +1,13 @@
 import csv
 import functools
+import itertools
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 from truth import nist
 
 from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
@@ -86,9 +88,9 @@ def is_strict_local_minimum(problem, b):
     return slope < 1e-8 and curvature > 1e-6
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", nist.MODELS)
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    ("solver", "name"), lanes(itertools.product(SOLVERS, nist.MODELS), always=4, thorough=27)
+)
 def test_nist_problems_are_solved_as_recorded_and_no_success_is_claimed_wrongly(solver, name):
     problem = nist.load(name)
     for number, result in enumerate(nist_results(solver, problem), start=1):

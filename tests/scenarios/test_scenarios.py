@@ -1,10 +1,12 @@
 import dataclasses
+import itertools
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 from scipy import stats
 
 from adhesion_jax.curves import free_values
@@ -93,7 +95,7 @@ def test_a_run_has_the_blocks_and_points_that_are_promised(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_point_is_fresh_once(name):
     """Blocks that overlap hold a point again and again; a method that is a stream takes it once."""
-    record = build(name).draw(jax.random.key(0))
+    record = jax.jit(build(name).draw)(jax.random.key(0))
     mask, fresh = np.asarray(record.mask), np.asarray(record.fresh)
     assert not np.any(fresh & ~mask)
     if name in ("he2018-1", "qian2024"):
@@ -119,8 +121,9 @@ def test_options_change_what_they_name(name):
     assert np.max(np.abs(noise_of(silent, jax.random.key(0)))) < 1e-15
 
 
-@pytest.mark.parametrize("name", WHITE)
-@pytest.mark.parametrize("sigma", [0.01, 0.1])
+@pytest.mark.parametrize(
+    ("sigma", "name"), lanes(itertools.product([0.01, 0.1], WHITE), always=5, thorough=4)
+)
 def test_noise_is_normal_with_the_given_deviation(name, sigma):
     scenario = build(name, Options(sigma=sigma))
     # The last block: of a growing sequence the others hold the same points.
@@ -162,7 +165,7 @@ def test_the_key_decides_the_noise(name):
     assert abs(np.corrcoef(*pair)[0, 1]) < 4.5 / np.sqrt(one.size / blocks_alike)
 
 
-@pytest.mark.parametrize("name", WHITE)
+@pytest.mark.parametrize("name", lanes(WHITE, always=2, thorough=2))
 def test_outliers_have_ten_times_the_deviation_and_the_share_asked_for(name):
     def drawn(share):
         scenario = build(name, Options(outliers=share))

@@ -1,9 +1,11 @@
+import itertools
 import json
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from lanes import lanes
 from scipy.optimize import least_squares
 
 from adhesion_jax.curves import free_values, physical_box, with_free_values
@@ -113,8 +115,10 @@ def test_a_null_set_refitted_by_its_own_base_has_the_stated_noise(family):
     assert np.std(factor) == pytest.approx(noise.run_scatter, rel=0.35)
 
 
-@pytest.mark.parametrize("form", ["exact", "perturbed"])
-@pytest.mark.parametrize("name", PLANTABLE)
+@pytest.mark.parametrize(
+    ("name", "form"),
+    lanes(itertools.product(PLANTABLE, ["exact", "perturbed"]), always=12, thorough=20),
+)
 def test_an_effect_changes_adhesion_by_its_strength(name, form):
     campaign = simulate([name], seed=1, form=form, strength=0.2, noise=QUIET, runs=16, points=100)
     assert campaign.truth == (name,)

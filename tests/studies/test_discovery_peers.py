@@ -130,7 +130,7 @@ def test_what_is_hidden_is_named_by_a_claim_of_its_class_or_by_a_column():
     assert not is_named_by_claim(column, claim("humidity"))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_log_without_runs_is_cut_into_blocks_and_compared(campaign):
     pytest.importorskip("sklearn")
     pytest.importorskip("threadpoolctl")

@@ -115,6 +115,7 @@ def test_a_trajectory_is_that_of_a_solver_of_order_eight(name):
         np.testing.assert_allclose(ravel_pytree(state)[0], exact, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", STARTS)
 def test_halving_the_step_lowers_the_error_sixteenfold(name):
     plant, state, (torque, *_) = started(name)

@@ -41,6 +41,7 @@ def utilisation(method):
     return np.asarray(figures(by_segment(totals), grid.sample_period)["utilisation"])
 
 
+@pytest.mark.thorough
 def test_eq_9_settles_on_roads_2_and_3_by_its_gain():
     (loop,) = loops_of("fang2018", "Eq. 9, K2 7000")
     # Road 2 begins at 55 km/h, road 3 at 85 km/h: two seconds settle, and eight are counted.

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jaxtyping import Array, Float
 
 from adhesion_jax.curves import BASES
 from adhesion_jax.data.columns import COLUMNS
@@ -33,6 +34,7 @@ from adhesion_jax.discovery.types import (
 )
 from adhesion_jax.effects import Cause, Effect, ShapeTerm, kind_of
 from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
 #: Parameters of the noise that are reported.
@@ -137,7 +139,16 @@ def law_of(state: Selection) -> CorrectedLaw:
 def predicted(law: CorrectedLaw, record: Record) -> np.ndarray:
     """Adhesion of every point of every run, [runs, points]."""
     conditions = {name: jnp.asarray(values) for name, values in record.conditions.items()}
-    return np.asarray(jax.vmap(law)(jnp.asarray(record.slip), conditions))
+    return np.asarray(_of_runs(law, jnp.asarray(record.slip), conditions))
+
+
+@kept()
+def _of_runs(
+    law: CorrectedLaw,
+    slip: Float[Array, "runs points"],
+    conditions: Mapping[str, Float[Array, "runs points"]],
+) -> Float[Array, "runs points"]:
+    return jax.vmap(law)(slip, conditions)
 
 
 def _squares(record: Record, adhesion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.discovery.model.noise import Whitening
-from adhesion_jax.discovery.model.program import QUICKLY, Data, Model, with_jacobian
+from adhesion_jax.discovery.model.program import Data, Model, with_jacobian
 from adhesion_jax.programs import kept
 
 #: Largest number of steps.
@@ -71,7 +71,7 @@ class _Step(NamedTuple):
     steps: Int[Array, ""]
 
 
-@kept(compiler=QUICKLY)
+@kept()
 def fit(
     model: Model,
     data: Data,

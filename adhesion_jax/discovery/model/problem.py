@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.model.program import Data
 from adhesion_jax.effects import EFFECTS
-from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, completed
+from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, completed_runs
 from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
@@ -151,9 +151,7 @@ def _expected(
 def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray]:
     """Every condition of every run, [runs, points]: measured, or computed from what is measured."""
     measured = {name: np.asarray(values, float) for name, values in record.conditions.items()}
-    whole = jax.vmap(lambda slip, conditions: completed(slip, conditions, calendar))(
-        np.asarray(record.slip), measured
-    )
+    whole = completed_runs(np.asarray(record.slip), measured, calendar)
     return {name: np.asarray(values) for name, values in whole.items()}
 
 

@@ -25,10 +25,6 @@ from adhesion_jax.programs import kept
 #: `changes` takes this many models at a time, whatever their number: one program for all data.
 PROBES = 16
 
-#: Options of the compiler. Compiling takes longer than running; with the older emitters it takes
-#: two thirds of the time, and the program runs as fast.
-QUICKLY = {"xla_cpu_use_fusion_emitters": False}
-
 #: Number of parameters whose derivatives are taken together, sharing the transcendental functions.
 _TOGETHER = 8
 
@@ -298,7 +294,7 @@ def with_jacobian(
     return adhesion, whitened(white, adhesion - data.adhesion), jacobian
 
 
-@kept(compiler=QUICKLY)
+@kept()
 def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs points"]:
     """The prediction of each model less the prediction `now`."""
 

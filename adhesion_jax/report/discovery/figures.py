@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from adhesion_jax.curves import Curve, Law, with_free_values
+from adhesion_jax.curves import Curve, Law, adhesion_of, with_free_values
 from adhesion_jax.discovery.types import Candidate, Dependence, Findings, Interval
 from adhesion_jax.report.discovery.levels import level_panels
 from adhesion_jax.report.discovery.residuals import residual_panels
@@ -102,7 +102,7 @@ def adhesion_over_slip(findings: Findings) -> Figure:
         points = points.sort_values("slip")
         grid_before, line = points["slip"].to_numpy(), points["before"].to_numpy()
     else:
-        grid_before, line = grid, np.asarray(before(jnp.asarray(grid), conditions))
+        grid_before, line = grid, np.asarray(adhesion_of(before, grid, conditions))
     axis.plot(
         grid_before,
         line,
@@ -110,7 +110,7 @@ def adhesion_over_slip(findings: Findings) -> Figure:
         linestyle=(0, (5, 2)),
         label="law before (median conditions)",
     )
-    after = np.asarray(findings.law(jnp.asarray(grid), conditions))
+    after = np.asarray(adhesion_of(findings.law, grid, conditions))
     axis.plot(grid, after, color=AFTER, linewidth=2.2, label="law after (median conditions)")
     root_axis(axis, low, high)
     axis.set(

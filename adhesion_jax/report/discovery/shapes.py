@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from adhesion_jax.curves import adhesion_of
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import shape_columns
 from adhesion_jax.report.discovery.words import column_label, humanised, number
@@ -32,7 +32,7 @@ def shape_panels(findings: Findings) -> Figure | None:
     for axis, (effect, name) in zip(axes, shown, strict=True):
         for quantile, style in _QUANTILES.items():
             value = float(findings.points[name].quantile(quantile))
-            adhesion = findings.law(jnp.asarray(grid), {**conditions, name: value})
+            adhesion = adhesion_of(findings.law, grid, {**conditions, name: value})
             axis.plot(grid, adhesion, label=f"{number(value)} ({100 * quantile:.0f} %)", **style)
         root_axis(axis, low, high, gap=0.13)
         axis.set_xlim(low, high)
@@ -65,5 +65,5 @@ def medians(findings: Findings) -> Mapping[str, float]:
         columns=["run", "slip", "adhesion", "before", "after"], errors="ignore"
     )
     calendar = findings.law.calendar
-    middle = {calendar.column: (calendar.start + calendar.end) / 2}
+    middle = {calendar.column: float(calendar.start + calendar.end) / 2}
     return {**middle, **{str(name): float(value) for name, value in numeric.median().items()}}
