@@ -107,7 +107,7 @@ def test_a_curve_is_identified(folder):
     assert 0.25 < row["mu_max"] < 0.35
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_seeker_drives(folder):
     out, _ = done_in(folder, of("traction"), "seeker")
     metrics = pd.read_csv(out / "metrics.csv")

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import adhesion_jax as aj
 
 HOME = Path(__file__).resolve().parents[1]

@@ -111,7 +111,7 @@ def free_values(curve: Curve) -> Float[Array, " free"]:
     return jnp.stack([jnp.asarray(getattr(curve, name), dtype=float) for name in curve.free])
 
 
-def with_free_values(curve: C, values: Float[Array, " free"]) -> C:
+def with_free_values(curve: C, values: Float[Array, " free"] | Float[np.ndarray, " free"]) -> C:
     """The same curve with its free parameters replaced, in the order of `free`."""
     return dataclasses.replace(curve, **dict(zip(curve.free, values, strict=True)))
 

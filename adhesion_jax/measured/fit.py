@@ -145,8 +145,9 @@ def _problem(curve: Curve, record: Record, slip_is_velocity: bool) -> _Problem:
 
 
 def _measured_fit(problem: _Problem, found: tuple, slip_is_velocity: bool) -> MeasuredFit:
-    found = jax.tree.map(np.asarray, found)
-    parameters, covariance, bound, unfelt, objective, peak, peak_se, converged = found
+    *estimated, peak, peak_se, converged = found
+    parameters, covariance, bound, unfelt, objective = map(np.asarray, estimated)
+    slip_opt_se, mu_max_se = np.asarray(peak_se).tolist()
     return MeasuredFit(
         with_free_values(problem.curve, parameters),
         {name: float(value) for name, value in problem.medians.items()},
@@ -159,8 +160,8 @@ def _measured_fit(problem: _Problem, found: tuple, slip_is_velocity: bool) -> Me
         bound,
         unfelt,
         peak,
-        float(peak_se[0]),
-        float(peak_se[1]),
+        slip_opt_se,
+        mu_max_se,
         bool(converged),
     )
 

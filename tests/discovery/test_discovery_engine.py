@@ -363,7 +363,7 @@ def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train
 @pytest.mark.parametrize(
     "cause", ["slip_speed", pytest.param("falling_friction", marks=pytest.mark.slow)]
 )
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, *more(3)])
 def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     """Polach's curve falls with slip velocity by itself, and alone it fits best."""

@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 
 from adhesion_jax.effects.planting import CleanRuns
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.base import completed_runs, on_runs
+from adhesion_jax.simulation.base import conditions_of, on_runs
 from adhesion_jax.simulation.one_log import one_log
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
@@ -27,7 +27,7 @@ ONE, TWO = ("temperature_C",), ("relative_humidity_pct", "vehicle_speed_mps")
 
 def small_runs(family="burckhardt", seed=0):
     runs = draw_runs(20, 60, False, np.random.default_rng(seed))
-    return runs, on_runs(draw_curve(family, np.random.default_rng(1)), completed_runs(runs))
+    return runs, on_runs(draw_curve(family, np.random.default_rng(1)), conditions_of(runs))
 
 
 def test_total_effects_are_those_known_by_hand():
@@ -73,7 +73,7 @@ def test_a_random_effect_acts_on_the_level_the_slip_or_the_fall():
     runs, curve = small_runs()
     slip = runs.slip
     base = curve(slip)
-    clean = CleanRuns(slip, runs.columns, completed_runs(runs), curve)
+    clean = CleanRuns(slip, runs.columns, conditions_of(runs), curve)
     level = random_plan(RandomEffect(ONE, "level"), clean, np.random.default_rng(5))
     g = np.log(level.make(0.2).after(base) / base)
     assert np.abs(g).max() == pytest.approx(0.2)
