@@ -89,6 +89,7 @@ def test_a_scenario_has_options_of_its_own(folder):
     assert (table["rail"] == "steep").all()
 
 
+@pytest.mark.thorough
 def test_the_options_of_a_scenario_are_in_its_help_and_in_their_range(folder):
     asked = "montecarlo --scenario steep.py:steep"
     assert "Steepness of the rise, c2." in " ".join(ran(f"{asked} --help", folder).stdout.split())
@@ -196,6 +197,7 @@ def test_a_scenario_that_is_none_is_refused(content, words, tmp_path):
     assert words in refusal("scenario", tmp_path / "mine.py", "X")
 
 
+@pytest.mark.thorough
 def test_the_command_refuses_with_status_2_and_no_traceback(folder):
     (folder / "none.py").write_text("def nothing():\n    '''No scenario.'''\n")
     (folder / "shut.py").write_text("import no_such_module\n")
@@ -240,6 +242,7 @@ def told_of(text, folder):
     return done.stdout.split()
 
 
+@pytest.mark.thorough
 def test_programs_depend_on_the_content_of_the_files_and_not_on_their_place(tmp_path):
     for place in ("one", "other"):
         (tmp_path / place).mkdir()

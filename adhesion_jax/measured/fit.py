@@ -175,14 +175,12 @@ def fit_all(
         for name, curve in curves.items()
         if not missing_columns(curve, record)
     }
-    # Nearly all the time is compilation, which a second thread can share. The programs themselves
-    # run one after the other, which costs little.
-    with runtime.threads() as pool:
-        compiled = pool.map(lambda problem: _fit.ready(*problem), problems.values())
-        return {
-            name: _measured_fit(problem, run(jax.tree.leaves(problem)), slip_is_velocity)
-            for (name, problem), run in zip(problems.items(), compiled, strict=True)
-        }
+
+    def fitted(problem: _Problem) -> MeasuredFit:
+        return _measured_fit(problem, _fit(*problem), slip_is_velocity)
+
+    with runtime.threads() as pool:  # nearly all the time is compilation
+        return dict(zip(problems, pool.map(fitted, problems.values()), strict=True))
 
 
 def missing_columns(curve: Curve, record: Record) -> tuple[str, ...]:

@@ -192,6 +192,7 @@ def test_same_numbers_whatever_the_number_of_workers(small):
         )
 
 
+@pytest.mark.thorough
 def test_a_run_does_not_depend_on_how_many_there_are_nor_on_the_other_methods(small):
     few = dataclasses.replace(SMALL, runs=5, identifiers=("ml-de-he2018",))
     _, estimates = collect(few)
@@ -280,6 +281,7 @@ def test_memory_of_a_campaign_is_that_of_its_tiles(scenario, blocks, bytes_a_run
     assert many - few < 30 * tiles.TILE * bytes_a_run
 
 
+@pytest.mark.thorough
 def test_growing_sequence_has_a_row_for_every_length():
     config = Config("he2018-1", ("ml-exact",), Options(points=200), runs=20)
     campaign, _ = collect(config)
@@ -407,6 +409,7 @@ def test_a_full_disk_is_answered_in_a_sentence(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_a_method_that_pools_blocks_is_held_against_the_bound_of_its_pool():
     """That of all the points of the pool, by brute force; the others against one block."""
     config = Config("he2018-blocks", ("ml-exact", "ml-pooled"), Options(blocks=6, points=60), 100)

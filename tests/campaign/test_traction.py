@@ -64,6 +64,7 @@ def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
         assert abs(one[name] - many[name]) < 5 * np.hypot(one[f"{name}_se"], many[f"{name}_se"])
 
 
+@pytest.mark.thorough
 def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
     plan, runs = plan_of(40), 40
     unit = next(unit for unit in plan.units if unit.runs is not None)

@@ -172,6 +172,7 @@ def test_what_is_no_law_is_refused(text, tmp_path):
         load_law(tmp_path / "none.json")
 
 
+@pytest.mark.thorough
 def test_a_run_is_repeated_to_the_bit(two, train):
     again = discover(train)
     for name in ("before", "after"):
@@ -188,6 +189,7 @@ def test_progress_never_goes_back(two):
     assert all(words for words, _ in told)
 
 
+@pytest.mark.thorough
 def test_a_column_that_is_absent_is_named(campaign):
     hidden = campaign.train.drop(columns="relative_humidity_pct")
     found = discover(runs_of(hidden), base="kiencke")
@@ -227,6 +229,7 @@ def odd_stamps_and_columns(table):
     return table.assign(time_s=time, huge=1e100 * wave, tiny=1e-100 * wave)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("change", [only_slip_and_adhesion, one_time, odd_stamps_and_columns])
 def test_odd_tables_are_searched_as_others_are(change):
     table = simulate(seed=2, base="burckhardt", **SIZE).train
@@ -297,6 +300,7 @@ def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):
     assert any("humidity" in word and "not lower the error" in word for word in found.warnings)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, *more(1, 2, 3)])
 def test_a_rig_of_one_slip_has_lateral_creep(seed):
     found = discover(read_runs([SHIPPED["roller-rig"].path]), seed=seed)
@@ -378,7 +382,7 @@ def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
 @pytest.mark.parametrize(
     ("pair", "base"),
     [
-        (("load_transfer", "curve"), "burckhardt"),
+        pytest.param(("load_transfer", "curve"), "burckhardt", marks=pytest.mark.thorough),
         pytest.param(("axle_position", "contact_heating"), "burckhardt", marks=pytest.mark.slow),
         pytest.param(("cleaning", "rail_joint"), "kiencke", marks=pytest.mark.thorough),
     ],

@@ -47,6 +47,7 @@ def test_what_acts_through_two_columns_together_is_one_effect_of_both(null):
     assert 0.92 < squares(found.fitted) / squares(bare.fitted) < 1.02
 
 
+@pytest.mark.thorough
 def test_what_acts_through_each_of_two_columns_is_two_effects(null):
     u, v = places(null["position_m"]), places(null["rail_age_days"])
     found = searched(null.assign(adhesion=null["adhesion"] * np.exp(0.15 * u + 0.15 * v)))

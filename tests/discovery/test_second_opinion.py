@@ -44,6 +44,7 @@ def noise(seed, correlation, scatter, runs=RUNS):
     return (within + scatter * draw.normal(size=(runs, 1))).ravel()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("correlation", "scatter"), [(0.0, 0.0), (0.9, 0.0), (0.5, 1.5)])
 def test_noise_is_no_opinion(correlation, scatter):
     for seed in range(5):

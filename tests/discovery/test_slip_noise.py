@@ -115,6 +115,7 @@ def test_a_larger_noise_is_smoothed_more():
     np.testing.assert_allclose(still.slip, SLIP, atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_the_expected_slip_is_as_rough_as_is_likely_near_each_point():
     rougher = [4.0**power for power in range(-5, 2)]
     kinds = [SlipNoise(sigma=NOISE.sigma, roughness=times * NOISE.roughness) for times in rougher]
@@ -129,6 +130,7 @@ def test_the_expected_slip_is_as_rough_as_is_likely_near_each_point():
     np.testing.assert_allclose(found.variance, by_hand.variance, rtol=1e-7)
 
 
+@pytest.mark.thorough
 def test_a_slip_that_is_calm_but_for_events_is_followed_where_it_is_rough():
     """A bump of .15 within 6 s in 60 s of creep; 200 times with noise of its own."""
     time, sigma = 0.1 * np.arange(600), 1.5e-3

@@ -260,6 +260,7 @@ def fine_run(step):
     return 0.04 + 0.03 * jnp.sin(0.9 * time), conditions
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [name for name, cause in EFFECTS.items() if issubclass(cause, Remembering)]
 )

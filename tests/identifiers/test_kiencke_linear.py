@@ -193,6 +193,7 @@ def test_nonlinear_least_squares_reaches_the_bound_and_forgetting_costs(accuracy
         assert row["rmse"] - least["rmse"] > 4 * np.hypot(row["rmse_se"], least["rmse_se"])
 
 
+@pytest.mark.thorough
 def test_the_bound_is_that_of_the_papers_checkpoints(accuracy):
     checkpoints = accuracy["checkpoints"].loc["ls-kiencke"].reset_index().set_index("k")
     assert sorted(set(checkpoints.index)) == [30, 230, 250]

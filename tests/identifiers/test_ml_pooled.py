@@ -57,6 +57,7 @@ def brute_force(slip, adhesion):
     return min(found, key=lambda result: result.cost)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "options"),
     [

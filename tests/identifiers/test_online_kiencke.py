@@ -226,6 +226,7 @@ def campaign(scenario, outliers, sigma):
     return run_campaign(config, lambda _: None, lambda _: None).tables
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("outliers", "dry", "common"), [(None, 1.13, 1.10), (0.03, 1.20, 1.25)], ids=["clean", "dirty"]
 )

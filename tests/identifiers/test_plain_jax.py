@@ -49,7 +49,7 @@ def same(one, other):
         np.testing.assert_allclose(value, other.values[name], rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", lanes(FORMS, always=4, thorough=4))
+@pytest.mark.parametrize("name", lanes(FORMS, always=2, thorough=4))
 def test_methods_are_compiled_once_and_mapped_over_streams(name):
     identifier = IDENTIFIERS[name]
     known, taken = records(identifier)
@@ -74,7 +74,7 @@ def test_methods_are_compiled_once_and_mapped_over_streams(name):
     assert np.isfinite(next(iter(together.values.values()))).all()
 
 
-@pytest.mark.parametrize("name", lanes(ONE_PASS, always=2, thorough=2))
+@pytest.mark.parametrize("name", lanes(ONE_PASS, always=1, thorough=2))
 def test_estimates_are_differentiated_by_the_samples(name):
     identifier = IDENTIFIERS[name]
     known, taken = records(identifier, 1, 1, 12)
@@ -93,6 +93,7 @@ def test_estimates_are_differentiated_by_the_samples(name):
     np.testing.assert_allclose(jax.jit(jax.jacfwd(peak))(record.adhesion), found, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_settings_that_are_arrays_may_be_compiled_in_too():
     identifier = jax.tree.map(jnp.asarray, IDENTIFIERS["riv"])
     known, taken = records(identifier, 1)

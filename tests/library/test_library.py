@@ -137,6 +137,7 @@ def test_a_method_of_ones_own_among_others():
     assert len(result.tables["checkpoints"]) > len(result.summary) / 2
 
 
+@pytest.mark.thorough
 def test_what_a_discovery_tells(missing, tmp_path):
     assert "lateral creep" in missing.verdict
     effects = missing.effects

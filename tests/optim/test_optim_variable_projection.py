@@ -102,6 +102,7 @@ def test_the_optimum_is_that_of_a_dense_grid_with_a_bounded_solver(case, sigma):
         np.testing.assert_allclose(found, truth, rtol=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(6))
 def test_the_optimum_of_pure_noise_and_of_few_points_is_global_too(seed):
     # Nothing here follows the model: profiles with several valleys.

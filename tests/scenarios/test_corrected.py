@@ -112,6 +112,7 @@ def test_who_ignores_humidity_is_wrong_by_what_it_takes(humid):
     assert humid[1]["failure_share"].eq(0).all()
 
 
+@pytest.mark.thorough
 def test_without_effects_it_is_a_single_block(tmp_path):
     scenario = build("corrected", options(tmp_path))
     single = build("single")
@@ -190,6 +191,7 @@ def test_every_effect_of_the_catalogue_acts(tmp_path):
     assert (np.asarray(bound) > 0).all()
 
 
+@pytest.mark.thorough
 def test_a_curve_that_falls_with_speed_has_its_peak_at_the_middle_of_the_speeds(tmp_path):
     curve = PolachFalling(mu0=0.55, a=0.4, b=0.6, stiffness=150.0, k_s=0.4)
     ranges = {"vehicle_speed_mps": (10.0, 30.0)}
@@ -300,6 +302,7 @@ def test_the_command_refuses_in_one_sentence(tmp_path, monkeypatch, capsys):
         assert lines[0].endswith(".")
 
 
+@pytest.mark.thorough
 def test_two_workers_find_what_one_does(humid):
     pd.testing.assert_frame_equal(humid[2], humid[3], check_exact=True)
 

@@ -53,6 +53,7 @@ def test_coloured_is_the_plain_recursion_and_whitened_takes_it_back():
     np.testing.assert_array_equal(whitened(jnp.asarray(white), 0.0), white)
 
 
+@pytest.mark.thorough
 def test_outliers_are_ten_times_the_coloured_noise():
     key, shape = jax.random.key(1), (20, 500)
     clean = np.asarray(draw_noise(key, shape, 0.01, 0.0, 0.8))
@@ -183,6 +184,7 @@ def test_the_initial_slope_that_kiencke_is_told_is_the_true_one():
         assert polach(theta, 1e-9, k_a) / 1e-9 == pytest.approx(slope, rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", MISMATCHES)
 @pytest.mark.parametrize("rail", TRUTHS)
 def test_the_nearest_curve_lies_well_inside_the_box(name, rail):

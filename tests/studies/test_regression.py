@@ -176,6 +176,7 @@ def test_a_slow_turn_of_the_machine_is_no_slowdown(timed_baseline):
     assert verdicts(compare(timed_baseline, again)) == {}
 
 
+@pytest.mark.thorough
 def test_a_speed_is_judged_by_the_faster_of_its_timings(baseline, accuracy):
     """Two thirds of the baseline's is the limit; no clock is asked."""
     for speed, suspected in ((26.0, (NAME,)), (27.5, ()), (80.0, ())):

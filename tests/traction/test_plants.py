@@ -64,6 +64,7 @@ def run(plant, state, command, step, seconds):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", STARTS)
 def test_energy_is_kept(name):
     plant, state, torques = started(name)

@@ -37,17 +37,6 @@ from adhesion_jax.report.style import (
     thinned,
 )
 
-#: The names of the files of the figures; a figure without content is not drawn.
-FIGURES = (
-    "adhesion.png",
-    "residuals.png",
-    "levels.png",
-    "dependence.png",
-    "shapes.png",
-    "errors.png",
-    "ranking.png",
-)
-
 _DPI = 110
 
 #: Largest number of bars of a round; the other candidates are in the table.

@@ -8,7 +8,6 @@ from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Opinion
 from adhesion_jax.effects.saved import FORMAT, save_law
 from adhesion_jax.files import write_metadata, write_table
 from adhesion_jax.report.discovery.content import page
-from adhesion_jax.report.discovery.figures import FIGURES, draw_discovery
 from adhesion_jax.report.discovery.frames import ranking_frame
 from adhesion_jax.report.discovery.markdown import aligned, discovery_markdown
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
@@ -16,6 +15,17 @@ from adhesion_jax.report.discovery.words import candidates
 from adhesion_jax.report.discovery.words import verdict as verdict
 from adhesion_jax.report.page import Table
 from adhesion_jax.report.page_html import page_html
+
+#: The names of the files of the figures; a figure without content is not drawn.
+FIGURES = (
+    "adhesion.png",
+    "residuals.png",
+    "levels.png",
+    "dependence.png",
+    "shapes.png",
+    "errors.png",
+    "ranking.png",
+)
 
 #: The files of a discovery; those that do not apply are not written.
 DISCOVERY_FILES = (
@@ -33,6 +43,8 @@ _WIDTH = 96
 
 def write_discovery(folder: Path, findings: Findings) -> None:
     """Every file of DISCOVERY_FILES that applies."""
+    from adhesion_jax.report.discovery.figures import draw_discovery  # imported beside the search
+
     draw_discovery(folder, findings)
     pictures = {name: (folder / name).read_bytes() for name in FIGURES if (folder / name).is_file()}
     (folder / "report.html").write_text(page_html(page(findings), pictures), encoding="utf-8")
