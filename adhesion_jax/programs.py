@@ -211,7 +211,7 @@ def _keep(path: Path, made: jax.stages.Compiled) -> None:
     try:
         payload = pickle.dumps(serialize(made))
     except (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError):
-        return
+        return  # one that calls Python, or a backend that cannot: each process compiles its own
     partly = path.with_suffix(f".{os.getpid()}")
     try:
         partly.write_bytes(sha256(payload).digest() + payload)

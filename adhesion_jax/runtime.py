@@ -106,6 +106,10 @@ def import_meanwhile(*modules: str) -> None:
     Thread(target=lambda: [import_module(name) for name in modules], daemon=True).start()
 
 
+def silent(*_: object) -> None:
+    """Reports no progress."""
+
+
 def cores_for(workers: int, context: BaseContext) -> Queue:
     """The core that each worker is to keep to, for `take_core`; none where that is not possible."""
     cores = context.Queue()

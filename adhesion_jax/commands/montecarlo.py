@@ -38,14 +38,18 @@ OWN_FILES = (
 class Job(NamedTuple):
     """One scenario of the job, and what runs on it."""
 
-    name: str
+    config: Config
     scenario: Scenario
     identifiers: tuple[str, ...]
 
     @staticmethod
     def of(config: Config) -> "Job":
         scenario = build_scenario(config)
-        return Job(config.scenario, scenario, choose_identifiers(config, scenario))
+        return Job(config, scenario, choose_identifiers(config, scenario))
+
+    @property
+    def name(self) -> str:
+        return self.config.scenario
 
 
 def main(
@@ -79,10 +83,7 @@ def main(
         _draw(stage, jobs, tables)
         metadata = {
             "config": _config(asked, parts),
-            "in_force": {
-                job.name: _in_force(job.scenario, part)
-                for job, part in zip(jobs, parts, strict=True)
-            },
+            "in_force": {job.name: _in_force(job) for job in jobs},
             "identifiers": {job.name: job.identifiers for job in jobs},
             "seed": seed,
             "statuses": {status.name.lower(): status.sentence for status in Status},
@@ -114,13 +115,13 @@ def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
     return {**config, "scenario": ",".join(part.scenario for part in parts)}
 
 
-def _in_force(scenario: Scenario, part: Config) -> dict[str, object]:
+def _in_force(job: Job) -> dict[str, object]:
     """What the options and the scenario's own defaults come to; the slip is that of one tile."""
-    slip = np.asarray(draw_tile(part, 0).slip)
+    slip = np.asarray(draw_tile(job.config, 0).slip)
     return {
-        "rails": scenario.rails,
-        "sigma": scenario.sigma,
-        "outliers": scenario.outliers,
+        "rails": job.scenario.rails,
+        "sigma": job.scenario.sigma,
+        "outliers": job.scenario.outliers,
         "points": slip.shape[-1],
         "slip_max": float(slip.max()),
     }
@@ -146,12 +147,13 @@ def _draw(stage: Path, jobs: Sequence[Job], tables: Mapping[str, pd.DataFrame]) 
     }
     if pooled:
         figures.histogram(stage / "histogram_mu_max.png", tables["summary"], estimates, pooled)
-    for name, scenario, identifiers in jobs:
+    for job in jobs:
+        scenario, identifiers = job.scenario, job.identifiers
         truth = pd.DataFrame(scenario.quantities())
         truth.insert(0, "block", np.arange(len(truth)))
         if scenario.known.by_sample:
             steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
-            of_job = tables["bands"][tables["bands"]["scenario"] == name]
+            of_job = tables["bands"][tables["bands"]["scenario"] == job.name]
             figures.bands(stage / "bands.png", truth, of_job, steps)
             continue
         if len(truth) > 1:  # a single block has no course

@@ -57,10 +57,6 @@ _ONE_SLIP = 1e-6
 _FIRST_SIGMA = 0.1
 
 
-def _silent(_words: str, _share: float) -> None:
-    """Reports no progress."""
-
-
 def _never_falling(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
     """A `progress` whose share never falls: where a search begins again the largest one is kept."""
     reached = 0.0
@@ -80,7 +76,7 @@ def discover(
     test: RunSet | None = None,
     base: str = "auto",
     seed: int = 0,
-    progress: Callable[[str, float], None] = _silent,
+    progress: Callable[[str, float], None] = runtime.silent,
     source: str = "",
     citation: str = "",
     slip_noise: float | None = None,

@@ -17,7 +17,7 @@ from adhesion_jax.report.discovery.files import printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.words import verdict
-from adhesion_jax.runtime import in_double_precision
+from adhesion_jax.runtime import in_double_precision, silent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +90,7 @@ def discover(
     base: str = "auto",
     seed: int = 0,
     slip_noise: float | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Callable[[str, float], None] = silent,
 ) -> Discovery:
     """Find which effects an adhesion curve lacks in measured runs.
 
@@ -107,13 +107,9 @@ def discover(
         None if test is None else matching(train, runs_of(test)),
         base,
         seed,
-        _silent if progress is None else progress,
+        progress,
         source=", ".join(map(name_of, parts_of(data))),
         citation=" ".join(filter(None, map(citation_of, parts_of(data)))),
         slip_noise=slip_noise,
     )
     return Discovery(findings._replace(law=of_numbers(findings.law)))
-
-
-def _silent(*_: object) -> None:
-    """Reports no progress."""

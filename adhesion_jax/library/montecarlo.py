@@ -15,7 +15,7 @@ from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.report.montecarlo.tables import accuracy_table
-from adhesion_jax.runtime import in_double_precision
+from adhesion_jax.runtime import in_double_precision, silent
 from adhesion_jax.scenarios import SCENARIOS, Options, build, declared
 from adhesion_jax.wording import listed
 
@@ -68,12 +68,8 @@ def montecarlo(
     config = Config(scenario, names, given, int(runs), int(seed))
     _refuse_unsuited(config, methods)
     estimates: list[pd.DataFrame] = []
-    campaign = run_campaign(config, estimates.append, _silent, workers, methods)
+    campaign = run_campaign(config, estimates.append, silent, workers, methods)
     return MonteCarlo(campaign.tables, pd.concat(estimates, ignore_index=True))
-
-
-def _silent(*_: object) -> None:
-    """Reports no progress."""
 
 
 def _methods(

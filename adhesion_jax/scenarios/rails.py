@@ -32,7 +32,7 @@ def peak_matched(slip: float, adhesion: float) -> Kiencke:
 
 
 def peak_of(rail: Burckhardt) -> tuple[float, float]:
-    """The closed form of the curve in plain numbers: at import jax would compile for it."""
+    """Slip and adhesion of the peak, in closed form and without jax, which would compile for it."""
     c1, c2, c3 = float(rail.c1), float(rail.c2), float(rail.c3)
     logarithm = math.log(c1 * c2 / c3)
     return logarithm / c2, c1 - c3 / c2 * (1 + logarithm)
