@@ -5,12 +5,10 @@ import platform
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
-from importlib import import_module
 from importlib.metadata import version
 from itertools import cycle
 from multiprocessing.context import BaseContext
 from multiprocessing.queues import Queue
-from threading import Thread
 from typing import ParamSpec, TypeVar
 
 import jax
@@ -99,11 +97,6 @@ def threads() -> ThreadPoolExecutor:
         jax.enable_x64(precise).__enter__()
 
     return ThreadPoolExecutor(CORES, initializer=begin)
-
-
-def import_meanwhile(*modules: str) -> None:
-    """Import modules beside what runs now: those that are needed later, and take long to import."""
-    Thread(target=lambda: [import_module(name) for name in modules], daemon=True).start()
 
 
 def silent(*_: object) -> None:

@@ -12,7 +12,6 @@ from adhesion_jax.data.runs import matching, read_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.files import output_directory, staged
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
-from adhesion_jax.runtime import import_meanwhile
 from adhesion_jax.simulation.simulator import simulate, write_set
 
 
@@ -27,7 +26,6 @@ def main(
 ) -> None:
     """Write what a curve lacks in the runs, or in simulated ones where effects are planted."""
     output_directory(out)
-    import_meanwhile("adhesion_jax.report.discovery.figures")
     if planted is not None:
         write_set(out, simulate(planted, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)

@@ -7,12 +7,10 @@ import click
 from adhesion_jax.curves import CURVES
 from adhesion_jax.files import output_directory, staged
 from adhesion_jax.library.identify import IDENTIFY_FILES, identify
-from adhesion_jax.runtime import import_meanwhile
 
 
 def main(file: str, curve: str, out: Path) -> None:
     """Write what the measured points of a file, or of a set that ships, say of a curve, or all."""
-    import_meanwhile("adhesion_jax.report.measured.figure")
     found = identify(file, CURVES if curve == "all" else curve)
     with staged(output_directory(out), IDENTIFY_FILES) as stage:
         found.write(stage)

@@ -38,7 +38,7 @@ from adhesion_jax.discovery.search.judgement import (
 from adhesion_jax.discovery.search.probes import compile_changes
 from adhesion_jax.discovery.search.refinement import refined
 from adhesion_jax.discovery.search.scans import torsion
-from adhesion_jax.discovery.search.second_opinion import second_opinion
+from adhesion_jax.discovery.search.second_opinion import import_trees, second_opinion
 from adhesion_jax.discovery.search.selection import search, search_columns
 from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
 from adhesion_jax.discovery.types import Doubt, Findings, Opinion
@@ -92,7 +92,7 @@ def discover(
     Raises InputError for a base curve that is not known, or that needs a column the runs lack.
     """
     began = time.perf_counter()
-    runtime.import_meanwhile("sklearn.ensemble")  # takes longer than the work of the trees
+    import_trees()
     progress = _never_falling(progress)
     bases = _bases(runs, base)
     whole = with_run_order(runs)

@@ -15,6 +15,7 @@ from adhesion_jax.library.reading import Data, citation_of, measured_of
 from adhesion_jax.library.results import of_numbers, text_html
 from adhesion_jax.measured.fit import MeasuredFit, fit_all, missing_columns
 from adhesion_jax.measured.residual import Residual, residual_structure
+from adhesion_jax.report.measured.figure import draw_measured
 from adhesion_jax.report.measured.words import curve_rows, printed_table, verdict
 from adhesion_jax.runtime import in_double_precision
 from adhesion_jax.wording import listed
@@ -91,8 +92,6 @@ class Identification:
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them."""
-        from adhesion_jax.report.measured.figure import draw_measured  # takes long to import
-
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "curves.csv", self.table)

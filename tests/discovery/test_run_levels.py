@@ -61,6 +61,7 @@ def state_of(table):
     return settled(first_fits(fits_alone(setting, ["burckhardt"])), (), ())
 
 
+@pytest.mark.thorough
 def test_levels_that_follow_a_column_are_told_where_no_effect_is_accepted(null):
     age = null["rail_age_days"]
     worn = np.exp(-2 * (age - age.min()) / np.ptp(age))

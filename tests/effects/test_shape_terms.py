@@ -230,6 +230,7 @@ def heights(spline, strengths):
     return np.asarray(changed.log_factor({"temperature_C": at}))
 
 
+@pytest.mark.thorough
 def test_a_fit_with_a_term_is_the_maximum_of_its_posterior(cold):
     """With N(0, 1.5^2) for the function at each knot, by sums over all points."""
     fitted, start = cold

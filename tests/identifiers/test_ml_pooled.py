@@ -95,6 +95,7 @@ def test_the_estimate_is_that_of_all_raw_points_since_the_last_reset(name, optio
         assert estimate.objective[run, block] == pytest.approx(np.sum(misfit**2), rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_switch_resets_the_pool_and_nothing_else_does():
     scenario, _, estimate = pooled("he2018-blocks", Options(points=120, blocks=9))
     expected = np.zeros((RUNS, 9), dtype=bool)
@@ -128,6 +129,7 @@ def two_halves(key, curve):
     return cost, chance(cost, count)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rail", ["dry", "common"])
 def test_the_penalty_on_an_unchanged_rail_is_chi_square_with_three_degrees_of_freedom(rail):
     cost, probability = two_halves(jax.random.split(jax.random.key(1), 1000), RAILS[rail])

@@ -219,6 +219,7 @@ def test_options_that_do_not_fit_are_refused_by_name(options, option):
     assert str(refused.value).endswith(".")
 
 
+@pytest.mark.thorough
 def test_a_campaign_reports_the_slope():
     config = Config("fang2018-slope", (), Options(points=300), runs=40)
     campaign = run_campaign(config, [].append, [].append, workers=1)

@@ -163,6 +163,7 @@ def test_what_a_discovery_tells(missing, tmp_path):
     assert json.loads((tmp_path / "report" / "report.json").read_text())["effects"]
 
 
+@pytest.mark.thorough
 def test_several_tables_and_a_test():
     """Runs of a table are told apart from runs of the same name in another one."""
     halves = [RIG[:20].assign(run=1), RIG[20:].assign(run=1)]

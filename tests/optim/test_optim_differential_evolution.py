@@ -120,6 +120,7 @@ def test_objectives_have_the_distribution_of_scipys_at_the_same_settings(generat
     assert stats.fisher_exact(failed).pvalue > LEAST_P
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("change", [{"scale": 0.6}, {"crossover": 0.9}])
 def test_that_comparison_sees_other_settings(change):
     assert stats.ks_2samp(ours(15, 600, **change), scipys(15, 200)).pvalue < LEAST_P

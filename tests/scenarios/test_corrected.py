@@ -307,6 +307,7 @@ def test_two_workers_find_what_one_does(humid):
     pd.testing.assert_frame_equal(humid[2], humid[3], check_exact=True)
 
 
+@pytest.mark.thorough
 def test_the_metadata_hold_the_law(humid):
     config = humid[0]
     kept = json.loads(json.dumps(montecarlo._config(config, [config])))

@@ -28,6 +28,7 @@ def identified(name, scenario, runs):
     return identify_batch(IDENTIFIERS[name], scenario.known, records, keys)
 
 
+@pytest.mark.thorough
 def test_coloured_noise_has_the_deviation_and_the_correlation_of_the_recursion():
     noise = np.asarray(draw_noise(jax.random.key(0), (4000, 60), 0.02, 0.0, 0.8)) / 0.02
     # Stationary from the first point on; 4.5 standard errors of 60 deviations.
@@ -100,6 +101,7 @@ def test_least_squares_hardly_loses_by_colour_but_claims_a_third_of_its_error():
     assert covered == pytest.approx(0.487, abs=4 * np.sqrt(0.25 / 400))
 
 
+@pytest.mark.thorough
 def test_coloured_is_single_but_for_the_noise():
     one, other = (build(name, Options(sigma=0.0)) for name in ("single", "coloured"))
     np.testing.assert_array_equal(

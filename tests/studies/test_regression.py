@@ -331,6 +331,7 @@ def test_a_method_without_a_scenario_is_refused():
         homes({"nowhere": Nowhere(IDENTIFIERS[NAME])})
 
 
+@pytest.mark.thorough
 def test_a_baseline_is_read_as_it_was_written(tmp_path, baseline):
     path = tmp_path / "baseline.csv"
     baseline.to_csv(path, index=False)
@@ -369,6 +370,7 @@ def test_a_missing_baseline_is_answered_before_any_work(tmp_path):
     assert "--update" in str(done.exception)
 
 
+@pytest.mark.thorough
 def test_the_command_updates_passes_and_fails(tmp_path, monkeypatch):
     monkeypatch.setattr(regression, "IDENTIFIERS", {NAME: IDENTIFIERS[NAME]})
     monkeypatch.setattr(regression, "RUNS", RUNS)

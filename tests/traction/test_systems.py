@@ -96,6 +96,7 @@ def test_the_lag_of_a_double_pole_loses_the_wet_rail():
     np.testing.assert_allclose(used[:2], [0.888, 0.49], atol=0.02)
 
 
+@pytest.mark.thorough
 def test_an_encoder_turns_with_the_motor_and_its_pulses_disturb_the_observer():
     (loop,) = loops_of("hxd1f", "SMES, full dimension -233, ABLF")
     found = {}

@@ -5,6 +5,8 @@ whatever form. They claim no cause; the columns that they need for the predictio
 """
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
+from threading import Thread
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -30,6 +32,11 @@ _MORE_TREES = (75, 225)
 
 #: Number of random exchanges of each column between runs.
 _EXCHANGES = 3
+
+
+def import_trees() -> None:
+    """Import the library of the trees, which takes longer than their work, beside what runs now."""
+    Thread(target=import_module, args=("sklearn.ensemble",), daemon=True).start()
 
 
 def second_opinion(

@@ -8,6 +8,7 @@ from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Opinion
 from adhesion_jax.effects.saved import FORMAT, save_law
 from adhesion_jax.files import write_metadata, write_table
 from adhesion_jax.report.discovery.content import page
+from adhesion_jax.report.discovery.figures import draw_discovery
 from adhesion_jax.report.discovery.frames import ranking_frame
 from adhesion_jax.report.discovery.markdown import aligned, discovery_markdown
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
@@ -43,8 +44,6 @@ _WIDTH = 96
 
 def write_discovery(folder: Path, findings: Findings) -> None:
     """Every file of DISCOVERY_FILES that applies."""
-    from adhesion_jax.report.discovery.figures import draw_discovery  # imported beside the search
-
     draw_discovery(folder, findings)
     pictures = {name: (folder / name).read_bytes() for name in FIGURES if (folder / name).is_file()}
     (folder / "report.html").write_text(page_html(page(findings), pictures), encoding="utf-8")
