@@ -64,7 +64,7 @@ def mu_max(out):
     return table.loc["DampedGaussNewton", "mu_max"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_identifier_is_compared_and_one_that_was_edited_gives_new_numbers(folder):
     asked = of("montecarlo", "--identifiers damped")
     whole = mu_max(done_in(folder, asked, "damped")[0])

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from lanes import lanes
 
 from adhesion_jax import keeping, programs
 from adhesion_jax.curves import CURVES
@@ -238,8 +239,7 @@ def test_two_processes_at_once_compile_a_program_once(tmp_path):
     assert told[0][-1] == told[1][-1]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("with_jax", [False, True])
+@pytest.mark.parametrize("with_jax", lanes([True, False], always=0, thorough=1))
 def test_an_edited_method_gives_new_numbers_at_once(tmp_path, with_jax):
     """Parameters times 1.05 are a bias of mu_max of 5 %, whatever was compiled before."""
     shutil.copytree(PACKAGE, tmp_path / "adhesion_jax")

@@ -91,7 +91,7 @@ def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
     assert rows["status"].tolist() == ["regular", "not reached", "not reached", "regular"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_train_stands_coasts_or_runs_away_under_eq_8():
     stands, coasts, runs_away = (
         "Eq. 8 from rest, K1 19000, K2 18000",

@@ -66,7 +66,7 @@ def test_the_command_writes_its_files(written):
     assert metadata["plant_steps"] == 75_000 * (1 + 32)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_page_tells_what_was_assumed_and_repaired(written):
     out, _ = written
     page = (out / "report.html").read_text(encoding="utf-8")

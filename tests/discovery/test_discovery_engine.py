@@ -239,7 +239,7 @@ def test_odd_tables_are_searched_as_others_are(change):
     assert found.train.after.value == pytest.approx(fitted_rms(table), rel=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_noise_in_the_slip_is_no_delay():
     campaign = simulate(["slip_noise"], seed=1, **SIZE)
     found = discover(runs_of(campaign.train))
@@ -291,7 +291,7 @@ def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs():
     assert shares == sorted(shares)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):
     monkeypatch.setattr("adhesion_jax.discovery.search.rules.MOST_SQUARES_TIMES", 0.0)
     found = discover(train)
@@ -384,7 +384,7 @@ def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     [
         pytest.param(("load_transfer", "curve"), "burckhardt", marks=pytest.mark.thorough),
         pytest.param(("axle_position", "contact_heating"), "burckhardt", marks=pytest.mark.slow),
-        pytest.param(("cleaning", "rail_joint"), "kiencke", marks=pytest.mark.thorough),
+        pytest.param(("cleaning", "rail_joint"), "kiencke", marks=pytest.mark.slow),
     ],
     ids=lambda given: given if isinstance(given, str) else "+".join(given),
 )

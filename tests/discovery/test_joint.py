@@ -32,7 +32,7 @@ def searched(table):
     return search(start, library_of(problem), 0, lambda *_: None)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_acts_through_two_columns_together_is_one_effect_of_both(null):
     u, v = places(null["position_m"]), places(null["rail_age_days"])
     found = searched(null.assign(adhesion=null["adhesion"] * np.exp(0.2 * u * v)))

@@ -115,7 +115,7 @@ def test_a_larger_noise_is_smoothed_more():
     np.testing.assert_allclose(still.slip, SLIP, atol=1e-7)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_expected_slip_is_as_rough_as_is_likely_near_each_point():
     rougher = [4.0**power for power in range(-5, 2)]
     kinds = [SlipNoise(sigma=NOISE.sigma, roughness=times * NOISE.roughness) for times in rougher]
@@ -188,7 +188,7 @@ def test_a_planted_noise_of_the_wheel_speed_is_estimated(planted):
     assert kind.falls_with == "vehicle_speed_mps"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_the_slip_leaves_of_a_log_is_white_once_it_is_whitened():
     """The true curve leaves the noise of adhesion, .008, and the errors of the expected slip."""
     campaign = one_log(seed=72, wheel_speed_noise=0.01)

@@ -106,7 +106,7 @@ def test_a_fall_begins_at_the_peak_and_without_a_kink(name):
         assert np.abs(np.diff(found)).max() < 3 * np.abs(np.diff(bare)).max()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("acts_on", ACTS_ON)
 @pytest.mark.parametrize("name", LAWS)
 def test_derivatives_of_a_bent_curve_are_those_of_finite_differences(name, acts_on):

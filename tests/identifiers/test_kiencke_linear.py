@@ -135,7 +135,7 @@ def test_variable_forgetting_is_that_of_a_loop():
     np.testing.assert_allclose(found_parameters(estimate), x, rtol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_pair_over_a_rectangle_is_that_of_two_outside_solvers():
     rng = np.random.default_rng(0)
     solver = BoxOSQP(tol=1e-9, maxiter=20_000)
@@ -180,7 +180,7 @@ def test_linear_least_squares_is_biased_and_wide_as_theory_says(accuracy):
         assert abs(row["rmse_over_crlb"] - ratio) < 4 * row["rmse_over_crlb_se"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_nonlinear_least_squares_reaches_the_bound_and_forgetting_costs(accuracy):
     summary = accuracy["summary"]
     for quantity in ("p1", "p2", "mu_max"):

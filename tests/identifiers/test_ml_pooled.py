@@ -129,7 +129,7 @@ def two_halves(key, curve):
     return cost, chance(cost, count)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("rail", ["dry", "common"])
 def test_the_penalty_on_an_unchanged_rail_is_chi_square_with_three_degrees_of_freedom(rail):
     cost, probability = two_halves(jax.random.split(jax.random.key(1), 1000), RAILS[rail])

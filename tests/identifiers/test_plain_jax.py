@@ -49,7 +49,7 @@ def same(one, other):
         np.testing.assert_allclose(value, other.values[name], rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", lanes(FORMS, always=2, thorough=4))
+@pytest.mark.parametrize("name", lanes(FORMS, always=2, thorough=2))
 def test_methods_are_compiled_once_and_mapped_over_streams(name):
     identifier = IDENTIFIERS[name]
     known, taken = records(identifier)

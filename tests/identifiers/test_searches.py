@@ -58,7 +58,7 @@ def found_the_truth(estimate, scenario):
     return np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
 
 
-@pytest.mark.parametrize(("name", "case"), lanes(SURE, always=5, thorough=8))
+@pytest.mark.parametrize(("name", "case"), lanes(SURE, always=5, thorough=5))
 def test_data_without_any_noise_give_the_truth_back(name, case):
     scenario_name, options = CASES[case]
     scenario = build(scenario_name, Options(**{**options, "sigma": 0.0}))

@@ -89,7 +89,7 @@ def is_strict_local_minimum(problem, b):
 
 
 @pytest.mark.parametrize(
-    ("solver", "name"), lanes(itertools.product(SOLVERS, nist.MODELS), always=4, thorough=27)
+    ("solver", "name"), lanes(itertools.product(SOLVERS, nist.MODELS), always=4, thorough=14)
 )
 def test_nist_problems_are_solved_as_recorded_and_no_success_is_claimed_wrongly(solver, name):
     problem = nist.load(name)

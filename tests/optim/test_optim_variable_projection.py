@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from adhesion_jax.optim.variable_projection import Sums, minimise, sum_of_squares, summarise
@@ -73,9 +74,8 @@ CASES = {
 }
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("sigma", [0.0, 0.05])
+@pytest.mark.parametrize("sigma", lanes([0.05, 0.0], always=0, thorough=1))
 def test_the_optimum_is_that_of_a_dense_grid_with_a_bounded_solver(case, sigma):
     truth, held = CASES[case]
     noise = np.random.default_rng(sum(map(ord, case))).normal(size=SLIP.size)
@@ -102,7 +102,7 @@ def test_the_optimum_is_that_of_a_dense_grid_with_a_bounded_solver(case, sigma):
         np.testing.assert_allclose(found, truth, rtol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_the_optimum_of_pure_noise_and_of_few_points_is_global_too(seed):
     # Nothing here follows the model: profiles with several valleys.

@@ -191,7 +191,7 @@ def test_every_effect_of_the_catalogue_acts(tmp_path):
     assert (np.asarray(bound) > 0).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_curve_that_falls_with_speed_has_its_peak_at_the_middle_of_the_speeds(tmp_path):
     curve = PolachFalling(mu0=0.55, a=0.4, b=0.6, stiffness=150.0, k_s=0.4)
     ranges = {"vehicle_speed_mps": (10.0, 30.0)}

@@ -83,7 +83,7 @@ def test_the_bound_is_that_of_the_dense_inverse_covariance(rail):
     np.testing.assert_allclose(bound, expected[None], rtol=1e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_least_squares_hardly_loses_by_colour_but_claims_a_third_of_its_error():
     """Both shares as computed for least squares on noise of this covariance in NumPy."""
     scenario = build("coloured")

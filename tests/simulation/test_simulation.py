@@ -126,7 +126,7 @@ def test_a_random_effect_is_planted_alike_each_time_and_recorded(acts_on, column
     assert size == pytest.approx(0.03, rel=0.02)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_fall_needs_a_base_that_falls_and_others_keep_theirs():
     kept, changed = [], []
     for seed in range(12):

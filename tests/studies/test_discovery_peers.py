@@ -32,7 +32,7 @@ def campaign():
     return simulate(["humidity"], seed=1, strength=0.4, noise=Noise(sigma=0.005), **SMALL)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_base_of_a_null_set_leaves_only_its_noise():
     for seed in (0, 2):
         null = simulate(seed=seed, noise=Noise(0.01, 0.0, 0.0), **SMALL)
@@ -160,7 +160,7 @@ def test_a_log_without_runs_is_cut_into_blocks_and_compared(campaign):
     assert "run" not in trees["names"].split("|")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_random_sets_have_their_columns_for_answers():
     first = list(random_sets(4, 1))
     (again,) = random_sets(1, 1)

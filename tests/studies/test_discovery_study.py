@@ -169,7 +169,7 @@ def test_new_parts_draw_for_themselves_and_share_no_seed():
     ]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_random_effect_is_seen_enough():
     (level, slip, fall) = study_tasks(0, 0, 4, random=3)
     for one in (level, slip, fall):
