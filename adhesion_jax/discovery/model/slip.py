@@ -112,7 +112,7 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
         corrected = prepare(record, problem.calendar, problem.blocks, effect)
         setting = Setting(corrected, noise, np.asarray(problem.data.adhesion))
         # From new starts: the curve at the noisy slip may be far from that at the expected one.
-        return min(squares(start) for start in starts_under(setting, fitted.base))
+        return min(squares(start) for start in starts_under(setting, [fitted.base]))
 
     # A true slip with a smooth acceleration has less roughness than the likeliest one.
     rough = float(found.effect.roughness)
