@@ -1,14 +1,15 @@
 """Which physical effect a law lacks in measured data."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
 from tqdm import tqdm
 
+from adhesion_jax.commands.reading import BAR, read
 from adhesion_jax.data import SHIPPED
-from adhesion_jax.data.runs import matching, read_runs
+from adhesion_jax.data.runs import matching, to_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.files import output_directory, staged
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
@@ -23,21 +24,29 @@ def main(
     planted: tuple[str, ...] | None,
     slip_noise: float | None,
     out: Path,
+    columns: Mapping[str, object],
+    wheel_radius: float | None,
+    dry_run: bool,
 ) -> None:
     """Write what a curve lacks in the runs, or in simulated ones where effects are planted."""
+    if planted is None:
+        measured = read(train, columns, wheel_radius)
+        judged = read(tests, columns, wheel_radius) if tests else []
+        if dry_run:
+            return
     output_directory(out)
     if planted is not None:
         write_set(out, simulate(planted, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
-    with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
+        measured, judged = read(train, {}, None), read(tests, {}, None)
+    with tqdm(total=100, unit="%", bar_format=BAR, leave=False) as bar:
 
         def progress(words: str, share: float) -> None:
             bar.set_description_str(words)
             bar.update(100 * share - bar.n)
 
-        progress("reading", 0.0)
-        runs = read_runs(_paths(train))
-        test = matching(runs, read_runs(_paths(tests))) if tests else None
+        runs = to_runs(measured)
+        test = matching(runs, to_runs(judged)) if judged else None
         findings = discover(
             runs,
             test,
@@ -55,13 +64,6 @@ def main(
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())
         click.echo(f"Planted: {', '.join(truth['effects']) or 'nothing'}")
-
-
-_BAR = "{desc}: {percentage:3.0f} %|{bar}| {elapsed}<{remaining}"
-
-
-def _paths(names: Sequence[str]) -> list[Path]:
-    return [SHIPPED[name].path if name in SHIPPED else Path(name) for name in names]
 
 
 def _citation(names: Sequence[str]) -> str:

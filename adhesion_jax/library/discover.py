@@ -1,6 +1,6 @@
 """`discover`: which effects an adhesion curve lacks in measured runs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -91,6 +91,8 @@ def discover(
     seed: int = 0,
     slip_noise: float | None = None,
     progress: Callable[[str, float], None] = silent,
+    columns: Mapping[str, object] | None = None,
+    wheel_radius: float | None = None,
 ) -> Discovery:
     """Find which effects an adhesion curve lacks in measured runs.
 
@@ -98,13 +100,14 @@ def discover(
     told) and whatever was measured beside them; several tables are taken together. `test` is
     predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
-    it is known. `progress` is called with words and the share that is done. InputError names all
+    it is known. `progress` is called with words and the share that is done. `columns` and
+    `wheel_radius` are those of `identify`, for `data` and `test`. InputError names all
     that is wrong with the data.
     """
-    train = runs_of(data)
+    train = runs_of(data, columns, wheel_radius)
     findings = engine.discover(
         train,
-        None if test is None else matching(train, runs_of(test)),
+        None if test is None else matching(train, runs_of(test, columns, wheel_radius)),
         base,
         seed,
         progress,

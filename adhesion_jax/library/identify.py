@@ -109,26 +109,31 @@ class Identification:
 
 @in_double_precision
 def identify(
-    data: Data, curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES)
+    data: Data,
+    curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES),
+    columns: Mapping[str, object] | None = None,
+    wheel_radius: float | None = None,
 ) -> Identification:
     """Fit adhesion curves to measured points by least squares over their physical boxes.
 
     `data` has a row a point, with the columns slip_ratio (or slip_velocity_mps) and adhesion (or
-    tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units. `curves`
-    are names of CURVES, or curves of your own by name. InputError names all that is wrong with the
+    tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units. `columns`
+    says which columns these are where they have other names or units, as in {"speed": "v [km/h]"},
+    and `wheel_radius` is in m, for a slip from the rotation of the wheel. `curves` are names of
+    CURVES, or curves of your own by name. InputError names all that is wrong with the
     data. Source: least squares by differential evolution and Levenberg-Marquardt; intervals by the
     delta method, BIC after Schwarz 1978.
     """
     chosen = _curves(curves)
-    points = measured_of(data)
+    points = measured_of(data, columns, wheel_radius)
     check_curve(points)
     record = to_record(points)
     lacking = {name: missing_columns(curve, record) for name, curve in chosen.items()}
-    not_fitted = {name: columns for name, columns in lacking.items() if columns}
+    not_fitted = {name: lacks for name, lacks in lacking.items() if lacks}
     if len(not_fitted) == len(chosen):
-        name, columns = next(iter(not_fitted.items()))
+        name, lacks = next(iter(not_fitted.items()))
         raise InputError(
-            f"{points.name} lacks the column {listed(columns)}, which the curve {name} needs; "
+            f"{points.name} lacks the column {listed(lacks)}, which the curve {name} needs; "
             "add it or name another curve."
         )
     found = fit_all(chosen, record, points.slip == "slip_velocity_mps")
