@@ -28,10 +28,8 @@ LEAST = {"slip_ratio": 0.01, "slip_velocity_mps": 0.05}
 #: ... for this time and this number of rows.
 HOLD_S, HOLD_ROWS = 0.3, 3
 
-#: It ends where the averaged slip has fallen below this share of the threshold.
-RETURN = 0.5
-
-#: Time before and after an event that belongs to it, because the curve rises there.
+#: It ends where the averaged slip has returned. This time before and after belongs to the event,
+#: because the curve rises there; events that are closer than twice this time are one.
 LEAD_S = 2.0
 
 #: Speed below which a row is left out: a slip ratio there is mostly noise.
@@ -39,6 +37,9 @@ SLOWEST_MPS = 1.0
 
 #: A step in time is a gap if it exceeds this multiple of the median step and this time.
 GAP_STEPS, GAP_S = 10.0, 1.0
+
+#: Time over which the change of slip tells its noise.
+LAG_S = 1.0
 
 #: Largest number of rows from which a median is taken, and of classes of speed.
 _SAMPLE, _CLASSES = 400_000, 16
@@ -103,6 +104,7 @@ class _Averaged(NamedTuple):
     stop: np.ndarray  # [stretches] the row after the last
     window: int  # rows
     hold: int  # rows
+    lag: int  # rows
 
 
 def events_of(measured: Measured, wanted: bool | None = None) -> Chosen:
@@ -115,8 +117,8 @@ def events_of(measured: Measured, wanted: bool | None = None) -> Chosen:
 
     An event begins where the slip, averaged over WINDOW_S and less its median, exceeds NOISES times
     its noise (`SlipNoise`, robust, from the log itself) and LEAST, for HOLD_S. It ends where that
-    slip has fallen below RETURN of the threshold, or at a gap in time. LEAD_S before and after
-    belong to it, and events that overlap are one. Rows slower than SLOWEST_MPS are left out.
+    slip has returned, or at a gap in time. LEAD_S before and after belong to it, and events that
+    overlap with these are one. Rows slower than SLOWEST_MPS are left out.
 
     InputError where a log has no event, and where events are wanted of a table that is no log.
     """
@@ -167,9 +169,10 @@ def _averaged(measured: Measured) -> _Averaged:
     raw = table[measured.slip].to_numpy(float)
     window = 1 if step == 0 else 1 + 2 * round(WINDOW_S / step / 2)
     hold = HOLD_ROWS if step == 0 else max(HOLD_ROWS, round(HOLD_S / step))
+    lag = 1 if step == 0 else max(1, round(LAG_S / step))
     for begin, end in zip(first, stop, strict=True):
         uniform_filter1d(raw[begin:end], window, output=slip[begin:end], mode="nearest")
-    return _Averaged(time, speed, slip, first, stop, window, hold)
+    return _Averaged(time, speed, slip, first, stop, window, hold, lag)
 
 
 def _usual_step(time: np.ndarray) -> float:
@@ -199,32 +202,30 @@ def _runs(flag: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _noise(log: _Averaged) -> SlipNoise:
     """From medians, which a few events do not move.
 
-    In classes of speed the squared scale of slip is a straight line against 1/v^2, fitted by the
-    median of slopes (Sen 1968, J. Am. Stat. Assoc. 63:1379-1389); then all is stretched to the
-    scale of all rows.
+    What depends on the speed is told by the change of slip over LAG_S, in which the micro-slip
+    hardly changes: in classes of speed its squared scale is a straight line against 1/v^2, fitted
+    by the median of slopes (Sen 1968, J. Am. Stat. Assoc. 63:1379-1389).
     """
     rows = np.flatnonzero(np.isfinite(log.slip))[:: _stride(log.slip.size)]
     if not rows.size:
         return SlipNoise(0.0, 0.0, 0.0)
-    slip = log.slip[rows].astype(float)
-    median = float(np.median(slip))
-    size = np.abs(slip - median)
-    scale = _NORMAL * float(np.median(size))
+    median = float(np.median(log.slip[rows]))
+    constant = _NORMAL * float(np.median(np.abs(log.slip[rows] - median)))
     if log.speed is None:
-        return SlipNoise(median, scale, 0.0)
-    inverse = log.speed[rows] ** -2.0
-    classes = np.array_split(np.argsort(inverse, kind="stable"), _CLASSES)
-    centre = np.array([np.median(inverse[one]) for one in classes if one.size])
-    square = np.array([(_NORMAL * np.median(size[one])) ** 2 for one in classes if one.size])
-    if np.ptp(centre) == 0:
-        return SlipNoise(median, scale, 0.0)
-    slope = max(float(theilslopes(square, centre).slope), 0.0)
-    form = SlipNoise(median, max(float(np.median(square - slope * centre)), 0) ** 0.5, slope**0.5)
-    deviation = form.deviation(log.speed[rows])
-    if not np.any(deviation > 0):
-        return form
-    stretch = _NORMAL * float(np.median(size / deviation))
-    return SlipNoise(median, stretch * form.constant, stretch * form.by_speed)
+        return SlipNoise(median, constant, 0.0)
+    rows = rows[rows < log.slip.size - log.lag]
+    change = np.abs(log.slip[rows + log.lag] - log.slip[rows])
+    whole = np.isfinite(change)
+    change, inverse = change[whole], log.speed[rows[whole]] ** -2.0
+    classes = [
+        one for one in np.array_split(np.argsort(inverse, kind="stable"), _CLASSES) if one.size
+    ]
+    centre = np.array([np.median(inverse[one]) for one in classes])
+    # The change is that of two averages.
+    square = np.array([(_NORMAL * np.median(change[one])) ** 2 / 2 for one in classes])
+    if not classes or np.ptp(centre) == 0:
+        return SlipNoise(median, constant, 0.0)
+    return SlipNoise(median, constant, max(float(theilslopes(square, centre).slope), 0.0) ** 0.5)
 
 
 def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
@@ -234,10 +235,8 @@ def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, 
         speed = np.ones(1) if log.speed is None else log.speed[begin:end]
         threshold = np.maximum(NOISES * noise.deviation(speed), least)
         level[begin:end] = np.abs(log.slip[begin:end] - noise.median) / threshold
-    core, core_stop = _runs(level > 1, log.first)
-    core = core[core_stop - core >= log.hold]
-    first, stop = _runs(level > RETURN, log.first)
-    held = np.unique(np.searchsorted(first, core, "right") - 1)
+    first, stop = _runs(level > 1, log.first)
+    held = stop - first >= log.hold
     first, stop = first[held], stop[held]
     stretch = np.searchsorted(log.first, first, "right") - 1
     early = np.searchsorted(log.time, log.time[first] - LEAD_S, "left")
@@ -314,8 +313,8 @@ def _cut(events: Events, log: _Averaged) -> str:
         f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of a log of "
         f"{_duration(seconds)} {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
         f"{events.rows:,} rows are used ({events.share:.2%}). An event begins where the slip "
-        f"exceeds {_threshold(events.noise, events.slip)}, and takes {LEAD_S:g} s before and "
-        f"after it along.{slow}"
+        f"exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s before and after it "
+        f"belong to it.{slow}"
     )
 
 
@@ -326,7 +325,7 @@ def _threshold(noise: SlipNoise, slip: str) -> str:
         spread = f"sqrt({noise.constant:.2g}^2 + ({noise.by_speed:.2g} m/s / speed)^2)"
     unit = "" if slip == "slip_ratio" else " m/s"
     return (
-        f"{NOISES:g} times its usual scatter of {spread}, and {LEAST[slip]:g}{unit}, for "
+        f"both {NOISES:g} times its usual scatter of {spread} and {LEAST[slip]:g}{unit} for "
         f"{HOLD_S:g} s (averaged over {WINDOW_S:g} s and less its median of {noise.median:.2g})"
     )
 
