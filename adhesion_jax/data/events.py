@@ -253,7 +253,7 @@ def _usual_noise(log: _Averaged, noise: SlipNoise) -> float:
         return noise.constant
     speed = log.speed[:: _stride(log.speed.size)]
     moving = speed[speed >= SLOWEST_MPS]
-    return float(noise.deviation(np.median(moving))) if moving.size else 0.0
+    return float(noise.deviation(np.median(moving, keepdims=True))[0]) if moving.size else 0.0
 
 
 def _events(

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from adhesion_jax.data.events import Events
 from adhesion_jax.report.style import AFTER, BEFORE, POINT, light_frame, root_axis, thinned
@@ -35,13 +35,13 @@ def draw_events(path: Path, title: str, events: Events, points: pd.DataFrame) ->
     lines = -(-len(chosen) // _COLUMNS)
     figure = Figure(figsize=(11, 5.2 + 2.5 * lines), layout="constrained")
     FigureCanvasAgg(figure)
-    above, below = figure.subfigures(2, 1, height_ratios=(4.4, 0.8 + 2.5 * lines))
+    above, below = np.asarray(figure.subfigures(2, 1, height_ratios=(4.4, 0.8 + 2.5 * lines)))
     _log(above, title, events)
     _panels(below, events, chosen, points, lines)
     figure.savefig(path, dpi=150)
 
 
-def _log(figure: Figure, title: str, events: Events) -> None:
+def _log(figure: SubFigure, title: str, events: Events) -> None:
     overview, table = events.overview, events.table
     begin = float(overview["start_s"].iloc[0])
     span = float(overview["end_s"].iloc[-1]) - begin
@@ -94,7 +94,7 @@ def _log(figure: Figure, title: str, events: Events) -> None:
 
 
 def _panels(
-    figure: Figure, events: Events, chosen: pd.DataFrame, points: pd.DataFrame, lines: int
+    figure: SubFigure, events: Events, chosen: pd.DataFrame, points: pd.DataFrame, lines: int
 ) -> None:
     shown = points[points["run"].isin(chosen["run"])]
     slip, adhesion = shown[events.slip], shown["adhesion"]

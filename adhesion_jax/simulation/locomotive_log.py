@@ -96,7 +96,8 @@ def locomotive_log(
 
 def tables(log: LocomotiveLog) -> Iterator[pd.DataFrame]:
     """The rows of the log in SI units, a part of them at a time."""
-    chance = np.random.default_rng((log.seed, 1))
+    # One for each, so that the rows do not depend on how many are drawn at a time.
+    of_adhesion, of_wheel = (np.random.default_rng((log.seed, stream)) for stream in (1, 2))
     kept = np.zeros(1)  # what the AR(1) filter remembers
     slips = np.linspace(0.0, _slip_opt(log.curve), 2000)
     for begin in range(0, log.rows, _ROWS):
@@ -117,9 +118,9 @@ def tables(log: LocomotiveLog) -> Iterator[pd.DataFrame]:
         adhesion = burckhardt(log.curve, slip)
         for name in log.effects:
             adhesion = adhesion * LOG_FORMS[name].factor(EFFECTS[name], course)
-        white = SIGMA * np.sqrt(1 - AUTOCORRELATION**2) * chance.standard_normal(time.size)
+        white = SIGMA * np.sqrt(1 - AUTOCORRELATION**2) * of_adhesion.standard_normal(time.size)
         noise, kept = lfilter([1.0], [1.0, -AUTOCORRELATION], white, zi=kept)
-        wheel = WHEEL_SPEED_NOISE_MPS * chance.standard_normal(time.size)
+        wheel = WHEEL_SPEED_NOISE_MPS * of_wheel.standard_normal(time.size)
         yield pd.DataFrame(
             {
                 "time_s": time,
