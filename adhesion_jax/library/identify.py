@@ -126,8 +126,8 @@ def identify(
     tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units. `curves`
     are names of CURVES, or curves of your own by name. Of a long log only its slip events are used,
     as runs (`data.events`), unless `events` is False; with True a short one is cut as well.
-    InputError names all that is wrong with the data. Source: least squares by differential evolution and Levenberg-Marquardt; intervals by the
-    delta method, BIC after Schwarz 1978.
+    InputError names all that is wrong with the data. Source: least squares by differential
+    evolution and Levenberg-Marquardt; intervals by the delta method, BIC after Schwarz 1978.
     """
     chosen = _curves(curves)
     points, cut, used = events_of(measured_of(data), events)
