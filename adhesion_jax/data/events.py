@@ -41,7 +41,8 @@ GAP_STEPS, GAP_S = 10.0, 1.0
 #: Time over which the change of slip tells its noise.
 LAG_S = 1.0
 
-#: Largest number of rows from which a median is taken, and of classes of speed.
+#: Largest number of rows from which a median is taken, or that are compared at a time, and number
+#: of classes of speed.
 _SAMPLE, _CLASSES = 400_000, 16
 
 #: Number of equal times of the overview.
@@ -231,10 +232,12 @@ def _noise(log: _Averaged) -> SlipNoise:
 def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
     """First rows of the events, and the rows after their last."""
     level = np.full(log.slip.size, np.nan, dtype=np.float32)  # of the threshold
-    for begin, end in zip(log.first, log.stop, strict=True):
-        speed = np.ones(1) if log.speed is None else log.speed[begin:end]
+    for begin in range(0, level.size, _SAMPLE):
+        part = slice(begin, begin + _SAMPLE)
+        # Below the slowest speed there is no slip to compare.
+        speed = np.ones(1) if log.speed is None else np.maximum(log.speed[part], SLOWEST_MPS)
         threshold = np.maximum(NOISES * noise.deviation(speed), least)
-        level[begin:end] = np.abs(log.slip[begin:end] - noise.median) / threshold
+        level[part] = np.abs(log.slip[part] - noise.median) / threshold
     first, stop = _runs(level > 1, log.first)
     held = stop - first >= log.hold
     first, stop = first[held], stop[held]

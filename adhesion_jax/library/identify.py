@@ -9,7 +9,7 @@ import pandas as pd
 
 from adhesion_jax.curves import CURVES, Curve
 from adhesion_jax.data import Measured, check_curve, to_record
-from adhesion_jax.data.events import Events, events_of
+from adhesion_jax.data.events import Chosen, Events, events_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.library.reading import Data, citation_of, measured_of
@@ -105,7 +105,7 @@ class Identification:
         draw = in_double_precision(draw_measured)
         draw(path / "curves.png", title, self.fits, self.residuals)
         if self.events is not None:
-            draw_events(path / EVENTS_FIGURE, title, self.events, self.measured.table)
+            draw_events(path / EVENTS_FIGURE, [Chosen(self.measured, self.events, self.used)])
 
     def __repr__(self) -> str:
         return f"{printed_table(self.fits)}\n\n{self.verdict}"
