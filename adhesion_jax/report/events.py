@@ -25,14 +25,17 @@ _APART = 0.022
 _UNITS = (("h", 3600.0, 5400.0), ("min", 60.0, 300.0), ("s", 1.0, 0.0))
 
 
-def draw_events(path: Path, logs: Sequence[Chosen]) -> None:
+def draw_events(folder: Path, logs: Sequence[Chosen]) -> None:
     """Whole logs with their events numbered, and below them adhesion over slip in each event.
 
-    All `logs` are those of which events were used; several are drawn one after the other. Where
+    Several logs are drawn one after the other; nothing is drawn where no events were cut out. Where
     there are more events than panels, the panels show some of them, evenly spread.
     """
-    title = Path(logs[0].points.name).name if len(logs) == 1 else f"{len(logs)} logs"
-    events, points = _one_after_the_other(logs)
+    cut = [log for log in logs if log.events is not None]
+    if not cut:
+        return
+    title = Path(cut[0].points.name).name if len(cut) == 1 else f"{len(cut)} logs"
+    events, points = _one_after_the_other(cut)
     chosen = events.table.iloc[
         np.unique(np.linspace(0, len(events.table) - 1, _PANELS).round().astype(int))
     ]
@@ -42,7 +45,7 @@ def draw_events(path: Path, logs: Sequence[Chosen]) -> None:
     above, below = np.asarray(figure.subfigures(2, 1, height_ratios=(4.4, 0.8 + 2.5 * lines)))
     _log(above, title, events)
     _panels(below, events, chosen, points, lines)
-    figure.savefig(path, dpi=150)
+    figure.savefig(folder / EVENTS_FIGURE, dpi=150)
 
 
 def _one_after_the_other(logs: Sequence[Chosen]) -> tuple[Events, pd.DataFrame]:

@@ -28,8 +28,8 @@ def drawn(monkeypatch, tmp_path):
     def draw(*tables):
         kept = []
         monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
-        found = [events_of(to_measured("log.csv", table)) for table in tables]
-        draw_events(tmp_path / "events.png", found)
+        found = events_of([to_measured("log.csv", table) for table in tables])
+        draw_events(tmp_path, found)
         return found[0].events, kept[0].axes
 
     return draw
