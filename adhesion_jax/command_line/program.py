@@ -13,6 +13,7 @@ COMMANDS = {
     "montecarlo": "Identify thousands of noisy adhesion curves and compare the methods.",
     "identify": "Fit adhesion curves to measured points and say what they are worth.",
     "discover": "Find what an adhesion curve lacks in measured runs.",
+    "simulate": "Write a simulated log of a locomotive, of which the truth is known.",
     "traction": "Run a published traction control system on its plant.",
     "study": "Count how often the discovery is right on simulated sets.",
     "peers": "Hold the discovery against general methods on the same sets.",
