@@ -147,7 +147,11 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         add(
             "acceleration_mps2",
             acceleration(columns["time_s"], columns["vehicle_speed_mps"]),
-            f"train speed, Savitzky-Golay filter of degree {_DEGREE} over {_WINDOW:g} s",
+            "derivative of the train speed",
+        )
+        notes.append(
+            "The acceleration is that of the train speed by a Savitzky-Golay filter of degree "
+            f"{_DEGREE} over {_WINDOW:g} s."
         )
     spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
     for name in (*spent, "axle_load_N", "locomotive_load_N"):

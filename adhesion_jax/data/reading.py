@@ -125,7 +125,7 @@ def _measured(
     kept, gappy, notes = _without_gaps(numbers, [name for name in names_needed if name in numbers])
     for name, value in found.constants.items():
         numbers[name] = np.full(rows, value)
-        understood.append(("(constant)", name, COLUMNS[name].unit, value, value, 0.0))
+        understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
     if not kept.any():
         raise InputError(
             f"{sheet.name} cannot be used: no row has a value in {listed(names_needed)}."
@@ -165,7 +165,7 @@ def _measured(
     for name, source in derived.sources.items():
         if name in numbers:
             lowest, highest = numbers[name].min(), numbers[name].max()
-            understood.append((f"({source})", name, COLUMNS[name].unit, lowest, highest, 0.0))
+            understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
     return Measured(
         sheet.name,
         table,
@@ -188,7 +188,7 @@ def _understood(one: Taken, numbers: Mapping[str, np.ndarray]) -> tuple[object, 
     known = np.isfinite(values)
     lowest = np.min(values, where=known, initial=np.inf) if known.any() else np.nan
     highest = np.max(values, where=known, initial=-np.inf) if known.any() else np.nan
-    return one.column, one.name, one.stamp or one.unit, lowest, highest, 1 - known.mean()
+    return one.column, one.name, one.stamp or one.unit, lowest, highest, (~known).mean()
 
 
 def _without_gaps(
@@ -228,7 +228,7 @@ def _without_gaps(
             kept &= ~more
             few.append(name)
         else:
-            share = more.sum() / max(kept.sum(), 1)
+            share = missing[name][:within].mean()
             gappy.append(name)
             del numbers[name]
             notes.append(
