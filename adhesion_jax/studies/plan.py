@@ -1,0 +1,145 @@
+"""Whether measurements scatter as a plan says: simulated ones, fitted with their noise known."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Bool, Float
+from scipy.linalg import solve_triangular, toeplitz
+from scipy.signal import lfilter
+
+from adhesion_jax.curves import Conditions, Law, Scalar, free_values
+from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
+from adhesion_jax.planning.excitation import Excitation
+from adhesion_jax.planning.noise import Noise
+from adhesion_jax.planning.plan import Plan
+from adhesion_jax.planning.truth import Truth, curve_of, sensitivity_of, with_parameters
+from adhesion_jax.programs import kept
+from adhesion_jax.runtime import silent
+
+#: Number of cells that are checked, and the largest relative standard error of slip_opt in them:
+#: the bound is that of small errors.
+CELLS, _SMALL = 6, 0.05
+
+#: Simulated measurements that are fitted at a time, and the largest number of steps of a fit.
+_TOGETHER, _STEPS = 250, 50
+
+
+def check_plan(
+    plan: Plan, measurements: int, seed: int, progress: Callable[[str, float], None] = silent
+) -> pd.DataFrame:
+    """Six cells of a plan of sweeps, evenly chosen among those that know slip_opt to 5 %.
+
+    Each cell is measured `measurements` times by simulation. Columns: largest_slip, samples, runs;
+    of mu_max the relative standard error as planned and as simulated, their ratio (simulated over
+    planned) with its standard error, and the bias in standard errors; failed, the number of
+    fits that did not end at a peak.
+    """
+    cells = np.argwhere(plan.errors[..., 1] <= _SMALL)
+    chosen = np.unique(np.linspace(0, len(cells) - 1, min(CELLS, len(cells))).astype(int))
+    truth, peak, noise, design, _ = plan.planner
+    rows = []
+    for number, (i, j) in enumerate(cells[chosen].tolist()):
+        progress("simulating", number / len(chosen))
+        excitation, largest = design(plan.samples[j]), float(plan.largest_slips[i])
+        generator = np.random.default_rng([seed, number])
+        found = estimates(truth, noise, excitation, largest, measurements, generator)
+        known = found[np.isfinite(found)]
+        planned, simulated = plan.errors[i, j, 0], known.std(ddof=1) / peak.mu_max
+        ratio = simulated / planned
+        rows.append(
+            {
+                "largest_slip": largest,
+                "samples": round(excitation.samples),
+                "runs": round(excitation.runs),
+                "planned": planned,
+                "simulated": simulated,
+                "ratio": ratio,
+                "ratio_se": ratio / np.sqrt(2 * (known.size - 1)),
+                "bias": (known.mean() / peak.mu_max - 1) / planned,
+                "failed": found.size - known.size,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def estimates(
+    truth: Truth,
+    noise: Noise,
+    excitation: Excitation,
+    largest_slip: float,
+    measurements: int,
+    generator: np.random.Generator,
+) -> Float[np.ndarray, " measurements"]:
+    """The mu_max of each of so many simulated measurements; NaN where a fit fails.
+
+    The fit is by least squares, weighted by the covariance of the noise at the truth. Errors of
+    the slip are in the slips that it is given.
+    """
+    slip = largest_slip * excitation.share
+    sensitivity = sensitivity_of(truth, slip)
+    covariance = noise.sigma**2 * toeplitz(noise.autocorrelation ** np.arange(slip.size))
+    covariance += np.diag((noise.slip_noise * sensitivity.slope) ** 2)
+    covariance += noise.run_scatter**2 * np.outer(sensitivity.adhesion, sensitivity.adhesion)
+    root = np.linalg.cholesky(covariance)
+    weights = solve_triangular(root, np.eye(slip.size), lower=True)
+
+    found = []
+    for _ in range(-(-measurements // _TOGETHER)):
+        shape = (_TOGETHER, round(excitation.repeats), slip.size)
+        measured_slip = slip + noise.slip_noise * generator.standard_normal(shape)
+        adhesion = sensitivity.adhesion + _errors(noise, sensitivity.adhesion, shape, generator)
+        if noise.slip_noise == 0:  # then runs at the same slips are as good as their mean
+            measured_slip, adhesion = slip[None, None], adhesion.mean(axis=1, keepdims=True)
+            measured_slip = np.broadcast_to(measured_slip, adhesion.shape)
+        mu_max, good = _fitted(
+            truth.law, measured_slip, adhesion, weights, truth.conditions, truth.slip_limit
+        )
+        found.append(np.where(good, mu_max, np.nan))
+    return np.concatenate(found)[:measurements]
+
+
+def _errors(
+    noise: Noise,
+    adhesion: Float[np.ndarray, " points"],
+    shape: tuple[int, int, int],
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "measurements runs points"]:
+    """Autoregressive noise of each run, stationary from its first sample, and its level."""
+    fresh = np.sqrt(1 - noise.autocorrelation**2) * generator.standard_normal(shape)
+    fresh[..., 0] /= np.sqrt(1 - noise.autocorrelation**2)
+    error = noise.sigma * lfilter([1.0], [1.0, -noise.autocorrelation], fresh, axis=-1)
+    return error + noise.run_scatter * generator.standard_normal((*shape[:2], 1)) * adhesion
+
+
+@kept()
+def _fitted(
+    law: Law,
+    slips: Float[Array, "measurements runs points"],
+    adhesions: Float[Array, "measurements runs points"],
+    weights: Float[Array, "points points"],
+    conditions: Conditions,
+    slip_limit: Scalar,
+) -> tuple[Float[Array, " measurements"], Bool[Array, " measurements"]]:
+    """Mu_max of each fit, by Levenberg-Marquardt from the truth, and whether it ended at a peak."""
+    truth = free_values(curve_of(law))
+
+    def one(
+        slip: Float[Array, "runs points"], adhesion: Float[Array, "runs points"]
+    ) -> tuple[Array, Array]:
+        def misfit(values: Float[Array, " free"]) -> Float[Array, "points runs"]:
+            return weights @ (with_parameters(law, values)(slip, conditions) - adhesion).T
+
+        # Steps are taken in units of about a standard error.
+        scale = 1 / jnp.linalg.norm(jax.jacfwd(misfit)(truth), axis=(0, 1))
+        ends = jnp.full(truth.size, jnp.inf)
+        found = levenberg_marquardt(
+            lambda away: misfit(truth + scale * away).ravel(), 0 * truth, -ends, ends, _STEPS
+        )
+        peak = with_parameters(law, truth + scale * found.x).peak(conditions, slip_limit)
+        return peak.adhesion, peak.found & found.converged
+
+    mu_max, good = jax.vmap(one)(slips, adhesions)
+    return mu_max, good
