@@ -109,7 +109,7 @@ def plan(
     source: str | Law | Identification,
     *,
     largest_slips: Sequence[float] | None = None,
-    samples: Sequence[float] | None = None,
+    samples: Sequence[float] | Sequence[int] | None = None,
     samples_per_run: int | None = None,
     sigma: float | None = None,
     autocorrelation: float | None = None,
@@ -236,7 +236,9 @@ def _slips(slip_opt: float, present: float | None, limit: float) -> Float[np.nda
 
 
 def _grid(
-    settled: _Settled, largest_slips: Sequence[float] | None, samples: Sequence[float] | None
+    settled: _Settled,
+    largest_slips: Sequence[float] | None,
+    samples: Sequence[float] | Sequence[int] | None,
 ) -> tuple[Float[np.ndarray, " slips"], Float[np.ndarray, " numbers"]]:
     """The largest slips and numbers of samples that are stated, or some that suit."""
     (truth, peak, *_), log = settled.planner, settled.log

@@ -127,12 +127,12 @@ def _fewest_samples(
 def relative_errors(
     planner: Planner,
     largest_slips: Float[np.ndarray, " slips"],
-    samples: float | Float[np.ndarray, " slips"],
+    samples: float | int | Float[np.ndarray, " slips"],
 ) -> Float[np.ndarray, "slips 2"]:
     """Of mu_max and slip_opt for each largest slip, with one number of samples or one for each."""
     information = []
     for largest, number in np.broadcast(largest_slips, samples):
-        excitation = planner.design(number)
+        excitation = planner.design(float(number))
         of_runs = _information(planner, float(largest), excitation)
         information.append(excitation.repeats * of_runs)
     errors = standard_errors(planner.peak, np.stack(information))
@@ -151,7 +151,7 @@ def _information(
 
 
 def _slip_that_halves(
-    planner: Planner, present_slip: float, samples: float, quantity: int
+    planner: Planner, present_slip: float, samples: int, quantity: int
 ) -> float | None:
     """The smallest largest slip beyond the present one that halves a standard error.
 

@@ -27,6 +27,9 @@ from adhesion_jax.wording import listed
 #: Sensitivities are computed for so many slips at a time: one program for every number of slips.
 _CHUNK = 2048
 
+#: Taken in place of slip 0, where the size of the slip, and so an odd law, has no slope to jax.
+_AT_REST = 1e-15
+
 
 class Truth(NamedTuple):
     """A curve, or a curve with effects, at steady conditions.
@@ -95,8 +98,8 @@ def peak_of(truth: Truth) -> PeakOfTruth:
 
 def sensitivity_of(truth: Truth, slip: Float[np.ndarray, " points"]) -> Sensitivity:
     """The sensitivity at each slip."""
-    padded = np.zeros(-(-slip.size // _CHUNK) * _CHUNK)
-    padded[: slip.size] = slip
+    padded = np.full(-(-slip.size // _CHUNK) * _CHUNK, _AT_REST)
+    padded[: slip.size] = np.where(slip == 0, _AT_REST, slip)
     parts = [
         _sensitivity(truth.law, chunk, truth.conditions) for chunk in padded.reshape(-1, _CHUNK)
     ]

@@ -2,15 +2,15 @@
 
 import dataclasses
 
-import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.linalg import block_diag, toeplitz
 
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
 from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.speed import Speed
 from adhesion_jax.errors import InputError
 from adhesion_jax.planning.excitation import Again, Sweeps, again
 from adhesion_jax.planning.noise import Noise, information_under, noise_of_record
@@ -22,8 +22,9 @@ from adhesion_jax.planning.plan import (
     relative_errors,
     wanted_of,
 )
-from adhesion_jax.planning.truth import Truth, peak_of, sensitivity_of
-from adhesion_jax.scenarios.rails import RAILS, peak_of as peak_in_closed_form
+from adhesion_jax.planning.truth import Truth, sensitivity_of
+from adhesion_jax.scenarios.rails import RAILS
+from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
 from adhesion_jax.studies.plan import check_plan
 
 COMMON = Truth(RAILS["common"], {})
@@ -91,10 +92,8 @@ def test_the_errors_of_the_peak_follow_from_its_closed_form():
     slip_opt, mu_max = peak_in_closed_form(rail)
     sensitivity, slope, level = by_differences(np.linspace(0.0, 0.3, 200))
     information = 5 * sensitivity @ np.linalg.solve(covariance(noise, slope, level), sensitivity.T)
-    of_slip, of_level = np.sqrt(
-        [g @ np.linalg.solve(information, g) for g in np.array(gradient).T]
-    )
-    found = relative_errors(planner(COMMON, noise, Sweeps(200)), np.array([0.3]), 1000)
+    of_slip, of_level = np.sqrt([g @ np.linalg.solve(information, g) for g in np.array(gradient).T])
+    found = relative_errors(planner(COMMON, noise, Sweeps(200)), np.array([0.3]), 1000.0)
     np.testing.assert_allclose(found[0], [of_level / mu_max, of_slip / slip_opt], rtol=1e-4)
 
 
@@ -112,28 +111,31 @@ def test_four_times_as_many_runs_halve_every_error_and_more_noise_never_helps():
     for noise in NOISES.values():
         found = plan_of(planner(COMMON, noise, Sweeps(200)), slips, np.array([400.0, 1600.0]))
         np.testing.assert_allclose(found.errors[:, 0], 2 * found.errors[:, 1], rtol=1e-9)
-    quiet = relative_errors(planner(COMMON, NOISES["white"], Sweeps(200)), slips, 400)
-    for more in (
-        Noise(0.02),
-        Noise(0.01, run_scatter=0.01),
-        Noise(0.01, slip_noise=0.001),
-    ):
-        assert np.all(relative_errors(planner(COMMON, more, Sweeps(200)), slips, 400) > quiet)
+    quiet = relative_errors(planner(COMMON, NOISES["white"], Sweeps(200)), slips, 400.0)
+    blurred = relative_errors(
+        planner(COMMON, Noise(0.01, slip_noise=0.001), Sweeps(200)), slips, 400.0
+    )
+    assert np.all(blurred > quiet)
+    # Levels of runs add their own variance to mu_max, and leave the slip of the peak alone.
+    scattered = Noise(0.01, run_scatter=0.01)
+    level = relative_errors(planner(COMMON, scattered, Sweeps(200)), slips, 400.0)
+    np.testing.assert_allclose(level[:, 1], quiet[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(level[:, 0] ** 2, quiet[:, 0] ** 2 + 0.01**2 / 2, rtol=1e-6)
     # Doubled noise doubles every error.
-    doubled = relative_errors(planner(COMMON, Noise(0.02), Sweeps(200)), slips, 400)
+    doubled = relative_errors(planner(COMMON, Noise(0.02), Sweeps(200)), slips, 400.0)
     np.testing.assert_allclose(doubled, 2 * quiet, rtol=1e-9)
 
 
 def test_parameters_that_the_slips_cannot_tell_apart_leave_the_peak_undetermined():
     """At slips so small that the curve is a straight line, only its slope is seen."""
     errors = relative_errors(
-        planner(COMMON, NOISES["white"], Sweeps(200)), np.array([1e-9, 0.3]), 400
+        planner(COMMON, NOISES["white"], Sweeps(200)), np.array([1e-9, 0.3]), 400.0
     )
     assert np.all((errors[0] > 1e3) | np.isinf(errors[0]))
     assert np.all(errors[1] < 0.1)
     two = aj.Kiencke(a0=40.0, p1=100.0, p2=500.0, free=("p1", "p2"))
     at_zero = planner(Truth(two, {}), NOISES["white"], Again(np.zeros(20), np.zeros(1, int), 20))
-    assert np.all(np.isinf(relative_errors(at_zero, np.array([0.3]), 400)))
+    assert np.all(np.isinf(relative_errors(at_zero, np.array([0.3]), 400.0)))
 
 
 def test_the_fewest_samples_reach_the_wanted_error_and_one_fewer_does_not():
@@ -155,14 +157,14 @@ def test_the_slip_that_halves_the_interval_does():
     present = present_of(chosen, 0.15, 150, 2)
     for quantity, further in enumerate(present.further):
         assert further is not None
-        at = relative_errors(chosen, np.array([further, 0.97 * further]), 150)[:, quantity]
+        at = relative_errors(chosen, np.array([further, 0.97 * further]), 150.0)[:, quantity]
         assert at[0] <= present.errors[quantity] / 2 < at[1]
     reached = present_of(chosen, 0.6, 150, 2)
     assert reached.further[0] is None
 
 
 def test_sweeps_divide_the_samples_into_runs_from_zero_to_the_largest_slip():
-    for samples, runs, size in ((100, 1, 100), (200, 1, 200), (800, 4, 200), (700, 4, 175)):
+    for samples, runs, size in ((100.0, 1, 100), (200.0, 1, 200), (800.0, 4, 200), (700.0, 4, 175)):
         excitation = Sweeps(200)(samples)
         assert (excitation.runs, excitation.share.size) == (runs, size)
         assert (excitation.share[0], excitation.share[-1]) == (0.0, 1.0)
@@ -201,9 +203,72 @@ def test_simulated_measurements_scatter_as_planned(name):
     assert (abs(cells["ratio"] - 1) < np.maximum(0.05, 4 * cells["ratio_se"])).all(), cells
 
 
-def test_a_law_with_effects_is_planned_at_its_conditions():
-    """Under a law whose speed takes 1 % a m/s, a plan at 10 m/s is that of the lower curve."""
-    from adhesion_jax.effects import EFFECTS
+def law_with_speed():
+    curve, speed = RAILS["common"], Speed(k=1.0, reference=10.0)
+    ranges = {"vehicle_speed_mps": (5.0, 35.0)}
+    return CorrectedLaw(curve, (speed,), ranges, Calendar("time_s", 0.0, 1.0))
 
-    speed = EFFECTS["speed"].example if hasattr(EFFECTS["speed"], "example") else None
-    del speed
+
+def test_a_law_with_effects_is_planned_at_its_conditions():
+    """What takes a share of the adhesion makes the same noise larger by as much."""
+
+    def fall(speed_mps):  # Curtius and Kniffler
+        return 7.5 / (44 + 3.6 * speed_mps) + 0.161
+
+    size = {"largest_slips": (0.2, 0.4), "samples": (200, 800)}
+    left = fall(30.0) / fall(10.0)
+    found = aj.plan(law_with_speed(), conditions={"vehicle_speed_mps": 30.0}, sigma=0.01, **size)
+    plain = aj.plan("common", sigma=0.01 / left, **size)
+    np.testing.assert_allclose(found.plan.errors, plain.plan.errors, rtol=1e-5)
+    assert found.plan.planner.peak.mu_max == pytest.approx(
+        left * plain.plan.planner.peak.mu_max, rel=1e-9
+    )
+    # Otherwise conditions are in the middle of their ranges, 20 m/s.
+    middle = aj.plan(law_with_speed(), **size).plan.planner.peak.mu_max
+    assert middle == pytest.approx(fall(20.0) / fall(10.0) * 0.29847189346, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "says"),
+    [
+        ("icy", {}, "--rail icy is unknown"),
+        ("dry", {"sigma": 0.0}, "sigma is a number from 0 to 10, not 0"),
+        ("dry", {"autocorrelation": 1.0}, "autocorrelation is a number from 0 to 1, not 1"),
+        ("dry", {"run_scatter": np.nan}, "run_scatter is a number"),
+        ("dry", {"samples": [5, 20]}, "two or more from 10 to"),
+        ("dry", {"samples": [100]}, "two or more from 10 to"),
+        ("dry", {"largest_slips": [0.1, 1.5]}, "between 0 and 1, where the peak is searched"),
+        ("dry", {"samples_per_run": 1}, "samples_per_run is 2 or more"),
+        ("dry", {"want": 1.0}, "want is a share of mu_max"),
+        ("dry", {"conditions": {"vehicle_speed_mps": 5.0}}, "is no condition of the law"),
+        (CURVES["polach"], {}, "has no peak between slip 0 and 1"),
+        (CURVES["polach-falling"], {}, "depends on vehicle_speed_mps, whose value is not given"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused_in_one_sentence(source, options, says):
+    with pytest.raises(InputError) as refused:
+        aj.plan(source, **options)
+    assert says in str(refused.value)
+
+
+def test_a_condition_outside_the_range_of_a_law_is_refused():
+    with pytest.raises(InputError, match="from 5 to 35, and says nothing of 50"):
+        aj.plan(law_with_speed(), conditions={"vehicle_speed_mps": 50.0})
+
+
+def test_what_a_figure_is_worth_is_told():
+    found = aj.plan("common", largest_slips=(0.05, 0.1, 0.4), samples=(100, 10000))
+    table = found.table.set_index(["largest_slip", "samples"])
+    assert table["slip_opt"][0.05, 100] == "not determined"
+    assert table["mu_max"][0.4, 10000] == "determined"
+    rough = table["slip_opt_relative_se"].between(ROUGH, 1.0)
+    assert (table["slip_opt"][rough] == "rough").all()
+    assert list(table["peak_beyond_slips"]) == [True] * 4 + [False] * 2
+    said = found.verdict
+    for part in (
+        "n.d.: not determined",
+        "In parentheses: slip_opt",
+        "extrapolate",
+        "mu_max 0.2985",
+    ):
+        assert part in said
