@@ -57,7 +57,8 @@ class Share(click.ParamType):
             share = math.nan
         if not 0 < share < 1:
             raise InputError(
-                f"{param.opts[0]} {value} is no share between 0 and 100 %; write it as 1% or 0.01."
+                f"{param.opts[0]} {value} is no share; write it as 1% or 0.01, above 0 and below "
+                "100 %."
             )
         return share
 
