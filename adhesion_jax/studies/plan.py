@@ -11,7 +11,6 @@ from scipy.linalg import solve_triangular, toeplitz
 from scipy.signal import lfilter
 
 from adhesion_jax.curves import Conditions, Law, Scalar, free_values
-from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
 from adhesion_jax.planning.excitation import Excitation
 from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.plan import Plan
@@ -23,8 +22,9 @@ from adhesion_jax.runtime import silent
 #: the bound is that of small errors.
 CELLS, _SMALL = 6, 0.05
 
-#: Simulated measurements that are fitted at a time, and the largest number of steps of a fit.
-_TOGETHER, _STEPS = 250, 50
+#: Simulated measurements that are fitted at a time; steps of a fit, the longest in standard errors,
+#: and the length of the last one of a fit that has converged.
+_TOGETHER, _STEPS, _LONGEST, _SETTLED = 250, 12, 3.0, 1e-3
 
 
 def check_plan(
@@ -84,16 +84,19 @@ def estimates(
     covariance += np.diag((noise.slip_noise * sensitivity.slope) ** 2)
     covariance += noise.run_scatter**2 * np.outer(sensitivity.adhesion, sensitivity.adhesion)
     root = np.linalg.cholesky(covariance)
-    weights = solve_triangular(root, np.eye(slip.size), lower=True)
+    weights, runs = solve_triangular(root, np.eye(slip.size), lower=True), round(excitation.repeats)
+    as_mean = noise.slip_noise == 0  # runs at the same slips are as good as their mean
+    if as_mean:
+        weights = np.sqrt(runs) * weights
 
     found = []
     for _ in range(-(-measurements // _TOGETHER)):
-        shape = (_TOGETHER, round(excitation.repeats), slip.size)
+        shape = (_TOGETHER, runs, slip.size)
         measured_slip = slip + noise.slip_noise * generator.standard_normal(shape)
         adhesion = sensitivity.adhesion + _errors(noise, sensitivity.adhesion, shape, generator)
-        if noise.slip_noise == 0:  # then runs at the same slips are as good as their mean
-            measured_slip, adhesion = slip[None, None], adhesion.mean(axis=1, keepdims=True)
-            measured_slip = np.broadcast_to(measured_slip, adhesion.shape)
+        if as_mean:
+            measured_slip = measured_slip[:, :1]
+            adhesion = adhesion.mean(axis=1, keepdims=True)
         mu_max, good = _fitted(
             truth.law, measured_slip, adhesion, weights, truth.conditions, truth.slip_limit
         )
@@ -123,23 +126,31 @@ def _fitted(
     conditions: Conditions,
     slip_limit: Scalar,
 ) -> tuple[Float[Array, " measurements"], Bool[Array, " measurements"]]:
-    """Mu_max of each fit, by Levenberg-Marquardt from the truth, and whether it ended at a peak."""
-    truth = free_values(curve_of(law))
+    """Mu_max of each fit, by Gauss-Newton from the truth, and whether it ended at a peak."""
 
     def one(
         slip: Float[Array, "runs points"], adhesion: Float[Array, "runs points"]
     ) -> tuple[Array, Array]:
-        def misfit(values: Float[Array, " free"]) -> Float[Array, "points runs"]:
-            return weights @ (with_parameters(law, values)(slip, conditions) - adhesion).T
+        def misfit(values: Float[Array, " free"]) -> Float[Array, " samples"]:
+            away = with_parameters(law, values)(slip, conditions) - adhesion
+            return (weights @ away.T).ravel()
 
-        # Steps are taken in units of about a standard error.
-        scale = 1 / jnp.linalg.norm(jax.jacfwd(misfit)(truth), axis=(0, 1))
-        ends = jnp.full(truth.size, jnp.inf)
-        found = levenberg_marquardt(
-            lambda away: misfit(truth + scale * away).ravel(), 0 * truth, -ends, ends, _STEPS
-        )
-        peak = with_parameters(law, truth + scale * found.x).peak(conditions, slip_limit)
-        return peak.adhesion, peak.found & found.converged
+        def step(values: Float[Array, " free"], _: None) -> tuple[Array, Array]:
+            away, sensitivity = misfit(values), jax.jacfwd(misfit)(values)
+            scale = jnp.linalg.norm(sensitivity, axis=0)
+            root = jnp.linalg.cholesky(sensitivity.T @ sensitivity / jnp.outer(scale, scale))
+            white = jax.scipy.linalg.solve_triangular(
+                root, sensitivity.T @ away / scale, lower=True
+            )
+            # The length of a step in standard errors, which is bounded.
+            length = jnp.linalg.norm(white)
+            white = white * jnp.minimum(1.0, _LONGEST / length)
+            change = jax.scipy.linalg.solve_triangular(root.T, white, lower=False) / scale
+            return values - change, length
+
+        values, lengths = jax.lax.scan(step, free_values(curve_of(law)), None, length=_STEPS)
+        peak = with_parameters(law, values).peak(conditions, slip_limit)
+        return peak.adhesion, peak.found & (lengths[-1] < _SETTLED)
 
     mu_max, good = jax.vmap(one)(slips, adhesions)
     return mu_max, good
