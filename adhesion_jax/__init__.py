@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from adhesion_jax.library.montecarlo import MonteCarlo as MonteCarlo
     from adhesion_jax.library.montecarlo import montecarlo as montecarlo
     from adhesion_jax.library.sample import sample as sample
+    from adhesion_jax.library.track import Track as Track
+    from adhesion_jax.library.track import track as track
     from adhesion_jax.records import Known as Known
     from adhesion_jax.records import Record as Record
     from adhesion_jax.scenarios import SCENARIOS as SCENARIOS
@@ -48,6 +50,7 @@ _EXPORTS = {
     "library.identify": ("Identification", "identify"),
     "library.montecarlo": ("MonteCarlo", "montecarlo"),
     "library.sample": ("sample",),
+    "library.track": ("Track", "track"),
     "records": ("Known", "Record"),
     "scenarios": ("SCENARIOS",),
 }

@@ -107,10 +107,10 @@ class _Averaged(NamedTuple):
     lag: int  # rows
 
 
-def events_of(measured: Measured, wanted: bool | None = None) -> Chosen:
+def events_of(measured: Measured, wanted: bool | None = None, fewest: int = LONG) -> Chosen:
     """The rows of slip events alone, numbered in the column `run`, or all rows.
 
-    With `wanted` None the events are cut out of a table of at least LONG rows with time_s and
+    With `wanted` None the events are cut out of a table of at least `fewest` rows with time_s and
     without a column run, unless the wheel slips most of the time: where events would cover more
     than MOST of the rows, or the usual noise of slip exceeds LEAST. With `wanted` False all rows
     are used.
@@ -132,7 +132,7 @@ def events_of(measured: Measured, wanted: bool | None = None) -> Chosen:
         raise InputError(
             f"No slip events are cut out of {measured.name}: it {lacking}; leave out --events."
         )
-    if wanted is False or lacking or (wanted is None and len(table) < LONG):
+    if wanted is False or lacking or (wanted is None and len(table) < fewest):
         return Chosen(measured, None, _all(table, "as asked for") if wanted is False else "")
     least = LEAST[measured.slip]
     log = _averaged(measured)
