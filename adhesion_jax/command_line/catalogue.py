@@ -68,8 +68,8 @@ def catalogue_of(names: Mapping[str, Any]) -> Catalogue:
         for name, one in names["scenarios"].items()
     }
     rest = {name: tuple(value) for name, value in names.items() if isinstance(value, list)}
-    reasons = {name: names[name] for name in ("refusals", "not_following")}
-    return Catalogue(scenarios, **reasons, **rest)
+    refusals, not_following = names["refusals"], names["not_following"]
+    return Catalogue(scenarios, refusals=refusals, not_following=not_following, **rest)
 
 
 def _declared(kind: str, required: bool, option: Mapping[str, Any]) -> Declared:

@@ -84,7 +84,7 @@ def known_of(initial_slope: float, slip_limit: float) -> Known:
     upper = np.array([initial_slope / _LEAST_ADHESION, (_LEAST_SHARE * slip_limit) ** -2])
     at = _START_SHARE * slip_limit
     start = np.clip([initial_slope / _START_ADHESION - 2 / at, at**-2], lower, upper)
-    curve = Kiencke(initial_slope, *start.tolist())
+    curve = Kiencke(a0=initial_slope, p1=float(start[0]), p2=float(start[1]))
     return Known(curve, lower, upper, slip_limit=slip_limit, by_sample=True)
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -34,6 +35,10 @@ _EVENT, _EVENT_SLIP, _GAP = 1.9, 0.65, 0.42
 
 #: Colours of the samples of an event that the methods are given, and of those that they are not.
 _USED, _PASSED_OVER = "0.45", "0.78"
+
+
+#: Colour, dash and marker of each method.
+Styles = Mapping[str, Mapping[str, Any]]
 
 
 class _Axis(NamedTuple):
@@ -153,8 +158,9 @@ def _largest(log: Log) -> Int[np.ndarray, " chosen"]:
 
 def _signals(log: Log) -> Sequence[tuple[np.ndarray, str]]:
     slip = (log.slip, f"slip ({log.slip_unit.strip() or '1'})")
-    steady = log.speed is None or np.ptp(log.speed) == 0
-    return [slip] if steady else [slip, (log.speed, "speed (m/s)")]
+    if log.speed is None or np.ptp(log.speed) == 0:
+        return [slip]
+    return [slip, (log.speed, "speed (m/s)")]
 
 
 def _measured(panel: Axes, axis: _Axis, values: np.ndarray) -> None:
@@ -178,7 +184,7 @@ def _estimates(
     panel: Axes,
     axis: _Axis,
     followed: Mapping[str, Followed],
-    styles: Mapping[str, Mapping[str, object]],
+    styles: Styles,
     top: float,
 ) -> None:
     """Every method as a step line with its band; thin, without a band, where it is not trusted."""
@@ -219,7 +225,7 @@ def _status(
     panel: Axes,
     axis: _Axis,
     followed: Mapping[str, Followed],
-    styles: Mapping[str, Mapping[str, object]],
+    styles: Styles,
 ) -> None:
     """A strip a method: full where it is trusted, hatched where not, a mark at each reset."""
     for row, (name, one) in enumerate(followed.items()):
@@ -240,7 +246,7 @@ def _event(
     lower: Axes,
     log: Log,
     followed: Mapping[str, Followed],
-    styles: Mapping[str, Mapping[str, object]],
+    styles: Styles,
     event: int,
     top: float,
 ) -> None:
@@ -276,10 +282,10 @@ def _event(
 def _legend(
     figure: Figure,
     log: Log,
-    styles: Mapping[str, Mapping[str, object]],
+    styles: Styles,
     followed: Mapping[str, Followed],
 ) -> None:
-    entries: dict[str, object] = {
+    entries: dict[str, Artist] = {
         label_text(name): Line2D(
             [], [], color=styles[name]["color"], linestyle=styles[name]["linestyle"], linewidth=1.7
         )

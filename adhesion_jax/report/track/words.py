@@ -178,16 +178,16 @@ def _slope(slope: InitialSlope, log: Log) -> Iterable[str]:
 
 
 def _ends(log: Log, followed: Mapping[str, Followed], summary: pd.DataFrame) -> Iterable[str]:
-    for row in summary.itertuples():
-        one = followed[str(row.identifier)]
+    for row in summary.to_dict("records"):
+        name, status = str(row["identifier"]), Status[row["status"]]
         band = (
-            f" (95 % band {row.mu_max_lo:.4f} to {row.mu_max_hi:.4f})"
-            if np.isfinite(row.mu_max_se)
+            f" (95 % band {row['mu_max_lo']:.4f} to {row['mu_max_hi']:.4f})"
+            if np.isfinite(row["mu_max_se"])
             else " (without a band)"
         )
-        yield f"{row.identifier} ends with mu_max {row.mu_max:.4f}{band}{_resets(log, one)}."
-        if row.status != Status.TRUSTED.name:
-            yield f"That is not to be trusted: {Status[str(row.status)].sentence}"
+        yield f"{name} ends with mu_max {row['mu_max']:.4f}{band}{_resets(log, followed[name])}."
+        if status is not Status.TRUSTED:
+            yield f"That is not to be trusted: {status.sentence}"
     sure = summary[(summary["status"] == Status.TRUSTED.name) & np.isfinite(summary["mu_max_se"])]
     if len(sure) > 1 and sure["mu_max_lo"].max() > sure["mu_max_hi"].min():
         high, low = sure.loc[sure["mu_max_lo"].idxmax()], sure.loc[sure["mu_max_hi"].idxmin()]
