@@ -9,19 +9,21 @@ import pandas as pd
 
 from adhesion_jax.curves import CURVES, Curve
 from adhesion_jax.data import Measured, check_curve, to_record
+from adhesion_jax.data.events import Events, events_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.library.reading import Data, citation_of, measured_of
 from adhesion_jax.library.results import of_numbers, text_html
 from adhesion_jax.measured.fit import MeasuredFit, fit_all, missing_columns
 from adhesion_jax.measured.residual import Residual, residual_structure
+from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_measured
 from adhesion_jax.report.measured.words import curve_rows, printed_table, verdict
 from adhesion_jax.runtime import in_double_precision
 from adhesion_jax.wording import listed
 
 #: The files of an identification.
-IDENTIFY_FILES = ("curves.csv", "verdict.txt", "curves.png")
+IDENTIFY_FILES = ("curves.csv", "verdict.txt", "curves.png", EVENTS_FIGURE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,6 +35,8 @@ class Identification:
     """
 
     measured: Measured  # the points, with the columns that were derived
+    events: Events | None  # slip events that the points were cut out of; None where all were used
+    used: str  # which rows of a log are used, and why
     citation: str  # of a set that ships
     fits: Mapping[str, MeasuredFit]  # by the name of the curve
     not_fitted: Mapping[str, Sequence[str]]  # curve to the columns it needs and the points lack
@@ -88,7 +92,8 @@ class Identification:
     def verdict(self) -> str:
         """In words: the best curve, its peak, what is left over, and what not to trust."""
         left = self.residuals[self.best]
-        return verdict(self.measured, self.citation, self.fits, self.not_fitted, left)
+        remarks = " ".join(filter(None, (self.used, self.citation)))
+        return verdict(self.measured, remarks, self.fits, self.not_fitted, left)
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them."""
@@ -99,6 +104,8 @@ class Identification:
         title = Path(self.measured.name).name
         draw = in_double_precision(draw_measured)
         draw(path / "curves.png", title, self.fits, self.residuals)
+        if self.events is not None:
+            draw_events(path / EVENTS_FIGURE, title, self.events, self.measured.table)
 
     def __repr__(self) -> str:
         return f"{printed_table(self.fits)}\n\n{self.verdict}"
@@ -109,18 +116,21 @@ class Identification:
 
 @in_double_precision
 def identify(
-    data: Data, curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES)
+    data: Data,
+    curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES),
+    events: bool | None = None,
 ) -> Identification:
     """Fit adhesion curves to measured points by least squares over their physical boxes.
 
     `data` has a row a point, with the columns slip_ratio (or slip_velocity_mps) and adhesion (or
     tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units. `curves`
-    are names of CURVES, or curves of your own by name. InputError names all that is wrong with the
-    data. Source: least squares by differential evolution and Levenberg-Marquardt; intervals by the
-    delta method, BIC after Schwarz 1978.
+    are names of CURVES, or curves of your own by name. Of a long log only its slip events are used,
+    as runs (`data.events`), unless `events` is False; with True a short one is cut as well.
+    InputError names all that is wrong with the data. Source: least squares by differential
+    evolution and Levenberg-Marquardt; intervals by the delta method, BIC after Schwarz 1978.
     """
     chosen = _curves(curves)
-    points = measured_of(data)
+    points, cut, used = events_of(measured_of(data), events)
     check_curve(points)
     record = to_record(points)
     lacking = {name: missing_columns(curve, record) for name, curve in chosen.items()}
@@ -137,7 +147,7 @@ def identify(
     runs = table["run"] if "run" in table else pd.Series(0, table.index)
     numbers = pd.factorize(runs)[0]
     residuals = {name: residual_structure(fit, record, numbers) for name, fit in fits.items()}
-    return Identification(points, citation_of(data), fits, not_fitted, residuals)
+    return Identification(points, cut, used, citation_of(data), fits, not_fitted, residuals)
 
 
 def _curves(curves: str | Sequence[str] | Mapping[str, Curve]) -> Mapping[str, Curve]:

@@ -27,7 +27,8 @@ _UNITS = (("h", 3600.0, 7200.0), ("min", 60.0, 300.0), ("s", 1.0, 0.0))
 def draw_events(path: Path, title: str, events: Events, points: pd.DataFrame) -> None:
     """The whole log with its events numbered, and below it adhesion over slip in each event.
 
-    `points` are the rows of the events, numbered by `run`.
+    `points` are the rows of the events, numbered by `run`. Where there are more events than panels,
+    the panels show some of them, evenly spread.
     """
     chosen = events.table.iloc[
         np.unique(np.linspace(0, len(events.table) - 1, _PANELS).round().astype(int))
