@@ -56,7 +56,9 @@ class Followed(NamedTuple):
     resets: int
     skipped: int  # samples that are not finite
     trusted: int  # samples after which the status is TRUSTED
-    correlation: float  # of the errors of prediction of consecutive samples; 0 without a curve
+    #: Of the errors of prediction of consecutive samples, from their signs, which a switch of the
+    #: rail does not rule; 0 of a method without a curve.
+    correlation: float
     widening: float  # sqrt((1 + correlation)/(1 - correlation))
     seconds_per_sample: float  # of the program, while others run beside it
 
@@ -66,8 +68,8 @@ class _Tally(NamedTuple):
 
     status: Int[Array, ""]  # after the last sample; -1 before the first one
     error: Float[Array, ""]  # of the prediction of the last sample
-    products: Float[Array, ""]  # of the errors of consecutive samples, summed
-    squares: Float[Array, ""]  # mean square of the same two errors, summed
+    pairs: Int[Array, ""]  # of consecutive samples
+    alike: Int[Array, ""]  # pairs whose errors have one sign, less those whose have two
     resets: Int[Array, ""]
     skipped: Int[Array, ""]
     trusted: Int[Array, ""]
@@ -115,8 +117,8 @@ def _follow(
 ) -> Followed:
     columns = (log.slip[log.used], log.adhesion[log.used], np.ones(log.used.size, bool), log.starts)
     checkpoints = np.unique(np.linspace(0, log.used.size - 1, CHECKPOINTS).astype(int))
-    begun = (_states(method, known), _nothing())
-    form, leaves = jax.tree.structure(begun), jax.tree.leaves(begun)
+    form = jax.tree.structure(jax.eval_shape(_carried, method, known))
+    leaves = _begun(method, known)
     told: list[dict[str, np.ndarray]] = []
     seconds = 0.0
     for begin in range(0, log.used.size, CHUNK):
@@ -140,8 +142,10 @@ def _follow(
     rows = _rows(
         {name: np.concatenate([one[name] for one in told]) for name in told[0]}, checkpoints
     )
-    squares = float(tally.squares)
-    correlation = float(tally.products) / squares if squares > 0 else 0.0
+    # Of Gaussian errors the mean product of signs is 2/pi times the arc sine of the correlation
+    # (Blomqvist 1950, Ann. Math. Statist. 21:593-600).
+    share = float(tally.alike) / max(float(tally.pairs), 1.0)
+    correlation = float(np.sin(np.pi / 2 * share))
     held = min(max(correlation, 0.0), _MOST_ALIKE)
     widening = float(np.sqrt((1 + held) / (1 - held)))
     return Followed(
@@ -183,19 +187,23 @@ def _table(rows: Mapping[str, np.ndarray], log: Log, widening: float) -> pd.Data
             "mu_max_se": error("mu_max"),
             "slip_opt": rows["slip_opt"],
             "slip_opt_se": error("slip_opt"),
-            **{name: rows[name] for name in ("status", "reset", "resets", "skipped")},
+            "reset": rows["reset"],
+            **{name: rows[name].astype(int) for name in ("status", "resets", "skipped")},
         }
     )
 
 
-def _states(method: Identifier, known: Known) -> State:
-    """The states before any sample, [lanes]."""
-    return jax.vmap(method.init, in_axes=(0, None))(known, jax.random.key(0))
+def _carried(method: Identifier, known: Known) -> tuple[State, _Tally]:
+    """What is carried before any sample; states [lanes]."""
+    states = jax.vmap(method.init, in_axes=(0, None))(known, jax.random.key(0))
+    none = jnp.int32(0)
+    return states, _Tally(jnp.int32(-1), jnp.zeros(()), *(none for _ in range(5)))
 
 
-def _nothing() -> _Tally:
-    zero, none = jnp.zeros(()), jnp.int32(0)
-    return _Tally(jnp.int32(-1), zero, zero, zero, none, none, none)
+# A curve in what a kept program returns would not be read again, so both return leaves.
+@kept()
+def _begun(method: Identifier, known: Known) -> list[Array]:
+    return jax.tree.leaves(_carried(method, known))
 
 
 @kept()
@@ -211,8 +219,7 @@ def _chunk(
     """The leaves of what is carried, and what is told after each sample, arrays [samples].
 
     The first lane has the initial slope itself, the others, if any, lie one standard error of it
-    below and above: `_by_slope` is half their difference. (A curve in what a kept program returns
-    would not be read again, so it returns leaves.)
+    below and above: `_by_slope` is half their difference.
     """
     first = jax.tree.map(lambda leaf: leaf[0], known)
 
@@ -253,12 +260,12 @@ def _counted(
     tally: _Tally, now: Estimate, error: Float[Array, ""], start: Bool[Array, ""]
 ) -> _Tally:
     error = jnp.where(jnp.isfinite(error), error, 0.0)
-    pair = jnp.where(start, 0.0, 1.0)
+    both = jnp.where(start, 0.0, jnp.sign(error) * jnp.sign(tally.error)).astype(jnp.int32)
     return _Tally(
         now.status[0].astype(jnp.int32),
         error,
-        tally.products + pair * error * tally.error,
-        tally.squares + pair * (error**2 + tally.error**2) / 2,
+        tally.pairs + jnp.abs(both),
+        tally.alike + both,
         tally.resets + now.reset[0],
         tally.skipped + now.skipped[0],
         tally.trusted + (now.status[0] == Status.TRUSTED.value),

@@ -46,10 +46,15 @@ class _Axis(NamedTuple):
 
     place: Float[np.ndarray, " samples"]
     label: str
-    scale: float  # seconds per unit
+    begin: float = 0.0  # s, of the log
+    scale: float = 1.0  # seconds per unit
 
 
 def draw_track(path: Path, title: str, log: Log, followed: Mapping[str, Followed]) -> None:
+    track_figure(title, log, followed).savefig(path, dpi=150)
+
+
+def track_figure(title: str, log: Log, followed: Mapping[str, Followed]) -> Figure:
     """Estimates over measured adhesion, the status of each method, slip and speed; then events."""
     axis, chosen = _axis(log), _largest(log)
     styles = line_styles(list(followed))
@@ -91,11 +96,12 @@ def draw_track(path: Path, title: str, log: Log, followed: Mapping[str, Followed
         panel.set_ylabel(label)
         panels.append(panel)
     estimates.set_xlim(axis.place[0], axis.place[-1] + 1e-9)
-    for number, (begin, end) in enumerate(log.events[chosen] / axis.scale, 1):
+    for event in chosen:
+        begin, end = (log.events[event] - axis.begin) / axis.scale
         for panel in (*panels[:1], *panels[2:]):
             panel.axvspan(begin, end, color="0.88", zorder=0, linewidth=0)
         panels[-1].annotate(
-            str(number),
+            str(event + 1),
             ((begin + end) / 2, 1.0),
             xycoords=("data", "axes fraction"),
             ha="center",
@@ -119,31 +125,33 @@ def draw_track(path: Path, title: str, log: Log, followed: Mapping[str, Followed
             hspace=1.2 * _GAP / _EVENT,
             wspace=0.16,
         )
-        for number, event in enumerate(chosen):
+        for number, event in enumerate(chosen.tolist()):
             both = below[divmod(number, 3)].subgridspec(
                 2, 1, height_ratios=(_EVENT, _EVENT_SLIP), hspace=0.1
             )
             upper = figure.add_subplot(both[0])
             lower = figure.add_subplot(both[1], sharex=upper)
             _event(upper, lower, log, followed, styles, event, top)
-            upper.set_title(f"slip event {number + 1}", loc="left", fontsize=9)
+            upper.set_title(f"slip event {event + 1}", loc="left", fontsize=9)
             if number % 3 == 0:
                 upper.set_ylabel("adhesion (1)")
                 lower.set_ylabel(f"slip ({log.slip_unit.strip() or '1'})")
     _legend(figure, log, styles, followed)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
 def _axis(log: Log) -> _Axis:
     if log.time is None:
-        return _Axis(np.arange(1.0, log.slip.size + 1), "sample", 1.0)
+        return _Axis(np.arange(1.0, log.slip.size + 1), "sample")
     span = log.time[-1] - log.time[0]
     unit, scale = next(
         (unit, scale)
         for unit, scale, least in (("h", 3600.0, 7200.0), ("min", 60.0, 600.0), ("s", 1.0, -1.0))
         if span > least
     )
-    return _Axis(log.time / scale, f"time ({unit})", scale)
+    begin = float(log.time[0])
+    label = f"time from the beginning of the log ({unit})"
+    return _Axis((log.time - begin) / scale, label, begin, scale)
 
 
 def _largest(log: Log) -> Int[np.ndarray, " chosen"]:
@@ -254,7 +262,7 @@ def _event(
     assert log.time is not None
     begin, end = log.events[event]
     window = slice(*np.searchsorted(log.time, [begin, end]))
-    axis = _Axis(log.time - begin, "", 1.0)
+    axis = _Axis(log.time - begin, "")
     used = np.isin(np.arange(window.start, window.stop), log.used)
     for panel, values in ((upper, np.abs(log.adhesion)), (lower, log.slip)):
         for chosen, colour, size in ((~used, _PASSED_OVER, 2.0), (used, _USED, 3.0)):
