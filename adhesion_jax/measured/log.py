@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import uniform_filter1d
 
 from adhesion_jax.curves import SLIP_LIMIT
 from adhesion_jax.data import Measured
@@ -17,6 +18,10 @@ _FEWEST = 1000
 #: A sample of a slip event is used where the slip exceeds this multiple of its noise: nearer to
 #: zero, noise in the slip looks like a curve with its peak there.
 _NOISES = 5.0
+
+#: That noise is what is left when the mean over this time is taken off: what a driver asks for
+#: changes more slowly.
+_WINDOW_S = 2.0
 
 #: The standard deviation of a normal variable over the median of its size.
 _NORMAL = 1.4826
@@ -130,13 +135,16 @@ def _telling(
     for begin, end in spans:
         inside[np.searchsorted(time, begin, "left") : np.searchsorted(time, end, "right")] = True
     # Noise of the wheel speed makes a noise of the slip ratio that grows as the speed falls.
-    scale = np.ones(1) if speed is None else speed
-    outside = (slip * scale)[~inside]
-    noise = _NORMAL * float(np.median(np.abs(outside - np.median(outside)))) if outside.size else 0
-    used = np.flatnonzero(inside & (np.abs(slip * scale) > _NOISES * noise))
+    velocity = slip if speed is None else slip * speed
+    step = float(np.median(np.diff(time)))
+    window = 1 + round(_WINDOW_S / step) if step > 0 else 1
+    left = np.abs(velocity - uniform_filter1d(velocity, window, mode="nearest"))[~inside]
+    noise = _NORMAL * float(np.median(left)) if left.size else 0.0
+    used = np.flatnonzero(inside & (np.abs(velocity) > _NOISES * noise))
     return used, (
         f"Between the slip events the {'slip' if speed is None else 'slip velocity'} scatters by "
-        f"{noise:.2g}{' m/s' if speed is not None else ''}: the methods are given the "
+        f"{noise:.2g}{' m/s' if speed is not None else ''} around its mean over {_WINDOW_S:g} s: "
+        f"the methods are given the "
         f"{used.size:,} samples of the events ({used.size / time.size:.2%} of the log) in which it "
         f"exceeds {_NOISES:g} times that, for nearer to zero the noise of the slip looks like a "
         "curve."
