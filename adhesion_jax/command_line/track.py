@@ -7,6 +7,7 @@ import click
 
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import File, FiniteRange, Folder, Names, perform
+from adhesion_jax.command_line.reading import FILES, reading
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -15,7 +16,8 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
 
 
 @click.command()
-@click.argument("log", type=File(KNOWN.data, "name a .csv, .csv.gz or .parquet file"))
+@click.argument("log", type=File(KNOWN.data, f"name {FILES}"))
+@reading
 @click.option(
     "--identifiers",
     type=Names(KNOWN.identifiers, "identifier"),
@@ -44,8 +46,8 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
 def main(identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Follow LOG sample by sample, and draw what is known of the largest adhesion over time.
 
-    LOG is a file with the columns that adhesion identify takes, in the order of time_s where there
-    is one, or the name of a data set that ships with the package: eurosprinter.
+    LOG is a file that adhesion identify takes, with a time if there is one, or the name of a data
+    set that ships with the package: eurosprinter. Its samples are followed in the order of time.
     """
     for name in identifiers or ():
         if name in KNOWN.not_following:

@@ -1,5 +1,7 @@
 """Slip events cut out of a whole log: the seconds in which a wheel leaves its micro-slip."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -7,8 +9,10 @@ import pandas as pd
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import theilslopes
 
+from adhesion_jax.data.derived import SLOWEST
 from adhesion_jax.data.reading import Measured
 from adhesion_jax.errors import InputError
+from adhesion_jax.wording import listed
 
 #: Fewest rows of a table whose events are cut out without being asked for.
 LONG = 10_000
@@ -32,16 +36,14 @@ HOLD_S, HOLD_ROWS = 0.3, 3
 #: because the curve rises there; events that are closer than twice this time are one.
 LEAD_S = 2.0
 
-#: Speed below which a row is left out: a slip ratio there is mostly noise.
-SLOWEST_MPS = 1.0
-
 #: A step in time is a gap if it exceeds this multiple of the median step and this time.
 GAP_STEPS, GAP_S = 10.0, 1.0
 
 #: Time over which the change of slip tells its noise.
 LAG_S = 1.0
 
-#: Largest number of rows from which a median is taken, and of classes of speed.
+#: Largest number of rows from which a median is taken, or that are compared at a time, and number
+#: of classes of speed.
 _SAMPLE, _CLASSES = 400_000, 16
 
 #: Number of equal times of the overview.
@@ -49,6 +51,20 @@ _PLACES = 2000
 
 #: The standard deviation of a normal variable over the median of its size.
 _NORMAL = 1.4826
+
+
+#: The number of the event, its times, traction or braking, the largest slip and adhesion (averaged,
+#: with their sign), and the number of its rows.
+_TABLE = (
+    "run",
+    "start_s",
+    "end_s",
+    "duration_s",
+    "mode",
+    "largest_slip",
+    "largest_adhesion",
+    "rows",
+)
 
 
 class SlipNoise(NamedTuple):
@@ -69,9 +85,7 @@ class SlipNoise(NamedTuple):
 class Events(NamedTuple):
     """The slip events of a log; the log itself is not held."""
 
-    #: A row an event: run (its number), start_s, end_s, duration_s, mode (traction or braking),
-    #: largest_slip and largest_adhesion (averaged, with their sign), rows.
-    table: pd.DataFrame
+    table: pd.DataFrame  # a row an event, with the columns _TABLE
     rows: int  # of the log
     slow_rows: int  # left out because the vehicle stands or creeps
     slip: str  # the column that is the slip
@@ -107,21 +121,37 @@ class _Averaged(NamedTuple):
     lag: int  # rows
 
 
-def events_of(measured: Measured, wanted: bool | None = None, fewest: int = LONG) -> Chosen:
-    """The rows of slip events alone, numbered in the column `run`, or all rows.
+def events_of(
+    tables: Sequence[Measured], wanted: bool | None = None, fewest: int = LONG
+) -> list[Chosen]:
+    """Of each table the rows of slip events alone, numbered in the column `run`, or all rows.
 
-    With `wanted` None the events are cut out of a table of at least `fewest` rows with time_s and
-    without a column run, unless the wheel slips most of the time: where events would cover more
+    With `wanted` None the events are cut out of a table of at least `fewest` rows with time_s
+    and without a column run, unless the wheel slips most of the time: where events would cover more
     than MOST of the rows, or the usual noise of slip exceeds LEAST. With `wanted` False all rows
     are used.
 
     An event begins where the slip, averaged over WINDOW_S and less its median, exceeds NOISES times
     its noise (`SlipNoise`, robust, from the log itself) and LEAST, for HOLD_S. It ends where that
     slip has returned, or at a gap in time. LEAD_S before and after belong to it, and events that
-    overlap with these are one. Rows slower than SLOWEST_MPS are left out.
+    overlap with these are one. Rows slower than SLOWEST are left out.
 
-    InputError where a log has no event, and where events are wanted of a table that is no log.
+    A log without an event is not used where another table is. InputError where there is no other,
+    and where events are wanted of a table that is no log.
     """
+    found = [_chosen(table, wanted, fewest) for table in tables]
+    used = [one for one in found if len(one.points.table)]
+    if not used:
+        raise InputError(found[0].sentence)
+    idle = [_short(one.points) for one in found if not len(one.points.table)]
+    if idle:
+        unused = f"{listed(idle)} {'has' if len(idle) == 1 else 'have'} no slip event: not used."
+        used[0] = used[0]._replace(sentence=f"{used[0].sentence} {unused}".strip())
+    return used
+
+
+def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
+    """The rows of one table; where a log has no event there are none, and it is said why."""
     table = measured.table
     lacking = ""
     if "run" in table:
@@ -144,13 +174,14 @@ def events_of(measured: Measured, wanted: bool | None = None, fewest: int = LONG
     usual = _usual_noise(log, noise)
     if wanted is None and usual > least:
         return Chosen(measured, None, _all(table, f"slip scatters by {usual:.2g} all along"))
-    if not first.size:
-        raise InputError(_no_event(measured, log, noise))
     events = _events(measured, log, noise, first, stop)
-    rows = np.concatenate([np.arange(*span) for span in zip(first, stop, strict=True)])
+    rows = np.concatenate(
+        [first[:0], *(np.arange(*span) for span in zip(first, stop, strict=True))]
+    )
     run = np.repeat(events.table["run"].to_numpy(), stop - first)
     points = measured._replace(table=table.take(rows).assign(run=run))
-    return Chosen(points, events, _cut(events, log))
+    said = _cut(measured, events, log) if first.size else _no_event(measured, log, noise)
+    return Chosen(points, events, said)
 
 
 def _averaged(measured: Measured) -> _Averaged:
@@ -160,7 +191,7 @@ def _averaged(measured: Measured) -> _Averaged:
     if measured.slip == "slip_ratio" and "vehicle_speed_mps" in table:
         speed = table["vehicle_speed_mps"].to_numpy(float)
     step = _usual_step(time)
-    moves = np.ones(time.size, dtype=bool) if speed is None else speed >= SLOWEST_MPS
+    moves = np.ones(time.size, dtype=bool) if speed is None else speed >= SLOWEST
     # The first row after a gap; the steps themselves would take as much memory as the time.
     limit = max(GAP_STEPS * step, GAP_S)
     after_gap = np.concatenate([[0], 1 + np.flatnonzero(time[1:] > time[:-1] + limit)])
@@ -231,10 +262,12 @@ def _noise(log: _Averaged) -> SlipNoise:
 def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
     """First rows of the events, and the rows after their last."""
     level = np.full(log.slip.size, np.nan, dtype=np.float32)  # of the threshold
-    for begin, end in zip(log.first, log.stop, strict=True):
-        speed = np.ones(1) if log.speed is None else log.speed[begin:end]
+    for begin in range(0, level.size, _SAMPLE):
+        part = slice(begin, begin + _SAMPLE)
+        # Below the slowest speed there is no slip to compare.
+        speed = np.ones(1) if log.speed is None else np.maximum(log.speed[part], SLOWEST)
         threshold = np.maximum(NOISES * noise.deviation(speed), least)
-        level[begin:end] = np.abs(log.slip[begin:end] - noise.median) / threshold
+        level[part] = np.abs(log.slip[part] - noise.median) / threshold
     first, stop = _runs(level > 1, log.first)
     held = stop - first >= log.hold
     first, stop = first[held], stop[held]
@@ -252,7 +285,7 @@ def _usual_noise(log: _Averaged, noise: SlipNoise) -> float:
     if log.speed is None:
         return noise.constant
     speed = log.speed[:: _stride(log.speed.size)]
-    moving = speed[speed >= SLOWEST_MPS]
+    moving = speed[speed >= SLOWEST]
     return float(noise.deviation(np.median(moving, keepdims=True))[0]) if moving.size else 0.0
 
 
@@ -266,20 +299,20 @@ def _events(
         largest = float(slip[np.argmax(np.abs(slip - noise.median))])
         level = uniform_filter1d(adhesion[begin:end], log.window, mode="nearest")
         rows.append(
-            {
-                "run": str(number),
-                "start_s": log.time[begin],
-                "end_s": log.time[end - 1],
-                "duration_s": log.time[end - 1] - log.time[begin],
-                "mode": "braking" if largest < noise.median else "traction",
-                "largest_slip": largest,
-                "largest_adhesion": float(level[np.argmax(np.abs(level))]),
-                "rows": int(end - begin),
-            }
+            (
+                str(number),
+                log.time[begin],
+                log.time[end - 1],
+                log.time[end - 1] - log.time[begin],
+                "braking" if largest < noise.median else "traction",
+                largest,
+                float(level[np.argmax(np.abs(level))]),
+                int(end - begin),
+            )
         )
+    table = pd.DataFrame(rows, columns=[*_TABLE])
     slow = log.time.size - int(np.sum(log.stop - log.first))
-    overview = _overview(log)
-    return Events(pd.DataFrame(rows), log.time.size, slow, measured.slip, noise, overview)
+    return Events(table, log.time.size, slow, measured.slip, noise, _overview(log))
 
 
 def _overview(log: _Averaged) -> pd.DataFrame:
@@ -299,22 +332,22 @@ def _all(table: pd.DataFrame, why: str) -> str:
     return f"All {len(table):,} rows are used: {why}."
 
 
-def _cut(events: Events, log: _Averaged) -> str:
+def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
     count, rows = len(events.table), int(events.table["rows"].sum())
     braking = int((events.table["mode"] == "braking").sum())
     seconds = log.time[-1] - log.time[0]
     sides = f" ({count - braking} in traction, {braking} in braking)" if braking else ""
     slow = (
-        f" {events.slow_rows:,} rows slower than {SLOWEST_MPS:g} m/s are left out."
+        f" {events.slow_rows:,} rows slower than {SLOWEST:g} m/s are left out."
         if events.slow_rows
         else ""
     )
     return (
-        f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of a log of "
-        f"{_duration(seconds)} {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
-        f"{events.rows:,} rows are used ({events.share:.2%}). An event begins where the slip "
-        f"exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s before and after it "
-        f"belong to it.{slow}"
+        f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
+        f"({_duration(seconds)}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
+        f"{events.rows:,} rows with a slip are used ({events.share:.2%}). An event begins where "
+        f"the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s before and "
+        f"after it belong to it.{slow}"
     )
 
 
@@ -336,7 +369,7 @@ def _no_event(measured: Measured, log: _Averaged, noise: SlipNoise) -> str:
     size = np.abs(log.slip - noise.median)
     if not np.isfinite(size).any():
         return (
-            f"{measured.name} has no slip event: the vehicle is never faster than {SLOWEST_MPS:g} "
+            f"{measured.name} has no slip event: the vehicle is never faster than {SLOWEST:g} "
             "m/s; check the unit of its speed, or use all rows by --whole."
         )
     row = int(np.nanargmax(size))
@@ -345,6 +378,10 @@ def _no_event(measured: Measured, log: _Averaged, noise: SlipNoise) -> str:
         f"{_threshold(noise, measured.slip)}, and is {log.slip[row]:.2g}{unit} at most, at "
         f"{log.time[row]:.6g} s; give a log in which the wheel slips, or use all rows by --whole."
     )
+
+
+def _short(measured: Measured) -> str:
+    return Path(measured.name).name
 
 
 def _duration(seconds: float) -> str:

@@ -11,7 +11,7 @@ import pandas as pd
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 from adhesion_jax.data.files import refuse_many_rows, too_many_rows
 from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
-from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_measured, too_few
+from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_all, too_few
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.wording import listed
@@ -55,7 +55,7 @@ class RunSet(NamedTuple):
 def read_runs(paths: Sequence[Path]) -> RunSet:
     """The runs of all files; see `to_runs`."""
     refuse_many_rows(paths, MOST_ROWS)
-    return to_runs(_read(paths))
+    return to_runs(read_all(paths))
 
 
 def to_runs(files: Sequence[Measured]) -> RunSet:
@@ -161,24 +161,6 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
         warnings=warnings,
         slip=runs.slip,
     )
-
-
-def _read(paths: Sequence[Path]) -> list[Measured]:
-    files: list[Measured] = []
-    faults: list[str] = []
-    seen: set[Path] = set()
-    for path in paths:
-        if path.resolve() in seen:
-            faults.append(f"{path} is given twice, name every file once")
-            continue
-        seen.add(path.resolve())
-        try:
-            files.append(read_measured(path))
-        except InputError as error:
-            faults.append(str(error).removesuffix("."))
-    if faults:
-        raise InputError(f"{'; '.join(faults)}.")
-    return files
 
 
 def _refuse_two_kinds(files: Sequence[Measured]) -> None:

@@ -73,12 +73,14 @@ def track(
     data: Data,
     identifiers: str | Sequence[str] | Mapping[str, Identifier] = METHODS,
     initial_slope: float | None = None,
+    columns: Mapping[str, object] | None = None,
+    wheel_radius: float | None = None,
     events: bool | None = None,
     report: Callable[[int, int], object] = silent,
 ) -> Track:
     """Follow a log by online methods, sample by sample in the order of time.
 
-    `data` are as for `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by
+    `data`, `columns` and `wheel_radius` are as for `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by
     name. The initial slope a0 of Kiencke's curve is `initial_slope`, or that of a fit to the log.
     With `events` slip events alone are used, without all samples; by default they are cut out of a
     log that hardly slips. `report` is told how many steps are done, and of how many. InputError
@@ -86,7 +88,7 @@ def track(
     """
     methods = _methods(identifiers)
     _refuse(methods)
-    measured = measured_of(data)
+    measured = measured_of(data, columns, wheel_radius)
     check_curve(measured)
     log = to_log(measured, events)
     if initial_slope is not None and not (np.isfinite(initial_slope) and initial_slope > 0):

@@ -63,7 +63,7 @@ def to_log(measured: Measured, wanted: bool | None = None) -> Log:
     of events alone are used, and of these those whose slip exceeds `_NOISES` times the noise that
     it has between the events. Else all are used.
     """
-    chosen = events_of(measured, wanted, _FEWEST)
+    (chosen,) = events_of([measured], wanted, _FEWEST)
     table = measured.table
     runs = group([measured]).run
     clock = table["time_s"].to_numpy(float) if "time_s" in table else None

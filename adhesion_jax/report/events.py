@@ -1,5 +1,6 @@
 """The figure of a log and of the slip events that were cut out of it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
-from adhesion_jax.data.events import Events
+from adhesion_jax.data.events import Chosen, Events
 from adhesion_jax.report.style import AFTER, BEFORE, POINT, light_frame, root_axis, thinned
 
 #: Name of the file.
@@ -21,15 +22,20 @@ _PANELS, _COLUMNS = 12, 4
 _APART = 0.022
 
 #: Units of time: name, seconds, shortest log for which it is used.
-_UNITS = (("h", 3600.0, 7200.0), ("min", 60.0, 300.0), ("s", 1.0, 0.0))
+_UNITS = (("h", 3600.0, 5400.0), ("min", 60.0, 300.0), ("s", 1.0, 0.0))
 
 
-def draw_events(path: Path, title: str, events: Events, points: pd.DataFrame) -> None:
-    """The whole log with its events numbered, and below it adhesion over slip in each event.
+def draw_events(folder: Path, logs: Sequence[Chosen]) -> None:
+    """Whole logs with their events numbered, and below them adhesion over slip in each event.
 
-    `points` are the rows of the events, numbered by `run`. Where there are more events than panels,
-    the panels show some of them, evenly spread.
+    Several logs are drawn one after the other; nothing is drawn where no events were cut out. Where
+    there are more events than panels, the panels show some of them, evenly spread.
     """
+    cut = [log for log in logs if log.events is not None]
+    if not cut:
+        return
+    title = Path(cut[0].points.name).name if len(cut) == 1 else f"{len(cut)} logs"
+    events, points = _one_after_the_other(cut)
     chosen = events.table.iloc[
         np.unique(np.linspace(0, len(events.table) - 1, _PANELS).round().astype(int))
     ]
@@ -39,7 +45,34 @@ def draw_events(path: Path, title: str, events: Events, points: pd.DataFrame) ->
     above, below = np.asarray(figure.subfigures(2, 1, height_ratios=(4.4, 0.8 + 2.5 * lines)))
     _log(above, title, events)
     _panels(below, events, chosen, points, lines)
-    figure.savefig(path, dpi=150)
+    figure.savefig(folder / EVENTS_FIGURE, dpi=150)
+
+
+def _one_after_the_other(logs: Sequence[Chosen]) -> tuple[Events, pd.DataFrame]:
+    """The events and points of several logs as if of one, which has no time between them."""
+    pairs = [(log.points.table, log.events) for log in logs if log.events is not None]
+    if len(pairs) == 1:
+        return pairs[0][1], pairs[0][0]
+    end = 0.0
+    moved, points = [], []
+    for number, (rows, events) in enumerate(pairs, 1):
+        late = end - float(events.overview["start_s"].iloc[0])
+        times = ["start_s", "end_s"]
+        overview, table = (
+            one.assign(**{name: one[name] + late for name in times})
+            for one in (events.overview, events.table)
+        )
+        name = f"{number}."
+        moved.append(
+            events._replace(overview=overview, table=table.assign(run=name + table["run"]))
+        )
+        points.append(rows.assign(run=name + rows["run"]))
+        end = float(overview["end_s"].iloc[-1])
+    return moved[0]._replace(
+        table=pd.concat([one.table for one in moved], ignore_index=True),
+        rows=sum(one.rows for one in moved),
+        overview=pd.concat([one.overview for one in moved], ignore_index=True),
+    ), pd.concat(points, ignore_index=True)
 
 
 def _log(figure: SubFigure, title: str, events: Events) -> None:

@@ -39,7 +39,8 @@ def log(seed=0, seconds=600.0, noise=0.02, known=KNOWN, correlation=0.0, step=ST
 
 
 def cut(table, wanted=None):
-    return events_of(to_measured("log.csv", table), wanted)
+    (found,) = events_of([to_measured("log.csv", table)], wanted)
+    return found
 
 
 def test_every_event_is_found_with_its_rise_and_nothing_else():
@@ -69,7 +70,7 @@ def test_the_rows_are_those_of_the_file_between_beginning_and_end():
             mine[list(table)].reset_index(drop=True), there.reset_index(drop=True)
         )
     assert found.events.share == pytest.approx(len(points) / len(table))
-    assert f"{len(points):,} of {len(table):,} rows" in found.sentence
+    assert f"{len(points):,} of {len(table):,} rows with a slip are used" in found.sentence
 
 
 def test_noise_of_the_wheel_speed_is_told_from_micro_slip():
@@ -172,7 +173,7 @@ def test_a_vehicle_that_stands_is_left_out_and_counted():
     found = cut(table.assign(vehicle_speed_mps=speed, slip_ratio=slip))
     assert len(found.events.table) == len(KNOWN)
     assert found.events.slow_rows == stands.sum()
-    assert f"{stands.sum():,} rows slower than 1 m/s are left out." in found.sentence
+    assert f"{stands.sum():,} rows slower than 0.5 m/s are left out." in found.sentence
 
 
 def test_what_is_no_log_stays_as_it_is():
@@ -227,3 +228,13 @@ def test_the_events_of_a_simulated_day_are_found():
     assert len(found) == 4
     assert (found["start_s"].to_numpy() < drawn.events[:, 0]).all()
     assert (found["end_s"].to_numpy() > drawn.events[:, :2].sum(axis=1)).all()
+
+
+def test_a_log_without_an_event_is_not_used_where_another_has_one():
+    idle = to_measured("idle.csv", log(known=()))
+    slipping = to_measured("slipping.csv", log())
+    (found,) = events_of([idle, slipping])
+    assert found.points.name == "slipping.csv"
+    assert found.sentence.endswith(" idle.csv has no slip event: not used.")
+    with pytest.raises(InputError, match=r"idle.csv has no slip event: its slip nowhere"):
+        events_of([idle, idle])

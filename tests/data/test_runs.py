@@ -233,11 +233,11 @@ def test_what_a_curve_needs_is_kept_though_it_repeats_another(tmp_path):
     assert {"time_s", "vehicle_speed_mps"} <= {*found.record.conditions}
 
 
-def test_text_is_left_out_and_unknown_units_are_covariates(tmp_path):
-    table = campaign().assign(note="dry", temperature_K=290.0, slip_angle_deg=1.0)
+def test_text_is_left_out_and_unknown_columns_are_covariates(tmp_path):
+    table = campaign().assign(note="dry", pressure_K=290.0, slip_angle_deg=1.0)
     found = read_runs([written(tmp_path, table)])
     assert found.left_out == ("note",)
-    assert found.covariates == ("temperature_K",)
+    assert found.covariates == ("pressure_K",)
     assert found.warnings == ("The column note is left out: it is not a number in every row.",)
 
 
@@ -267,8 +267,8 @@ def test_the_faults_of_all_files_are_told_at_once(tmp_path):
     first = written(tmp_path, campaign().assign(slip_ratio=9.0, adhesion="wet"), "x.csv")
     second = written(tmp_path, campaign().drop(columns="adhesion"), "y.csv")
     said = refused(first, second, tmp_path / "z.csv", first)
-    assert "x.csv cannot be used: row 2 of column slip_ratio has 9.0" in said
-    assert "row 2 of column adhesion has the text 'wet'" in said
+    assert "x.csv cannot be used: row 2 of column adhesion has the text 'wet'" in said
+    assert "row 2 of column slip_ratio has 9.0" in said
     assert "y.csv cannot be used: the column adhesion (or" in said
     assert "z.csv does not exist" in said
     assert "x.csv is given twice" in said
@@ -294,7 +294,7 @@ def test_time_does_not_run_back_within_a_run(tmp_path):
 
 def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "MOST_ROWS", 30)
-    monkeypatch.setattr(runs, "read_measured", lambda path: pytest.fail(f"{path} was read"))
+    monkeypatch.setattr(runs, "read_all", lambda paths: pytest.fail(f"{paths} were read"))
     text = campaign((31,)).to_csv(index=False)
     (tmp_path / "a.csv").write_text(text.rstrip())
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(text.encode()))

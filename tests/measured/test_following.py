@@ -9,7 +9,7 @@ from hypothesis import given as example
 from hypothesis import strategies as st
 
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.data import SHIPPED, read_measured, table_of, to_measured
+from adhesion_jax.data import SHIPPED, read_measured, to_measured
 from adhesion_jax.identifiers import IDENTIFIERS, Status
 from adhesion_jax.measured import following
 from adhesion_jax.measured.following import follow_log, known_of, refusal
@@ -45,7 +45,7 @@ def sweeps(count, seed, rail=DRY, then=None, sigma=0.01, alike=0.0):
 
 
 def log_of(table, wanted=False):
-    return to_log(to_measured("log", table_of(table, "log")), wanted)
+    return to_log(to_measured("log", table), wanted)
 
 
 def followed(table, names, slope=A0):

@@ -422,7 +422,7 @@ def test_a_log_is_cut_into_its_events_and_drawn(tmp_path):
     assert "2 slip events cut out of a log of 20 min are runs" in " ".join(result.output.split())
     assert {path.name for path in out.iterdir()} == FILES | {"events.png"}
     told = " ".join((out / "verdict.txt").read_text().split())
-    assert "of 12,000 rows are used" in told.split("Curve:")[0]
+    assert "of 12,000 rows with a slip are used" in told.split("Curve:")[0]
     row = pd.read_csv(out / "curves.csv").loc[0]
     # Where c1 c2 exp(-c2 s) = c3.
     assert row["slip_opt"] == pytest.approx(np.log(0.3 * 80 / 0.3) / 80, rel=0.05)

@@ -25,12 +25,12 @@ def log(count):
 
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
-    def draw(table):
+    def draw(*tables):
         kept = []
         monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
-        found = events_of(to_measured("log.csv", table))
-        draw_events(tmp_path / "events.png", "log.csv", found.events, found.points.table)
-        return found.events, kept[0].axes
+        found = events_of([to_measured("log.csv", table) for table in tables])
+        draw_events(tmp_path, found)
+        return found[0].events, kept[0].axes
 
     return draw
 
@@ -77,3 +77,15 @@ def test_a_log_without_a_speed_has_no_panel_of_it(drawn):
     _, axes = drawn(other)
     assert axes[0].get_ylabel() == "slip velocity (m/s)"
     assert not any("speed (km/h)" in axis.get_ylabel() for axis in axes)
+
+
+def test_several_logs_are_drawn_one_after_the_other(drawn):
+    later = log(2)
+    later["time_s"] += 1e6
+    _, (speed, slip, *panels) = drawn(log(3), later)
+    assert [text.get_text() for text in speed.texts] == ["1.1", "1.2", "1.3", "2.1", "2.2"]
+    assert len(slip.patches) == 5
+    assert slip.get_xlabel() == "time from the beginning of the log (h)"
+    assert slip.get_xlim() == (0, pytest.approx(2.0, abs=0.001))
+    shown = [axis for axis in panels if axis.lines]
+    assert [axis.get_title().split(":")[0] for axis in shown] == ["1.1", "1.2", "1.3", "2.1", "2.2"]
