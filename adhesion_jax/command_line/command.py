@@ -114,9 +114,15 @@ class File(click.ParamType):
         self.names, self.wanted = names, wanted
 
     def convert(self, value: str, param: Any, ctx: Any) -> str:
-        if value not in self.names and not Path(value).is_file():
-            problem = "is not a file" if Path(value).exists() else "does not exist"
-            raise InputError(f"{value} {problem}; {self.wanted}.")
+        try:
+            if value not in self.names and not Path(value).is_file():
+                problem = "is not a file" if Path(value).exists() else "does not exist"
+                raise InputError(f"{value} {problem}; {self.wanted}.")
+        except (OSError, ValueError) as error:  # a name that is too long, or holds a zero
+            if isinstance(error, InputError):
+                raise
+            reason = getattr(error, "strerror", None) or "it is no name of a file"
+            raise InputError(f"{value} cannot be read ({reason}); {self.wanted}.") from None
         return value
 
     def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:

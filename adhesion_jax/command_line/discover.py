@@ -7,12 +7,14 @@ import click
 
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import File, Folder, Name, Names, perform
+from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
 KNOWN = catalogue()
 
-_RUNS = File(KNOWN.data, "name a .csv, .csv.gz or .parquet file")
+_RUNS = File(KNOWN.data, f"name {FILES}")
 
 
 class Plantable(Names):
@@ -26,6 +28,8 @@ class Plantable(Names):
 
 @click.command()
 @click.argument("train", type=_RUNS, nargs=-1)
+@reading
+@slip_events
 @click.option(
     "--test",
     "tests",
@@ -77,7 +81,7 @@ def main(
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
 
-    TRAIN is one or more .csv, .csv.gz or .parquet files of the columns that adhesion identify
+    TRAIN is one or more files of the columns that adhesion identify
     takes, with a column run (or time_s, from whose gaps runs are told), or the name of a data set
     that ships with the package: eurosprinter, roller-rig. Nothing is fitted to the runs of --test.
     """

@@ -7,12 +7,15 @@ import click
 
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import File, Folder, Name, perform
+from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.slip_events import slip_events
 
 KNOWN = catalogue()
 
 
 @click.command()
-@click.argument("file", type=File(KNOWN.data, "name a .csv, .csv.gz or .parquet file"))
+@click.argument("file", type=File(KNOWN.data, f"name {FILES}"))
+@reading
 @click.option(
     "--curve",
     type=Name((*KNOWN.curves, "all"), "curve"),
@@ -20,18 +23,20 @@ KNOWN = catalogue()
     help=f"{', '.join(KNOWN.curves)}, FILE.py:NAME, or all.",
     show_default=True,
 )
+@slip_events
 @click.option(
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for curves.csv, curves.png and verdict.txt.",
+    help="Folder for curves.csv, curves.png, verdict.txt and, of a log, events.png.",
     show_default=True,
 )
 def main(**asked: Any) -> None:
     """Fit adhesion curves to the measured points of FILE and say what they are worth.
 
-    FILE is a .csv, .csv.gz or .parquet file with the columns slip_ratio (or slip_velocity_mps)
-    and adhesion (or tangential_force_N with normal_load_N), or the name of a data set that ships
-    with the package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
+    FILE is a .csv, .csv.gz, .txt, .tsv or .parquet file of slip (or the speeds of wheel and train)
+    and adhesion (or force and load), in columns that are recognised by their names and units or
+    named by --column; --dry-run shows how it is understood. Or it is the name of a data set that
+    ships with the package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
     """
     perform("identify", **asked)

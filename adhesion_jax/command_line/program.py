@@ -14,6 +14,7 @@ COMMANDS = {
     "identify": "Fit adhesion curves to measured points and say what they are worth.",
     "discover": "Find what an adhesion curve lacks in measured runs.",
     "plan": "Say how many samples, and up to which slip, it takes to know the peak.",
+    "simulate": "Write a simulated log of a locomotive, of which the truth is known.",
     "traction": "Run a published traction control system on its plant.",
     "study": "Count how often the discovery is right on simulated sets.",
     "peers": "Hold the discovery against general methods on the same sets.",

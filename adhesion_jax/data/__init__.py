@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from adhesion_jax.data.files import table_of as table_of
 from adhesion_jax.data.reading import Measured as Measured
 from adhesion_jax.data.reading import check_curve as check_curve
+from adhesion_jax.data.reading import read_all as read_all
 from adhesion_jax.data.reading import read_measured as read_measured
 from adhesion_jax.data.reading import to_measured as to_measured
 from adhesion_jax.data.reading import to_record as to_record

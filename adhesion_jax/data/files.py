@@ -1,175 +1,292 @@
-"""Reads a file as a table of cells, exactly as they are written."""
+"""Files as sheets of cells: what is in them at a glance, and their cells block by block."""
 
-import csv
 import gzip
-import io
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import BufferedIOBase
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 import pyarrow
+import pyarrow.csv
 import pyarrow.parquet
 
+from adhesion_jax.data.cells import MISSING, is_text
+from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, encoding_of
+from adhesion_jax.data.stamps import TIME_OF_DAY, form_of
 from adhesion_jax.errors import InputError
+from adhesion_jax.wording import listed
 
-_KINDS = "a .csv, .csv.gz or .parquet file"
+ENDINGS = (".csv", ".csv.gz", ".txt", ".tsv", ".parquet")
+_KINDS = f"a {listed(ENDINGS, 'or')} file"
 
 #: Names that pandas gives to an index that was saved as a column.
 _SAVED_INDEX = re.compile(r"|Unnamed: \d+|__index_level_\d+__")
 
-#: Number of bytes that are read at a time to count rows.
-_CHUNK = 1 << 22
+#: Bytes of text, and rows of other tables, that are read at a time.
+_BLOCK_BYTES = 1 << 23
+_BLOCK_ROWS = 1 << 17
+
+#: How many cells of a column of text show whether it holds stamps.
+_SHOWN = 200
+
+#: Cells of some rows by the name of their column, all of one length.
+Block = Mapping[str, pyarrow.Array]
 
 
-def refuse_many_rows(paths: Sequence[Path], limit: int) -> None:
-    """InputError where the files hold more than `limit` rows of data together.
+class Sheet(NamedTuple):
+    """A table of cells, of which nothing but the beginning has been read."""
 
-    The rows are counted before anything is read into memory, and no further than the limit. What
-    is not a file, or is damaged, is left for `read_table` to report.
-    """
-    total = 0
-    for path in paths:
-        try:
-            total += _rows(path, limit - total)
-        except (OSError, EOFError, zlib.error, pyarrow.ArrowException):
-            continue
-        if total > limit:
-            raise too_many_rows(list(map(str, paths)), limit)
+    name: str
+    columns: tuple[str, ...]  # without those that have no name, such as a saved index
+    units: Mapping[str, str]  # what stands in a row of units, by column; empty without one
+    stamps: Mapping[str, str]  # columns of dates or times of day, and their form
+    first_row: int  # the number that a user sees of the first row of data
+    mark: str | None  # decimal mark of the numbers written as text, where it is known
+    format: str  # a sentence on how the file is written; empty for a data frame
+    blocks: Callable[[], Iterator[tuple[Block, float]]]  # with the share that is read
 
 
-def too_many_rows(names: Sequence[str], limit: int) -> InputError:
-    """What is said where tables of these names hold more rows than that together."""
-    return InputError(
-        f"{', '.join(names)} cannot be used: there are more than {limit:,} rows of data (thin "
-        "them: keep some of the runs whole, or every k-th row of each run)."
-    )
-
-
-def _rows(path: Path, enough: int) -> int:
-    """The number of rows of data of a file; counting stops once it exceeds `enough`."""
-    name = path.name.lower()
-    if name.endswith(".parquet"):
-        rows: int = pyarrow.parquet.read_metadata(path).num_rows
-        return rows
-    ends, last = 0, b"\n"
-    with gzip.open(path) if name.endswith(".gz") else path.open("rb") as stream:
-        while ends <= enough + 1 and (chunk := stream.read(_CHUNK)):
-            ends += chunk.count(b"\n")
-            last = chunk[-1:]
-    # The header is not counted; the last line of a file may lack its line break.
-    return max(ends - 1 + (last != b"\n"), 0)
+def sheet_of_file(path: Path) -> Sheet:
+    """A file as a sheet; InputError where it cannot be read, is empty, or is not a table."""
+    try:
+        if not path.is_file():
+            problem = "is not a file" if path.exists() else "does not exist"
+            raise InputError(f"{path} {problem}; name {_KINDS}.")
+        name = path.name.lower()
+        if not name.endswith(ENDINGS):
+            raise InputError(f"the ending of {path} is not known; name {_KINDS}.")
+        if not path.stat().st_size:
+            raise InputError(f"{path} is empty; it needs a header and one row a point.")
+        return _parquet(path) if name.endswith(".parquet") else _text(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); name {_KINDS}.") from None
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """The cells of a file; its index holds the row numbers that a user sees there.
-
-    Cells of a text file are text (the header is row 1), those of a parquet file have their own
-    types (its first row is row 1). Columns without a name, such as a saved index, are left out.
-    InputError where the file cannot be read, is empty, or is not a table.
-    """
-    if not path.is_file():
-        problem = "is not a file" if path.exists() else "does not exist"
-        raise InputError(f"{path} {problem}; name {_KINDS}.")
-    name = path.name.lower()
-    if not name.endswith((".csv", ".csv.gz", ".parquet")):
-        raise InputError(f"the ending of {path} is not known; name {_KINDS}.")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); name {_KINDS}.") from None
-    if not content:
-        raise InputError(f"{path} is empty; it needs a header and one row a point.")
-    return _parquet(path, content) if name.endswith(".parquet") else _text(path, content)
+    """All cells of a file as they are written; its index holds the row numbers of the file."""
+    sheet = sheet_of_file(path)
+    empty = {name: pyarrow.array([], pyarrow.string()) for name in sheet.columns}
+    blocks = [pyarrow.table(block) for block, _ in sheet.blocks()] or [pyarrow.table(empty)]
+    cells = pyarrow.concat_tables(blocks).to_pandas()
+    return cells.set_axis(range(sheet.first_row, sheet.first_row + len(cells)))
 
 
-def table_of(frame: pd.DataFrame, name: str) -> pd.DataFrame:
-    """The cells of a data frame as if read from a file; rows count from 0, as by `frame.iloc`.
-
-    `name` stands for it in an InputError, where two columns have one name.
-    """
+def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
+    """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
     names = [" ".join(str(column).split()) for column in frame.columns]
     _refuse_duplicates(name, names)
-    kept = [place for place, column in enumerate(names) if not _SAVED_INDEX.fullmatch(column)]
-    cells = frame.iloc[:, kept].set_axis([names[place] for place in kept], axis=1)
-    return cells.set_axis(range(len(frame)))
+    places = _named(names)
+    cells = {column: _arrow(frame.iloc[:, place]) for column, place in places.items()}
+    stamps = {column: _form(values.slice(0, _SHOWN)) for column, values in cells.items()}
+
+    def blocks() -> Iterator[tuple[Block, float]]:
+        yield cells, 1.0
+
+    return Sheet(name, tuple(cells), {}, _not_empty(stamps), 0, None, "", blocks)
 
 
-def _parquet(path: Path, content: bytes) -> pd.DataFrame:
+def _arrow(column: pd.Series) -> pyarrow.Array:
     try:
-        table = pyarrow.parquet.read_table(pyarrow.BufferReader(content))
-        cells = table.to_pandas(ignore_metadata=True)
-    except (pyarrow.ArrowException, OSError):
-        raise InputError(f"{path} is not a whole parquet file; write it anew.") from None
-    _refuse_duplicates(path, table.column_names)
-    named = [name for name in cells.columns if not _SAVED_INDEX.fullmatch(str(name))]
-    return cells[named].set_axis(range(1, len(cells) + 1))
+        values = pyarrow.array(column, from_pandas=True)
+    except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError, pyarrow.ArrowNotImplementedError):
+        text = column.astype(object).where(column.notna(), "").astype(str)
+        values = pyarrow.array(text, pyarrow.string(), from_pandas=True)
+    return values.combine_chunks() if isinstance(values, pyarrow.ChunkedArray) else values
 
 
-def _text(path: Path, content: bytes) -> pd.DataFrame:
-    if path.name.lower().endswith(".gz"):
-        try:
-            content = gzip.decompress(content)
-        except (OSError, EOFError, zlib.error):
-            raise InputError(f"{path} is not a whole gzip file; compress it anew.") from None
-    if b"\0" in content:
-        raise InputError(
-            f"{path} is a binary file, not text; save the table as comma-separated UTF-8 text."
-        )
-    try:
-        text = content.decode("utf-8-sig").rstrip()
-    except UnicodeDecodeError as error:
-        row = content.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"{path} holds bytes in row {row} that are no UTF-8 text; save the table as "
-            "comma-separated UTF-8 text."
-        ) from None
-    if not text:
-        raise InputError(f"{path} is empty; it needs a header and one row a point.")
-    header = _header(path, text)
-    cells = pd.read_csv(
-        io.StringIO(text),
-        names=range(len(header)),
-        skiprows=1,
-        dtype=str,
-        keep_default_na=False,
-        skip_blank_lines=False,
-    )
-    cells.index = pd.RangeIndex(2, len(cells) + 2)
-    named = [place for place, name in enumerate(header) if not _SAVED_INDEX.fullmatch(name)]
-    return cells[named].set_axis([header[place] for place in named], axis=1)
+def _parquet(path: Path) -> Sheet:
+    with _whole_parquet(path):
+        file = pyarrow.parquet.ParquetFile(path)
+        schema = file.schema_arrow
+        _refuse_duplicates(str(path), schema.names)
+        places = _named([" ".join(name.split()) for name in schema.names])
+        written = {name: schema.names[place] for name, place in places.items()}
+        first = next(file.iter_batches(_SHOWN, columns=[*written.values()]), None)
+        first = first or pyarrow.RecordBatch.from_pylist([], schema)
+        first.validate(full=True)
+        stamps = {name: _form(first.column(column)) for name, column in written.items()}
 
-
-def _header(path: Path, text: str) -> list[str]:
-    """The names of the columns; InputError if a row has another number of cells."""
-    # Where a quoted cell holds a line break the row is the one a spreadsheet shows.
-    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
-    number = 0
-    try:
-        for number, row in enumerate(rows, start=1):
-            if number == 1:
-                header = [" ".join(name.split()) for name in row]
-                if len(header) == 1 and any(mark in text for mark in ";\t"):
-                    raise InputError(
-                        f"{path} is not separated by commas; write commas between cells."
-                    )
-                _refuse_duplicates(path, header)
-            elif not row:
-                raise InputError(f"{path} has no cells in row {number}; leave out the empty row.")
-            elif len(row) != len(header):
-                raise InputError(
-                    f"{path} has {len(row)} cells in row {number} where its header has "
-                    f"{len(header)} columns; give every row one cell for each column."
+    def blocks() -> Iterator[tuple[Block, float]]:
+        done = 0
+        with _whole_parquet(path):
+            for batch in file.iter_batches(_BLOCK_ROWS, columns=[*written.values()]):
+                batch.validate(full=True)
+                done += batch.num_rows
+                yield (
+                    {name: _plain(batch.column(column)) for name, column in written.items()},
+                    done / max(file.metadata.num_rows, 1),
                 )
-    except csv.Error as error:
-        raise InputError(
-            f"{path} is not comma-separated text after row {number} ({error}); correct that row."
-        ) from None
-    return header
+
+    return Sheet(str(path), tuple(written), {}, _not_empty(stamps), 1, None, "", blocks)
 
 
-def _refuse_duplicates(path: Path | str, names: list[str]) -> None:
+@contextmanager
+def _whole_parquet(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError):
+        raise InputError(f"{path} is not a whole parquet file; write it anew.") from None
+
+
+def _plain(cells: pyarrow.Array) -> pyarrow.Array:
+    """The cells themselves in place of a dictionary of them."""
+    return cells.dictionary_decode() if pyarrow.types.is_dictionary(cells.type) else cells
+
+
+def _text(path: Path) -> Sheet:
+    with _opened(path) as (stream, _):
+        encoding = encoding_of(stream, str(path))
+    with _opened(path) as (stream, _):
+        dialect = dialect_of(stream, encoding, str(path))
+    _refuse_duplicates(str(path), dialect.names)
+    places = _named(dialect.names)
+    stamps = {
+        name: form_of([row[place] for row in dialect.rows[:_SHOWN]])
+        for name, place in places.items()
+    }
+    return Sheet(
+        str(path),
+        tuple(places),
+        {name: dialect.units[place] for name, place in places.items()} if dialect.units else {},
+        _not_empty(stamps),
+        dialect.above + 1,
+        dialect.mark,
+        _format(dialect),
+        lambda: _text_blocks(path, dialect, places),
+    )
+
+
+def _text_blocks(
+    path: Path, dialect: Dialect, places: Mapping[str, int]
+) -> Iterator[tuple[Block, float]]:
+    ragged: list[pyarrow.csv.InvalidRow] = []
+
+    def note(row: pyarrow.csv.InvalidRow) -> str:
+        if len(ragged) < 2 and not (row.number == 1 and row.text.startswith("sep=")):
+            ragged.append(row)
+        return "skip"
+
+    keys = [str(place) for place in range(len(dialect.names))]
+    # The row `sep=;` has two cells: beside a header of more it is no row to the reader.
+    above = dialect.above - (dialect.told and len(keys) != 2)
+    size = max(path.stat().st_size, 1)
+    with _opened(path) as (stream, raw):
+        try:
+            reader = pyarrow.csv.open_csv(
+                pyarrow.PythonFile(stream, "r"),
+                pyarrow.csv.ReadOptions(
+                    column_names=keys,
+                    use_threads=False,  # with threads the rows of faults have no numbers
+                    block_size=_BLOCK_BYTES,
+                    encoding=dialect.encoding.removesuffix("-sig"),
+                ),
+                pyarrow.csv.ParseOptions(
+                    delimiter=dialect.separator,
+                    newlines_in_values=dialect.quoted,
+                    ignore_empty_lines=False,
+                    invalid_row_handler=note,
+                ),
+                pyarrow.csv.ConvertOptions(
+                    column_types=dict.fromkeys(keys, pyarrow.string()),
+                    include_columns=[keys[place] for place in places.values()],
+                    null_values=list(MISSING),
+                    strings_can_be_null=True,
+                ),
+            )
+            for batch in reader:
+                if ragged:
+                    raise _ragged(path, dialect, ragged)
+                head, above = above, max(above - batch.num_rows, 0)
+                batch = batch.slice(head)
+                if batch.num_rows:
+                    yield (
+                        dict(zip(places, batch.columns, strict=True)),
+                        min(raw.tell() / size, 1.0),
+                    )
+        except pyarrow.ArrowInvalid as error:
+            if ragged:
+                raise _ragged(path, dialect, ragged) from None
+            raise InputError(
+                f"{path} is not a table of text ({str(error).splitlines()[0]}); save it anew as "
+                "comma-separated UTF-8 text."
+            ) from None
+    if ragged:
+        raise _ragged(path, dialect, ragged)
+
+
+def _ragged(path: Path, dialect: Dialect, rows: Sequence[pyarrow.csv.InvalidRow]) -> InputError:
+    """What is said of the first row that has more or fewer cells than the header."""
+    row, columns = rows[0], len(dialect.names)
+    other = [mark for mark in SEPARATORS if row.text.count(mark) == columns - 1]
+    if other and other[0] != dialect.separator:
+        advice = (
+            f"its cells are separated by {SEPARATORS[other[0]]} and those of the header by "
+            f"{SEPARATORS[dialect.separator]}: use one of them throughout"
+        )
+    elif dialect.separator == "," and row.actual_columns > columns and "," in row.text:
+        advice = (
+            "give every row one cell for each column; where numbers have a decimal comma, "
+            "separate the cells by semicolons"
+        )
+    elif row.actual_columns < columns and len(rows) == 1:
+        advice = (
+            "give every row one cell for each column; if it is the last row the file was cut off, "
+            "and is to be copied anew or to end before that row"
+        )
+    else:
+        advice = "give every row one cell for each column"
+    return InputError(
+        f"{path} has {row.actual_columns} cells in row {row.number} where its header has "
+        f"{columns} columns; {advice}."
+    )
+
+
+def _format(dialect: Dialect) -> str:
+    encoding = {"utf-8": "", "utf-8-sig": ""}.get(dialect.encoding, f"{dialect.encoding} text, ")
+    mark = {",": ", decimal commas", ".": ", decimal points"}.get(dialect.mark or "", "")
+    units = f", units in row {dialect.above}" if dialect.units else ""
+    separator = SEPARATORS.get(dialect.separator, dialect.separator)
+    return f"{encoding}cells separated by {separator}{mark}{units}"
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
+    """The text of a file as bytes, and the file itself, whose place tells how much is read."""
+    with path.open("rb") as raw:
+        if not path.name.lower().endswith(".gz"):
+            yield raw, raw
+            return
+        try:
+            with gzip.open(raw) as stream:
+                yield stream, raw
+        except (gzip.BadGzipFile, EOFError, zlib.error):
+            raise InputError(f"{path} is not a whole gzip file; compress it anew.") from None
+
+
+def _named(names: Sequence[str]) -> dict[str, int]:
+    """The names that are more than those of a saved index, and their places."""
+    return {name: place for place, name in enumerate(names) if not _SAVED_INDEX.fullmatch(name)}
+
+
+def _form(cells: pyarrow.Array) -> str:
+    """The form of stamps that the first cells of a column hold; empty where they hold none."""
+    kind = cells.type
+    if pyarrow.types.is_timestamp(kind):
+        return "a date and time"
+    if pyarrow.types.is_time(kind):
+        return TIME_OF_DAY
+    return form_of([cell or "" for cell in cells.to_pylist()]) if is_text(kind) else ""
+
+
+def _not_empty(stamps: Mapping[str, str]) -> Mapping[str, str]:
+    return {name: form for name, form in stamps.items() if form}
+
+
+def _refuse_duplicates(path: str, names: Sequence[str]) -> None:
     twice = next((name for name in names if name and names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{path} has the column {twice} twice; give every column its own name.")

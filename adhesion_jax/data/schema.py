@@ -1,58 +1,69 @@
-"""Whether a table is valid: every cell finite and within its column's range, time in order."""
+"""Whether columns are valid: every value finite and within its column's range, time in order."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pandera
-import pyarrow
-from pandera.errors import SchemaErrors
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-
-#: Spellings of a missing number; any other cell that is no number counts as text.
-_MISSING = ("", "-", "na", "n/a", "nan", "nat", "none", "null", "<na>")
+from adhesion_jax.data.understanding import Taken
 
 
-def numbers(cells: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """The columns as numbers, NaN where a cell is none, and the names of those left out.
+def text_fault(row: int, column: str, written: object) -> str:
+    """What is said of a cell that is text where a number belongs."""
+    return (
+        f"row {row} of column {column} has the text '{shown(written)}' (write a number, with a "
+        "decimal point, no unit)"
+    )
 
-    A column the project does not know is kept where every cell is a finite number. Labels become
-    text, empty where there is none.
+
+def shown(written: object) -> str:
+    """The content of a cell on one line, cut to 30 characters."""
+    return f"{' '.join(str(written).split()):.30}"
+
+
+def range_faults(
+    columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken], row_of: np.ndarray | range
+) -> Sequence[str]:
+    """The first value of each known column that is infinite or out of range; NaN is no fault.
+
+    `taken` says in which column of the file a quantity was found, if it was; `row_of` are the
+    numbers of the rows.
     """
-    kept: dict[str, pd.Series] = {}
-    left_out: list[str] = []
-    for name in cells.columns.astype(str):
-        if name in LABELS:
-            kept[name] = _as_labels(cells[name])
+    faults = []
+    for name, values in columns.items():
+        if name not in COLUMNS:
             continue
-        number = _as_numbers(cells[name])
-        if name in COLUMNS or np.isfinite(number).all():
-            kept[name] = number
-        else:
-            left_out.append(name)
-    return pd.DataFrame(kept, index=cells.index), tuple(left_out)
+        column = COLUMNS[name]
+        source = taken.get(name)
+        label = source.column if source else name
+        wrong = np.flatnonzero((values < column.lower) | (values > column.upper))
+        infinite = wrong[np.isinf(values[wrong])]
+        outside = wrong[np.isfinite(values[wrong])]
+        if infinite.size:
+            faults.append(
+                f"row {row_of[infinite[0]]} of column {label} has an infinite value (correct it or "
+                "leave out the row)"
+            )
+        if outside.size:
+            value = float(values[outside[0]])
+            written = "" if source is None else _as_written(value, source)
+            unit = "" if column.unit == "1" else f" {column.unit}"
+            faults.append(
+                f"row {row_of[outside[0]]} of column {label} has {value!r}{unit}{written}, outside "
+                f"{column.lower:g} to {column.upper:g}{unit} ({column.advice})"
+            )
+    return faults
 
 
-def cell_faults(table: pd.DataFrame, cells: pd.DataFrame) -> Sequence[str]:
-    """The first cell of each column that is text, is missing, is infinite or is out of range.
-
-    `cells` holds what was written where `table` has its numbers.
-    """
-    try:
-        _SCHEMA.validate(table, lazy=True)
-    except SchemaErrors as error:
-        cases = error.failure_cases.sort_values("index", kind="stable", ignore_index=True)
-        cases["kind"] = _kinds(cases, cells)
-        first = cases.drop_duplicates(["column", "kind"])
-        return [
-            _sentence(name, int(row), kind, cells[name].loc[row])
-            for name, row, kind in zip(first["column"], first["index"], first["kind"], strict=True)
-        ]
-    return []
+def _as_written(value: float, source: Taken) -> str:
+    to = source.conversion
+    if (to.factor, to.offset) == (1.0, 0.0):
+        return ""
+    return f" ({(value - to.offset) / to.factor:g} {source.unit})"
 
 
-def label_faults(table: pd.DataFrame) -> Sequence[str]:
+def label_faults(table: Mapping[str, pd.Series]) -> Sequence[str]:
     """The first row of each column of labels that has none, or a mode that is not one."""
     faults = []
     for name in LABELS:
@@ -67,101 +78,51 @@ def label_faults(table: pd.DataFrame) -> Sequence[str]:
         strange = table["mode"][~table["mode"].str.lower().isin(["", *MODES])]
         if len(strange):
             faults.append(
-                f"row {strange.index[0]} of column mode has the label '{_shown(strange.iloc[0])}' "
+                f"row {strange.index[0]} of column mode has the label '{shown(strange.iloc[0])}' "
                 f"(write {', '.join([*MODES][:-1])} or {[*MODES][-1]})"
             )
     return faults
 
 
-def time_faults(table: pd.DataFrame) -> Sequence[str]:
-    """The first row at which time runs backwards within a run."""
+def time_faults(table: pd.DataFrame, column: str) -> Sequence[str]:
+    """The first row at which time, which is in this column, runs backwards within a run."""
     if "time_s" not in table:
         return []
-    run = table["run"] if "run" in table else pd.Series(0, index=table.index)
-    back = table["time_s"].groupby(run).diff() < 0
+    if "run" in table:
+        back = (table["time_s"].groupby(table["run"]).diff() < 0).to_numpy()
+    else:
+        back = np.diff(table["time_s"].to_numpy(), prepend=-np.inf) < 0
     if not back.any():
         return []
+    row = table.index[int(back.argmax())]
     return [
-        f"column time_s decreases in row {back.idxmax()} (sort each run by time, and number the "
-        "runs in a column run)"
+        f"column {column} decreases in row {row} (sort each run by time, and number the runs in "
+        "a column run)"
     ]
 
 
-def _as_numbers(cells: pd.Series) -> pd.Series:
-    if pd.api.types.is_bool_dtype(cells) or pd.api.types.is_numeric_dtype(cells):
-        return cells.astype(float)
-    # As text, because pandas would turn a date into its number of nanoseconds.
-    text = cells.astype(str).str.strip()
-    try:
-        # This takes a tenth of the time of the way below, but fails if any cell is not a number.
-        number = pyarrow.array(text).cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
-        return pd.Series(number, index=cells.index)
-    except pyarrow.ArrowInvalid:
-        return pd.to_numeric(text, errors="coerce").astype(float)
-
-
-def _as_labels(cells: pd.Series) -> pd.Series:
-    if pd.api.types.is_float_dtype(cells) and (cells.dropna() % 1 == 0).all():
-        # Whole numbers may be written as 1.0 in one file and as 1 in another.
-        cells = cells.astype("Int64")
-    return cells.astype(object).where(cells.notna(), "").astype(str).str.strip()
-
-
-def _kinds(cases: pd.DataFrame, cells: pd.DataFrame) -> pd.Series:
-    """The kind of each fault: outside, infinite, missing or text."""
-    kinds = pd.Series("infinite", index=cases.index, dtype=object)
-    kinds[cases["check"] == "inside"] = "outside"
-    no_number = (cases["check"] != "inside") & cases["failure_case"].isna()
-    for name, failed in cases[no_number].groupby("column"):
-        written = cells[name].loc[failed["index"].astype(int)].astype(object)
-        blank = [str(cell).strip().lower() in _MISSING for cell in written]
-        kinds[failed.index] = np.where(blank, "missing", "text")
-    return kinds
-
-
-def _shown(written: object) -> str:
-    """The content of a cell on one line, cut to 30 characters."""
-    return f"{' '.join(str(written).split()):.30}"
-
-
-def _sentence(name: str, row: int, kind: str, written: object) -> str:
-    column = COLUMNS[name]
-    match kind:
-        case "text":
-            fault = f"the text '{_shown(written)}' (write a number, with a decimal point, no unit)"
-        case "missing":
-            fault = "no value (an empty cell or NaN: fill it in or leave out the row)"
-        case "infinite":
-            fault = "an infinite value (correct it or leave out the row)"
-        case _:
-            unit = "" if column.unit == "1" else f" {column.unit}"
-            fault = (
-                f"{written}, outside {column.lower:g} to {column.upper:g}{unit} ({column.advice})"
+def unusual(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Sequence[str]:
+    """Warnings where a column is of the size that another unit would give."""
+    found = []
+    for name, source in taken.items():
+        if name not in COLUMNS or name not in columns or not columns[name].size:
+            continue
+        least, most = COLUMNS[name].usual
+        largest = float(np.max(np.abs(columns[name])))
+        unit = COLUMNS[name].unit
+        if not least <= largest <= most:
+            found.append(
+                f"Check the unit of column {source.column}: its largest value, {largest:g} {unit}, "
+                f"is unusual for this quantity ({least:g} to {most:g} {unit})."
             )
-    return f"row {row} of column {name} has {fault}"
-
-
-def _finite(values: pd.Series) -> pd.Series:
-    return pd.Series(np.isfinite(values), index=values.index)
-
-
-def _inside(name: str) -> pandera.Check:
-    column = COLUMNS[name]
-    return pandera.Check(
-        # A cell that is not finite is reported as such, and not also as out of range.
-        lambda values: values.between(column.lower, column.upper) | ~_finite(values),
-        name="inside",
-    )
-
-
-_SCHEMA = pandera.DataFrameSchema(
-    {
-        name: pandera.Column(
-            float,
-            [pandera.Check(_finite, name="finite", ignore_na=False), _inside(name)],
-            nullable=True,
-            required=False,
+    slip = taken.get("slip_ratio")
+    if slip is not None and np.quantile(np.abs(columns["slip_ratio"]), 0.9) > _LARGE_SLIP:
+        found.append(
+            f"Check the unit of column {slip.column}: a tenth of its slips exceed {_LARGE_SLIP}, "
+            "which is unusual for ratios (they may be in per cent)."
         )
-        for name in COLUMNS
-    }
-)
+    return found
+
+
+#: A tenth of all slips rarely exceeds this ratio.
+_LARGE_SLIP = 0.3

@@ -1,6 +1,6 @@
 """What the functions take as data: data frames, files, and the sets that ship with the package."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -9,44 +9,69 @@ import pandas as pd
 from adhesion_jax.data import (
     SHIPPED,
     Measured,
-    RunSet,
+    read_all,
     read_measured,
-    read_runs,
-    table_of,
     to_measured,
-    to_runs,
 )
+from adhesion_jax.data.reading import Progress
 from adhesion_jax.errors import InputError
+from adhesion_jax.runtime import silent
 
-#: A table of measured points: a data frame, a file by its path, or a set that ships by its name.
-Data = pd.DataFrame | str | PathLike[str]
+#: A table of measured points: a data frame, a file by its path, a set that ships by its name, or
+#: what has been read of one of these.
+Data = pd.DataFrame | str | PathLike[str] | Measured
 
 #: What is said for a data frame, which has no name.
 _FRAME = "the data frame"
 
 
-def measured_of(data: Data) -> Measured:
+def measured_of(
+    data: Data,
+    columns: Mapping[str, object] | None = None,
+    wheel_radius: float | None = None,
+    progress: Progress = silent,
+) -> Measured:
+    """The data as measured points; see `data.read_measured`."""
+    if isinstance(data, Measured):
+        return data
     name = name_of(data)
     if isinstance(data, pd.DataFrame):
-        return to_measured(name, table_of(data, name))
-    return read_measured(_path(data))._replace(name=name)
+        return to_measured(name, data, columns, wheel_radius)
+    found = read_measured(_path(data), columns, wheel_radius, progress)
+    return found._replace(name=name)
 
 
-def runs_of(data: Data | Sequence[Data]) -> RunSet:
+def all_of(
+    data: Data | Sequence[Data],
+    columns: Mapping[str, object] | None = None,
+    wheel_radius: float | None = None,
+    progress: Progress = silent,
+) -> list[Measured]:
+    """Several tables; InputError names all that is wrong with any file of them."""
     parts = parts_of(data)
-    if not any(isinstance(part, pd.DataFrame) for part in parts):
-        return read_runs([_path(part) for part in parts])
-    tables = [measured_of(part) for part in parts]
-    if len(tables) > 1:  # runs of one name are told apart by that of their table
-        tables = [table._replace(name=f"table {i}") for i, table in enumerate(tables, 1)]
-    return to_runs(tables)
+    files = [_path(part) for part in parts if not isinstance(part, (pd.DataFrame, Measured))]
+    if len(files) == len(parts):
+        return [
+            one._replace(name=name_of(part))
+            for part, one in zip(
+                parts, read_all(files, columns, wheel_radius, progress), strict=True
+            )
+        ]
+    tables = [measured_of(part, columns, wheel_radius, progress) for part in parts]
+    if len(tables) > 1 and any(isinstance(part, pd.DataFrame) for part in parts):
+        # Runs of one name are told apart by that of their table.
+        return [table._replace(name=f"table {i}") for i, table in enumerate(tables, 1)]
+    return tables
 
 
 def parts_of(data: Data | Sequence[Data]) -> Sequence[Data]:
-    return [data] if isinstance(data, (pd.DataFrame, str, PathLike)) else data
+    single = isinstance(data, (pd.DataFrame, str, PathLike, Measured))
+    return [data] if single else data  # type: ignore[list-item, return-value]
 
 
 def name_of(data: Data) -> str:
+    if isinstance(data, Measured):
+        return data.name
     return _FRAME if isinstance(data, pd.DataFrame) else str(data)
 
 

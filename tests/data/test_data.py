@@ -32,7 +32,8 @@ def refusal(path, capsys, monkeypatch, *options):
         run(main)
     assert ended.value.code == 2
     said = capsys.readouterr()
-    assert said.out == ""
+    # Nothing is printed but how the columns are understood, where that much can be said.
+    assert said.out == "" or said.out.split("\n")[0].endswith(" are used.")
     assert said.err.startswith("error: ")
     assert said.err.endswith(".\n")
     assert said.err.count("\n") == 1
@@ -108,9 +109,10 @@ def test_the_ratio_wins_over_the_velocity(tmp_path):
 
 def test_further_numeric_columns_are_covariates_and_text_is_left_out(tmp_path):
     table = good().assign(rail_age_days=3.5, gap=[np.nan, *range(11)], note="dry", mode="traction")
+    # One row of twelve is more than 5 %: the column is left out, and not the row.
     measured = read_measured(written(tmp_path, table))
     assert measured.covariates == ("rail_age_days",)
-    assert measured.left_out == ("gap", "note")
+    assert {*measured.left_out} == {"gap", "note"}
     conditions = to_record(measured).conditions
     assert (conditions["rail_age_days"] == 3.5).all()
     assert "mode" not in conditions
@@ -141,8 +143,6 @@ def cells(column, row, value):
 FAULTS = {
     "text": (cells("adhesion", 5, "0.3 N"), ["adhesion", "row 5", "'0.3 N'", "number"]),
     "decimal comma": (cells("adhesion", 5, "0,3"), ["adhesion", "row 5", "decimal point"]),
-    "nan": (cells("adhesion", 7, "NaN"), ["adhesion", "row 7", "no value", "NaN"]),
-    "empty cell": (cells("slip_ratio", 13, ""), ["slip_ratio", "row 13", "no value"]),
     "infinite": (cells("slip_ratio", 2, "inf"), ["slip_ratio", "row 2", "infinite"]),
     "per cent": (cells("slip_ratio", 8, 7.5), ["slip_ratio", "row 8", "7.5", "per cent"]),
     "negative per cent": (cells("slip_ratio", 8, -2), ["slip_ratio", "row 8", "per cent"]),
@@ -163,9 +163,7 @@ FAULTS = {
     ),
     "twice": ("slip_ratio,adhesion,adhesion\n0.1,0.3,0.3\n", ["adhesion twice", "own name"]),
     "ragged": (good().to_csv(index=False) + "0.1\n", ["1 cells in row 14", "2 columns"]),
-    "gap": ("slip_ratio,adhesion\n0.1,0.3\n\n0.1,0.3\n", ["no cells in row 3"]),
-    "semicolons": (good().to_csv(index=False, sep=";"), ["commas"]),
-    "open quote": ('slip_ratio,"adhesion\n0.1,0.3\n', ["comma-separated"]),
+    "open quote": ('slip_ratio,"adhesion\n0.1,0.3\n', ["row 0", "unexpected end of data"]),
     "constant slip": ("slip_ratio,adhesion\n" + 12 * "0.1,0.3\n", ["1 different sizes of slip"]),
     "wrong sign": (
         good().assign(adhesion=-good()["adhesion"]).to_csv(),
@@ -174,14 +172,14 @@ FAULTS = {
     "at rest": (
         good()
         .rename(columns={"slip_ratio": "slip_velocity_mps"})
-        .assign(vehicle_speed_mps=[10.0] * 6 + [0.0] * 6)
+        .assign(vehicle_speed_mps=[0.0] * 6 + [0.4] * 6)
         .to_csv(),
-        ["vehicle_speed_mps", "0 in row 8", "rest"],
+        ["below 0.5 m/s in every row", "check its unit"],
     ),
     "derived ratio": (
         good()
         .rename(columns={"slip_ratio": "slip_velocity_mps"})
-        .assign(vehicle_speed_mps=[10.0] * 11 + [0.01])
+        .assign(slip_velocity_mps=[0.1] * 11 + [1.0], vehicle_speed_mps=[10.0] * 11 + [0.55])
         .to_csv(),
         ["slip_ratio", "row 13", "outside"],
     ),
@@ -202,12 +200,12 @@ def test_bad_text_is_refused_in_one_sentence(fault, tmp_path, capsys, monkeypatc
     ("name", "content", "says"),
     [
         ("a.csv", bytes(range(256)), "binary file"),
-        ("a.csv", "slip_ratio,adhesion\n0.1,0.3 ü\n".encode("latin-1"), "row 2 that are no UTF-8"),
+        ("a.csv", "slip_ratio,adhesion\n0.1,0.3 ü\n".encode("latin-1"), "has the text '0.3 ü'"),
         ("a.csv.gz", b"slip_ratio,adhesion\n", "not a whole gzip file"),
         ("a.csv.gz", gzip.compress(good().to_csv().encode())[:-20], "not a whole gzip file"),
         ("a.parquet", b"PAR1 and no more", "not a whole parquet file"),
         ("a.parquet", b"", "is empty"),
-        ("a.xlsx", b"PK", ".csv, .csv.gz or .parquet"),
+        ("a.xlsx", b"PK", ".csv, .csv.gz, .txt, .tsv or .parquet"),
     ],
 )
 def test_bad_bytes_are_refused_in_one_sentence(name, content, says, tmp_path, capsys, monkeypatch):
@@ -225,18 +223,16 @@ def test_a_file_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):
 def test_all_faults_are_reported_at_once_each_where_it_first_is(tmp_path, capsys, monkeypatch):
     table = good().assign(normal_load_N=1e5, temperature_C=20.0).astype(object)
     table.loc[[2, 5], "adhesion"] = "wet"
-    table.loc[[3, 7], "adhesion"] = ""
     table.loc[[4, 6], "slip_ratio"] = 9.0
     table.loc[8, "temperature_C"] = "inf"
     said = refusal(written(tmp_path, table), capsys, monkeypatch)
     for part in (
         "row 4 of column adhesion has the text 'wet'",
-        "row 5 of column adhesion has no value",
         "row 6 of column slip_ratio has 9.0, outside",
         "row 10 of column temperature_C has an infinite value",
     ):
         assert part in said
-    assert said.count(" of column ") == 4
+    assert said.count(" of column ") == 3
 
 
 def test_time_may_begin_anew_with_a_new_run(tmp_path):
@@ -248,14 +244,10 @@ def test_time_may_begin_anew_with_a_new_run(tmp_path):
 
 def test_rows_of_a_parquet_file_are_counted_from_one(tmp_path):
     table = good()
-    table.loc[3, "adhesion"] = np.nan
+    table.loc[3, "adhesion"] = np.inf
     table.to_parquet(tmp_path / "a.parquet")
-    with pytest.raises(InputError, match="row 4 of column adhesion has no value"):
+    with pytest.raises(InputError, match="row 4 of column adhesion has an infinite value"):
         read_measured(tmp_path / "a.parquet")
-    dated = good().assign(time_s=pd.Timestamp("2026-01-01"))
-    dated.to_parquet(tmp_path / "b.parquet")
-    with pytest.raises(InputError, match="row 1 of column time_s has the text '2026-01-01"):
-        read_measured(tmp_path / "b.parquet")
 
 
 def test_identify_refuses_the_roller_rig_by_its_name(tmp_path, capsys, monkeypatch):
@@ -269,6 +261,7 @@ def test_the_known_columns_are_those_promised():
         "time_s run vehicle_speed_mps slip_ratio slip_velocity_mps adhesion tangential_force_N "
         "normal_load_N temperature_C relative_humidity_pct position_m curvature_per_m "
         "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad "
-        "slip_angle_deg lateral_creepage"
+        "slip_angle_deg lateral_creepage wheel_speed_mps wheel_rotation_radps axle_force_N "
+        "axle_load_N locomotive_force_N locomotive_load_N"
     )
     assert {*COLUMNS, *LABELS} == {*promised.split()}

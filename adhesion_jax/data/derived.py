@@ -1,0 +1,234 @@
+"""What follows from measured columns: adhesion, load, slip, radius of the wheel, acceleration."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from adhesion_jax.errors import InputError
+
+#: Below this speed of the train, in m/s, a slip ratio is not computed: the difference of two
+#: measured speeds would be divided by almost nothing.
+SLOWEST = 0.5
+
+#: Force, the load of the same body, and the wheels of the body (0: not known).
+_BODIES = (
+    ("tangential_force_N", "normal_load_N", 1),
+    ("axle_force_N", "axle_load_N", 2),
+    ("locomotive_force_N", "locomotive_load_N", 0),
+)
+
+#: The rolling radius is found from rows whose adhesion is at most this share of the largest, of
+#: which there must be so many; within a smaller share the wheel counts as coasting.
+_LOW = 0.2
+_COASTING = 0.05
+_FEWEST = 100
+#: Contiguous groups of rows from whose scatter its standard error is taken.
+_GROUPS = 20
+
+#: Width of the filter by which acceleration is derived from speed, in s, and its degree.
+_WINDOW = 1.0
+_DEGREE = 2
+#: A stretch of rows ends where the step in time exceeds this multiple of the median step.
+_GAP = 10.0
+
+Columns = dict[str, np.ndarray]
+
+
+class Radius(NamedTuple):
+    """Rolling radius of the wheel in m, from this many rows."""
+
+    metres: float
+    standard_error: float
+    rows: int
+
+
+class Derived(NamedTuple):
+    """What has been derived: the rows that are used, what a new column is from, and sentences."""
+
+    used: np.ndarray  # [rows], bool
+    sources: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def needed(columns: Mapping[str, object]) -> tuple[list[str], list[str]]:
+    """The columns from which slip and adhesion come, and what is missing for them, as clauses."""
+    names: list[str] = []
+    missing: list[str] = []
+    for ways, clause in (
+        (
+            (
+                ("slip_ratio",),
+                ("slip_velocity_mps", "vehicle_speed_mps"),
+                ("wheel_speed_mps", "vehicle_speed_mps"),
+                ("wheel_rotation_radps", "vehicle_speed_mps"),
+                ("slip_velocity_mps",),
+            ),
+            "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with "
+            "wheel_speed_mps or wheel_rotation_radps) is missing",
+        ),
+        (
+            (
+                ("adhesion",),
+                *((force, load) for force, load, _ in _BODIES),
+                ("tangential_force_N", "axle_load_N"),
+                ("axle_force_N", "normal_load_N"),
+            ),
+            "the column adhesion (or tangential_force_N with normal_load_N, or force and load of "
+            "an axle or of the locomotive) is missing",
+        ),
+    ):
+        way = next((way for way in ways if all(name in columns for name in way)), None)
+        if way is None:
+            alone = [one for one in dict.fromkeys(sum(ways, ())) if one in columns]
+            beside = f", {' and '.join(alone)} alone will not do" if alone else ""
+            missing.append(clause + beside)
+        else:
+            names += way
+    return list(dict.fromkeys(names)), missing
+
+
+def derive(columns: Columns, wheel_radius: float | None) -> Derived:
+    """Adds to the columns what follows from them, and takes out what has served its purpose.
+
+    They are changed in place, for copies of the columns of a whole log do not fit in memory.
+
+        adhesion = force / load, of the same body; an axle has two wheels
+        normal load = axle load / 2
+        circumferential speed = radius x angular speed of the wheel
+        slip velocity = circumferential speed - vehicle speed
+        slip ratio = slip velocity / vehicle speed, for vehicle speeds of SLOWEST and more
+
+    so that slip, like adhesion, is positive in traction and negative in braking. InputError where
+    the radius is neither given nor to be found.
+    """
+    sources: dict[str, str] = {}
+    notes: list[str] = []
+    used = np.ones(next(iter(columns.values())).size, bool)
+
+    def add(name: str, values: np.ndarray, source: str) -> None:
+        columns[name] = values
+        sources[name] = source
+
+    if "adhesion" not in columns:
+        add("adhesion", *_adhesion(columns))
+    if "normal_load_N" not in columns and "axle_load_N" in columns:
+        add("normal_load_N", columns["axle_load_N"] / 2, "axle_load_N / 2")
+    speed = columns.get("vehicle_speed_mps")
+    without_slip = not {"slip_ratio", "slip_velocity_mps"} & {*columns}
+    if without_slip and "wheel_speed_mps" not in columns:
+        rotation = columns["wheel_rotation_radps"]
+        if wheel_radius is None:
+            found = rolling_radius(rotation, columns["vehicle_speed_mps"], columns["adhesion"])
+            wheel_radius = found.metres
+            notes.append(
+                f"The rolling radius of the wheel is {found.metres:.5f} ± "
+                f"{found.standard_error:.2g} m (standard error), the train speed over the rotation "
+                "at adhesion 0, from "
+                f"{found.rows:,} rows of at most {_LOW:.0%} of the largest adhesion."
+            )
+        add("wheel_speed_mps", wheel_radius * rotation, f"{wheel_radius:.5g} m x rotation")
+    elif wheel_radius is not None:
+        notes.append("The wheel radius is not used: no slip had to be computed from a rotation.")
+    if without_slip:
+        add(
+            "slip_velocity_mps",
+            columns["wheel_speed_mps"] - columns["vehicle_speed_mps"],
+            "wheel speed - train speed",
+        )
+    if "slip_ratio" not in columns and speed is not None:
+        used = speed >= SLOWEST
+        ratio = columns["slip_velocity_mps"] / np.where(used, speed, 1.0)
+        add("slip_ratio", ratio, "slip velocity / train speed")
+    elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
+        add("vehicle_speed_mps", _speed(columns), "slip velocity / slip ratio")
+    if without_slip and "acceleration_mps2" not in columns and "time_s" in columns:
+        add(
+            "acceleration_mps2",
+            acceleration(columns["time_s"], columns["vehicle_speed_mps"]),
+            "derivative of the train speed",
+        )
+        notes.append(
+            "The acceleration is that of the train speed by a Savitzky-Golay filter of degree "
+            f"{_DEGREE} over {_WINDOW:g} s."
+        )
+    spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
+    for name in (*spent, "axle_load_N", "locomotive_load_N"):
+        columns.pop(name, None)
+        sources.pop(name, None)
+    return Derived(used, sources, tuple(notes))
+
+
+def _adhesion(columns: Columns) -> tuple[np.ndarray, str]:
+    for force, load, _ in _BODIES:
+        if force in columns and load in columns:
+            return columns[force] / columns[load], f"{force} / {load}"
+    force, wheels = next((force, wheels) for force, _, wheels in _BODIES if force in columns)
+    load, others = next((load, others) for _, load, others in _BODIES if load in columns)
+    return columns[force] / wheels / (columns[load] / others), f"{force} / {load}, for one wheel"
+
+
+def _speed(columns: Columns) -> np.ndarray:
+    slips = columns["slip_ratio"] != 0
+    ratio = np.where(slips, columns["slip_ratio"], 1.0)
+    speed = np.abs(columns["slip_velocity_mps"] / ratio)
+    # At slip 0 adhesion does not depend on the speed: any finite value will do there.
+    return np.where(slips, speed, np.median(speed[slips]) if slips.any() else 0.0)
+
+
+def rolling_radius(rotation: np.ndarray, speed: np.ndarray, adhesion: np.ndarray) -> Radius:
+    """Rolling radius of a wheel from its rotation in rad/s and the train speed in m/s, [rows].
+
+    At small adhesion slip is proportional to it, so that
+
+        speed / rotation = radius (1 - k adhesion)
+
+    and a straight line through the rows of at most 20 % of the largest adhesion (that of 1 in 1000
+    rows), at least a quarter as fast as the fastest, has the radius at adhesion 0. Rows more than
+    five median deviations from the line are left out once. The standard error is that of the
+    jackknife over 20 contiguous groups of rows, for neighbouring rows say nearly the same.
+    InputError where fewer than 100 rows have 5 % of the largest adhesion or less: it did not coast.
+    """
+    size = np.abs(adhesion)
+    largest = np.quantile(size, 0.999)
+    fast = (speed >= max(SLOWEST, speed.max() / 4)) & (rotation > 0)
+    low = np.flatnonzero(fast & (size <= _LOW * largest))
+    if np.count_nonzero(size[low] <= _COASTING * largest) < _FEWEST:
+        raise InputError(
+            "the wheel radius cannot be identified, because fewer than "
+            f"{_FEWEST} rows have an adhesion of at most {_COASTING:.0%} of the largest (give "
+            "--wheel-radius in metres, or a log in which the wheel coasts)"
+        )
+    ratio, level = speed[low] / rotation[low], adhesion[low]
+    off = np.abs(ratio - np.polyval(np.polyfit(level, ratio, 1), level))
+    near = off <= 5 * np.median(off)
+    ratio, level = ratio[near], level[near]
+    group = np.arange(ratio.size) * _GROUPS // ratio.size
+    without = [np.polyfit(level[group != g], ratio[group != g], 1)[1] for g in range(_GROUPS)]
+    error = np.sqrt((_GROUPS - 1) / _GROUPS * np.sum((without - np.mean(without)) ** 2))
+    return Radius(float(np.polyfit(level, ratio, 1)[1]), float(error), int(ratio.size))
+
+
+def acceleration(time: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Acceleration in m/s^2, [rows], from times in s and speeds in m/s.
+
+    In each stretch without a gap both are filtered along the rows after Savitzky and Golay (1964,
+    Anal. Chem. 36), degree 2 over 1 s, and the derivative of the speed along the rows is divided
+    by that of the time. A stretch shorter than the window has the slope of its straight line.
+    """
+    steps = np.diff(time)
+    usual = np.median(steps[steps > 0]) if (steps > 0).any() else 1.0
+    ends = np.flatnonzero((steps > _GAP * usual) | (steps < 0)) + 1
+    window = max(2 * round(_WINDOW / usual / 2) + 1, 5)
+    found = np.zeros_like(speed)
+    for first, stop in zip([0, *ends], [*ends, speed.size], strict=True):
+        times, speeds, slope = time[first:stop], speed[first:stop], found[first:stop]
+        if times.size >= window:
+            per_row = savgol_filter(times, window, _DEGREE, deriv=1)
+            slope += savgol_filter(speeds, window, _DEGREE, deriv=1)
+            slope /= np.where(per_row > 0, per_row, np.inf)
+        elif times.size > 1 and times[-1] > times[0]:
+            centred = times - times.mean()
+            slope += centred @ speeds / (centred @ centred)
+    return found

@@ -1,0 +1,197 @@
+"""How a text file writes a table: characters, separator, decimal mark, header, row of units."""
+
+import csv
+import io
+import itertools
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from io import BufferedIOBase
+from typing import NamedTuple
+
+from charset_normalizer import from_bytes
+
+from adhesion_jax.data.cells import MISSING, decimal_mark, numbers_in
+from adhesion_jax.data.units import known
+from adhesion_jax.errors import InputError
+from adhesion_jax.wording import listed
+
+#: Separator to the word for it.
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+
+#: Bytes from the beginning of a file from which the dialect is told, and the most rows of them.
+_HEAD = 1 << 18
+_ROWS = 200
+#: Rows that differ from the header, and agree with each other, show that it is none.
+_FEW = 3
+
+#: Bytes read at a time, and how many around what is no UTF-8 are shown to charset-normalizer.
+_CHUNK = 1 << 22
+_AROUND = 1 << 14
+
+_MARKS = {
+    b"\xef\xbb\xbf": "utf-8-sig",
+    b"\xff\xfe": "utf-16",
+    b"\xfe\xff": "utf-16",
+}
+#: The encodings of one byte a character that spreadsheets and loggers write in western Europe.
+_ONE_BYTE = ["cp1252", "cp850", "mac_roman"]
+
+
+class Dialect(NamedTuple):
+    """How a text file is written; `rows` are its first rows of data, as text."""
+
+    encoding: str
+    separator: str
+    mark: str | None  # the decimal mark, where the first rows show one
+    names: tuple[str, ...]
+    units: tuple[str, ...]  # of the row under the header, empty without one
+    above: int  # rows above the first row of data
+    told: bool  # whether the first of them is `sep=;`, which tells the separator
+    quoted: bool  # whether a cell in the first rows is quoted
+    rows: tuple[tuple[str, ...], ...]
+
+
+def encoding_of(stream: BufferedIOBase, path: str) -> str:
+    """The encoding of a whole file, which is read once for that; InputError for a binary file."""
+    chunk = stream.read(_CHUNK)
+    for mark, encoding in _MARKS.items():
+        if chunk.startswith(mark):
+            return encoding
+    if b"\0" in chunk[:_HEAD]:
+        return _sixteen(chunk[:_HEAD], path)
+    strange = b""
+    left = b""
+    while chunk:
+        whole = left + chunk
+        left = b""
+        if not whole.isascii():
+            try:
+                whole.decode()
+            except UnicodeDecodeError as error:
+                if error.reason == "unexpected end of data" and len(whole) - error.start < 4:
+                    left = whole[error.start :]  # a character that goes on in the next chunk
+                else:
+                    strange = whole[max(error.start - _AROUND, 0) : error.start + _AROUND]
+                    break
+        chunk = stream.read(_CHUNK)
+    if not strange and not left:
+        return "utf-8"
+    if b"\0" not in (strange or left):
+        best = from_bytes(strange or left, cp_isolation=_ONE_BYTE).best()
+        if best is not None:
+            return str(best.encoding)
+    raise InputError(
+        f"{path} is a binary file or text of an unknown encoding; save the table as "
+        "comma-separated UTF-8 text."
+    )
+
+
+def _sixteen(head: bytes, path: str) -> str:
+    """UTF-16 without a mark: every other byte of plain letters is 0."""
+    for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
+        if zeros.count(0) > 0.9 * len(zeros):
+            return encoding
+    raise InputError(
+        f"{path} is a binary file, not text; save the table as comma-separated UTF-8 text."
+    )
+
+
+def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
+    """The dialect, from the head of a stream; InputError where that shows no table."""
+    content = stream.read(_HEAD)
+    cut = len(content) == _HEAD
+    try:
+        text = content.decode(encoding, errors="ignore" if cut else "strict")
+    except UnicodeDecodeError:
+        raise InputError(
+            f"{path} ends within a character of {encoding} text; copy the file anew."
+        ) from None
+    text = text.removeprefix("\ufeff")
+    if not text.strip() and not cut:
+        raise InputError(f"{path} is empty; it needs a header and one row a point.")
+    above = 0
+    separator = None
+    told = re.match(r"sep=(.)\r?\n", text)
+    if told:
+        above, separator, text = 1, told[1], text[told.end() :]
+    if cut:
+        text = text[: text.rfind("\n") + 1] or text
+    separator = separator or _separator(text)
+    rows = _rows(text, separator, path)
+    names = tuple(" ".join(name.split()) for name in rows[0])
+    if not any(names):
+        raise InputError(
+            f"{path} has no names of columns in row {above + 1}; begin it with a header."
+        )
+    numbers = numbers_in(names)
+    if len(numbers) == len([name for name in names if name]) > 0:
+        raise InputError(
+            f"{path} has numbers in row {above + 1}, where the names of the columns belong; write "
+            "a header above them."
+        )
+    above += 1
+    counts = {len(row) for row in rows[1:]}
+    # With commas the cells may be too many because numbers have decimal commas.
+    other = len(counts) == 1 and {len(names)} != counts and (separator != "," or len(names) == 1)
+    if other and len(rows) > _FEW:
+        raise InputError(
+            f"{path} has {counts.pop()} cells in row {above + 1} where its header has {len(names)};"
+            " give every row a cell for each column, and leave out any lines above the header."
+        )
+    units: tuple[str, ...] = ()
+    below = rows[1] if len(rows) > 1 else []
+    if len(below) == len(names) and not numbers_in(below):
+        stripped = tuple(cell.strip().strip("[]()<>{}").strip() for cell in below)
+        are_units = [known(unit) for unit in stripped if unit not in ("", "-")]
+        if any(are_units) and sum(are_units) >= len(are_units) / 2:
+            units, above = stripped, above + 1
+        elif len(rows) > 2 and all(below) and _are_names(below, rows[2]):
+            raise InputError(
+                f"{path} has two headers, in rows {above} and {above + 1} (its second row holds "
+                f"{listed([cell.strip() for cell in below[:3]])}); leave one of them."
+            )
+    data = tuple(tuple(row) for row in rows[above - bool(told) :] if len(row) == len(names))
+    mark = decimal_mark(itertools.chain.from_iterable(data))
+    return Dialect(encoding, separator, mark, names, units, above, bool(told), '"' in text, data)
+
+
+def _are_names(below: Sequence[str], data: Sequence[str]) -> bool:
+    """Whether the second of three rows is a header too: where the third has numbers it has text."""
+    missing = {*MISSING}
+    return len(numbers_in(data)) > len(data) / 2 and not any(cell in missing for cell in below)
+
+
+def _separator(text: str) -> str:
+    """The separator by which most rows have as many cells as the header, or as each other."""
+
+    def likeness(separator: str) -> tuple[int, int, int]:
+        counts = [len(row) for row in _parsed(text, separator)]
+        usual, many = Counter(counts).most_common(1)[0]
+        alike = counts.count(counts[0]) if counts[0] > 1 else 0
+        return alike, many if usual > 1 else 0, counts[0]
+
+    return max(SEPARATORS, key=likeness)
+
+
+def _parsed(text: str, separator: str) -> list[list[str]]:
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    try:
+        return list(itertools.islice((row for row in rows if row), _ROWS)) or [[""]]
+    except csv.Error:
+        return [[""]]
+
+
+def _rows(text: str, separator: str, path: str) -> list[list[str]]:
+    rows: Iterator[list[str]] = csv.reader(
+        io.StringIO(text, newline=""), delimiter=separator, strict=True
+    )
+    found: list[list[str]] = []
+    try:
+        for row in itertools.islice(rows, _ROWS):
+            found.append(row)
+    except csv.Error as error:
+        raise InputError(
+            f"{path} is not a table of text after row {len(found)} ({error}); correct that row."
+        ) from None
+    return found

@@ -1,0 +1,151 @@
+"""The cells of a sheet as columns of numbers and labels, read block by block."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import pyarrow
+import pyarrow.compute
+
+from adhesion_jax.data.cells import decimal_mark, first_of_two_meanings, is_text, numbers
+from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.files import Block, Sheet
+from adhesion_jax.data.schema import shown, text_fault
+from adhesion_jax.data.stamps import TIME_OF_DAY, seconds, stamps, unwrapped
+from adhesion_jax.data.understanding import Taken
+from adhesion_jax.errors import InputError
+
+#: How many numbers with a mark show whether it is decimal.
+_SHOWN = 1000
+
+#: Numbers beyond this size cannot be squared and summed.
+_LARGEST = 1e100
+
+
+class Gathered(NamedTuple):
+    """The columns of a sheet by the names they are taken as, [rows]; NaN where one is empty."""
+
+    numbers: dict[str, np.ndarray]
+    labels: dict[str, pd.Series]
+    rows: int
+    faults: tuple[str, ...]  # clauses on cells of known columns that are text
+    left_out: dict[str, str]  # column of its own name to the clause why it is none of numbers
+    origin: str  # from when a time counts that was given by dates, empty otherwise
+
+
+def gather(
+    sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float], None]
+) -> Gathered:
+    """Reads all cells of the columns that are taken; `progress` is told the share of the file."""
+    chunks: dict[str, list] = {one.name: [] for one in taken}
+    faults: dict[str, str] = {}
+    left_out: dict[str, str] = {}
+    origin: int | None = None
+    mark = sheet.mark
+    first_row = sheet.first_row
+    for block, share in sheet.blocks():
+        if mark is None:
+            mark = _mark(sheet, taken, block, first_row)
+        for one in taken:
+            cells = block[one.column]
+            if one.name in left_out:
+                continue
+            if one.name in LABELS:
+                chunks[one.name].append(_labels(cells))
+                continue
+            if one.stamp:
+                ticks, text = stamps(cells)
+                if origin is None:
+                    first = pyarrow.compute.min(ticks).as_py()
+                    origin = 0 if one.stamp == TIME_OF_DAY else first
+                values = seconds(ticks, origin or 0)
+            else:
+                values, text = numbers(cells, mark or ".")
+                to = one.conversion
+                if (to.factor, to.offset) != (1.0, 0.0):
+                    values = values * to.factor + to.offset
+            if text is not None and one.name in COLUMNS:
+                faults.setdefault(
+                    one.name, text_fault(first_row + text, one.column, cells[text].as_py())
+                )
+            elif text is not None:
+                left_out[one.name] = (
+                    f"row {first_row + text} has the text '{shown(cells[text].as_py())}'"
+                )
+                del chunks[one.name]
+                continue
+            chunks[one.name].append(values)
+        first_row += len(next(iter(block.values()), ()))
+        progress("reading", share)
+    columns: dict[str, np.ndarray] = {}
+    labels: dict[str, pd.Series] = {}
+    for one in taken:
+        parts = chunks.pop(one.name, None)
+        if parts is None:
+            continue
+        if one.name in LABELS:
+            text = pyarrow.chunked_array(parts, pyarrow.string())
+            labels[one.name] = pd.Series(text.to_pandas(), dtype="str")
+            continue
+        values = np.concatenate([np.empty(0), *parts])
+        if one.stamp == TIME_OF_DAY:
+            values = unwrapped(values)
+        if one.name not in COLUMNS and (reason := _unfit(values, sheet.first_row)):
+            left_out[one.name] = reason
+            continue
+        columns[one.name] = values
+    dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
+    return Gathered(
+        columns,
+        labels,
+        first_row - sheet.first_row,
+        tuple(faults.values()),
+        left_out,
+        str(pd.Timestamp(origin)) if dated and origin is not None else "",
+    )
+
+
+def _mark(sheet: Sheet, taken: Sequence[Taken], block: Block, first_row: int) -> str | None:
+    """The decimal mark as a block shows it, where the first rows of the file show none."""
+    found = None
+    for one in taken:
+        cells = block[one.column]
+        if one.name in LABELS or one.stamp or not is_text(cells.type):
+            continue
+        either = first_of_two_meanings(cells)
+        marked = cells.filter(pyarrow.compute.match_substring_regex(cells, "[.,]"))
+        found = found or decimal_mark(marked.slice(0, _SHOWN).to_pylist())
+        if found is None and either is not None:
+            written = cells[either].as_py()
+            raise InputError(
+                f"{sheet.name} cannot be used: row {first_row + either} of column {one.column} has "
+                f"{written}, which may be {written.replace(',', '.', 1)} or "
+                f"{written.replace(',', '')} (write a decimal point, and no marks of thousands)."
+            )
+    return found
+
+
+def _labels(cells: pyarrow.Array) -> pyarrow.Array:
+    """Labels as text, empty where there is none."""
+    compute = pyarrow.compute
+    if pyarrow.types.is_floating(cells.type):
+        # Whole numbers may be written as 1.0 in one file and as 1 in another.
+        cells = compute.if_else(compute.is_nan(cells), pyarrow.scalar(None, cells.type), cells)
+        known = cells.drop_null()
+        if compute.all(compute.equal(compute.floor(known), known)).as_py():
+            cells = cells.cast(pyarrow.int64())
+    text = cells.cast(pyarrow.string())
+    return compute.utf8_trim_whitespace(compute.fill_null(text, ""))
+
+
+def _unfit(values: np.ndarray, first_row: int) -> str:
+    """Why a further column is not used, as a clause; empty where it is."""
+    infinite = np.isinf(values)
+    if infinite.any():
+        return f"row {first_row + infinite.argmax()} has an infinite value"
+    size = np.abs(values)
+    largest = np.max(size, where=np.isfinite(size), initial=0.0)
+    if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
+        return f"its largest value is {largest:.3g}, of which no sum of squares can be computed"
+    return ""

@@ -1,0 +1,119 @@
+"""Dates and times of day as seconds, a block of cells at a time."""
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import pyarrow
+import pyarrow.compute
+
+_CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d{1,9})?)?"
+_ZONE = r"\s*(Z|[+-]\d{2}:?\d{2})"
+
+#: The form of a stamp that says no day.
+TIME_OF_DAY = "a time of day"
+
+#: Form of a stamp to the pattern of it.
+_FORMS = {
+    "a date and time": re.compile(rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]\s*{_CLOCK}({_ZONE})?"),
+    "day.month.year and time": re.compile(rf"\d{{1,2}}\.\d{{1,2}}\.\d{{2,4}}[T ,]\s*{_CLOCK}"),
+    "day/month/year and time": re.compile(rf"\d{{1,2}}/\d{{1,2}}/\d{{4}}[T ,]\s*{_CLOCK}"),
+    TIME_OF_DAY: re.compile(_CLOCK),
+}
+
+#: From what is written to year-month-day and a time with a decimal point, step by step.
+_STEPS = (
+    (r"^(\d)([./])", r"0\1\2"),
+    (r"^(\d\d[./])(\d)([./])", r"\10\2\3"),
+    (r"^(\d\d)\.(\d\d)\.(\d\d)([T ,])", r"\1.\2.20\3\4"),
+    (r"^(\d\d)[./](\d\d)[./](\d{4})[T ,]\s*", r"\3-\2-\1 "),
+    (r"^(\d):", r"0\1:"),
+    (r" (\d):", r" 0\1:"),
+    (r"(:\d\d:\d\d)[,:](\d+)", r"\1.\2"),
+)
+
+_DAY = 86400.0
+
+
+class Stamps(NamedTuple):
+    """Nanoseconds of a block of cells, null where there are none; the first that is no stamp."""
+
+    ticks: pyarrow.Int64Array  # since 1970, or since midnight for a time of day
+    text: int | None  # its place
+
+
+def form_of(cells: Sequence[str]) -> str:
+    """In which form cells hold a date with time, or a time of day; empty where they hold none.
+
+    Dates such as 03/04/2026, of which the first number may be the month, are none.
+    """
+    written = [cell.strip() for cell in cells if cell.strip()]
+    for form, pattern in _FORMS.items():
+        if written and all(pattern.fullmatch(cell) for cell in written):
+            if form.startswith("day/") and all(int(cell.split("/")[0]) <= 12 for cell in written):
+                return ""
+            return form
+    return ""
+
+
+def stamps(cells: pyarrow.Array) -> Stamps:
+    """The cells, text of a form of `form_of` or stamps of their own kind, as nanoseconds."""
+    kind = cells.type
+    if pyarrow.types.is_timestamp(kind):
+        ticks = cells.cast(pyarrow.timestamp("ns", kind.tz), safe=False)
+        return Stamps(ticks.cast(pyarrow.int64()), None)
+    if pyarrow.types.is_time(kind):
+        return Stamps(cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), None)
+    compute = pyarrow.compute
+    text = compute.utf8_trim_whitespace(cells)
+    text = compute.if_else(compute.equal(text, ""), pyarrow.scalar(None, text.type), text)
+    shown = text.drop_null()[:1].to_pylist()
+    # The steps that the first cell needs, for each takes as long as all the rest; then all of them.
+    for steps in ([step for step in _STEPS if shown and re.search(step[0], shown[0])], _STEPS):
+        found = _parsed(text, steps)
+        if found is not None:
+            return Stamps(stamps(found).ticks, None)
+    written = _normal(text, _STEPS)
+    series = pd.to_datetime(written.to_pandas(), errors="coerce", format="ISO8601", utc=True)
+    found = pyarrow.array(series, pyarrow.timestamp("ns", "UTC"))
+    bad = compute.and_(text.is_valid(), found.is_null())
+    return Stamps(stamps(found).ticks, int(compute.index(bad, True).as_py()))
+
+
+def _parsed(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array | None:
+    """The stamps, or None where a cell is none after these steps."""
+    normal = _normal(text, steps)
+    zoned = pyarrow.compute.any(pyarrow.compute.match_substring_regex(normal, rf"{_ZONE}$")).as_py()
+    try:
+        return normal.cast(pyarrow.timestamp("ns", "UTC" if zoned else None))
+    except pyarrow.ArrowInvalid:
+        return None
+
+
+def _normal(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array:
+    """The text as year-month-day and time, after these steps; a time of day is of 1970-01-01."""
+    compute = pyarrow.compute
+    for pattern, written in steps:
+        text = compute.replace_substring_regex(text, pattern, written)
+    clock = compute.match_substring_regex(text, r"^\d\d:")
+    if not compute.any(clock).as_py():
+        return text
+    return compute.if_else(clock, compute.binary_join_element_wise("1970-01-01", text, " "), text)
+
+
+def seconds(ticks: pyarrow.Int64Array, origin: int) -> np.ndarray:
+    """Seconds since the origin; a difference of integers, which keeps the digits of a stamp."""
+    since = pyarrow.compute.subtract(ticks, origin).cast(pyarrow.float64(), safe=False)
+    found: np.ndarray = since.to_numpy(zero_copy_only=False)
+    return found / 1e9
+
+
+def unwrapped(seconds: np.ndarray) -> np.ndarray:
+    """Times of day [rows] that go on past midnight: a day is added at each fall by half a day."""
+    known = np.flatnonzero(np.isfinite(seconds))
+    days = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -_DAY / 2)
+    found = seconds.copy()
+    found[known] += _DAY * days
+    return found
