@@ -45,9 +45,8 @@ class Radius(NamedTuple):
 
 
 class Derived(NamedTuple):
-    """All columns, the rows that are used, what each new column is from, and sentences."""
+    """What has been derived: the rows that are used, what a new column is from, and sentences."""
 
-    columns: Columns
     used: np.ndarray  # [rows], bool
     sources: Mapping[str, str]
     notes: tuple[str, ...]
@@ -91,7 +90,9 @@ def needed(columns: Mapping[str, object]) -> tuple[list[str], list[str]]:
 
 
 def derive(columns: Columns, wheel_radius: float | None) -> Derived:
-    """The columns with all that follows from them; what has served its purpose is left out.
+    """Adds to the columns what follows from them, and takes out what has served its purpose.
+
+    They are changed in place, for copies of the columns of a whole log do not fit in memory.
 
         adhesion = force / load, of the same body; an axle has two wheels
         normal load = axle load / 2
@@ -102,7 +103,6 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
     so that slip, like adhesion, is positive in traction and negative in braking. InputError where
     the radius is neither given nor to be found.
     """
-    columns = dict(columns)
     sources: dict[str, str] = {}
     notes: list[str] = []
     used = np.ones(next(iter(columns.values())).size, bool)
@@ -143,17 +143,22 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
         add("vehicle_speed_mps", _speed(columns), "slip velocity / slip ratio")
-    if without_slip and "acceleration_mps2" not in columns and "time_s" in columns:
-        add(
-            "acceleration_mps2",
-            acceleration(columns["time_s"], columns["vehicle_speed_mps"]),
-            f"train speed, Savitzky-Golay filter of degree {_DEGREE} over {_WINDOW:g} s",
-        )
+    # Before the next column is made: those of a long log fill the memory.
     spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
     for name in (*spent, "axle_load_N", "locomotive_load_N"):
         columns.pop(name, None)
         sources.pop(name, None)
-    return Derived(columns, used, sources, tuple(notes))
+    if without_slip and "acceleration_mps2" not in columns and "time_s" in columns:
+        add(
+            "acceleration_mps2",
+            acceleration(columns["time_s"], columns["vehicle_speed_mps"]),
+            "derivative of the train speed",
+        )
+        notes.append(
+            "The acceleration is that of the train speed by a Savitzky-Golay filter of degree "
+            f"{_DEGREE} over {_WINDOW:g} s."
+        )
+    return Derived(used, sources, tuple(notes))
 
 
 def _adhesion(columns: Columns) -> tuple[np.ndarray, str]:
@@ -218,13 +223,13 @@ def acceleration(time: np.ndarray, speed: np.ndarray) -> np.ndarray:
     ends = np.flatnonzero((steps > _GAP * usual) | (steps < 0)) + 1
     window = max(2 * round(_WINDOW / usual / 2) + 1, 5)
     found = np.zeros_like(speed)
-    for rows in np.split(np.arange(speed.size), ends):
-        if rows.size >= window:
-            slopes = [
-                savgol_filter(values[rows], window, _DEGREE, deriv=1) for values in (time, speed)
-            ]
-            found[rows] = slopes[1] / np.where(slopes[0] > 0, slopes[0], np.inf)
-        elif rows.size > 1 and time[rows[-1]] > time[rows[0]]:
-            centred = time[rows] - time[rows].mean()
-            found[rows] = centred @ speed[rows] / (centred @ centred)
+    for first, stop in zip([0, *ends], [*ends, speed.size], strict=True):
+        times, speeds, slope = time[first:stop], speed[first:stop], found[first:stop]
+        if times.size >= window:
+            per_row = savgol_filter(times, window, _DEGREE, deriv=1)
+            slope += savgol_filter(speeds, window, _DEGREE, deriv=1)
+            slope /= np.where(per_row > 0, per_row, np.inf)
+        elif times.size > 1 and times[-1] > times[0]:
+            centred = times - times.mean()
+            slope += centred @ speeds / (centred @ centred)
     return found

@@ -4,6 +4,7 @@ import csv
 import io
 import itertools
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from io import BufferedIOBase
 from typing import NamedTuple
@@ -21,6 +22,8 @@ SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 #: Bytes from the beginning of a file from which the dialect is told, and the most rows of them.
 _HEAD = 1 << 18
 _ROWS = 200
+#: Rows that differ from the header, and agree with each other, show that it is none.
+_FEW = 3
 
 #: Bytes read at a time, and how many around what is no UTF-8 are shown to charset-normalizer.
 _CHUNK = 1 << 22
@@ -128,6 +131,14 @@ def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
             "a header above them."
         )
     above += 1
+    counts = {len(row) for row in rows[1:]}
+    # With commas the cells may be too many because numbers have decimal commas.
+    other = len(counts) == 1 and {len(names)} != counts and (separator != "," or len(names) == 1)
+    if other and len(rows) > _FEW:
+        raise InputError(
+            f"{path} has {counts.pop()} cells in row {above + 1} where its header has {len(names)};"
+            " give every row a cell for each column, and leave out any lines above the header."
+        )
     units: tuple[str, ...] = ()
     below = rows[1] if len(rows) > 1 else []
     if len(below) == len(names) and not numbers_in(below):
@@ -152,12 +163,13 @@ def _are_names(below: Sequence[str], data: Sequence[str]) -> bool:
 
 
 def _separator(text: str) -> str:
-    """The separator by which most rows have as many cells as the header, then the most cells."""
+    """The separator by which most rows have as many cells as the header, or as each other."""
 
-    def likeness(separator: str) -> tuple[int, int]:
+    def likeness(separator: str) -> tuple[int, int, int]:
         counts = [len(row) for row in _parsed(text, separator)]
-        alike = sum(count == counts[0] for count in counts) if counts[0] > 1 else 0
-        return alike, counts[0]
+        usual, many = Counter(counts).most_common(1)[0]
+        alike = counts.count(counts[0]) if counts[0] > 1 else 0
+        return alike, many if usual > 1 else 0, counts[0]
 
     return max(SEPARATORS, key=likeness)
 

@@ -11,7 +11,7 @@ from adhesion_jax.data.columns import (
     UNDECIDED,
     UNDECIDED_SYNONYMS,
 )
-from adhesion_jax.data.units import at_the_end, conversion
+from adhesion_jax.data.units import at_the_end, conversion, known
 from adhesion_jax.wording import listed
 
 #: Quantities without a dimension that are ratios wherever no unit is given. A slip is not among
@@ -72,12 +72,16 @@ def guess(name: str, row_of_units: str = "") -> Guess:
     label = next((label for label, words in LABEL_SYNONYMS.items() if word in words), "")
     if label and not unit:
         return Guess(label, "")
-    fits = tuple(one for one in QUANTITIES.get(word, ()) if not unit or goes(unit, one))
-    if len(fits) == 1 and (unit or fits[0] in _RATIOS):
+    unknown = bool(unit) and not known(unit)
+    fits = tuple(one for one in QUANTITIES.get(word, ()) if not unit or unknown or goes(unit, one))
+    if len(fits) == 1 and not unknown and (unit or fits[0] in _RATIOS):
         return Guess(fits[0], unit or "1")
     bodies = UNDECIDED.get(_UNDECIDED.get(word, ""), ())
-    fits += tuple(one for one in bodies if not unit or goes(unit, one))
-    return Guess("", unit, _question(name, unit, fits), fits) if fits else Guess("", unit)
+    fits += tuple(one for one in bodies if not unit or unknown or goes(unit, one))
+    if not fits:
+        return Guess("", unit)
+    question = _question(name, "" if unknown else unit, fits)
+    return Guess("", unit, f"{question}; the unit {unit} is unknown" if unknown else question, fits)
 
 
 def goes(unit: str, quantity: str) -> bool:

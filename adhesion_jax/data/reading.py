@@ -122,25 +122,24 @@ def _measured(
         raise InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
     understood = [_understood(one, numbers) for one in found.taken if one.name in numbers]
     understood += [_understood(one, {}) for one in found.taken if one.name in labels]
-    numbers |= {name: np.full(rows, value) for name, value in found.constants.items()}
+    kept, gappy, notes = _without_gaps(numbers, [name for name in names_needed if name in numbers])
     for name, value in found.constants.items():
-        understood.append(("(constant)", name, COLUMNS[name].unit, value, value, 0.0))
-    kept, gappy, notes = _without_gaps(numbers, names_needed)
-    used = np.flatnonzero(kept)
-    if not used.size:
+        numbers[name] = np.full(rows, value)
+        understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
+    if not kept.any():
         raise InputError(
             f"{sheet.name} cannot be used: no row has a value in {listed(names_needed)}."
         )
-    if used.size < rows:
-        numbers = {name: numbers.pop(name)[used] for name in [*numbers]}
+    if not kept.all():
+        _keep(numbers, kept)
     try:
         derived = derive(numbers, wheel_radius)
     except InputError as error:
         raise InputError(f"{sheet.name} cannot be used: {error}.") from None
-    del numbers
     notes += derived.notes
     moving = derived.used
     if not moving.all():
+        _keep(numbers, moving)
         notes.append(
             f"In {_share(~moving)} the train is slower than {SLOWEST:g} m/s, where no slip ratio "
             "can be computed: these rows are not used."
@@ -150,34 +149,31 @@ def _measured(
                 f"{sheet.name} cannot be used: the train speed is below {SLOWEST:g} m/s in every "
                 "row, where no slip ratio can be computed (check its unit)."
             )
-        used = used[moving]
-    columns_used = {
-        name: values if moving.all() else values[moving] for name, values in derived.columns.items()
-    }
-    index = pd.Index(row_of if used.size == rows else used + sheet.first_row)
-    table = pd.DataFrame(columns_used, index=index, copy=False)
+        kept[kept] = moving
+    index = pd.Index(row_of if kept.all() else np.flatnonzero(kept) + sheet.first_row)
+    table = pd.DataFrame(numbers, index=index, copy=False)
     for name, text in labels.items():
-        table[name] = text.iloc[used].set_axis(index)
+        table[name] = text[kept].set_axis(index)
     time = taken["time_s"].column if "time_s" in taken else "time_s"
     faults = [
-        *range_faults({name: columns_used[name] for name in derived.sources}, {}, index.to_numpy()),
+        *range_faults({name: numbers[name] for name in derived.sources}, {}, index.to_numpy()),
         *label_faults({name: table[name] for name in labels}),
         *time_faults(table, time),
     ]
     if faults:
         raise InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
     for name, source in derived.sources.items():
-        if name in columns_used:
-            lowest, highest = columns_used[name].min(), columns_used[name].max()
-            understood.append((f"({source})", name, COLUMNS[name].unit, lowest, highest, 0.0))
+        if name in numbers:
+            lowest, highest = numbers[name].min(), numbers[name].max()
+            understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
     return Measured(
         sheet.name,
         table,
         "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps",
-        tuple(name for name in columns_used if name not in COLUMNS),
+        tuple(name for name in numbers if name not in COLUMNS),
         (*read.left_out, *gappy),
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
-        (*_format_notes(sheet, found, read), *notes, *unusual(columns_used, taken)),
+        (*_format_notes(sheet, found, read), *notes, *unusual(numbers, taken)),
     )
 
 
@@ -192,7 +188,7 @@ def _understood(one: Taken, numbers: Mapping[str, np.ndarray]) -> tuple[object, 
     known = np.isfinite(values)
     lowest = np.min(values, where=known, initial=np.inf) if known.any() else np.nan
     highest = np.max(values, where=known, initial=-np.inf) if known.any() else np.nan
-    return one.column, one.name, one.stamp or one.unit, lowest, highest, 1 - known.mean()
+    return one.column, one.name, one.stamp or one.unit, lowest, highest, (~known).mean()
 
 
 def _without_gaps(
@@ -232,7 +228,7 @@ def _without_gaps(
             kept &= ~more
             few.append(name)
         else:
-            share = more.sum() / max(kept.sum(), 1)
+            share = missing[name][:within].mean()
             gappy.append(name)
             del numbers[name]
             notes.append(
@@ -243,6 +239,12 @@ def _without_gaps(
             f"In {dropped:,} rows there is no value of {listed(few, 'or')}: these are not used."
         )
     return kept, gappy, notes
+
+
+def _keep(columns: dict[str, np.ndarray], rows: np.ndarray) -> None:
+    """Keeps some of the rows, in place: two copies of the columns of a log do not fit in memory."""
+    for name in columns:
+        columns[name] = columns[name][rows]
 
 
 def _share(rows: np.ndarray) -> str:

@@ -69,19 +69,38 @@ def stamps(cells: pyarrow.Array) -> Stamps:
     compute = pyarrow.compute
     text = compute.utf8_trim_whitespace(cells)
     text = compute.if_else(compute.equal(text, ""), pyarrow.scalar(None, text.type), text)
-    for pattern, written in _STEPS:
+    shown = text.drop_null()[:1].to_pylist()
+    # The steps that the first cell needs, for each takes as long as all the rest; then all of them.
+    for steps in ([step for step in _STEPS if shown and re.search(step[0], shown[0])], _STEPS):
+        found = _parsed(text, steps)
+        if found is not None:
+            return Stamps(stamps(found).ticks, None)
+    written = _normal(text, _STEPS)
+    series = pd.to_datetime(written.to_pandas(), errors="coerce", format="ISO8601", utc=True)
+    found = pyarrow.array(series, pyarrow.timestamp("ns", "UTC"))
+    bad = compute.and_(text.is_valid(), found.is_null())
+    return Stamps(stamps(found).ticks, int(compute.index(bad, True).as_py()))
+
+
+def _parsed(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array | None:
+    """The stamps, or None where a cell is none after these steps."""
+    normal = _normal(text, steps)
+    zoned = pyarrow.compute.any(pyarrow.compute.match_substring_regex(normal, rf"{_ZONE}$")).as_py()
+    try:
+        return normal.cast(pyarrow.timestamp("ns", "UTC" if zoned else None))
+    except pyarrow.ArrowInvalid:
+        return None
+
+
+def _normal(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array:
+    """The text as year-month-day and time, after these steps; a time of day is of 1970-01-01."""
+    compute = pyarrow.compute
+    for pattern, written in steps:
         text = compute.replace_substring_regex(text, pattern, written)
     clock = compute.match_substring_regex(text, r"^\d\d:")
-    text = compute.if_else(clock, compute.binary_join_element_wise("1970-01-01", text, " "), text)
-    zoned = compute.any(compute.match_substring_regex(text, rf"{_ZONE}$")).as_py()
-    try:
-        found = text.cast(pyarrow.timestamp("ns", "UTC" if zoned else None))
-    except pyarrow.ArrowInvalid:
-        series = pd.to_datetime(text.to_pandas(), errors="coerce", format="ISO8601", utc=True)
-        found = pyarrow.array(series, pyarrow.timestamp("ns", "UTC"))
-    bad = compute.and_(text.is_valid(), found.is_null())
-    place = compute.index(bad, True).as_py()
-    return Stamps(stamps(found).ticks, None if place < 0 else int(place))
+    if not compute.any(clock).as_py():
+        return text
+    return compute.if_else(clock, compute.binary_join_element_wise("1970-01-01", text, " "), text)
 
 
 def seconds(ticks: pyarrow.Int64Array, origin: int) -> np.ndarray:

@@ -193,7 +193,7 @@ warnings.simplefilter("error")
 warnings.filterwarnings("ignore", message="JAXopt")
 import jax, jax.numpy as jnp
 # Packages that set variables of their own when they are imported.
-import matplotlib, pandas, pandera.pandas, sklearn.ensemble, threadpoolctl
+import matplotlib, pandas, pint, sklearn.ensemble, threadpoolctl
 before = dict(os.environ), dict(jax.config.values)
 for name in aj.__all__:
     getattr(aj, name)

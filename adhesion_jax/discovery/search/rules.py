@@ -86,6 +86,10 @@ PLAINLY_NEEDED = 50.0
 #: more than this. By hand: a third more runs do not reverse such a difference.
 HOPELESS_BIC = 100.0
 
+#: A column is named as one that varies within blocks of rows if this share of its variance does. By
+#: hand.
+HIDDEN_SHARE = 0.1
+
 # --- When an effect is accepted ---------------------------------------------------------------
 
 #: An effect is accepted only if the p of its columns, adjusted for the whole library, is at most

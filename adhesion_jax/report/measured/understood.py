@@ -1,25 +1,25 @@
 """How the columns of a measurement were understood, as a table for a terminal."""
 
-import pandas as pd
-
 from adhesion_jax.data import Measured
 from adhesion_jax.wording import number
 
+_HEADINGS = ("column", "taken as", "unit", "range", "missing")
+
 
 def understood(measured: Measured) -> str:
-    """A line for each column: what it is taken as, its unit, range and share missing; notes."""
-    table = measured.understood
-    shown = pd.DataFrame(
-        {
-            "column": table["column"],
-            "taken as": table["taken_as"],
-            "unit": table["unit"],
-            "range": [
-                f"{number(lowest)} to {number(highest)}" if number(lowest) else ""
-                for lowest, highest in zip(table["lowest"], table["highest"], strict=True)
-            ],
-            "missing": [f"{100 * share:.3g} %" for share in table["missing"]],
-        }
-    )
+    """A line for each column: what it is taken as, its unit, range and share missing; notes.
+
+    The unit is that of the file; the range is in the unit that the name of the quantity ends in.
+    """
+    rows = [_HEADINGS]
+    for one in measured.understood.itertuples():
+        lowest, highest = number(one.lowest), number(one.highest)
+        span = f"{lowest} to {highest}" if lowest else ""
+        rows.append((one.column, one.taken_as, one.unit, span, f"{100 * one.missing:.3g} %"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
     used = f"{measured.name}: {len(measured.table):,} rows are used."
-    return "\n".join([used, shown.to_string(index=False), *measured.notes])
+    return "\n".join([used, *lines, *measured.notes])

@@ -1,0 +1,358 @@
+"""What columns are taken as: units, names, what the user says, and how files are written."""
+
+from datetime import datetime, time
+
+import numpy as np
+import pandas as pd
+import pyarrow
+import pytest
+
+from adhesion_jax.data import read_all, read_measured, to_measured
+from adhesion_jax.data.cells import decimal_mark, numbers
+from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.data.naming import guess, named
+from adhesion_jax.data.stamps import form_of, seconds, stamps, unwrapped
+from adhesion_jax.data.units import conversion
+from adhesion_jax.errors import InputError
+
+
+def good(rows=40):
+    slip = np.linspace(0.01, 0.12, rows)
+    return pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * slip / (0.02 + slip)})
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "factor", "offset"),
+    [
+        ("km/h", "m/s", 1 / 3.6, 0),
+        ("kmh", "m/s", 1 / 3.6, 0),
+        ("mph", "m/s", 0.44704, 0),
+        ("kN", "N", 1e3, 0),
+        ("t", "N", 9806.65, 0),  # the weight of a tonne at standard gravity, CGPM 1901
+        ("lbf", "N", 4.4482216152605, 0),
+        ("%", "1", 0.01, 0),
+        ("‰", "1", 0.001, 0),
+        ("1", "%", 100, 0),
+        ("K", "degree C", 1, -273.15),
+        ("°F", "degree C", 5 / 9, -160 / 9),
+        ("U/min", "rad/s", 2 * np.pi / 60, 0),
+        ("rpm", "rad/s", 2 * np.pi / 60, 0),
+        ("rad", "degree", 180 / np.pi, 0),
+        ("ms", "s", 1e-3, 0),
+        ("m/s²", "m/s^2", 1, 0),
+        ("g", "m/s^2", 9.80665, 0),
+        ("1/km", "1/m", 1e-3, 0),
+    ],
+)
+def test_units_are_those_of_the_tables(unit, wanted, factor, offset):
+    found = conversion(unit, wanted)
+    assert found.factor == pytest.approx(factor, rel=1e-12)
+    assert found.offset == pytest.approx(offset, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted"),
+    [
+        ("kN", "m/s"),
+        ("F", "N"),  # a farad
+        ("°", "1"),  # to pint an angle is a number
+        ("%", "degree"),
+        ("1/s", "rad/s"),  # a turn or a radian
+        ("furlong/x", "m/s"),
+        ("", "1"),
+        ("3", "1"),
+    ],
+)
+def test_what_is_no_unit_of_a_quantity_converts_to_nothing(unit, wanted):
+    assert conversion(unit, wanted) is None
+
+
+def test_every_quantity_has_a_unit_that_is_known():
+    for name, column in COLUMNS.items():
+        assert conversion(column.unit, column.unit).factor == 1, name
+        assert guess(name).quantity == name
+
+
+@pytest.mark.parametrize(
+    ("name", "stem", "unit"),
+    [
+        ("v_kmh", "v", "kmh"),
+        ("v [km/h]", "v", "km/h"),
+        ("rH (%)", "rH", "%"),
+        ("T/°C", "T", "°C"),
+        ("v/km/h", "v", "km/h"),
+        ("speed km/h", "speed", "km/h"),
+        ("Schlupf in %", "Schlupf", "%"),
+        ("T (Luft) [°C]", "T (Luft)", "°C"),
+        ("Schlupf [-]", "Schlupf", "-"),
+        ("rail_age_days", "rail_age_days", ""),
+        ("F/Q", "F/Q", ""),
+        ("note", "note", ""),
+    ],
+)
+def test_a_name_is_parted_from_its_unit(name, stem, unit):
+    assert named(name) == (stem, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("v_kmh", "vehicle_speed_mps"),
+        ("Geschwindigkeit [km/h]", "vehicle_speed_mps"),
+        ("v_Rad [km/h]", "wheel_speed_mps"),
+        ("wheel speed m/s", "wheel_speed_mps"),
+        ("Raddrehzahl [U/min]", "wheel_rotation_radps"),
+        ("Schlupf in %", "slip_ratio"),
+        ("slip_pct", "slip_ratio"),
+        ("Radlast [kN]", "normal_load_N"),
+        ("Achslast (t)", "axle_load_N"),
+        ("rH (%)", "relative_humidity_pct"),
+        ("T/°C", "temperature_C"),
+        ("t [s]", "time_s"),
+        ("Zeit_ms", "time_s"),
+        ("mu", "adhesion"),
+        ("Fahrt", "run"),
+        # Nothing is guessed where two meanings fit, or the unit is not said.
+        ("T", ""),
+        ("v", ""),
+        ("slip", ""),
+        ("Zugkraft [kN]", ""),
+        ("F [kN]", ""),
+        ("load", ""),
+        ("n [rpm]", ""),
+        ("humidity", ""),
+        ("v [kN]", ""),
+        ("rail_age_days", ""),
+    ],
+)
+def test_a_name_is_a_quantity_where_one_meaning_fits(name, quantity):
+    assert guess(name).quantity == quantity
+
+
+def test_the_row_of_units_goes_before_the_unit_of_the_name():
+    assert guess("v", "km/h") == ("vehicle_speed_mps", "km/h", "", ())
+    assert guess("slip_ratio", "%").unit == "%"
+
+
+@pytest.mark.parametrize(
+    ("cells", "mark", "values"),
+    [
+        (["1,5", "-0,25", "1e3"], ",", [1.5, -0.25, 1000]),
+        (["1.234,5", "2,5"], ",", [1234.5, 2.5]),
+        (["1,234.5", "2.5"], ".", [1234.5, 2.5]),
+        ([" 1.5", "2.5 ", ""], ".", [1.5, 2.5, np.nan]),
+        (["7", "-", "NaN"], None, [7, np.nan, np.nan]),
+    ],
+)
+def test_numbers_are_read_by_their_decimal_mark(cells, mark, values):
+    assert decimal_mark(cells) == mark
+    found = numbers(pyarrow.array(cells), mark or ".")
+    assert found.text is None
+    np.testing.assert_array_equal(found.values, values)
+
+
+@pytest.mark.parametrize(
+    ("cells", "mark"), [(["1.5", "2,5"], "."), (["1,5", "2.5"], ","), (["1,5", "0.300"], ",")]
+)
+def test_the_other_mark_is_text_where_it_parts_no_thousands(cells, mark):
+    found = numbers(pyarrow.array(cells), mark)
+    assert found.text == 1
+    np.testing.assert_array_equal(found.values, [1.5, np.nan])
+
+
+@pytest.mark.parametrize("cells", [["1,234", "5,678"], ["3", "4"], ["24.11.2026"]])
+def test_what_could_be_either_shows_no_mark(cells):
+    assert decimal_mark(cells) is None
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "2026-11-24 08:00:00.010",
+        "2026-11-24T08:00:00,010",
+        "24.11.2026 08:00:00,010",
+        "24.11.26 8:00:00.010",
+        "24/11/2026 08:00:00.01",
+        "2026-11-24T09:00:00.010+01:00",
+        "2026-11-24 08:00:00.010Z",
+    ],
+)
+def test_a_stamp_is_the_same_however_it_is_written(written):
+    assert form_of([written, ""])
+    later = written.replace("24", "25", 1)
+    found = stamps(pyarrow.array([written, "", later]))
+    known = datetime(2026, 11, 24, 8).timestamp() - datetime(1970, 1, 1).timestamp()
+    origin = int(known) * 10**9
+    np.testing.assert_array_equal(seconds(found.ticks, origin), [0.01, np.nan, 86400.01])
+
+
+def test_what_is_no_stamp_is_told_by_its_place():
+    assert form_of(["03/04/2026 08:00:00"]) == ""  # the third of April, or the fourth of March
+    assert form_of(["7", "8"]) == form_of(["", ""]) == ""
+    assert stamps(pyarrow.array(["08:00:00", "", "soon"])).text == 2
+
+
+def test_a_time_of_day_goes_on_past_midnight(tmp_path):
+    clock = pyarrow.array([time(23, 59, 59, 500000), None, time(0, 0, 0, 500000)])
+    of_day = seconds(stamps(clock).ticks, 0)
+    np.testing.assert_array_equal(unwrapped(of_day), [86399.5, np.nan, 86400.5])
+    table = good().assign(Uhrzeit=["23:59:40"] * 20 + ["00:00:01"] * 20)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    found = read_measured(tmp_path / "a.csv").table["time_s"]
+    assert found.iloc[-1] - found.iloc[0] == 21
+
+
+def test_every_way_to_write_a_log_gives_the_same_numbers(tmp_path):
+    """Semicolons, tabs, decimal commas, encodings, a row of units, quotes, compression, parquet."""
+    plain = (
+        good()
+        .round(6)
+        .assign(vehicle_speed_mps=10.0, temperature_C=20.5, time_s=0.25 * np.arange(40.0))
+    )
+    at = pd.Timestamp("2026-11-24 08:00:00") + pd.to_timedelta(plain["time_s"], unit="s")
+    shown = pd.DataFrame(
+        {
+            "Zeit": at.dt.strftime("%d.%m.%Y %H:%M:%S,%f").str[:-3],
+            "Schlupf": 100 * plain["slip_ratio"],
+            "µ": plain["adhesion"],
+            "Geschwindigkeit": 3.6 * plain["vehicle_speed_mps"],
+            "Temp.": plain["temperature_C"] + 273.15,
+        }
+    )
+    units = ["", "%", "-", "km/h", "K"]
+    named_units = {
+        name: f"{name} [{unit}]" for name, unit in zip(shown, units, strict=True) if unit
+    }
+    in_names = shown.rename(columns=named_units)
+    head, _, rest = shown.to_csv(index=False, sep=";", decimal=",").partition("\n")
+    with_row = f"{head}\n{';'.join(units)}\n{rest}"
+    texts = {
+        "units.csv": with_row.encode(),
+        "sixteen.csv": with_row.encode("utf-16"),
+        "windows.csv": with_row.encode("cp1252"),
+        "mark.csv": b"\xef\xbb\xbf" + with_row.replace("\n", "\r\n").encode(),
+        "tabs.tsv": in_names.to_csv(index=False, sep="\t").encode(),
+        "bars.txt": in_names.to_csv(index=False, sep="|", decimal=",").encode(),
+        "quoted.csv": in_names.astype(str).to_csv(index=False, quoting=1).encode(),
+    }
+    for name, content in texts.items():
+        (tmp_path / name).write_bytes(content)
+    in_names.assign(Zeit=at).to_parquet(tmp_path / "dated.parquet")
+    in_names.to_csv(tmp_path / "packed.csv.gz", index=False)
+    for path in sorted(tmp_path.iterdir()):
+        found = read_measured(path).table
+        for name in plain:
+            np.testing.assert_allclose(
+                found[name], plain[name], rtol=1e-12, atol=1e-12, err_msg=path
+            )
+        first = {"units.csv": 3, "sixteen.csv": 3, "windows.csv": 3, "mark.csv": 3}
+        assert found.index[0] == first.get(path.name, 1 if path.suffix == ".parquet" else 2)
+    frame = to_measured("the data frame", in_names.assign(Zeit=at)).table
+    np.testing.assert_allclose(frame[[*plain]], plain, rtol=1e-12, atol=1e-12)
+
+
+def test_what_was_understood_is_told(tmp_path):
+    table = good().assign(**{"v [km/h]": 36.0, "Ort": "x"})
+    table.loc[3:4, "v [km/h]"] = np.nan
+    table.to_csv(tmp_path / "a.csv", index=False, sep=";")
+    found = read_measured(tmp_path / "a.csv")
+    row = found.understood.set_index("taken_as").loc["vehicle_speed_mps"]
+    assert (row["column"], row["unit"], row["lowest"], row["highest"]) == (
+        "v [km/h]",
+        "km/h",
+        10,
+        10,
+    )
+    assert row["missing"] == 2 / 40
+    said = " ".join(found.notes)
+    assert "semicolons" in said
+    assert "The column Ort is left out: row 2 has the text 'x'." in said
+    assert "In 2 rows there is no value of vehicle_speed_mps" in said
+    assert len(found.table) == 38
+    assert found.left_out == ("Ort",)
+
+
+def test_rows_with_a_gap_are_left_out_and_counted():
+    table = good(100).assign(wear=np.arange(100.0), rare=1.0)
+    table.loc[[4, 9], "adhesion"] = np.nan
+    table.loc[[4, 20, 21], "wear"] = np.nan
+    table.loc[30:, "rare"] = np.nan
+    found = to_measured("log", table)
+    assert found.table.index.tolist() == [row for row in range(100) if row not in (4, 9, 20, 21)]
+    assert found.covariates == ("wear",)
+    said = " ".join(found.notes)
+    assert "In 2 rows of 100 (2 %) there is no value of adhesion" in said
+    assert "In 2 rows there is no value of wear" in said
+    assert "The column rare is left out: 70 % of its rows have no value." in said
+
+
+@pytest.mark.parametrize(
+    ("column", "scale", "says"),
+    [
+        ("vehicle_speed_mps", 160.0, "vehicle_speed_mps: its largest value, 160 m/s"),
+        ("normal_load_N", 106.0, "normal_load_N: its largest value, 106 N"),
+        ("slip_ratio", None, "may be in per cent"),
+    ],
+)
+def test_our_names_are_believed_and_sizes_of_another_unit_are_warned_of(column, scale, says):
+    values = np.linspace(0.1, 1.4, 40) if scale is None else np.full(40, scale)
+    found = to_measured("log", good().assign(**{column: values}))
+    assert says in found.notes[-1]
+    assert not to_measured("log", good().assign(vehicle_speed_mps=30.0)).notes
+
+
+def test_what_the_user_says_goes_before_names(tmp_path):
+    table = pd.DataFrame(
+        {
+            "v1 [km/h]": 36.0,
+            "v": 40.0,
+            "Schlupf": 100 * good()["slip_ratio"],
+            "F [kN]": 200 * good()["adhesion"],
+        }
+    )
+    table.to_csv(tmp_path / "a.csv", index=False)
+    said = {
+        "speed": "v1",
+        "slip": {"column": "Schlupf", "unit": "%"},
+        "axle_force": "F [kN]",
+        "axle_load": {"value": 200, "unit": "kN"},
+    }
+    (found,) = read_all([tmp_path / "a.csv"], said)
+    np.testing.assert_allclose(found.table["slip_ratio"], good()["slip_ratio"], rtol=1e-14)
+    np.testing.assert_allclose(found.table["adhesion"], good()["adhesion"], rtol=1e-14)
+    assert (found.table["vehicle_speed_mps"] == 10).all()
+    assert (found.table["normal_load_N"] == 1e5).all()
+    assert found.covariates == ("v",)
+    # A name of ours says the unit too; a unit beside it goes before both.
+    for value, speed in (("v", 40.0), ("v [km/h]", 40 / 3.6), ("v1 [km/h]", 10.0)):
+        ours = {name: one for name, one in said.items() if name != "speed"}
+        found = to_measured("log", table, {**ours, "vehicle_speed_mps": value})
+        np.testing.assert_allclose(found.table["vehicle_speed_mps"], speed, rtol=1e-14)
+    with pytest.raises(InputError, match="in which unit the column v is .*--column"):
+        to_measured("log", table, {**said, "speed": "v"})
+
+
+def test_a_force_that_is_not_asked_for_explains_nothing():
+    found = to_measured("log", good().assign(**{"Zugkraft [kN]": 200 * good()["adhesion"]}))
+    assert "Zugkraft [kN]" not in found.table
+    assert "may be a force" in found.notes[0]
+
+
+def test_two_columns_of_one_quantity_are_asked_for():
+    table = good().rename(columns={"slip_ratio": "slip [%]"}).assign(**{"Schlupf [%]": 1.0})
+    with pytest.raises(InputError, match="which of the columns slip .* and Schlupf .* is the slip"):
+        to_measured("log", table)
+    exact = good().assign(**{"Schlupf [%]": 1.0})
+    assert (to_measured("log", exact).table["slip_ratio"] == good()["slip_ratio"]).all()
+
+
+def test_parquet_with_broken_text_is_refused(tmp_path):
+    broken = pyarrow.Array.from_buffers(
+        pyarrow.string(),
+        40,
+        [None, pyarrow.py_buffer(np.arange(41, dtype=np.int32)), pyarrow.py_buffer(b"\xff" * 40)],
+    )
+    table = pyarrow.Table.from_pandas(good()).append_column("run", broken)
+    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="not a whole parquet file"):
+        read_measured(tmp_path / "a.parquet")

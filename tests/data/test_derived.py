@@ -1,0 +1,147 @@
+"""Slip, load, adhesion, wheel radius and acceleration from what was measured."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from adhesion_jax.data import to_measured
+from adhesion_jax.data.derived import acceleration, rolling_radius
+from adhesion_jax.errors import InputError
+
+RADIUS = 0.575
+
+
+def trip(seed=0, rows=6000, noise=0.0):
+    """A minute and a half of traction and coasting; slip is adhesion / 40, events apart."""
+    chance = np.random.default_rng(seed)
+    time = 0.02 * np.arange(rows)
+    speed = 12.0 + 4.0 * np.sin(time / 20)
+    adhesion = 0.2 * np.clip(np.sin(time / 5), 0.0, None)
+    slip = adhesion / 40
+    slip[1000:1200] += 0.1  # a slip event
+    rotation = speed * (1 + slip) / RADIUS + chance.normal(0, noise, rows)
+    return pd.DataFrame(
+        {
+            "time_s": time,
+            "vehicle_speed_mps": speed,
+            "wheel_rotation_radps": rotation,
+            "adhesion": adhesion,
+        }
+    )
+
+
+def test_slip_comes_from_the_speeds_of_wheel_and_train():
+    table = trip().assign(wheel_speed_mps=lambda one: RADIUS * one["wheel_rotation_radps"])
+    slip = table["wheel_speed_mps"] / table["vehicle_speed_mps"] - 1
+    by_speed = to_measured("log", table.drop(columns="wheel_rotation_radps"))
+    by_radius = to_measured("log", table.drop(columns="wheel_speed_mps"), wheel_radius=RADIUS)
+    for found in (by_speed, by_radius):
+        assert found.slip == "slip_ratio"
+        np.testing.assert_allclose(found.table["slip_ratio"], slip, atol=1e-12)
+        np.testing.assert_allclose(
+            found.table["slip_velocity_mps"], slip * table["vehicle_speed_mps"], atol=1e-12
+        )
+        # What has served its purpose would repeat the slip under another name.
+        assert not {"wheel_speed_mps", "wheel_rotation_radps"} & {*found.table}
+    braking = table.assign(wheel_speed_mps=0.95 * table["vehicle_speed_mps"])
+    assert to_measured("log", braking).table["slip_ratio"].max() == pytest.approx(-0.05)
+
+
+def test_rows_near_standstill_are_not_used_and_counted():
+    table = trip()
+    table.loc[100:149, "vehicle_speed_mps"] = np.linspace(0, 0.49, 50)
+    found = to_measured("log", table, wheel_radius=RADIUS)
+    assert len(found.table) == 5950
+    assert not found.table.index.isin(range(100, 150)).any()
+    assert any(
+        "In 50 rows of 6,000 (0.833 %) the train is slower than 0.5 m/s" in one
+        for one in found.notes
+    )
+
+
+def test_the_radius_is_identified_where_the_wheel_coasts():
+    """Its error is that of the scatter: within three standard errors, which are of that size."""
+    found = to_measured("log", trip(noise=0.02))
+    (said,) = (one for one in found.notes if "rolling radius" in one)
+    radius, error = float(said.split()[7]), float(said.split()[9])
+    assert abs(radius - RADIUS) < 3 * error + 5e-6
+    errors, misses = [], []
+    for seed in range(200):
+        table = trip(seed, 3000, noise=0.05)
+        one = rolling_radius(
+            *(table[name].to_numpy() for name in ("wheel_rotation_radps", "vehicle_speed_mps")),
+            table["adhesion"].to_numpy(),
+        )
+        errors.append(one.standard_error)
+        misses.append(one.metres - RADIUS)
+    # The scatter of 200 estimates is known to 5 %; the bias is that of the mean, plus curvature.
+    assert np.std(misses) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.2)
+    assert abs(np.mean(misses)) < 0.5 * np.std(misses)
+
+
+def test_a_radius_that_cannot_be_identified_is_asked_for():
+    table = trip()
+    table["adhesion"] = 0.1 + table["adhesion"]
+    with pytest.raises(InputError, match="log cannot be used: the wheel radius .*--wheel-radius"):
+        to_measured("log", table)
+    assert "not used" in to_measured("log", good_with_slip(), wheel_radius=0.5).notes[-1]
+
+
+def good_with_slip():
+    slip = np.linspace(0.01, 0.12, 40)
+    return pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * slip / (0.02 + slip)})
+
+
+@pytest.mark.parametrize(
+    ("force", "load", "wheels"),
+    [
+        ("tangential_force_N", "normal_load_N", (1, 1)),
+        ("axle_force_N", "axle_load_N", (2, 2)),
+        ("locomotive_force_N", "locomotive_load_N", (8, 8)),
+        ("tangential_force_N", "axle_load_N", (1, 2)),
+        ("axle_force_N", "normal_load_N", (2, 1)),
+    ],
+)
+def test_adhesion_is_force_over_load_of_the_same_wheels(force, load, wheels):
+    table = good_with_slip()
+    adhesion = table.pop("adhesion")
+    table[force] = wheels[0] * 1e5 * adhesion
+    table[load] = wheels[1] * 1e5
+    found = to_measured("log", table).table
+    np.testing.assert_allclose(found["adhesion"], adhesion, rtol=1e-14)
+    if load != "locomotive_load_N":
+        assert (found["normal_load_N"] == 1e5).all()
+    assert not {"axle_force_N", "axle_load_N", "locomotive_force_N"} & {*found}
+
+
+def test_force_and_load_of_bodies_that_differ_are_refused():
+    table = good_with_slip().rename(columns={"adhesion": "locomotive_force_N"})
+    table["axle_load_N"] = 2e5
+    with pytest.raises(InputError, match="axle_load_N and locomotive_force_N alone will not do"):
+        to_measured("log", table)
+
+
+def test_acceleration_is_exact_for_what_the_filter_can_follow():
+    """A parabola of speed, in unequal steps too; no stretch looks over a gap into the next."""
+    time = np.concatenate([np.arange(0, 10, 0.02), np.arange(100, 110, 0.02), [300.0, 300.02]])
+    speed = 5 + 0.3 * time - 1e-3 * time**2
+    found = acceleration(time, speed)
+    known = 0.3 - 2e-3 * time
+    known[-2:] = known[-2:].mean()  # two rows have the slope of the line through them
+    np.testing.assert_allclose(found, known, atol=1e-9)
+    jump = np.where(time > 50, speed + 20, speed)
+    np.testing.assert_allclose(acceleration(time, jump), found, atol=1e-9)
+    jitter = time + 0.004 * np.sin(np.arange(time.size))
+    straight = acceleration(jitter, 2.0 * jitter)
+    np.testing.assert_allclose(straight, 2.0, atol=1e-9)
+    assert np.isfinite(acceleration(np.zeros(8), np.arange(8.0))).all()
+
+
+def test_acceleration_is_added_to_a_log_without_one():
+    found = to_measured("log", trip(), wheel_radius=RADIUS)
+    known = 0.2 * np.cos(found.table["time_s"] / 20)
+    np.testing.assert_allclose(found.table["acceleration_mps2"], known, atol=1e-4)
+    given = to_measured("log", trip().assign(acceleration_mps2=0.1), wheel_radius=RADIUS)
+    assert (given.table["acceleration_mps2"] == 0.1).all()
+    # Runs with a slip of their own are left as they are.
+    assert "acceleration_mps2" not in to_measured("log", good_with_slip()).table
