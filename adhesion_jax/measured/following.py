@@ -193,7 +193,8 @@ def _table(
 ) -> pd.DataFrame:
     def error(name: str) -> np.ndarray:
         noise, slope = widening * rows[f"{name}_se"], rows[f"{name}_by_slope"]
-        return np.sqrt(noise**2 + slope**2 + (form[name] * rows[name]) ** 2)
+        with np.errstate(invalid="ignore"):  # an estimate may be infinite
+            return np.sqrt(noise**2 + slope**2 + (form[name] * rows[name]) ** 2)
 
     return pd.DataFrame(
         {

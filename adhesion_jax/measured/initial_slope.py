@@ -95,7 +95,7 @@ def _form(fit: MeasuredFit, other: MeasuredFit) -> dict[str, float]:
 def _chosen(size: Float[np.ndarray, " samples"]) -> Int[np.ndarray, " chosen"]:
     """Samples in their order, spread evenly over each cell of the root of |slip|."""
     top = float(size.max())
-    cell = np.minimum((np.sqrt(size / top) * _CELLS).astype(int), _CELLS - 1)
+    cell = np.minimum((np.sqrt(size / top) * _CELLS).astype(np.int8), _CELLS - 1)
     order = np.argsort(cell, kind="stable")
     count = np.bincount(cell, minlength=_CELLS)
     begin = np.cumsum(count) - count

@@ -74,8 +74,11 @@ def to_log(measured: Measured, wanted: bool | None = None) -> Log:
     else:
         order, time, words = _in_time(clock, runs)
 
+    in_order = bool(np.all(order[1:] > order[:-1]))  # as most logs are: nothing is copied
+
     def column(name: str) -> Float[np.ndarray, " samples"]:
-        return table[name].to_numpy(float)[order]
+        values = table[name].to_numpy(float)
+        return values if in_order else values[order]
 
     slip, sentences = column(measured.slip), [words]
     speed = column("vehicle_speed_mps") if "vehicle_speed_mps" in table else None
