@@ -143,6 +143,11 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
         add("vehicle_speed_mps", _speed(columns), "slip velocity / slip ratio")
+    # Before the next column is made: those of a long log fill the memory.
+    spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
+    for name in (*spent, "axle_load_N", "locomotive_load_N"):
+        columns.pop(name, None)
+        sources.pop(name, None)
     if without_slip and "acceleration_mps2" not in columns and "time_s" in columns:
         add(
             "acceleration_mps2",
@@ -153,10 +158,6 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
             "The acceleration is that of the train speed by a Savitzky-Golay filter of degree "
             f"{_DEGREE} over {_WINDOW:g} s."
         )
-    spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
-    for name in (*spent, "axle_load_N", "locomotive_load_N"):
-        columns.pop(name, None)
-        sources.pop(name, None)
     return Derived(used, sources, tuple(notes))
 
 
