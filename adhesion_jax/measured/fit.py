@@ -196,7 +196,7 @@ def confidence_band(
     return np.asarray(adhesion), fit.quantile * np.asarray(error)
 
 
-def _box_share_to_parameters(
+def box_share_to_parameters(
     curve: Curve, share: Float[Array, "free ..."]
 ) -> Float[Array, "free ..."]:
     lower, upper = (jnp.expand_dims(b, range(1, share.ndim)) for b in physical_box(curve))
@@ -223,7 +223,7 @@ def _fit(
         return with_free_values(curve, parameters)(slip, conditions) - adhesion
 
     def misfit_of_share(share: Float[Array, " free"]) -> Float[Array, " points"]:
-        return misfit(_box_share_to_parameters(curve, share))
+        return misfit(box_share_to_parameters(curve, share))
 
     few = {name: column[chosen] for name, column in conditions.items()}
 
@@ -232,7 +232,7 @@ def _fit(
             model = with_free_values(curve, parameters)(slip[chosen], few)
             return jnp.sum((model - adhesion[chosen]) ** 2)
 
-        value = jax.vmap(one_member, in_axes=1)(_box_share_to_parameters(curve, share))
+        value = jax.vmap(one_member, in_axes=1)(box_share_to_parameters(curve, share))
         # A denominator may vanish inside the box: such a curve counts as worse than any other.
         return jnp.where(jnp.isfinite(value), value, jnp.inf)
 
@@ -256,7 +256,7 @@ def _fit(
     bound = on_bound(share, zero, one) & free_of_cost
     share = jnp.where(bound, snapped, share)
 
-    parameters = _box_share_to_parameters(curve, share)
+    parameters = box_share_to_parameters(curve, share)
     sensitivity = jax.jacfwd(misfit_of_share)(share)
     unfelt = ~bound & (jnp.sqrt(jnp.mean(sensitivity**2, axis=0)) < _NO_INFLUENCE)
     free = ~bound & ~unfelt
@@ -266,7 +266,7 @@ def _fit(
     information = jnp.where(jnp.outer(free, free), sensitivity.T @ sensitivity, 0.0)
     information = information + jnp.diag(jnp.where(free, 0.0, 1.0))
     of_share = jnp.where(jnp.outer(free, free), variance * inverse_information(information), 0.0)
-    stretch = jax.jacfwd(lambda share: _box_share_to_parameters(curve, share))(share)
+    stretch = jax.jacfwd(lambda share: box_share_to_parameters(curve, share))(share)
     covariance = stretch @ of_share @ stretch.T
 
     def peak_values(parameters: Float[Array, " free"]) -> Float[Array, "2"]:
