@@ -21,10 +21,21 @@ KNOWN = catalogue()
     show_default=True,
 )
 @click.option(
+    "--by",
+    metavar="COLUMN",
+    help="Compare the largest adhesion of the groups of runs by this column, or by run.",
+)
+@click.option(
+    "--slip-noise",
+    type=click.FloatRange(min=0),
+    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
+    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
+)
+@click.option(
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for curves.csv, curves.png and verdict.txt.",
+    help="Folder for curves.csv, curves.png, verdict.txt, and with --by runs.csv and runs.png.",
     show_default=True,
 )
 def main(**asked: Any) -> None:

@@ -2,249 +2,273 @@
 
 The adhesion of a run, y, [points], is taken as
 
-    y = f(s; theta) + f(s) sum_j b_j phi_j(s) + f(s) a + e,
+    y = f(s; theta) + sum_j b_j phi_j(s) + f(s) a + e,
 
 with the curve f, what the curve misses as a smooth function of the slip (b_j normal of variance
 misfit^2/j^3), a level of the run (a normal, of standard deviation run_scatter) and noise e of
 standard deviation sigma, whose neighbours in a run have the correlation `autocorrelation`.
 
 With the curve linear in theta about its fit, the likelihood needs no more than sums of products of
-columns over the points of each run: of the derivatives, of f phi, of f, and of the residual.
+columns over the points of each run: of the derivatives, of phi, of f, and of the residual.
 """
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Bool, Float
 
 #: Number of functions of the slip that make up what a curve misses.
 MISFITS = 8
 
+#: Inverse variances of their factors, relative to that of the first.
+_ROUGHNESS = np.arange(1.0, MISFITS + 1) ** 3
+
 #: Largest autocorrelation that is considered: noise beyond it would be a drift.
 _MOST_CORRELATED = 0.995
+
+#: The autocorrelation is estimated only if runs have more points than this on average: in shorter
+#: runs it cannot be separated from their levels. By hand.
+_SHORT = 5
 
 #: Largest variance of the levels of the runs, and of the misfit, relative to that of the noise.
 _LARGEST_RATIO = 1e8
 
-#: Places along each of autocorrelation, run scatter and misfit: of a first grid, and of finer ones
-#: about the best place so far, each spanning half the one before.
-_FIRST, _FINER, _TURNS = 9, 5, 8
+#: Places along autocorrelation and run scatter, and along the misfit: of a first grid, and of finer
+#: ones about the best place so far, each spanning half the one before.
+_FIRST, _FIRST_MISFIT, _FINER, _TURNS = 9, 33, 5, 8
 
 #: Share of the information about a parameter that is added to it against rounding.
 _ROUNDING = 1e-12
 
+#: Largest number of values that are held for a grid.
+_HELD = 4_000_000
+
 
 class RunNoise(NamedTuple):
-    """The parameters of the noise; variances relative to sigma^2."""
+    """The noise: a standard deviation, a correlation, and variances relative to sigma^2."""
 
-    autocorrelation: Float[Array, ""]
-    scatter: Float[Array, ""]  # (run_scatter/sigma)^2
-    misfit: Float[Array, ""]  # (misfit/sigma)^2
+    sigma: float
+    autocorrelation: float
+    scatter: float  # (run_scatter/sigma)^2
+    misfit: float  # (misfit/sigma)^2
 
 
 class Products(NamedTuple):
-    """Sums over the points of each run of products of columns, [4, runs, columns, columns].
+    """Sums over points of products of columns.
 
     First axis, the points that are summed over: those without a predecessor in their run; those
     with one; the latter times their predecessors, both ways; the predecessors. The columns are the
-    derivatives, the functions of the misfit, the level f, and the residual.
+    derivatives, the functions of the misfit, the level f, and the residual. A part is what is left
+    out at a time to judge a curve: a run, or several.
     """
 
-    sums: Float[Array, "4 runs columns columns"]
-    points: Float[Array, " runs"]
-    linked: Float[Array, " runs"]  # points with a predecessor
+    parts: Float[np.ndarray, "4 parts columns columns"]
+    levels: Float[np.ndarray, "4 runs columns"]  # of the level with each column
+    part: np.ndarray  # of each run
+    points: Float[np.ndarray, " parts"]
+    linked: Float[np.ndarray, " parts"]  # points with a predecessor
+    log_weight: Float[np.ndarray, " parts"]  # sums of the logarithms of the weights
+
+    @property
+    def derivatives(self) -> int:
+        return self.parts.shape[-1] - MISFITS - 2
 
 
-class Fixed(NamedTuple):
+class Allowed(NamedTuple):
     """What of the noise may be estimated, and which derivatives are free."""
 
-    free: Bool[Array, " derivatives"]
-    ordered: Bool[Array, ""]  # the points of a run are in the order of time
-    several: Bool[Array, ""]  # there are runs, whose levels may differ
+    free: Bool[np.ndarray, " derivatives"]
+    ordered: bool  # the points of a run are in the order of time
+    several: bool  # there are runs, whose levels may differ
 
 
-class Noise(NamedTuple):
-    """The noise of greatest restricted likelihood."""
-
-    shape: RunNoise
-    variance: Float[Array, ""]  # sigma^2
-
-
-def products_of(
-    columns: Float[Array, "1+points columns"], valid: Bool[Array, " 1+points"]
-) -> Float[Array, "4 columns columns"]:
-    """The products over one stretch of a run, led in by the last point of the stretch before."""
-    now, before = columns[1:], columns[:-1]
-    here, led = valid[1:], valid[1:] & valid[:-1]
-    alone = jnp.where((here & ~led)[:, None], now, 0.0)
-    now, before = jnp.where(led[:, None], now, 0.0), jnp.where(led[:, None], before, 0.0)
-    crossed = now.T @ before
-    return jnp.stack([alone.T @ alone, now.T @ now, crossed + crossed.T, before.T @ before])
-
-
-def whitened(
-    found: Products, noise: RunNoise
-) -> tuple[Float[Array, "runs columns columns"], Float[Array, " runs"]]:
-    """The products of each run under the inverse of its noise, in units of sigma.
-
-    Also the log determinants that the level of the run adds, halved. The misfit is no part of this
-    noise: its functions are columns.
-    """
-    one = _without_correlation(found.sums, noise)
-    level = one[:, -2]
-    size = 1 + noise.scatter * level[:, -2]
-    less = noise.scatter * level[:, :, None] * level[:, None, :] / size[:, None, None]
-    return one - less, 0.5 * jnp.log(size)
-
-
-def whitened_sum(
-    total: Float[Array, "4 columns columns"],
-    levels: Float[Array, "4 runs columns"],
-    noise: RunNoise,
-) -> tuple[Float[Array, "columns columns"], Float[Array, ""]]:
-    """The sums over the runs of `whitened`, from those of the products and the rows of the level."""
-    level = _without_correlation(levels, noise)
-    size = 1 + noise.scatter * level[:, -2]
-    less = (level * (noise.scatter / size)[:, None]).T @ level
-    return _without_correlation(total, noise) - less, 0.5 * jnp.sum(jnp.log(size))
-
-
-def _without_correlation(sums: Float[Array, "4 *rest"], noise: RunNoise) -> Float[Array, "*rest"]:
+def without_correlation(sums: np.ndarray, r: np.ndarray | float) -> np.ndarray:
+    """The products [..., *rest] of [4, *rest] under AR(1) noise of correlation r, [...]."""
+    r = np.asarray(r)[(..., *(None,) * (sums.ndim - 1))]
     alone, now, crossed, before = sums
-    r = noise.autocorrelation
     return alone + (now - r * crossed + r**2 * before) / (1 - r**2)
 
 
-def normal_equations(
-    white: Float[Array, "columns columns"], noise: RunNoise, free: Bool[Array, " derivatives"]
-) -> tuple[Float[Array, "wanted wanted"], Float[Array, " wanted"]]:
-    """Matrix and right hand side for derivatives and misfit together.
+def whitened_sum(
+    total: np.ndarray, levels: np.ndarray, r: np.ndarray, scatter: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The products over all runs under the inverse of their noise, in units of sigma.
 
-    Rows and columns of derivatives that are not free, and those of a misfit that is none, are those
-    of the identity.
+    `r` and `scatter` are of like shape [choices]; the results are [choices, columns, columns] and
+    the log determinants [choices] that the levels of the runs add, halved. The misfit is no part of
+    this noise: its functions are columns.
     """
-    used = wanted(noise, free)
-    matrix = jnp.where(used[:, None] & used, white[: used.size, : used.size], 0.0)
-    return (
-        matrix + jnp.diag(jnp.where(used, prior(noise, free.size), 1.0)),
-        jnp.where(used, white[: used.size, -1], 0.0),
-    )
+    level = without_correlation(levels, r)
+    size = 1 + scatter[:, None] * level[:, :, -2]
+    less = (level * (scatter[:, None] / size)[:, :, None]).mT @ level
+    return without_correlation(total, r) - less, 0.5 * np.sum(np.log(size), axis=1)
 
 
-def wanted(noise: RunNoise, free: Bool[Array, " derivatives"]) -> Bool[Array, " wanted"]:
-    """Which derivatives and functions of the misfit are estimated."""
-    return jnp.concatenate([free, jnp.full(MISFITS, noise.misfit > 0)])
+def whitened_parts(found: Products, noise: RunNoise) -> tuple[np.ndarray, np.ndarray]:
+    """The same for each part, [parts, columns, columns] and [parts]."""
+    level = without_correlation(found.levels, noise.autocorrelation)
+    size = 1 + noise.scatter * level[:, -2]
+    white = without_correlation(found.parts, noise.autocorrelation)
+    growth = np.zeros(len(white))
+    np.add.at(growth, found.part, 0.5 * np.log(size))
+    if noise.scatter > 0:
+        less = (noise.scatter / size)[:, None, None] * level[:, :, None] * level[:, None, :]
+        np.subtract.at(white, found.part, less)
+    return white, growth
 
 
-def prior(noise: RunNoise, derivatives: int) -> Float[Array, " wanted"]:
-    """Inverse variances in units of sigma^-2: none of the derivatives, of the misfit j^3/misfit."""
-    rough = jnp.arange(1.0, MISFITS + 1) ** 3 / jnp.where(noise.misfit > 0, noise.misfit, 1.0)
-    return jnp.concatenate([jnp.zeros(derivatives), rough])
+def whitened(found: Products, noise: RunNoise) -> np.ndarray:
+    """The products over all runs under this noise, [columns, columns]."""
+    r, scatter = np.array([noise.autocorrelation]), np.array([noise.scatter])
+    return whitened_sum(found.parts.sum(axis=1), found.levels, r, scatter)[0][0]
 
 
-def misfit_functions(
-    slip: Float[Array, "*shape"], middle: Float[Array, ""], largest: Float[Array, ""]
-) -> Float[Array, "*shape misfits"]:
-    """cos(pi j u), j from 1, of u = s/(s + middle) relative to that of the largest slip."""
-    size = jnp.minimum(jnp.abs(slip), largest)
-    share = size / (size + middle) * (largest + middle) / largest
-    return jnp.cos(jnp.pi * jnp.arange(1, MISFITS + 1) * share[..., None])
+def normal_equations(
+    white: np.ndarray, misfit: float, free: Bool[np.ndarray, " derivatives"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Matrix and right hand side for free derivatives and misfit, and the columns they belong to.
+
+    `white` may be a stack, [..., columns, columns]. Derivatives come first.
+    """
+    used = np.flatnonzero(free)
+    prior = np.zeros(used.size)
+    if misfit > 0:
+        used = np.concatenate([used, free.size + np.arange(MISFITS)])
+        prior = np.concatenate([prior, _ROUGHNESS / misfit])
+    matrix = white[..., used[:, None], used] + np.diag(prior)
+    return matrix, white[..., used, -1], used
 
 
-def estimated(found: Products, fixed: Fixed, floor: Float[Array, ""]) -> Noise:
+def estimated(found: Products, allowed: Allowed, floor: float, near: RunNoise | None) -> RunNoise:
     """The noise of greatest restricted likelihood, by grids that close in on it.
 
     An autocorrelation is estimated only if the points of the runs are in the order of time, the
     scatter of the runs only where there are several. `floor` is the least variance that is taken
-    for noise and not for the rounding of numbers. Patterson and Thompson 1971, Biometrika
-    58:545-554; Harville 1977, J. Am. Stat. Assoc. 72:320-338.
+    for noise and not for the rounding of numbers. With a noise that is `near`, only about that one.
+    Patterson and Thompson 1971, Biometrika 58:545-554; Harville 1977, J. Am. Stat. Assoc.
+    72:320-338.
     """
-    total, levels = jnp.sum(found.sums, axis=1), found.sums[:, :, -2]
-    count = fixed.free.size
-    sizes = jnp.diagonal(total[0] + total[1])
-    of_level = found.points.size / sizes[-2]
-    of_misfit = 1 / jnp.mean(sizes[count : count + MISFITS])
-    points, linked = jnp.sum(found.points), jnp.sum(found.linked)
-    degrees = jnp.maximum(points - jnp.sum(fixed.free), 1.0)
-
-    def at(place: Float[Array, "3"]) -> RunNoise:
-        ratio = jnp.expm1(place[1:] * jnp.log1p(_LARGEST_RATIO * 1e3)) / 1e3
-        r = _MOST_CORRELATED * jnp.sqrt(place[0])
-        return RunNoise(r, ratio[0] * of_level, ratio[1] * of_misfit)
-
-    def loss(noise: RunNoise) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """Minus the restricted log likelihood less a constant, and the best sigma^2."""
-        white, growth = whitened_sum(total, levels, noise)
-        matrix, right = normal_equations(white, noise, fixed.free)
-        even, scale = _scaled(matrix)
-        factor = jnp.linalg.cholesky(even)
-        along = jax.scipy.linalg.solve_triangular(factor, right * scale, lower=True)
-        left = jnp.maximum(white[-1, -1] - along @ along, 0.0) / degrees + floor
-        rough = jnp.where(noise.misfit > 0, jnp.log(prior(noise, count)[count:]), 0.0)
-        determinants = (
-            jnp.sum(jnp.log(jnp.diagonal(factor)))
-            - jnp.sum(jnp.log(scale))
-            - 0.5 * jnp.sum(rough)
-            + 0.5 * linked * jnp.log1p(-(noise.autocorrelation**2))
-            + growth
-        )
-        value = 0.5 * degrees * jnp.log(left) + determinants
-        return jnp.where(jnp.isfinite(value), value, jnp.inf), left
-
+    total, runs = found.parts.sum(axis=1), found.levels.shape[1]
+    count, points = found.derivatives, found.points.sum()
+    sizes = np.diagonal(total[0] + total[1])
+    units = np.array([runs / sizes[-2], 1 / np.mean(sizes[count : count + MISFITS])])
+    degrees = max(points - np.sum(allowed.free), 1.0)
+    linked = found.linked.sum()
+    ordered = allowed.ordered and points > _SHORT * runs
     # What the points tell grows with their number: an autocorrelation, with that of a run.
-    highest = jnp.array([1.0, 1.0, 0.75]) * jnp.array([fixed.ordered, fixed.several, True])
+    highest = np.array([1.0 * ordered, 1.0 * allowed.several, 0.75])
+    batch = max(_HELD // (runs * total.shape[-1]), 1)
 
-    def best_of(centre: Float[Array, "3"], reach: Float[Array, "3"], count: int) -> Array:
-        steps = jnp.linspace(-1.0, 1.0, count)
-        places = jnp.stack(jnp.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-        places = jnp.clip(centre + places * reach, 0.0, highest)
-        return places[jnp.argmin(jax.lax.map(lambda place: loss(at(place))[0], places, batch_size=count**2))]
+    def losses(r: np.ndarray, scatter: np.ndarray, misfit: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Minus the restricted log likelihoods less a constant and the best sigma^2.
 
-    def closer(turn: Int[Array, ""], best: Float[Array, "3"]) -> Float[Array, "3"]:
-        return best_of(best, highest / (_FIRST - 1) * 0.5**turn, _FINER)
+        [choices of r and scatter, choices of misfit].
+        """
+        white, growth = whitened_sum(total, found.levels, r, scatter)
+        quadratic, determinant, values, along = _without_curve(white, allowed.free)
+        size = 1 + misfit[:, None] * values[:, None, :]
+        explained = np.sum(misfit[:, None] * along[:, None, :] ** 2 / size, axis=-1)
+        variance = np.maximum(quadratic[:, None] - explained, 0.0) / degrees + floor
+        fixed = determinant + growth + 0.5 * linked * np.log1p(-(r**2))
+        loss = 0.5 * degrees * np.log(variance) + fixed[:, None]
+        loss = loss + 0.5 * np.sum(np.log(size), axis=-1)
+        return np.where(np.isfinite(loss), loss, np.inf), variance
 
-    first = best_of(highest / 2, highest / 2, _FIRST)
-    noise = at(jax.lax.fori_loop(0, _TURNS, closer, first))
-    return Noise(noise, loss(noise)[1])
+    def search(low: np.ndarray, high: np.ndarray, shape: tuple[int, int, int]) -> tuple:
+        axes = [
+            np.unique(np.linspace(a, b, n)) for a, b, n in zip(low, high, shape, strict=True)
+        ]
+        first, second = (axis.ravel() for axis in np.meshgrid(*axes[:2], indexing="ij"))
+        best = (np.inf, np.zeros(3), 1.0)
+        for begin in range(0, first.size, batch):
+            some = slice(begin, begin + batch)
+            noise = _at(first[some], second[some], axes[2], units)
+            loss, variance = losses(*noise)
+            at = np.unravel_index(np.argmin(loss), loss.shape)
+            if loss[at] < best[0] or not np.isfinite(best[0]):
+                place = np.array([first[some][at[0]], second[some][at[0]], axes[2][at[1]]])
+                best = (loss[at], place, variance[at])
+        return best
+
+    if near is None:
+        _, place, variance = search(0 * highest, highest, (_FIRST, _FIRST, _FIRST_MISFIT))
+        turns = range(_TURNS)
+    else:
+        place = np.minimum(_place(near, units), highest)
+        turns = range(3, _TURNS)
+    for turn in turns:
+        reach = highest / (_FIRST - 1) * 0.5**turn
+        low, high = np.maximum(place - reach, 0.0), np.minimum(place + reach, highest)
+        _, place, variance = search(low, high, (_FINER, _FINER, 2 * _FINER - 1))
+    r, scatter, misfit = (float(np.squeeze(one)) for one in _at(*place, units))
+    return RunNoise(float(np.sqrt(variance)), r, scatter, misfit)
+
+
+def _at(first: np.ndarray, second: np.ndarray, third: np.ndarray, units: np.ndarray) -> tuple:
+    """Autocorrelation, scatter and misfit at places in [0, 1]: 0 at 0, then nearly logarithmic."""
+    ratios = (np.expm1(place * np.log1p(_LARGEST_RATIO * 1e3)) / 1e3 for place in (second, third))
+    scatter, misfit = (ratio * unit for ratio, unit in zip(ratios, units, strict=True))
+    return _MOST_CORRELATED * np.sqrt(first), scatter, misfit
+
+
+def _place(noise: RunNoise, units: np.ndarray) -> np.ndarray:
+    """The inverse of `_at`."""
+    ratios = np.array([noise.scatter, noise.misfit]) / units
+    places = np.log1p(ratios * 1e3) / np.log1p(_LARGEST_RATIO * 1e3)
+    return np.array([(noise.autocorrelation / _MOST_CORRELATED) ** 2, *places])
+
+
+def _without_curve(white: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, ...]:
+    """What is left of stacks of products when the free derivatives are projected out.
+
+    The square of the residual, half the log determinant of the derivatives, and for the functions
+    of the misfit, in units of their prior, the eigenvalues of their information and the residual
+    along its eigenvectors: the likelihood for any size of the misfit is then a sum over these.
+    """
+    used = np.flatnonzero(free)
+    rest = np.append(free.size + np.arange(MISFITS), white.shape[-1] - 1)
+    matrix = white[:, used[:, None], used]
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=1, axis2=2), 1e-300))
+    even = matrix * scale[:, :, None] * scale[:, None, :] + _ROUNDING * np.eye(used.size)
+    across = white[:, used[:, None], rest] * scale[:, :, None]
+    left = white[:, rest[:, None], rest] - across.mT @ np.linalg.solve(even, across)
+    determinant = 0.5 * np.linalg.slogdet(even)[1] - np.sum(np.log(scale), axis=1)
+    prior = 1 / np.sqrt(_ROUGHNESS)
+    values, vectors = np.linalg.eigh(left[:, :-1, :-1] * prior[:, None] * prior)
+    along = (vectors.mT @ (left[:, :-1, -1:] * prior[:, None]))[:, :, 0]
+    return left[:, -1, -1], determinant, np.maximum(values, 0.0), along
 
 
 def left_out(
-    found: Products, noise: Noise, inside: Bool[Array, " derivatives"]
-) -> Float[Array, " runs"]:
-    """The log density of each run, given the fit to all others; the noise is that of all runs."""
-    white, growth = whitened(found, noise.shape)
-    total = jnp.sum(white, axis=0)
-    used = wanted(noise.shape, inside)
-    free = jnp.outer(used, used)
-    correlated = 0.5 * found.linked * jnp.log1p(-(noise.shape.autocorrelation**2))
-    usual = 0.5 * found.points * jnp.log(2 * jnp.pi * noise.variance) + correlated + growth
-
-    def one(of_run: Float[Array, "columns columns"]) -> Float[Array, ""]:
-        matrix, right = normal_equations(total - of_run, noise.shape, inside)
-        own = jnp.where(free, of_run[: used.size, : used.size], 0.0)
-        cross = jnp.where(used, of_run[: used.size, -1], 0.0)
-        best = solve(matrix, right)
-        square = of_run[-1, -1] - 2 * best @ cross + best @ own @ best
-        gradient = cross - own @ best
-        square -= gradient @ solve(matrix + own, gradient)
-        logs = jnp.linalg.slogdet(matrix + own)[1] - jnp.linalg.slogdet(matrix)[1]
-        return -0.5 * (square / noise.variance + logs)
-
-    return jax.lax.map(one, white) - usual
+    found: Products, noise: RunNoise, inside: Bool[np.ndarray, " derivatives"]
+) -> Float[np.ndarray, " parts"]:
+    """The log density of each part, given the fit to all others; the noise is that of all runs."""
+    white, growth = whitened_parts(found, noise)
+    variance = noise.sigma**2
+    matrix, right, used = normal_equations(white.sum(axis=0) - white, noise.misfit, inside)
+    own, cross = white[:, used[:, None], used], white[:, used, -1]
+    best = solve(matrix, right)
+    miss = cross - (own @ best[:, :, None])[:, :, 0]
+    square = white[:, -1, -1] - np.sum(best * (cross + miss), axis=1)
+    square -= np.sum(miss * solve(matrix + own, miss), axis=1)
+    spread = 0.5 * (np.linalg.slogdet(matrix + own)[1] - np.linalg.slogdet(matrix)[1])
+    correlated = 0.5 * found.linked * np.log1p(-(noise.autocorrelation**2))
+    usual = 0.5 * found.points * np.log(2 * np.pi * variance) + correlated + growth
+    return found.log_weight - usual - spread - 0.5 * square / variance
 
 
-def solve(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
+def solve(matrix: Float[np.ndarray, "*b n n"], right: Float[np.ndarray, "*b n"]) -> np.ndarray:
     even, scale = _scaled(matrix)
-    return jnp.linalg.solve(even, right * scale) * scale
+    return np.linalg.solve(even, (right * scale)[..., None])[..., 0] * scale
 
 
-def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+def inverse(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     even, scale = _scaled(matrix)
-    return jnp.linalg.inv(even) * scale[:, None] * scale
+    return np.linalg.inv(even) * scale[:, None] * scale
 
 
-def _scaled(matrix: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Float[Array, " n"]]:
-    """The matrix with a diagonal of ones, and the factors that make it so."""
-    scale = 1 / jnp.sqrt(jnp.maximum(jnp.diagonal(matrix), 1e-300))
-    return matrix * scale[:, None] * scale + _ROUNDING * jnp.eye(len(scale)), scale
+def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices with diagonals of ones, and the factors that make them so."""
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
+    even = matrix * scale[..., :, None] * scale[..., None, :]
+    return even + _ROUNDING * np.eye(scale.shape[-1]), scale
