@@ -12,6 +12,7 @@ from adhesion_jax.library.identify import IDENTIFY_FILES, identify
 
 def main(file: str, curve: str, by: str | None, slip_noise: float | None, out: Path) -> None:
     """Write what the measured points of a file, or of a set that ships, say of a curve, or all."""
+    directory = output_directory(out)
     with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
 
         def progress(words: str, share: float) -> None:
@@ -19,7 +20,7 @@ def main(file: str, curve: str, by: str | None, slip_noise: float | None, out: P
             bar.update(100 * share - bar.n)
 
         found = identify(file, CURVES if curve == "all" else curve, by, slip_noise, progress)
-    with staged(output_directory(out), IDENTIFY_FILES) as stage:
+    with staged(directory, IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")
 

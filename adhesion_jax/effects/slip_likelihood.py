@@ -74,7 +74,7 @@ def likeliest(record: Record, falls_with: str, given: float | None) -> SlipSigna
     with np.errstate(over="ignore"):
         ends = sigma * np.exp([-spread, spread])
     plain = SlipNoise(sigma=sigma, roughness=rough, falls_with=falls_with)
-    return SlipSignal(plain, *ends.tolist(), least)
+    return SlipSignal(plain, float(ends[0]), float(ends[1]), least)
 
 
 def _losses(record: Record, falls_with: str, choices: np.ndarray) -> np.ndarray:

@@ -115,8 +115,7 @@ class Identification:
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "curves.csv", self.table)
-        told = f"{answer_lines(self.answer, self.fit)}\n\n{self.verdict}\n"
-        (path / "verdict.txt").write_text(told, encoding="utf-8")
+        (path / "verdict.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
         title = Path(self.measured.name).name
         draw = in_double_precision(draw_measured)
         draw(path / "curves.png", title, self.fits, self.residuals, self.answer)
@@ -200,10 +199,10 @@ def _labels(points: Measured, by: str, run: np.ndarray) -> pd.Series:
         )
     column = table[by] if by in table else pd.Series(run + 1, table.index)
     labels = column.astype(str).groupby(run)
-    mixed = labels.nunique()
+    mixed = labels.nunique().to_numpy()
     if mixed.max() > 1:
         raise InputError(
-            f"{points.name}: run {mixed.idxmax() + 1} has several values of {by}; a run belongs to "
+            f"{points.name}: run {mixed.argmax() + 1} has several values of {by}; a run belongs to "
             "one group."
         )
     first = labels.first()

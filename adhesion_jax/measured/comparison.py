@@ -40,11 +40,11 @@ def compared(fit: MeasuredFit, labels: pd.Series, by: str) -> Comparison:
     equal g has F's distribution, with as many degrees of freedom as there are independent points
     beyond the parameters, or runs beyond the groups. `labels` is the group of each run.
     """
-    groups = pd.unique(labels)
+    codes, groups = pd.factorize(labels)
     runs, count = len(labels), len(groups)
     contrasts = helmert(runs)  # [runs - 1, runs]: the mean level belongs to the curve
     estimate, covariance = _levels(fit, contrasts)
-    members = (labels.to_numpy()[:, None] == groups).astype(float)
+    members = (codes[:, None] == np.arange(count)).astype(float)
     single = count == runs
     variance = 0.0 if single else _within(estimate, covariance, contrasts @ members)
     whole = covariance + variance * np.eye(runs - 1)

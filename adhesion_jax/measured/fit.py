@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
-from adhesion_jax.curves import SLIP_LIMIT, Curve, Peak, with_free_values
+from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
 from adhesion_jax.identifiers.base import Status
-from adhesion_jax.measured.law import Law, peak_of
+from adhesion_jax.measured.law import Law, LawPeak, peak_of
 from adhesion_jax.measured.noise import (
     MISFITS,
     Allowed,
@@ -76,7 +76,7 @@ class MeasuredFit(NamedTuple):
     law: Law
     on_bound: Bool[np.ndarray, " free"]
     no_influence: Bool[np.ndarray, " free"]
-    peak: Peak
+    peak: LawPeak
     slip_opt_se: float  # NaN where there is no peak
     mu_max_se: float
     degrees: float  # of freedom of the standard errors
@@ -183,29 +183,35 @@ def fitted(
         return _State(share, *products(points, curve, there, stretch, span, weight))
 
     state = at(start)
-    allowed = Allowed(_felt(state.products), points.ordered, points.several)
-    noise = estimated(state.products, allowed, floor, None)
+    felt = _felt(state.products)
+
+    def noise_at(state: _State, near: RunNoise | None) -> RunNoise:
+        free = felt & (state.share > 0) & (state.share < 1)
+        allowed = Allowed(free, points.ordered, points.several)
+        return estimated(state.products, allowed, floor, near)
+
+    noise = noise_at(state, None)
     for _ in range(_WEIGHTINGS if points.slip_noise.any() else 0):
         weight = weights(points, curve, parameters_at(curve, start), noise.sigma)
         state = at(start)
-        noise = estimated(state.products, allowed, floor, None)
+        noise = noise_at(state, None)
     damping, converged = 1e-3, False
     for _ in range(_MOST_STEPS):
-        share, promised = _step(state, noise, allowed.free, 0.0)
+        share, promised = _step(state, noise, felt, 0.0)
         converged = promised < _NEAR
         if not converged:
-            share, _ = _step(state, noise, allowed.free, damping)
+            share, _ = _step(state, noise, felt, damping)
         trial = at(share)
         now, then = (whitened(one.products, noise)[-1, -1] for one in (state, trial))
         if then <= now + _TOLERATED * noise.sigma**2:
             state, damping = trial, 0.2 * damping
             if promised > _FAR:
-                noise = estimated(state.products, allowed, floor, noise)
+                noise = noise_at(state, noise)
         else:
             damping = max(10 * damping, 1e-3)
         if converged:
             break
-    felt = allowed.free
+    noise = noise_at(state, noise)
     return _described(curve, state, noise, felt, points, span, medians, limit, converged)
 
 
@@ -305,7 +311,7 @@ def _described(
         law,
         bound,
         ~felt,
-        Peak(peak.slip, peak.adhesion, peak.found),
+        peak,
         float(np.sqrt(peak.by_slip @ law.covariance @ peak.by_slip)) if peak.found else np.nan,
         float(np.sqrt(of_level)),
         float(degrees),

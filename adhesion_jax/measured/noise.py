@@ -200,7 +200,8 @@ def estimated(found: Products, allowed: Allowed, floor: float, near: RunNoise | 
         reach = highest / (_FIRST - 1) * 0.5**turn
         low, high = np.maximum(place - reach, 0.0), np.minimum(place + reach, highest)
         _, place, variance = search(low, high, (_FINER, _FINER, 2 * _FINER - 1))
-    r, scatter, misfit = (float(np.squeeze(one)) for one in _at(*place, units))
+    first, second, third = place[:, None]
+    r, scatter, misfit = (float(one[0]) for one in _at(first, second, third, units))
     return RunNoise(float(np.sqrt(variance)), r, scatter, misfit)
 
 

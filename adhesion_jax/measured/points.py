@@ -132,7 +132,7 @@ def products(
         for run in range(begin, end):
             low, high = np.clip(points.starts[run : run + 2] - first, 0, slip.size)
             told = _of_stretch(
-                block[low : high + 1], first + low == points.starts[run], points.ordered
+                block[low : high + 1], bool(first + low == points.starts[run]), points.ordered
             )
             part = points.part[run]
             sums[:, part] += told

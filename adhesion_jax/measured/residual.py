@@ -56,10 +56,11 @@ def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
     ratio = np.sum(np.diff(centred) ** 2) / max(np.sum(centred**2), np.finfo(float).tiny)
     deviation = 2 * np.sqrt((points - 2) / (points**2 - 1))
 
-    behind = float(fit.peak.slip) if fit.peak.found else np.inf
-    if behind >= slip[-1]:
-        model = adhesion - residual
-        behind = float(slip[np.argmax(model >= _SHOULDER * model.max())])
+    model = adhesion - residual
+    top = int(np.argmax(model))
+    if slip[top] == slip[-1]:  # no peak of the curve among the points
+        top = int(np.argmax(model >= _SHOULDER * model.max()))
+    behind = float(slip[top])
     after = slip > behind
     slope, slope_se = _slope(slip[after], residual[after])
     return Residual(

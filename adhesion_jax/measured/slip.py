@@ -60,9 +60,10 @@ def likely_errors(
     names = names if given is None else names[:1]
     slip = np.asarray(record.slip)
     if not in_time:
-        spread = given / np.maximum(record.conditions[names[0]], _SLOWEST) if names[0] else given
-        variance = np.broadcast_to(np.asarray(spread, float) ** 2, slip.shape)
-        return SlipErrors(slip, variance, variance, float(given or 0), given, given, names[0])
+        sigma = given or 0.0
+        speed = np.maximum(record.conditions[names[0]], _SLOWEST) if names[0] else np.array(1.0)
+        variance = np.broadcast_to((sigma / speed) ** 2, slip.shape)
+        return SlipErrors(slip, variance, variance, sigma, sigma, sigma, names[0])
     signal = min((likeliest(_some(record, run), name, given) for name in names), key=_loss)
     smoothed, unknown = _smoothed(signal.effect, record, run)
     return SlipErrors(

@@ -7,17 +7,14 @@ import pandas as pd
 
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.fit import MeasuredFit
-from adhesion_jax.report.measured.words import reasons
+from adhesion_jax.report.measured.words import LEAST_NAMED, reasons
 from adhesion_jax.wording import listed, plus_minus
-
-#: Least weight at which a curve is named as part of the answer.
-_NAMED = 0.005
 
 
 def answer_lines(answer: Answer, fit: MeasuredFit) -> str:
     """The peak by all curves together, for a terminal; `fit` is that of any of them."""
     unit = fit.slip_unit
-    weights = {name: w for name, w in answer.weights.items() if w >= _NAMED}
+    weights = {name: w for name, w in answer.weights.items() if w >= LEAST_NAMED}
     ranked = sorted(weights, key=lambda name: -weights[name])
     slip = f"{_interval(answer.slip_opt)}{unit}"
     if np.isnan(answer.slip_opt.value):

@@ -18,6 +18,9 @@ from adhesion_jax.wording import listed, plus_minus
 #: standard deviations.
 _LIKENESS = 2.0
 
+#: Least weight at which a curve is named as part of the answer.
+LEAST_NAMED = 0.005
+
 #: Curves are told apart if their log densities differ by so many standard errors of the difference.
 _APART = 2.0
 
@@ -49,7 +52,7 @@ def verdict(
     best = fits[ranked[0]]
     paragraphs = [
         ("Data", _data_sentences(measured, citation, left)),
-        ("Curve", _curve_sentences(fits, ranked)),
+        ("Curve", _curve_sentences(fits, ranked, answer)),
         ("Peak", _peak_sentences(answer, best, left)),
         ("Noise", _noise_sentences(ranked[0], best, slip, runs, "time_s" in measured.table)),
         ("Residual", _residual_sentences(best, left)),
@@ -116,7 +119,9 @@ def _data_sentences(measured: Measured, citation: str, left: Residual) -> list[s
     return [*sentences, citation] if citation else sentences
 
 
-def _curve_sentences(fits: Mapping[str, MeasuredFit], ranked: Sequence[str]) -> list[str]:
+def _curve_sentences(
+    fits: Mapping[str, MeasuredFit], ranked: Sequence[str], answer: Answer
+) -> list[str]:
     best = fits[ranked[0]]
     if len(ranked) == 1:
         return [f"{ranked[0]}, rms {best.rms:.4f}; no other curve was fitted to compare it with."]
@@ -124,11 +129,15 @@ def _curve_sentences(fits: Mapping[str, MeasuredFit], ranked: Sequence[str]) -> 
     gain = best.left_out - second.left_out
     error = float(np.sqrt(gain.size) * np.std(gain))
     apart = gain.sum() > _APART * error
+    heavy = {name: weight for name, weight in answer.weights.items() if weight >= LEAST_NAMED}
+    by_weight = sorted(heavy, key=lambda name: -heavy[name])
+    weights = listed([f"{name} has the weight {heavy[name]:.2f}" for name in by_weight])
     return [
         f"{ranked[0]} predicts best the points that are left out of its fit: their log density is "
         f"{plus_minus(float(gain.sum()), error)} above that by {ranked[1]} (rms {best.rms:.4f} "
         f"against {second.rms:.4f}), so the points "
-        + ("speak for it." if apart else "do not tell these two apart.")
+        + ("speak for it." if apart else "do not tell these two apart."),
+        f"In the answer by all curves {weights}.",
     ]
 
 
@@ -236,7 +245,8 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
 
 def _run_sentences(comparison: Comparison) -> list[str]:
     table, by = comparison.table, comparison.by
-    low, high = table.loc[table["mu_max"].idxmin()], table.loc[table["mu_max"].idxmax()]
+    order = np.argsort(table["mu_max"].to_numpy())
+    low, high = table.iloc[order[0]], table.iloc[order[-1]]
     beyond = (
         f" beyond the scatter of {100 * comparison.run_scatter:.2g} % between runs of one {by}"
         if comparison.run_scatter > 0

@@ -118,7 +118,7 @@ def _programme() -> np.ndarray:
 
 def _record(slip: np.ndarray, adhesion: np.ndarray) -> Record:
     every = jnp.ones(slip.size, dtype=bool)
-    time = np.tile(np.arange(SAMPLES) / RATE_HZ, RUNS)
+    time = jnp.asarray(np.tile(np.arange(SAMPLES) / RATE_HZ, RUNS))
     return Record(jnp.asarray(slip), jnp.asarray(adhesion), every, every, {"time_s": time})
 
 
@@ -141,7 +141,8 @@ def coverage_rates(rows: pd.DataFrame) -> pd.DataFrame:
     relative to that of the known curve in white noise.
     """
     unknown = rows[rows["truth"] != "known"]
-    groups = [(*key, part) for key, part in rows.groupby(["truth", "noise"], sort=False)]
+    keys = rows[["truth", "noise"]].drop_duplicates().itertuples(index=False, name=None)
+    groups = [(*key, rows[(rows["truth"] == key[0]) & (rows["noise"] == key[1])]) for key in keys]
     if len(unknown):
         groups.append(("not among those fitted", "white", unknown))
     usual = rows[(rows["truth"] == "known") & (rows["noise"] == "white")]

@@ -94,7 +94,7 @@ def _scaled(form: Form) -> Truth:
 def _burckhardt() -> Truth:
     """One of the curves that are fitted, with about this peak."""
     c1, c2, c3 = 0.35, 60.0, 0.5
-    peak = Burckhardt(c1, c2, c3).peak({})
+    peak = Burckhardt(c1=c1, c2=c2, c3=c3).peak({})
     return Truth(
         lambda slip: c1 * (1 - np.exp(-c2 * slip)) - c3 * slip,
         float(peak.slip),
