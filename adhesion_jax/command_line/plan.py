@@ -21,7 +21,12 @@ _MOST_VALUES = 50
 
 #: Options that belong to a LOG, and those of sweeps, which a log has not; and what they are when
 #: they are not given.
-_OF_LOGS = {"columns": {}, "wheel_radius": None, "dry_run": False, "events": None}
+_OF_LOGS: Mapping[str, object] = {
+    "columns": {},
+    "wheel_radius": None,
+    "dry_run": False,
+    "events": None,
+}
 _OF_SWEEPS = {"samples_per_run": None, "check": None}
 
 

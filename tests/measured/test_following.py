@@ -20,7 +20,6 @@ from adhesion_jax.records import Record
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
 from adhesion_jax.simulation.one_log import one_log
 
-
 ONLINE = ("riv", "qp-qian2024-1", "rls-kiencke")
 
 DRY, COMMON = KIENCKE_RAILS["dry"], KIENCKE_RAILS["common"]
