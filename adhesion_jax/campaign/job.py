@@ -153,7 +153,7 @@ def description(job: Job) -> Mapping[str, str]:
 
 def _settings(method: Identifier) -> str:
     leaves, form = jax.tree.flatten(method)
-    content = sha256(str(form).encode())
+    content = sha256(programs.told(form) or type(method).__qualname__.encode())
     for leaf in map(np.asarray, leaves):
         content.update(f"{leaf.dtype} {leaf.shape}".encode() + leaf.tobytes())
     return content.hexdigest()

@@ -63,6 +63,7 @@ def main(
     jobs = [Job.of(config, every_block=keep == "all") for config in parts]
     began = time.perf_counter()
     with (
+        terminable(),
         writing_to(directory),
         opened(directory, jobs, resume or extend > 0, extend) as folder,
         staged(directory, OWN_FILES, folder) as stage,
@@ -120,10 +121,7 @@ def _compute(jobs: Sequence[Job], folder: Path) -> None:
     every = sum(job.config.runs for job in jobs)
     left = sum(shard_runs(job, number) for job, number, _ in work)
     done = every - left
-    with (
-        terminable(),
-        tqdm(total=every, initial=done, desc="compiling", unit="run") as bar,
-    ):
+    with tqdm(total=every, initial=done, desc="compiling", unit="run") as bar:
         try:
             with mapped(stored, work, processes(work, CORES)) as results:
                 for (job, _, _), runs in zip(work, results, strict=True):
