@@ -44,8 +44,9 @@ def writing_to(directory: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in _CANNOT_WRITE:
             raise
+        reason = os.strerror(error.errno)  # a library has words of its own in the error
         raise InputError(
-            f"--out {directory} cannot be written to ({error.strerror}); name a folder that can."
+            f"--out {directory} cannot be written to ({reason}); name a folder that can."
         ) from None
 
 

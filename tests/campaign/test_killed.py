@@ -102,13 +102,13 @@ def whole(tmp_path_factory):
     return results(out)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_job_that_is_killed_again_and_again_gives_the_same_results(whole, tmp_path, seed):
     random.seed(seed)
     killed = 0
     while True:
         job = begun(tmp_path, "--resume")
-        wait_for(job, tmp_path, shards(tmp_path) + random.randrange(12))
+        wait_for(job, tmp_path, shards(tmp_path) + random.randrange(20))
         time.sleep(random.uniform(0, 0.3))
         workers = children(job.pid) if job.poll() is None else []
         job.kill()
@@ -152,7 +152,7 @@ def test_a_job_that_is_stopped_leaves_its_shards_and_nothing_else(whole, tmp_pat
 
 def test_a_full_disk_is_answered_in_a_sentence_and_finished_shards_stay(whole, tmp_path):
     """A limit to the size of a file stands for it: later shards are larger than the first."""
-    job = begun(tmp_path, limit=60_000)
+    job = begun(tmp_path, limit=30_000)
     status, said = ended(job)
     assert status == 2, said
     assert "Traceback" not in said
@@ -167,7 +167,9 @@ def test_a_full_disk_is_answered_in_a_sentence_and_finished_shards_stay(whole, t
 def test_two_jobs_in_one_folder(whole, tmp_path):
     first = begun(tmp_path)
     wait_for(first, tmp_path, 1)
+    first.send_signal(signal.SIGSTOP)  # so that it does not end before the second begins
     status, said = ended(begun(tmp_path))
+    first.send_signal(signal.SIGCONT)
     assert status == 2
     assert "is being written to by another job" in said
     assert ended(first)[0] == 0
