@@ -1,10 +1,9 @@
-"""What follows from measured columns: adhesion, load, slip, radius of the wheel, acceleration."""
+"""What follows from measured columns: adhesion, load, slip, radius of the wheel."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from adhesion_jax.errors import InputError
 
@@ -26,12 +25,6 @@ _COASTING = 0.05
 _FEWEST = 100
 #: Contiguous groups of rows from whose scatter its standard error is taken.
 _GROUPS = 20
-
-#: Width of the filter by which acceleration is derived from speed, in s, and its degree.
-_WINDOW = 1.0
-_DEGREE = 2
-#: A stretch of rows ends where the step in time exceeds this multiple of the median step.
-_GAP = 10.0
 
 Columns = dict[str, np.ndarray]
 
@@ -143,16 +136,6 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
         add("vehicle_speed_mps", _speed(columns), "slip velocity / slip ratio")
-    if without_slip and "acceleration_mps2" not in columns and "time_s" in columns:
-        add(
-            "acceleration_mps2",
-            acceleration(columns["time_s"], columns["vehicle_speed_mps"]),
-            "derivative of the train speed",
-        )
-        notes.append(
-            "The acceleration is that of the train speed by a Savitzky-Golay filter of degree "
-            f"{_DEGREE} over {_WINDOW:g} s."
-        )
     spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
     for name in (*spent, "axle_load_N", "locomotive_load_N"):
         columns.pop(name, None)
@@ -208,27 +191,3 @@ def rolling_radius(rotation: np.ndarray, speed: np.ndarray, adhesion: np.ndarray
     without = [np.polyfit(level[group != g], ratio[group != g], 1)[1] for g in range(_GROUPS)]
     error = np.sqrt((_GROUPS - 1) / _GROUPS * np.sum((without - np.mean(without)) ** 2))
     return Radius(float(np.polyfit(level, ratio, 1)[1]), float(error), int(ratio.size))
-
-
-def acceleration(time: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Acceleration in m/s^2, [rows], from times in s and speeds in m/s.
-
-    In each stretch without a gap both are filtered along the rows after Savitzky and Golay (1964,
-    Anal. Chem. 36), degree 2 over 1 s, and the derivative of the speed along the rows is divided
-    by that of the time. A stretch shorter than the window has the slope of its straight line.
-    """
-    steps = np.diff(time)
-    usual = np.median(steps[steps > 0]) if (steps > 0).any() else 1.0
-    ends = np.flatnonzero((steps > _GAP * usual) | (steps < 0)) + 1
-    window = max(2 * round(_WINDOW / usual / 2) + 1, 5)
-    found = np.zeros_like(speed)
-    for first, stop in zip([0, *ends], [*ends, speed.size], strict=True):
-        times, speeds, slope = time[first:stop], speed[first:stop], found[first:stop]
-        if times.size >= window:
-            per_row = savgol_filter(times, window, _DEGREE, deriv=1)
-            slope += savgol_filter(speeds, window, _DEGREE, deriv=1)
-            slope /= np.where(per_row > 0, per_row, np.inf)
-        elif times.size > 1 and times[-1] > times[0]:
-            centred = times - times.mean()
-            slope += centred @ speeds / (centred @ centred)
-    return found
