@@ -1,15 +1,19 @@
 """What follows from measured columns: adhesion, load, slip, radius of the wheel."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import NamedTuple
 
 import numpy as np
 
+from adhesion_jax.data.gaps import of_rows
 from adhesion_jax.errors import InputError
 
 #: Below this speed of the train, in m/s, a slip ratio is not computed: the difference of two
 #: measured speeds would be divided by almost nothing.
 SLOWEST = 0.5
+
+#: What is said of a train that is slower.
+SLOW = f"slower than {SLOWEST:g} m/s, where no slip ratio can be computed,"
 
 #: Force, the load of the same body, and the wheels of the body (0: not known).
 _BODIES = (
@@ -25,6 +29,32 @@ _COASTING = 0.05
 _FEWEST = 100
 #: Contiguous groups of rows from whose scatter its standard error is taken.
 _GROUPS = 20
+
+#: Columns from which the slip comes, and the adhesion: the first that are all there.
+_SLIP = (
+    ("slip_ratio",),
+    ("slip_velocity_mps", "vehicle_speed_mps"),
+    ("wheel_speed_mps", "vehicle_speed_mps"),
+    ("wheel_rotation_radps", "vehicle_speed_mps"),
+    ("slip_velocity_mps",),
+)
+_ADHESION = (
+    ("adhesion",),
+    *((force, load) for force, load, _ in _BODIES),
+    ("tangential_force_N", "axle_load_N"),
+    ("axle_force_N", "normal_load_N"),
+)
+_NO_SLIP = (
+    "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with wheel_speed_mps or "
+    "wheel_rotation_radps) is missing"
+)
+_NO_ADHESION = (
+    "the column adhesion (or tangential_force_N with normal_load_N, or force and load of an axle "
+    "or of the locomotive) is missing"
+)
+
+#: All of them.
+SOURCES = frozenset(name for way in (*_SLIP, *_ADHESION) for name in way)
 
 Columns = dict[str, np.ndarray]
 
@@ -45,41 +75,19 @@ class Derived(NamedTuple):
     notes: tuple[str, ...]
 
 
-def needed(columns: Mapping[str, object]) -> tuple[list[str], list[str]]:
-    """The columns from which slip and adhesion come, and what is missing for them, as clauses."""
-    names: list[str] = []
+def needed(names: Set[str]) -> tuple[list[str], list[str]]:
+    """The columns of these from which slip and adhesion come, and what is missing, as clauses."""
+    found: list[str] = []
     missing: list[str] = []
-    for ways, clause in (
-        (
-            (
-                ("slip_ratio",),
-                ("slip_velocity_mps", "vehicle_speed_mps"),
-                ("wheel_speed_mps", "vehicle_speed_mps"),
-                ("wheel_rotation_radps", "vehicle_speed_mps"),
-                ("slip_velocity_mps",),
-            ),
-            "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with "
-            "wheel_speed_mps or wheel_rotation_radps) is missing",
-        ),
-        (
-            (
-                ("adhesion",),
-                *((force, load) for force, load, _ in _BODIES),
-                ("tangential_force_N", "axle_load_N"),
-                ("axle_force_N", "normal_load_N"),
-            ),
-            "the column adhesion (or tangential_force_N with normal_load_N, or force and load of "
-            "an axle or of the locomotive) is missing",
-        ),
-    ):
-        way = next((way for way in ways if all(name in columns for name in way)), None)
-        if way is None:
-            alone = [one for one in dict.fromkeys(sum(ways, ())) if one in columns]
-            beside = f", {' and '.join(alone)} alone will not do" if alone else ""
-            missing.append(clause + beside)
+    for ways, clause in ((_SLIP, _NO_SLIP), (_ADHESION, _NO_ADHESION)):
+        way = next((way for way in ways if names >= {*way}), None)
+        if way is not None:
+            found += way
+        elif alone := sorted(names & {one for way in ways for one in way}):
+            missing.append(f"{clause}, {' and '.join(alone)} alone will not do")
         else:
-            names += way
-    return list(dict.fromkeys(names)), missing
+            missing.append(clause)
+    return list(dict.fromkeys(found)), missing
 
 
 def derive(columns: Columns, wheel_radius: float | None) -> Derived:
@@ -132,6 +140,8 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         )
     if "slip_ratio" not in columns and speed is not None:
         used = speed >= SLOWEST
+        if not used.all():
+            notes.append(f"{of_rows(~used)} the train is {SLOW.removesuffix(',')}.")
         ratio = columns["slip_velocity_mps"] / np.where(used, speed, 1.0)
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:

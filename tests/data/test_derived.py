@@ -54,7 +54,7 @@ def test_rows_near_standstill_are_not_used_and_counted():
     assert len(found.table) == 5950
     assert not found.table.index.isin(range(100, 150)).any()
     assert any(
-        "In 50 rows of 6,000 (0.833 %) the train is slower than 0.5 m/s" in one
+        "50 rows of 6,000 (0.833 %), in which the train is slower than 0.5 m/s" in one
         for one in found.notes
     )
 
