@@ -22,5 +22,5 @@ def runs_of(table):
 
 def problem_of(table):
     runs = runs_of(table)
-    record = with_run_order(runs)
+    record = with_run_order(runs).record
     return prepare(record, calendar_of(record), runs.blocks)

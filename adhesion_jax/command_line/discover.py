@@ -8,6 +8,7 @@ import click
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import File, Folder, Name, Names, perform
 from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
@@ -28,6 +29,7 @@ class Plantable(Names):
 @click.command()
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
+@slip_events
 @click.option(
     "--test",
     "tests",

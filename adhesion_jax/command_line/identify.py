@@ -8,6 +8,7 @@ import click
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import File, Folder, Name, perform
 from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.slip_events import slip_events
 
 KNOWN = catalogue()
 
@@ -22,11 +23,12 @@ KNOWN = catalogue()
     help=f"{', '.join(KNOWN.curves)}, FILE.py:NAME, or all.",
     show_default=True,
 )
+@slip_events
 @click.option(
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for curves.csv, curves.png and verdict.txt.",
+    help="Folder for curves.csv, curves.png, verdict.txt and, of a log, events.png.",
     show_default=True,
 )
 def main(**asked: Any) -> None:

@@ -1,18 +1,21 @@
 """Which physical effect a law lacks in measured data."""
 
 import json
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 from tqdm import tqdm
 
 from adhesion_jax.commands.reading import BAR, read
-from adhesion_jax.data import SHIPPED
+from adhesion_jax.data.events import events_of
 from adhesion_jax.data.runs import matching, to_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.files import output_directory, staged
+from adhesion_jax.library.reading import citation_of
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
+from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.simulation.simulator import simulate, write_set
 
 
@@ -23,6 +26,7 @@ def main(
     seed: int,
     planted: tuple[str, ...] | None,
     slip_noise: float | None,
+    events: bool | None,
     out: Path,
     columns: Mapping[str, object],
     wheel_radius: float | None,
@@ -39,14 +43,20 @@ def main(
         write_set(out, simulate(planted, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
         measured, judged = read(train, {}, None), read(tests, {}, None)
+    logs, judging = events_of(measured, events), events_of(judged, events) if judged else []
+    # Nothing holds the logs while effects are searched in their events.
+    del measured, judged
+    used = " ".join(filter(None, (log.sentence for log in logs)))
+    if used:
+        click.echo(f"{textwrap.fill(used, 96)}\n")
     with tqdm(total=100, unit="%", bar_format=BAR, leave=False) as bar:
 
         def progress(words: str, share: float) -> None:
             bar.set_description_str(words)
             bar.update(100 * share - bar.n)
 
-        runs = to_runs(measured)
-        test = matching(runs, to_runs(judged)) if judged else None
+        runs = to_runs([log.points for log in logs])
+        test = matching(runs, to_runs([log.points for log in judging])) if judging else None
         findings = discover(
             runs,
             test,
@@ -54,17 +64,14 @@ def main(
             seed,
             progress,
             source=", ".join(train),
-            citation=_citation(train),
+            citation=" ".join(filter(None, (used, *map(citation_of, train)))),
             slip_noise=slip_noise,
         )
         progress("writing the report", 0.97)
-        with staged(out, DISCOVERY_FILES) as stage:
+        with staged(out, (*DISCOVERY_FILES, EVENTS_FIGURE)) as stage:
             write_discovery(stage, findings)
+            draw_events(stage, logs)
     click.echo(f"{printed(findings)}\n\nWritten to {out} in {findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())
         click.echo(f"Planted: {', '.join(truth['effects']) or 'nothing'}")
-
-
-def _citation(names: Sequence[str]) -> str:
-    return " ".join(SHIPPED[name].citation for name in names if name in SHIPPED)

@@ -7,23 +7,28 @@ import click
 
 from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES
+from adhesion_jax.data.events import events_of
 from adhesion_jax.files import output_directory, staged
-from adhesion_jax.library.identify import IDENTIFY_FILES, identify
+from adhesion_jax.library.identify import IDENTIFY_FILES, identify_chosen
+from adhesion_jax.library.reading import citation_of
 
 
 def main(
     file: str,
     curve: str,
+    events: bool | None,
     out: Path,
     columns: Mapping[str, object],
     wheel_radius: float | None,
     dry_run: bool,
 ) -> None:
     """Write what the measured points of a file, or of a set that ships, say of a curve, or all."""
-    (points,) = read([file], columns, wheel_radius)
+    measured = read([file], columns, wheel_radius)
     if dry_run:
         return
-    found = identify(points, CURVES if curve == "all" else curve)
+    # Nothing holds the log while the curves are fitted to its events.
+    (log,) = events_of([measured.pop()], events)
+    found = identify_chosen(log, CURVES if curve == "all" else curve, citation_of(file))
     with staged(output_directory(out), IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")

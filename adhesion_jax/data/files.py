@@ -50,45 +50,6 @@ class Sheet(NamedTuple):
     blocks: Callable[[], Iterator[tuple[Block, float]]]  # with the share that is read
 
 
-def refuse_many_rows(paths: Sequence[Path], limit: int) -> None:
-    """InputError where the files hold more than `limit` rows of data together.
-
-    The rows are counted before anything is read into memory, and no further than the limit. What
-    is not a file, or is damaged, is left for `sheet_of_file` to report.
-    """
-    total = 0
-    for path in paths:
-        try:
-            total += _rows(path, limit - total)
-        except (OSError, EOFError, zlib.error, pyarrow.ArrowException):
-            continue
-        if total > limit:
-            raise too_many_rows(list(map(str, paths)), limit)
-
-
-def too_many_rows(names: Sequence[str], limit: int) -> InputError:
-    """What is said where tables of these names hold more rows than that together."""
-    return InputError(
-        f"{', '.join(names)} cannot be used: there are more than {limit:,} rows of data (thin "
-        "them: keep some of the runs whole, or every k-th row of each run)."
-    )
-
-
-def _rows(path: Path, enough: int) -> int:
-    """The number of rows of data of a file; counting stops once it exceeds `enough`."""
-    name = path.name.lower()
-    if name.endswith(".parquet"):
-        rows: int = pyarrow.parquet.read_metadata(path).num_rows
-        return rows
-    ends, last = 0, b"\n"
-    with _opened(path) as (stream, _):
-        while ends <= enough + 1 and (chunk := stream.read(_BLOCK_BYTES)):
-            ends += chunk.count(b"\n")
-            last = chunk[-1:]
-    # The header is not counted; the last line of a file may lack its line break.
-    return max(ends - 1 + (last != b"\n"), 0)
-
-
 def sheet_of_file(path: Path) -> Sheet:
     """A file as a sheet; InputError where it cannot be read, is empty, or is not a table."""
     try:

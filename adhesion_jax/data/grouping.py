@@ -35,9 +35,8 @@ def group(files: Sequence[Measured]) -> Grouping:
 
     No run reaches over two files: a name that stands in several of them is named file:name.
     """
-    labels = [_labels(file.table) for file in files]
-    parts = [pd.factorize(label) for label in labels]
-    in_files = Counter(str(name) for _, names in parts for name in names)
+    parts = [_runs_of(file.table) for file in files]
+    in_files = Counter(name for _, names in parts for name in names)
     runs: list[np.ndarray] = []
     all_names: list[str] = []
     for file, (codes, names) in zip(files, parts, strict=True):
@@ -60,39 +59,38 @@ def in_blocks(grouping: Grouping) -> Grouping:
     return Grouping(np.arange(points) * count // points, names, blocks=True)
 
 
-def places(run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rows of each run in their order, both [runs, points].
+def places(starts: np.ndarray, lengths: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of runs side by side and where there are any, both [runs, points].
 
-    In the first the last row of a run is repeated to the length of the longest run, in the second
-    -1 stands there.
+    `starts` and `lengths` [runs] are the first row of each run and its number of rows. The last row
+    of a run is repeated to that number of points.
     """
-    order = np.argsort(run, kind="stable")
-    length = np.bincount(run)
-    first = np.cumsum(length) - length
-    step = np.arange(length.max())
-    held = order[first[:, None] + np.minimum(step, length[:, None] - 1)]
-    return held, np.where(step < length[:, None], held, -1)
+    step = np.arange(points)
+    held = starts[:, None] + np.minimum(step, lengths[:, None] - 1)
+    return held, step < lengths[:, None]
 
 
-def _labels(table: pd.DataFrame) -> np.ndarray:
+def _runs_of(table: pd.DataFrame) -> tuple[np.ndarray, Sequence[str]]:
+    """The number of the run of each row of a table, in the order in which runs begin, and names."""
     if "run" in table:
-        return table["run"].to_numpy(object)
+        codes, names = pd.factorize(table["run"])
+        return codes, [str(name) for name in names]
     if "time_s" not in table:
-        return np.full(len(table), "1", dtype=object)
+        return np.zeros(len(table), dtype=int), ["1"]
     steps = np.diff(table["time_s"])
     forward = steps[steps > 0]
     # Stamps may be coarser than the samples: a step of zero is no measure of the usual one.
     usual = float(np.median(forward)) if forward.size else 0.0
     gap = steps > max(_STEPS * usual, _PAUSE)
-    return (1 + np.concatenate([[0], np.cumsum(gap)])).astype(str).astype(object)
+    codes = np.concatenate([[0], np.cumsum(gap)])
+    return codes, [str(number) for number in range(1, int(codes[-1]) + 2)]
 
 
-def with_history(held: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def with_history(held: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The places of blocks of one run in time, each led in by the rows before it.
 
-    As many as a block has places, the first row again where there are none; in `rows`, -1 stands
-    for them: what acts with a memory needs them, and they count in no sum.
+    As many as a block has places, the first row again where there are none. They are not `inside`:
+    what acts with a memory needs them, and they count in no sum.
     """
-    lead = rows.shape[1]
-    before = np.maximum(held[:, :1] - np.arange(lead, 0, -1), 0)
-    return np.hstack([before, held]), np.hstack([np.full_like(before, -1), rows])
+    before = np.maximum(held[:, :1] - np.arange(inside.shape[1], 0, -1), 0)
+    return np.hstack([before, held]), np.hstack([np.zeros_like(inside), inside])

@@ -1,6 +1,7 @@
 """From measured files to a campaign: its runs side by side, with every covariate they have."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,19 +10,14 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.files import refuse_many_rows, too_many_rows
 from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_all, too_few
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.wording import listed
 
-#: Largest number of rows of data of a campaign.
-MOST_ROWS = 1_000_000
-
-#: Largest number of cells of one padded column: one very long run among many short ones would
-#: otherwise fill the memory.
-_MOST_CELLS = 10_000_000
+#: Largest number of runs of a campaign: every run is at least one point of a search.
+MOST_RUNS = 20_000
 
 #: Columns that are no conditions: the slip, and what is to be explained by it, the adhesion and the
 #: force, which is adhesion times load.
@@ -31,17 +27,27 @@ _EXPLAINED = ("slip_ratio", "adhesion", "tangential_force_N")
 _ALWAYS = ("time_s", "vehicle_speed_mps", "slip_velocity_mps", "normal_load_N")
 
 
-class RunSet(NamedTuple):
-    """The runs of a campaign, side by side.
+class Rows(NamedTuple):
+    """Rows of measured data, run after run, each run in its own order; arrays [rows]."""
 
-    `record` is [runs, points]; a run is padded at its end with its last row, masked. Blocks of one
-    run in time are led in by the rows before them, masked. Its conditions are the numeric columns
-    without slip ratio, adhesion and force, the `axle` as codes, and the `mode` as +1 traction, -1
-    braking, 0 coasting.
+    slip: np.ndarray
+    adhesion: np.ndarray
+    conditions: Mapping[str, np.ndarray]
+
+
+class RunSet(NamedTuple):
+    """The runs of a campaign.
+
+    Its rows lie one after the other, so that memory does not depend on how the lengths of the runs
+    differ; `record` lays them side by side. The conditions are the numeric columns without slip
+    ratio, adhesion and force, the `axle` as codes, and the `mode` as +1 traction, -1 braking, 0
+    coasting.
     """
 
-    record: Record
-    rows: np.ndarray  # [runs, points], from 0 over all files one after the other; -1: masked
+    whole: Rows
+    starts: np.ndarray  # [runs]: the place in `whole` of the first row of each run
+    places: np.ndarray  # [rows]: where a row stood, from 0 over all files one after the other
+    worth: np.ndarray  # [rows]: how many independent measured rows it is worth (`data.condensing`)
     names: tuple[str, ...]  # of the runs
     blocks: bool  # contiguous blocks of one run take the place of runs
     covariates: tuple[str, ...]  # the conditions that the project does not know
@@ -51,10 +57,47 @@ class RunSet(NamedTuple):
     slip: str  # the column that is the slip: slip_ratio, or slip_velocity_mps without a speed
     same: Mapping[str, str]  # column left out of the conditions -> the column that it repeats
 
+    @property
+    def lengths(self) -> np.ndarray:
+        """The number of rows of each run, [runs]."""
+        return np.diff(self.starts, append=self.whole.slip.size)
+
+    @property
+    def record(self) -> Record:
+        """The runs side by side, arrays [runs, points].
+
+        A run is padded at its end with its last row, masked. Blocks of one run in time are led in
+        by the rows before them, masked.
+        """
+        held, inside = self.layout
+        mask = jnp.asarray(inside)
+        whole = self.whole
+        conditions = {name: jnp.asarray(rows[held]) for name, rows in whole.conditions.items()}
+        slip, adhesion = jnp.asarray(whole.slip[held]), jnp.asarray(whole.adhesion[held])
+        return Record(slip, adhesion, mask, mask, conditions)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The rows of the files at the points of `record`, [runs, points]; -1: masked."""
+        held, inside = self.layout
+        return np.where(inside, self.places[held], -1)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """`worth` of each point of `record`, [runs, points], masked ones too."""
+        return self.worth[self.layout[0]]
+
+    @property
+    def layout(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rows in `whole` at the points of `record`, and where it has points."""
+        held, inside = places(self.starts, self.lengths, int(self.lengths.max()))
+        if self.blocks and "time_s" in self.whole.conditions:
+            held, inside = with_history(held, inside)
+        return held, inside
+
 
 def read_runs(paths: Sequence[Path]) -> RunSet:
     """The runs of all files; see `to_runs`."""
-    refuse_many_rows(paths, MOST_ROWS)
     return to_runs(read_all(paths))
 
 
@@ -66,39 +109,29 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     needs and 10 rows in all, at one slip or many.
     """
     _refuse_two_kinds(files)
-    if sum(len(file.table) for file in files) > MOST_ROWS:
-        raise too_many_rows([file.name for file in files], MOST_ROWS)
     slip = files[0].slip
-    table, incomplete = _joined(files)
     whole = group(files)
     grouping = in_blocks(whole)
+    table, incomplete = _joined(files)
     _refuse_useless(files, table, slip, grouping)
-    held, rows = places(grouping.run)
-    if grouping.blocks and "time_s" in table:
-        held, rows = with_history(held, rows)
-
     columns, axles = _conditions(table, slip)
     same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})
-    conditions = {
-        name: jnp.asarray(values.to_numpy(float)[held])
-        for name, values in columns.items()
-        if name not in same
-    }
-    mask = jnp.asarray(rows >= 0)
-    record = Record(
-        jnp.asarray(table[slip].to_numpy(float)[held]),
-        jnp.asarray(table["adhesion"].to_numpy(float)[held]),
-        mask,
-        mask,
-        conditions,
+    order = _order(grouping.run)
+    rows = Rows(
+        _numbers(table[slip], order),
+        _numbers(table["adhesion"], order),
+        {name: _numbers(values, order) for name, values in columns.items() if name not in same},
     )
+    length = np.bincount(grouping.run)
     left_out = tuple(dict.fromkeys(name for file in files for name in file.left_out))
     return RunSet(
-        record,
         rows,
+        np.cumsum(length) - length,
+        np.arange(len(table), dtype=np.int32) if order is None else order,
+        np.broadcast_to(1.0, len(table)),
         grouping.names,
         grouping.blocks,
-        tuple(name for name in conditions if name not in {*COLUMNS, *LABELS}),
+        tuple(name for name in rows.conditions if name not in {*COLUMNS, *LABELS}),
         axles,
         left_out,
         (
@@ -129,25 +162,25 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
 
     An axle that `runs` lacks has the code -1. InputError where a condition is missing.
     """
-    record = test.record
-    there = {**record.conditions, test.slip: record.slip, "adhesion": record.adhesion}
+    rows = test.whole
+    there = {**rows.conditions, test.slip: rows.slip, "adhesion": rows.adhesion}
     # Two columns may differ in one set and be equal in the other.
     there |= {name: there[first] for name, first in test.same.items()}
-    needed = [runs.slip, *runs.record.conditions]
+    needed = [runs.slip, *runs.whole.conditions]
     if runs.slip == "slip_velocity_mps":
         # Slip is a velocity and the speed is taken as 1, whether the test set has one or not.
-        there["vehicle_speed_mps"] = jnp.ones_like(record.slip)
+        there["vehicle_speed_mps"] = np.ones_like(rows.slip)
     missing = [name for name in needed if name not in there]
     if missing:
         raise InputError(
             f"The test data lack {listed(missing)}, which the training data have; add what is "
             "missing, or leave it out of the training data too."
         )
-    conditions = {name: there[name] for name in runs.record.conditions}
+    conditions = {name: there[name] for name in runs.whole.conditions}
     warnings = test.warnings
     if "axle" in conditions:
         codes = [runs.axles.index(axle) if axle in runs.axles else -1 for axle in test.axles]
-        conditions["axle"] = jnp.asarray(codes, dtype=float)[conditions["axle"].astype(int)]
+        conditions["axle"] = np.array(codes, dtype=float)[conditions["axle"].astype(int)]
         strange = [axle for axle in test.axles if axle not in runs.axles]
         if strange:
             warnings += (
@@ -155,7 +188,7 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
                 "axles are not applied to it.",
             )
     return test._replace(
-        record=record._replace(slip=there[runs.slip], conditions=conditions),
+        whole=rows._replace(slip=there[runs.slip], conditions=conditions),
         covariates=runs.covariates,
         axles=runs.axles,
         warnings=warnings,
@@ -185,6 +218,8 @@ def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
         tables.append(table)
     names = dict.fromkeys(str(name) for table in tables for name in table)
     shared = [name for name in names if all(name in table for table in tables)]
+    if len(tables) == 1:
+        return tables[0], []
     joined = pd.concat([table[shared] for table in tables], ignore_index=True)
     return joined, [name for name in names if name not in {*shared, "run"}]
 
@@ -196,11 +231,10 @@ def _refuse_useless(
     length = np.bincount(grouping.run)
     if len(table) < POINTS:
         faults: Sequence[str] = [too_few(len(table))]
-    elif length.size * length.max() > _MOST_CELLS:
+    elif length.size > MOST_RUNS:
         faults = [
-            f"the {length.size} runs differ too much in length, the longest "
-            f"({grouping.names[length.argmax()]}) has {length.max()} rows (cut that run into "
-            "several in the column run)"
+            f"there are {length.size} runs (at most {MOST_RUNS} are taken: join those that belong "
+            "together in the column run)"
         ]
     elif length.size > 1 and length.max() == 1:
         faults = [
@@ -234,19 +268,32 @@ def _by_number(label: str) -> tuple[float, str]:
     return (float(label) if label.isdecimal() else np.inf, label)
 
 
+def _order(run: np.ndarray) -> np.ndarray | None:
+    """The order that puts the rows of each run together; None if they lie so already."""
+    if (np.diff(run) >= 0).all():
+        return None
+    return np.argsort(run, kind="stable")
+
+
+def _numbers(column: pd.Series, order: np.ndarray | None) -> np.ndarray:
+    """A column in that order, [rows]; not copied where it lies so already."""
+    values = column.to_numpy(float)
+    return values if order is None else values[order]
+
+
 def _repeated(columns: Mapping[str, pd.Series]) -> dict[str, str]:
     """Each column that is exactly another one, and which: a known column goes before others.
 
     Constant columns are not compared, because they explain nothing.
     """
-    first: dict[bytes, str] = {}
+    first: dict[tuple[int, bytes], str] = {}
     same: dict[str, str] = {}
     for name in sorted(columns, key=lambda name: name not in {*COLUMNS, *LABELS}):
         values = columns[name].to_numpy(float)
         if (values == values[0]).all():
             continue
         # Adding zero makes -0 the same as 0.
-        content = (values + 0.0).tobytes()
+        content = (values.size, blake2b((values + 0.0).data).digest())
         if content in first and name not in _ALWAYS:
             same[name] = first[content]
         else:

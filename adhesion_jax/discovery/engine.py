@@ -4,29 +4,30 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
+from adhesion_jax.data.condensing import condensed, hidden_shares
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.findings.summary import summarise
+from adhesion_jax.discovery.findings.summary import ranges_of, summarise
 from adhesion_jax.discovery.model.bases import bic, first_fits, fits_alone
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
     fit_model,
     nearly_fitted,
-    own_noise,
     precise,
     squares,
+    with_noise_left,
 )
-from adhesion_jax.discovery.model.noise import white_noise
-from adhesion_jax.discovery.model.problem import Problem, label_of, prepare
+from adhesion_jax.discovery.model.noise import shared_part, white_noise
+from adhesion_jax.discovery.model.problem import Problem, corrected, label_of, prepare
+from adhesion_jax.discovery.model.rows import bends
 from adhesion_jax.discovery.model.slip import noise_of_slip, roughness, with_slip_errors
 from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.all_rows import on_rows, tested_on_rows
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
 from adhesion_jax.discovery.search.judgement import (
     confirmed,
@@ -45,13 +46,14 @@ from adhesion_jax.discovery.types import Doubt, Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.wave import Wave
 from adhesion_jax.errors import InputError
-from adhesion_jax.records import Record
-
-#: Largest number of points that effects are searched in; more are thinned to save time.
-_POINTS = 8_000
+from adhesion_jax.wording import listed
 
 #: The slip counts as one value if it varies by less than this share of its size.
 _ONE_SLIP = 1e-6
+
+#: Number of turns in which a base curve is fitted to blocks of rows, and what its bend makes of the
+#: slip that moves within a block is taken from their mean adhesion.
+_TURNS_OF_BLOCKS = 3
 
 #: Standard deviation of the noise of the first fits, relative to the adhesion.
 _FIRST_SIGMA = 0.1
@@ -96,19 +98,28 @@ def discover(
     progress = _never_falling(progress)
     bases = _bases(runs, base)
     whole = with_run_order(runs)
-    warnings = list(runs.warnings)
-    thinned, thinning = _thinned(whole)
-    warnings += thinning
-    problem = prepare(thinned, calendar_of(thinned), runs.blocks)
+    blocks = condensed(whole)
+    warnings = [*runs.warnings, *_condensing_words(whole, blocks)]
+    record = blocks.record
+    problem = prepare(record, calendar_of(record), runs.blocks, worth=blocks.weights)
     held_out = _held_out(problem, seed)
-    progress("fitting the base curves", 0.05)
+    progress("fitting the base curves", 0.02)
     alone, fits = _started(problem, held_out, bases)
+    for turn in range(_TURNS_OF_BLOCKS if blocks is not whole else 0):
+        progress("fitting the base curves", 0.02 + 0.02 * turn)
+        best = min(fits.values(), key=bic)
+        adhesion = blocks.whole.adhesion - bends(best, whole, blocks)
+        record = blocks._replace(whole=blocks.whole._replace(adhesion=adhesion)).record
+        problem = prepare(
+            record, problem.calendar, runs.blocks, worth=blocks.weights, shared=_shared(best)
+        )
+        alone, fits = _started(problem, held_out, bases)
     exact = fits
     noise = None
-    rough = roughness(thinned, min(exact.values(), key=bic), slip_noise)
+    rough = roughness(record, min(exact.values(), key=bic), slip_noise)
     if rough is not None:
-        corrected = prepare(thinned, problem.calendar, runs.blocks, rough.effect)
-        _, expected = _started(corrected, held_out, bases)
+        seen = corrected(problem, record, rough.effect)
+        _, expected = _started(seen, held_out, bases)
         noise = noise_of_slip(rough, exact, expected)
         if noise is not None or slip_noise is not None:
             fits = expected
@@ -141,7 +152,7 @@ def discover(
     plain = _by_least_squares(problem, alone)
     if noise is None and not final.accepted and slip_noise is None:
         # Without an effect the law after is the law before; only the noise is estimated better.
-        final = final._replace(fits={plain.base: _with_noise_left(plain.fitted)}, base=plain.base)
+        final = final._replace(fits={plain.base: with_noise_left(plain.fitted)}, base=plain.base)
     if final.accepted:
         same = final.setting.problem.slip_noise is None
         bare = plain if same else _by_least_squares(final.setting.problem, alone)
@@ -153,15 +164,24 @@ def discover(
             )
             line = None
             final = bare._replace(ranking=final.ranking, thresholds=final.thresholds)
-    progress("measuring the errors", 0.92)
+    ranges = ranges_of(problem, whole)
+    plain_rows, final_rows = plain.fitted, final.fitted
+    if blocks is not whole:
+        progress("fitting all rows", 0.9)
+        plain, plain_rows = on_rows(plain, whole, ranges, white=True)
+        final, final_rows, unsure = tested_on_rows(final, plain, plain_rows, whole, ranges)
+        warnings += unsure
+    progress("measuring the errors", 0.95)
     return summarise(
-        runs=runs,
-        record=whole,
+        runs=whole,
+        blocks=blocks,
         test=None if test is None else with_run_order(test),
-        test_rows=None if test is None else test.rows,
         plain=plain,
         slip_noise=noise,
         final=final,
+        plain_rows=plain_rows,
+        final_rows=final_rows,
+        ranges=ranges,
         line=line,
         warnings=warnings,
         doubts=doubts,
@@ -213,16 +233,16 @@ def _evenly(alone: Mapping[str, Fitted]) -> Mapping[str, Fitted]:
 def _held_out_squares(state: Selection, held_out: np.ndarray) -> float:
     """Sum of squared errors of the held-out runs; `held_out` is a mask [runs]."""
     problem = state.setting.problem
-    error = (state.fitted.adhesion - np.asarray(problem.data.adhesion)) * problem.points
-    return float((error[held_out] ** 2).sum())
+    error = state.fitted.adhesion - np.asarray(problem.data.adhesion)
+    return float((problem.points * error**2)[held_out].sum())
 
 
 def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
     """The names of the base curves to choose from; InputError if `base` cannot be used."""
-    sizes = np.abs(np.asarray(runs.record.slip)[np.asarray(runs.record.mask)])
+    sizes = np.abs(runs.whole.slip)
     if np.ptp(sizes) < _ONE_SLIP * max(float(sizes.max()), 1e-300):
         return ("level",)
-    known = runs.record.conditions
+    known = runs.whole.conditions
     if base == "auto":
         return tuple(
             name
@@ -239,26 +259,39 @@ def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
     return (base,)
 
 
-def with_run_order(runs: RunSet) -> Record:
-    """The record with the order of its runs as a condition: by their numbers, if they are some."""
+def with_run_order(runs: RunSet) -> RunSet:
+    """The runs with their order as a condition: by their numbers, if their names are some."""
     try:
         order = np.array([float(name) for name in runs.names])
     except ValueError:
         order = np.arange(len(runs.names), dtype=float)
-    shape = runs.record.slip.shape
-    column = jnp.asarray(np.broadcast_to(order[:, None], shape))
-    return runs.record._replace(conditions={**runs.record.conditions, "run_order": column})
+    conditions = {**runs.whole.conditions, "run_order": np.repeat(order, runs.lengths)}
+    return runs._replace(whole=runs.whole._replace(conditions=conditions))
 
 
-def _thinned(record: Record) -> tuple[Record, list[str]]:
-    points = int(np.asarray(record.mask).sum())
-    every = -(-points // _POINTS)
-    if every == 1:
-        return record, []
-    return jax.tree.map(lambda column: column[:, ::every], record), [
-        f"One in {every} of the {points} points was used to find effects, and all to measure the "
-        "errors; effects that act within a few samples may be missed."
+def _condensing_words(runs: RunSet, blocks: RunSet) -> list[str]:
+    """Sentences on the blocks of the search, and on the columns that vary within them."""
+    if blocks is runs:
+        return []
+    rows, points = runs.whole.slip.size, blocks.whole.slip.size
+    length = np.diff(blocks.places, append=rows)
+    sentences = [
+        f"Effects are searched for in {points:,} blocks of {length.min()} to {length.max()} "
+        f"neighbouring rows, by their means; what is found is fitted to all {rows:,} rows and "
+        "tested on them."
     ]
+    hidden = {
+        name: share
+        for name, share in hidden_shares(runs, blocks).items()
+        if share > rules.HIDDEN_SHARE
+    }
+    if hidden:
+        told = listed([f"{name} ({100 * share:.0f} %)" for name, share in hidden.items()])
+        sentences.append(
+            f"Much of the variance of {told} is within these blocks: an effect of such a column "
+            "that acts faster than a block lasts may be missed."
+        )
+    return sentences
 
 
 def _held_out(problem: Problem, seed: int) -> np.ndarray:
@@ -311,6 +344,14 @@ def _started(
     return alone, fits
 
 
+def _shared(fitted: Fitted) -> float:
+    """The `shared` variance of blocks (`prepare`), by what a curve leaves in them."""
+    problem = fitted.setting.problem
+    inside = np.asarray(fitted.setting.noise.weight) > 0
+    residual = (np.asarray(problem.data.adhesion) - fitted.adhesion)[inside]
+    return shared_part(residual, problem.worth[inside])
+
+
 def _by_least_squares(problem: Problem, alone: Mapping[str, Fitted]) -> Selection:
     """The best curve without effects by least squares over all runs; fits start from `alone`.
 
@@ -333,18 +374,11 @@ def _by_least_squares(problem: Problem, alone: Mapping[str, Fitted]) -> Selectio
     return Selection(fits, min(fits, key=lambda name: bic(fits[name])), (), ())
 
 
-def _with_noise_left(fitted: Fitted) -> Fitted:
-    """The same fit with the noise estimated from its residual, whichever it was fitted under."""
-    problem = fitted.setting.problem._replace(even=False)
-    uneven = fitted._replace(setting=fitted.setting._replace(problem=problem))
-    return fitted._replace(setting=own_noise(uneven))
-
-
 def _precise(state: Selection) -> Selection:
     """The state whose chosen curve with its effects is fitted to full precision."""
     fitted = precise(state.fitted)
     if fitted.setting.problem.even:
-        fitted = _with_noise_left(fitted)
+        fitted = with_noise_left(fitted)
     accepted = refreshed(state.accepted, fitted.effects)
     return state._replace(fits={**state.fits, fitted.base: fitted}, accepted=accepted)
 

@@ -125,6 +125,11 @@ class _Course(NamedTuple):
     log_density: Float[Array, " points"]  # of the measured slip, given those before
 
 
+def of_means(noise: SlipNoise, worth: Float[Array, " points"]) -> SlipNoise:
+    """The noise of slips that are means over so many independent samples, at each point."""
+    return eqx.tree_at(lambda one: one.sigma, noise, noise.sigma / jnp.sqrt(worth))
+
+
 def log_density(
     noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
 ) -> Float[Array, " points"]:

@@ -7,16 +7,18 @@ from pathlib import Path
 
 import pandas as pd
 
-from adhesion_jax.data import matching
+from adhesion_jax.data import matching, to_runs
+from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.library.reading import Data, citation_of, name_of, parts_of, runs_of
+from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
 from adhesion_jax.library.results import of_numbers, table_html, text_html
 from adhesion_jax.report.discovery.files import printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.words import verdict
+from adhesion_jax.report.events import draw_events
 from adhesion_jax.runtime import in_double_precision, silent
 
 
@@ -25,6 +27,7 @@ class Discovery:
     """What a curve lacks in measured runs, and how far its error falls with it."""
 
     findings: Findings  # everything, as the reports read it
+    logs: Sequence[Chosen]  # the rows that were used of each table, and the slip events they are
 
     @property
     def law(self) -> CorrectedLaw:
@@ -74,6 +77,7 @@ class Discovery:
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
         in_double_precision(write_discovery)(path, self.findings)
+        draw_events(path, self.logs)
 
     def __repr__(self) -> str:
         return printed(self.findings)
@@ -93,6 +97,7 @@ def discover(
     progress: Callable[[str, float], None] = silent,
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
+    events: bool | None = None,
 ) -> Discovery:
     """Find which effects an adhesion curve lacks in measured runs.
 
@@ -101,18 +106,24 @@ def discover(
     predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
     it is known. `progress` is called with words and the share that is done. `columns` and
-    `wheel_radius` are those of `identify`, for `data` and `test`. InputError names all
-    that is wrong with the data.
+    `wheel_radius` are those of `identify`, for `data` and `test`, and so are `events`: each slip
+    event of a long log is a run. InputError names all that is wrong with the data.
     """
-    train = runs_of(data, columns, wheel_radius)
+    logs = events_of(all_of(data, columns, wheel_radius), events)
+    train = to_runs([log.points for log in logs])
+    judging = None
+    if test is not None:
+        judged = events_of(all_of(test, columns, wheel_radius), events)
+        judging = matching(train, to_runs([log.points for log in judged]))
+    remarks = (*(log.sentence for log in logs), *map(citation_of, parts_of(data)))
     findings = engine.discover(
         train,
-        None if test is None else matching(train, runs_of(test, columns, wheel_radius)),
+        judging,
         base,
         seed,
         progress,
         source=", ".join(map(name_of, parts_of(data))),
-        citation=" ".join(filter(None, map(citation_of, parts_of(data)))),
+        citation=" ".join(filter(None, remarks)),
         slip_noise=slip_noise,
     )
-    return Discovery(findings._replace(law=of_numbers(findings.law)))
+    return Discovery(findings._replace(law=of_numbers(findings.law)), tuple(logs))

@@ -9,19 +9,21 @@ import pandas as pd
 
 from adhesion_jax.curves import CURVES, Curve
 from adhesion_jax.data import Measured, check_curve, to_record
+from adhesion_jax.data.events import Chosen, Events, events_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.library.reading import Data, citation_of, measured_of
 from adhesion_jax.library.results import of_numbers, text_html
 from adhesion_jax.measured.fit import MeasuredFit, fit_all, missing_columns
 from adhesion_jax.measured.residual import Residual, residual_structure
+from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_measured
 from adhesion_jax.report.measured.words import curve_rows, printed_table, verdict
 from adhesion_jax.runtime import in_double_precision
 from adhesion_jax.wording import listed
 
 #: The files of an identification.
-IDENTIFY_FILES = ("curves.csv", "verdict.txt", "curves.png")
+IDENTIFY_FILES = ("curves.csv", "verdict.txt", "curves.png", EVENTS_FIGURE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,6 +35,8 @@ class Identification:
     """
 
     measured: Measured  # the points, with the columns that were derived
+    events: Events | None  # slip events that the points were cut out of; None where all were used
+    used: str  # which rows of a log are used, and why
     citation: str  # of a set that ships
     fits: Mapping[str, MeasuredFit]  # by the name of the curve
     not_fitted: Mapping[str, Sequence[str]]  # curve to the columns it needs and the points lack
@@ -88,7 +92,8 @@ class Identification:
     def verdict(self) -> str:
         """In words: the best curve, its peak, what is left over, and what not to trust."""
         left = self.residuals[self.best]
-        return verdict(self.measured, self.citation, self.fits, self.not_fitted, left)
+        remarks = " ".join(filter(None, (self.used, self.citation)))
+        return verdict(self.measured, remarks, self.fits, self.not_fitted, left)
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them."""
@@ -99,6 +104,7 @@ class Identification:
         title = Path(self.measured.name).name
         draw = in_double_precision(draw_measured)
         draw(path / "curves.png", title, self.fits, self.residuals)
+        draw_events(path, [Chosen(self.measured, self.events, self.used)])
 
     def __repr__(self) -> str:
         return f"{printed_table(self.fits)}\n\n{self.verdict}"
@@ -107,12 +113,12 @@ class Identification:
         return self.table.to_html(index=False) + text_html(self.verdict)
 
 
-@in_double_precision
 def identify(
     data: Data,
     curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES),
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
+    events: bool | None = None,
 ) -> Identification:
     """Fit adhesion curves to measured points by least squares over their physical boxes.
 
@@ -120,12 +126,22 @@ def identify(
     tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units. `columns`
     says which columns these are where they have other names or units, as in {"speed": "v [km/h]"},
     and `wheel_radius` is in m, for a slip from the rotation of the wheel. `curves` are names of
-    CURVES, or curves of your own by name. InputError names all that is wrong with the
-    data. Source: least squares by differential evolution and Levenberg-Marquardt; intervals by the
-    delta method, BIC after Schwarz 1978.
+    CURVES, or curves of your own by name. Of a long log only its slip events are used, as runs
+    (`data.events`), unless `events` is False; with True a short one is cut as well. InputError
+    names all that is wrong with the data. Source: least squares by differential evolution and
+    Levenberg-Marquardt; intervals by the delta method, BIC after Schwarz 1978.
     """
+    (log,) = events_of([measured_of(data, columns, wheel_radius)], events)
+    return identify_chosen(log, curves, citation_of(data))
+
+
+@in_double_precision
+def identify_chosen(
+    log: Chosen, curves: str | Sequence[str] | Mapping[str, Curve], citation: str
+) -> Identification:
+    """The same of rows that were read and chosen before, of a set with this citation."""
     chosen = _curves(curves)
-    points = measured_of(data, columns, wheel_radius)
+    points = log.points
     check_curve(points)
     record = to_record(points)
     lacking = {name: missing_columns(curve, record) for name, curve in chosen.items()}
@@ -142,7 +158,7 @@ def identify(
     runs = table["run"] if "run" in table else pd.Series(0, table.index)
     numbers = pd.factorize(runs)[0]
     residuals = {name: residual_structure(fit, record, numbers) for name, fit in fits.items()}
-    return Identification(points, citation_of(data), fits, not_fitted, residuals)
+    return Identification(points, log.events, log.sentence, citation, fits, not_fitted, residuals)
 
 
 def _curves(curves: str | Sequence[str] | Mapping[str, Curve]) -> Mapping[str, Curve]:

@@ -9,11 +9,9 @@ import pandas as pd
 from adhesion_jax.data import (
     SHIPPED,
     Measured,
-    RunSet,
     read_all,
     read_measured,
     to_measured,
-    to_runs,
 )
 from adhesion_jax.data.reading import Progress
 from adhesion_jax.errors import InputError
@@ -64,16 +62,6 @@ def all_of(
         # Runs of one name are told apart by that of their table.
         return [table._replace(name=f"table {i}") for i, table in enumerate(tables, 1)]
     return tables
-
-
-def runs_of(
-    data: Data | Sequence[Data],
-    columns: Mapping[str, object] | None = None,
-    wheel_radius: float | None = None,
-    progress: Progress = silent,
-) -> RunSet:
-    """The runs of all tables together."""
-    return to_runs(all_of(data, columns, wheel_radius, progress))
 
 
 def parts_of(data: Data | Sequence[Data]) -> Sequence[Data]:

@@ -24,7 +24,7 @@ _VISIBLE = 1.0
 _ROOM = 100
 
 
-class _Course(NamedTuple):
+class Course(NamedTuple):
     """The slip, events and columns of a log, before any adhesion; arrays [runs, points]."""
 
     slip: np.ndarray  # true
@@ -71,11 +71,11 @@ def one_log(
     noise = Noise(sigma, autocorrelation, 0.0)
     amounts = {name: _amount(name, train, law, sigma) for name in effects}
 
-    def clean(course: _Course) -> np.ndarray:
+    def clean(course: Course) -> np.ndarray:
         factors = [LOG_FORMS[name].factor(amount, course) for name, amount in amounts.items()]
         return burckhardt(law, course.slip) * np.prod([np.ones_like(course.slip), *factors], axis=0)
 
-    def measured(course: _Course, stream: int) -> tuple[pd.DataFrame, np.ndarray]:
+    def measured(course: Course, stream: int) -> tuple[pd.DataFrame, np.ndarray]:
         generator = np.random.default_rng((seed, stream))
         speed = course.columns["vehicle_speed_mps"]
         slip = course.slip + wheel_speed_noise * generator.standard_normal(speed.shape) / speed
@@ -109,7 +109,7 @@ def burckhardt(law: Burckhardt, slip: np.ndarray) -> np.ndarray:
 
 def _course(
     runs: int, points: int, events: int, bends: np.ndarray, generator: np.random.Generator
-) -> _Course:
+) -> Course:
     """Columns and slip of one log; some are drawn for each run, the others drift as over a day."""
     draw = generator.uniform
     clock = _STEP * np.arange(points)
@@ -141,7 +141,7 @@ def _course(
     }
     if runs > 1:
         columns["run"] = np.broadcast_to(np.arange(runs)[:, None], time.shape)
-    return _Course(slip, event, columns)
+    return Course(slip, event, columns)
 
 
 def _wave(
@@ -182,12 +182,12 @@ def _events(
     return slip, event, sanding
 
 
-def _dry(amount: float, course: _Course) -> np.ndarray:
+def _dry(amount: float, course: Course) -> np.ndarray:
     """Adhesion falls with humidity: exp(-a (H - 65 %)/20 %)."""
     return np.exp(-amount * (course.columns["relative_humidity_pct"] - 65) / 20)
 
 
-def _sanded(amount: float, course: _Course) -> np.ndarray:
+def _sanded(amount: float, course: Course) -> np.ndarray:
     """1 + a s, s the share of the contact that has sand: strewn within 1 s, worn off within 4 s."""
     flag = course.columns["sanding"]
     share = np.zeros_like(flag)
@@ -197,7 +197,7 @@ def _sanded(amount: float, course: _Course) -> np.ndarray:
     return 1 + amount * share
 
 
-def _falling(amount: float, course: _Course) -> np.ndarray:
+def _falling(amount: float, course: Course) -> np.ndarray:
     """(1 + w/w0)^-a, w the slip velocity in m/s, w0 = .2 m/s: steep at first, flat later."""
     velocity = course.slip * course.columns["vehicle_speed_mps"]
     return (1 + velocity / 0.2) ** -amount
@@ -206,7 +206,7 @@ def _falling(amount: float, course: _Course) -> np.ndarray:
 class LogForm(NamedTuple):
     """How an effect is planted in a log."""
 
-    factor: Callable[[float, _Course], np.ndarray]  # of adhesion, at an amount
+    factor: Callable[[float, Course], np.ndarray]  # of adhesion, at an amount
     limit: float  # largest plausible amount; with it the misfit may stay below the wanted one
     also_right: tuple[str, ...]  # other right names: weather only drifts, speed hardly varies
 
@@ -218,7 +218,7 @@ LOG_FORMS: Mapping[str, LogForm] = {
 }
 
 
-def _amount(name: str, course: _Course, law: Burckhardt, sigma: float) -> float:
+def _amount(name: str, course: Course, law: Burckhardt, sigma: float) -> float:
     amount = 0.1
     # The misfit is nearly proportional to the amount.
     for _ in range(4):
@@ -228,12 +228,12 @@ def _amount(name: str, course: _Course, law: Burckhardt, sigma: float) -> float:
     return amount
 
 
-def _visible(law: Burckhardt, course: _Course, clean: np.ndarray) -> float:
+def _visible(law: Burckhardt, course: Course, clean: np.ndarray) -> float:
     """Rms misfit of the base curve over the points of the events, refitted to these points."""
     return misfit(law, course.slip, clean, {}, course.event)
 
 
-def _table(course: _Course, slip: np.ndarray, adhesion: np.ndarray) -> pd.DataFrame:
+def _table(course: Course, slip: np.ndarray, adhesion: np.ndarray) -> pd.DataFrame:
     arrays = {
         **course.columns,
         "slip_ratio": slip,

@@ -1,11 +1,10 @@
-import gzip
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax.data import SHIPPED, matching, read_runs, runs
+from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.errors import InputError
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"
@@ -292,31 +291,18 @@ def test_time_does_not_run_back_within_a_run(tmp_path):
     assert "time_s decreases in row 8" in refused(written(tmp_path, table.drop(columns="run")))
 
 
-def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(runs, "MOST_ROWS", 30)
-    monkeypatch.setattr(runs, "read_all", lambda paths: pytest.fail(f"{paths} were read"))
+def test_broken_files_are_refused(tmp_path):
     text = campaign((31,)).to_csv(index=False)
-    (tmp_path / "a.csv").write_text(text.rstrip())
-    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(text.encode()))
-    campaign((31,)).to_parquet(tmp_path / "a.parquet")
-    for name in ("a.csv", "a.csv.gz", "a.parquet"):
-        said = refused(tmp_path / name)
-        assert "more than 30 rows of data (thin them" in said
-        assert "every k-th row" in said
-    monkeypatch.undo()
-    monkeypatch.setattr(runs, "MOST_ROWS", 30)
-    half = [written(tmp_path, campaign((15,)), name) for name in ("x.csv", "y.csv")]
-    assert read_runs(half).rows.shape == (2, 15)
-    assert "y.csv" in refused(*half, written(tmp_path, campaign((15,)), "z.csv"))
     (tmp_path / "broken.csv.gz").write_bytes(gzip.compress(text.encode())[:-20])
     assert "not a whole gzip file" in refused(tmp_path / "broken.csv.gz")
     (tmp_path / "broken.parquet").write_bytes(b"PAR1")
     assert "not a whole parquet file" in refused(tmp_path / "broken.parquet")
 
 
-def test_a_run_far_longer_than_the_others_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(runs, "_MOST_CELLS", 50)
-    assert "the longest (b) has 30 rows" in refused(written(tmp_path, campaign((5, 30))))
+def test_too_many_runs_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "MOST_RUNS", 3)
+    said = refused(written(tmp_path, campaign((5, 5, 5, 5))))
+    assert "there are 4 runs (at most 3 are taken" in said
 
 
 def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):

@@ -395,3 +395,45 @@ def test_a_process_of_its_own_ends_with_status_2_and_no_traceback():
     assert ended.stderr == (
         "error: eurosprinder does not exist; name a .csv, .csv.gz or .parquet file.\n"
     )
+
+
+def a_log(path, events=True):
+    """20 minutes at 10 Hz with two events on a known curve, written to a file."""
+    time = 0.1 * np.arange(12_000)
+    chance = np.random.default_rng(0)
+    slip = 0.002 + 2e-4 * chance.standard_normal(time.size)
+    for begin in (200.0, 800.0) if events else ():
+        inside = (time - begin) / 8
+        slip += np.where((inside > 0) & (inside < 1), 0.12 * np.sin(np.pi * inside) ** 2, 0.0)
+    adhesion = FORMULAS["burckhardt"](slip, 0.3, 80.0, 0.3) + 0.003 * chance.standard_normal(
+        time.size
+    )
+    columns = {"time_s": time, "vehicle_speed_mps": SPEED, "slip_ratio": slip, "adhesion": adhesion}
+    pd.DataFrame(columns).to_parquet(path)
+    return str(path)
+
+
+@pytest.mark.thorough
+def test_a_log_is_cut_into_its_events_and_drawn(tmp_path):
+    file, out = a_log(tmp_path / "log.parquet"), tmp_path / "out"
+    asked = [file, "--curve", "burckhardt", "--out", str(out)]
+    result = CliRunner().invoke(main, asked, catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "2 slip events cut out of a log of 20 min are runs" in " ".join(result.output.split())
+    assert {path.name for path in out.iterdir()} == FILES | {"events.png"}
+    told = " ".join((out / "verdict.txt").read_text().split())
+    assert "of 12,000 rows with a slip are used" in told.split("Curve:")[0]
+    row = pd.read_csv(out / "curves.csv").loc[0]
+    # Where c1 c2 exp(-c2 s) = c3.
+    assert row["slip_opt"] == pytest.approx(np.log(0.3 * 80 / 0.3) / 80, rel=0.05)
+    # All rows are used where that is asked for, and the figure of an earlier job is removed.
+    result = CliRunner().invoke(main, [*asked, "--whole"], catch_exceptions=False)
+    assert "All 12,000 rows are used: as asked for." in " ".join(result.output.split())
+    assert {path.name for path in out.iterdir()} == FILES
+
+
+def test_a_log_without_an_event_is_refused_and_nothing_written(tmp_path):
+    file, out = a_log(tmp_path / "log.parquet", events=False), tmp_path / "out"
+    with pytest.raises(InputError, match=r"log.parquet has no slip event: .* --whole\.$"):
+        CliRunner().invoke(main, [file, "--out", str(out)], catch_exceptions=False)
+    assert not out.exists()

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.data.condensing import condensed
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
@@ -13,7 +14,6 @@ from adhesion_jax.discovery.search.catalogue import why_untested
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.records import Record
 
 #: Columns that an engineer may have measured, each with the columns that can replace it.
 _EXPECTED: Mapping[str, tuple[str, ...]] = {
@@ -32,7 +32,7 @@ _EXPECTED: Mapping[str, tuple[str, ...]] = {
 
 def absent(runs: RunSet) -> str:
     """A sentence on the known columns that are absent from the data."""
-    there = runs.record.conditions
+    there = runs.whole.conditions
     missing = [
         name
         for name, others in _EXPECTED.items()
@@ -81,12 +81,13 @@ _NARROW: Mapping[str, float] = {
 }
 
 
-def extrapolated(state: Selection, law: CorrectedLaw, test: Record | None) -> tuple[str, ...]:
+def extrapolated(state: Selection, law: CorrectedLaw, test: RunSet | None) -> tuple[str, ...]:
     """Sentences on columns of the effects that leave their training range in the test data."""
     if test is None:
         return ()
-    whole = conditions_of(test, law.calendar)
-    inside = np.asarray(test.mask)
+    record = condensed(test).record
+    whole = conditions_of(record, law.calendar)
+    inside = np.asarray(record.mask)
     used = {name for effect in state.accepted for name in effect.covariates}
     sentences = []
     for name in sorted(used & set(law.ranges) & set(whole)):

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.model.fitting import covariance, packed, size_of
+from adhesion_jax.discovery.model.fitting import Fitted, covariance, packed, size_of
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.model.program import PROBES, Data, Model, changes
 from adhesion_jax.discovery.search.state import Selection, slots_of
@@ -32,14 +32,16 @@ _DRAWS = 64
 _FUNCTIONS = {"temperature_C", "lateral_measure"}
 
 
-def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
+def dependences(state: Selection, of_rows: Fitted, seed: int) -> tuple[Dependence, ...]:
     """The dependences of every effect on its varying columns, or on the time since a step.
+
+    Bands follow from `of_rows`, the fit to all rows.
 
     Effects with a memory are shown over time, if the runs are long enough to show them.
     """
     if not state.accepted:
         return ()
-    draws = _draws(state, seed)
+    draws = _draws(state.fitted, of_rows, seed)
     flat = state.setting.problem.flat
     found = []
     slots = slots_of(state.accepted)
@@ -58,10 +60,9 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
     return tuple(found)
 
 
-def _draws(state: Selection, seed: int) -> np.ndarray:
+def _draws(fitted: Fitted, of_rows: Fitted, seed: int) -> np.ndarray:
     """Parameters of the whole model, [draws, flat]: first the fitted ones, then drawn ones."""
-    fitted = state.fitted
-    matrix = covariance(fitted)
+    matrix = covariance(of_rows)
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS - 1, matrix.shape[0]))

@@ -3,14 +3,12 @@
 import time
 from collections.abc import Mapping, Sequence
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, Float
 
 from adhesion_jax.curves import BASES
 from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.data.condensing import block_means
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.findings.alternatives import confounded, likenesses, proposals
 from adhesion_jax.discovery.findings.cautions import absent, extrapolated, noise_words, untested
@@ -19,7 +17,9 @@ from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
 from adhesion_jax.discovery.model.noise import Noise
 from adhesion_jax.discovery.model.prediction import held_out_loss
+from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
+from adhesion_jax.discovery.model.rows import Ranges, predicted
 from adhesion_jax.discovery.model.slip import NoisySlip
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
@@ -34,8 +34,6 @@ from adhesion_jax.discovery.types import (
 )
 from adhesion_jax.effects import Cause, Effect, ShapeTerm, kind_of
 from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.programs import kept
-from adhesion_jax.records import Record
 
 #: Parameters of the noise that are reported.
 _NOISE = ("sigma", "autocorrelation", "run_scatter")
@@ -47,11 +45,13 @@ _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")
 def summarise(
     *,
     runs: RunSet,
-    record: Record,
-    test: Record | None,
-    test_rows: np.ndarray | None,
+    blocks: RunSet,
+    test: RunSet | None,
     plain: Selection,
     final: Selection,
+    plain_rows: Fitted,
+    final_rows: Fitted,
+    ranges: Ranges,
     slip_noise: NoisySlip | None,
     line: Torsion | None,
     warnings: Sequence[str],
@@ -64,31 +64,34 @@ def summarise(
 ) -> Findings:
     """The findings of two states fitted to all runs: without (`plain`) and with effects (`final`).
 
-    `record` holds the runs as they were fitted, `test_rows` the row of each test point in its file,
-    and `began` the time at which the search began, by `time.perf_counter`.
+    `runs` are all rows, `blocks` the blocks of them that the states were searched in (the rows, if
+    they are few); `plain_rows` and `final_rows` are the fits of the two states to all rows, and
+    `ranges` those of their columns. `began` is the time at which the search began, by
+    `time.perf_counter`.
     """
-    law, bare = law_of(final), law_of(plain)
-    before, after = predicted(bare, record), predicted(law, record)
-    train = _errors(record, before, after, seed)
-    validation = _validation(record, before, after, plain, final, seed)
+    law, bare = law_of(final, ranges), law_of(plain, ranges)
+    before, after = predicted(bare, runs), predicted(law, runs)
+    train = _errors(runs, before, after, seed)
+    validation = _validation(runs, before, after, plain_rows, final_rows, seed)
     tested = predictions = None
-    if test is not None and test_rows is not None:
+    if test is not None:
         test_before, test_after = predicted(bare, test), predicted(law, test)
         tested = _errors(test, test_before, test_after, seed)
-        predictions = _predictions(test_rows, test_before, test_after)
-    noise = final.setting.noise
-    level = float(np.mean(np.asarray(record.adhesion)[np.asarray(record.mask)] ** 2))
+        predictions = _predictions(test.places, test_before, test_after)
+    noise = final_rows.setting.noise
+    level = float(np.mean(runs.whole.adhesion**2))
     floor = float(np.sqrt(noise.sigma**2 + noise.run_scatter**2 * level))
     entries = library_of(final.setting.problem)
     alike = likenesses(final, entries)
-    found = [*_slip_noise(slip_noise), *_found(final, validation), *_torsion(line, validation)]
+    effects = _found(final, final_rows, validation)
+    found = [*_slip_noise(slip_noise), *effects, *_torsion(line, validation)]
     return Findings(
         source,
         final.base,
-        _base_parameters(plain, final),
+        _base_parameters(plain, plain_rows, final, final_rows),
         law,
         floor,
-        _noise(final),
+        _noise(noise),
         train,
         validation,
         tested,
@@ -98,14 +101,14 @@ def summarise(
         confounded(final, alike),
         untested(final.setting.problem, runs),
         proposals(final, alike),
-        dependences(final, seed),
+        dependences(final, final_rows, seed),
         (
             *warnings,
             *noise_words(final),
-            *extrapolated(final, law, None if test is None else test),
+            *extrapolated(final, law, test),
             absent(runs),
         ),
-        _points(runs, record, before, after),
+        _points(blocks, before, after),
         predictions,
         time.perf_counter() - began,
         final.thresholds,
@@ -113,18 +116,25 @@ def summarise(
         citation,
         tuple(doubts),
         opinion,
-        None if runs.blocks else _levels(runs, record, before, after, final.setting.noise),
+        None if runs.blocks else _levels(runs, before, after, noise),
     )
 
 
-def law_of(state: Selection) -> CorrectedLaw:
-    """The law of a state, with the ranges of its columns in the training data."""
-    problem = state.setting.problem
-    ranges = {
+def ranges_of(problem: Problem, runs: RunSet) -> Ranges:
+    """The ranges of the columns in all rows; of those that follow from others, in the blocks."""
+    measured = runs.whole.conditions
+    whole = {name: measured.get(name, values) for name, values in problem.flat.items()}
+    return {
         name: (float(values.min()), float(values.max()))
-        for name, values in problem.flat.items()
+        for name, values in whole.items()
         if name not in _UNBOUNDED
     }
+
+
+def law_of(state: Selection, ranges: Ranges) -> CorrectedLaw:
+    """The law of a state, with the ranges of its columns in the training data."""
+    problem = state.setting.problem
+    ranges = dict(ranges)
     inside = problem.points > 0
     needed = {name for effect in state.fitted.effects for name in effect.NEEDS}
     for name in needed & problem.constant - {*_UNBOUNDED}:
@@ -136,45 +146,31 @@ def law_of(state: Selection) -> CorrectedLaw:
     return CorrectedLaw(curve, effects, ranges, problem.calendar)
 
 
-def predicted(law: CorrectedLaw, record: Record) -> np.ndarray:
-    """Adhesion of every point of every run, [runs, points]."""
-    conditions = {name: jnp.asarray(values) for name, values in record.conditions.items()}
-    return np.asarray(_of_runs(law, jnp.asarray(record.slip), conditions))
+def _by_run(runs: RunSet, values: np.ndarray) -> np.ndarray:
+    """Sums over the rows of each run, [runs]."""
+    return np.add.reduceat(values, runs.starts)
 
 
-@kept()
-def _of_runs(
-    law: CorrectedLaw,
-    slip: Float[Array, "runs points"],
-    conditions: Mapping[str, Float[Array, "runs points"]],
-) -> Float[Array, "runs points"]:
-    return jax.vmap(law)(slip, conditions)
+def _squares(runs: RunSet, adhesion: np.ndarray) -> np.ndarray:
+    """The sum of squared errors of each run."""
+    return _by_run(runs, (adhesion - runs.whole.adhesion) ** 2)
 
 
-def _squares(record: Record, adhesion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squared errors and number of points of each run."""
-    mask = np.asarray(record.mask)
-    error = np.where(mask, adhesion - np.asarray(record.adhesion), 0.0)
-    return (error**2).sum(1), mask.sum(1)
-
-
-def _errors(record: Record, before: np.ndarray, after: np.ndarray, seed: int) -> Errors:
-    squares, points = _squares(record, before)
-    return errors(squares, _squares(record, after)[0], points, seed)
+def _errors(runs: RunSet, before: np.ndarray, after: np.ndarray, seed: int) -> Errors:
+    return errors(_squares(runs, before), _squares(runs, after), runs.lengths, seed)
 
 
 def _validation(
-    record: Record,
+    runs: RunSet,
     before: np.ndarray,
     after: np.ndarray,
-    plain: Selection,
-    final: Selection,
+    plain: Fitted,
+    final: Fitted,
     seed: int,
 ) -> Errors:
     """Errors of runs left out one by one: those of the fit times the growth of their loss."""
-    squares, points = _squares(record, before)
-    corrected = _squares(record, after)[0]
-    return errors(squares * _growth(plain.fitted), corrected * _growth(final.fitted), points, seed)
+    bare = _squares(runs, before) * _growth(plain)
+    return errors(bare, _squares(runs, after) * _growth(final), runs.lengths, seed)
 
 
 def _growth(fitted: Fitted) -> np.ndarray:
@@ -183,46 +179,40 @@ def _growth(fitted: Fitted) -> np.ndarray:
 
 
 def _predictions(rows: np.ndarray, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
-    """The predictions of the test file, one line for each of its rows, in its order."""
-    inside = rows >= 0
-    table = pd.DataFrame({"row": rows[inside], "base": before[inside], "corrected": after[inside]})
+    """The predictions of the test files, one line for each of their rows, in its order."""
+    table = pd.DataFrame({"row": rows, "base": before, "corrected": after})
     return table.sort_values("row", ignore_index=True)
 
 
-def _points(runs: RunSet, record: Record, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
-    """The training points, one row a point."""
-    inside = runs.rows >= 0
-    names = np.array(runs.names, dtype=object)[:, None]
+def _points(blocks: RunSet, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
+    """The points of the search, one row a point: a training row, or the mean of a block of them."""
+    whole = blocks.whole
     columns = {
-        "run": np.broadcast_to(names, runs.rows.shape)[inside],
-        "slip": np.asarray(record.slip)[inside],
-        "adhesion": np.asarray(record.adhesion)[inside],
-        "before": before[inside],
-        "after": after[inside],
+        "run": np.repeat(np.array(blocks.names, dtype=object), blocks.lengths),
+        "slip": whole.slip,
+        "adhesion": whole.adhesion,
+        "before": block_means(before, blocks),
+        "after": block_means(after, blocks),
     }
-    more = {name: np.asarray(values)[inside] for name, values in runs.record.conditions.items()}
+    more = {name: values for name, values in whole.conditions.items() if name != "run_order"}
     return pd.DataFrame({**columns, **more})
 
 
-def _levels(
-    runs: RunSet, record: Record, before: np.ndarray, after: np.ndarray, noise: Noise
-) -> pd.DataFrame:
+def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: Noise) -> pd.DataFrame:
     """The level of each run without and with the effects, relative to the prediction.
 
     It is the regression coefficient of the residual on the prediction. Its error is that of the
     noise within the run, (1 + r)/(1 - r) times the variance of independent points.
     """
-    mask = np.asarray(record.mask)
-    measured = np.asarray(record.adhesion)
+    measured = runs.whole.adhesion
     levels = [
-        (np.where(mask, (measured - law) * law, 0.0).sum(1) / (law**2 * mask).sum(1))
-        for law in (before, after)
+        _by_run(runs, (measured - law) * law) / _by_run(runs, law**2) for law in (before, after)
     ]
     r = float(noise.autocorrelation)
     spread = float(noise.sigma) * np.sqrt((1 + r) / (1 - r))
     columns = {
-        name: np.where(mask, np.asarray(values), 0.0).sum(1) / mask.sum(1)
-        for name, values in record.conditions.items()
+        name: _by_run(runs, values) / runs.lengths
+        for name, values in runs.whole.conditions.items()
         if name != "run_order"
     }
     return pd.DataFrame(
@@ -230,18 +220,20 @@ def _levels(
             "run": runs.names,
             "before": levels[0],
             "after": levels[1],
-            "error": spread / np.sqrt((after**2 * mask).sum(1)),
+            "error": spread / np.sqrt(_by_run(runs, after**2)),
             **columns,
         }
     )
 
 
-def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
+def _base_parameters(
+    plain: Selection, plain_rows: Fitted, final: Selection, final_rows: Fitted
+) -> pd.DataFrame:
     """The parameters of the base curve, fitted without and with the effects."""
     rows: dict[str, dict[str, object]] = {}
-    for state, when in ((plain, "before"), (final, "after")):
+    for state, of_rows, when in ((plain, plain_rows, "before"), (final, final_rows, "after")):
         curve = BASES[state.base]
-        error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0))
+        error = np.sqrt(np.maximum(np.diag(covariance(of_rows)), 0.0))
         for place, name in zip(base_places(state.base), curve.free, strict=True):
             key = f"{state.base} {name}" if plain.base != final.base else name
             row = rows.setdefault(key, {"parameter": key, "unit": curve.PARAMETERS[name].unit})
@@ -251,9 +243,9 @@ def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
     return pd.DataFrame(list(rows.values())).reindex(columns=columns)
 
 
-def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
+def _found(state: Selection, of_rows: Fitted, validation: Errors) -> list[FoundEffect]:
     """The effects with their intervals, and the error with each added to those before it."""
-    intervals = _intervals(state)
+    intervals = _intervals(state, of_rows)
     values = state.fitted.base_values.tolist()
     whole = float(held_out_loss(state.fitted).sum())
     found = []
@@ -317,9 +309,9 @@ def _sentence(effect: Accepted) -> str:
     return f"{first.SENTENCE}{refined}"
 
 
-def _intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
+def _intervals(state: Selection, of_rows: Fitted) -> Mapping[Place, Mapping[str, Interval]]:
     """95 % intervals of the parameters of every part, by parameter name."""
-    error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0))
+    error = np.sqrt(np.maximum(np.diag(covariance(of_rows)), 0.0))
     at = {place: number for number, place in enumerate(state.fitted.places)}
     slots = slots_of(state.accepted)
     found = {}
@@ -332,8 +324,7 @@ def _intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
     return found
 
 
-def _noise(state: Selection) -> Mapping[str, float]:
-    noise = state.setting.noise
+def _noise(noise: Noise) -> Mapping[str, float]:
     return {name: float(getattr(noise, name)) for name in _NOISE}
 
 

@@ -19,8 +19,11 @@ from adhesion_jax.effects import Effect
 
 def fits_alone(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
     """Each curve alone under a given noise, from the best of its starts."""
-    fits = [starts_under(setting, base) for base in bases]
-    return {some[0].base: min(some, key=lambda fitted: fitted.total) for some in fits}
+    fits = starts_under(setting, bases)
+    return {
+        base: min((one for one in fits if one.base == base), key=lambda fitted: fitted.total)
+        for base in bases
+    }
 
 
 def first_fits(alone: Mapping[str, Fitted]) -> dict[str, Fitted]:
@@ -29,10 +32,11 @@ def first_fits(alone: Mapping[str, Fitted]) -> dict[str, Fitted]:
     return dict(zip(alone, side_by_side(precise, own), strict=True))
 
 
-def starts_under(setting: Setting, base: str) -> list[Fitted]:
-    """A curve alone under a given noise, from each of its starts."""
-    starts = BASES[base].starts(_top(setting))
-    return side_by_side(lambda start: nearly_fitted(setting, base, start, ()), list(starts))
+def starts_under(setting: Setting, bases: Sequence[str]) -> list[Fitted]:
+    """Each curve alone under a given noise, from each of its starts."""
+    top = _top(setting)
+    starts = [(base, start) for base in bases for start in BASES[base].starts(top)]
+    return side_by_side(lambda one: nearly_fitted(setting, *one, ()), starts)
 
 
 def middle_start_under(setting: Setting, base: str, effects: Sequence[Effect]) -> Fitted:

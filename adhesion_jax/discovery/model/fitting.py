@@ -5,6 +5,7 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
+import scipy
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES
@@ -182,6 +183,13 @@ def own_noise(fitted: Fitted) -> Setting:
     )
 
 
+def with_noise_left(fitted: Fitted) -> Fitted:
+    """The same fit with the noise estimated from its residual, whichever it was fitted under."""
+    problem = fitted.setting.problem._replace(even=False)
+    uneven = fitted._replace(setting=fitted.setting._replace(problem=problem))
+    return fitted._replace(setting=own_noise(uneven))
+
+
 def noise_of(problem: Problem, start: Noise, residual: np.ndarray, level: np.ndarray) -> Noise:
     """The noise of greatest likelihood for a residual; `start` has its weights and slip noise."""
     in_order = (problem.in_time or not problem.blocks) and not problem.even
@@ -246,24 +254,65 @@ def loss_without(fitted: Fitted, slots: Sequence[int]) -> float:
 
     Half of Wald's statistic of their strengths s: s' (H^-1)_ss^-1 s/2.
     """
-    gone = [
-        place
-        for slot, effect in enumerate(fitted.effects)
-        if slot in slots
-        for name, place in effect_places(slot, effect).items()
-        if name in effect.STRENGTHS
-    ]
+    gone = strengths_of(fitted, slots)
     chosen = [fitted.places.index(place) for place in gone]
     strengths = fitted.values[gone]
     spread = solve(fitted.hessian.sum(0), np.eye(len(fitted.places)))[np.ix_(chosen, chosen)]
     return 0.5 * float(strengths @ np.linalg.pinv(spread, hermitian=True) @ strengths)
 
 
+def p_of(fitted: Fitted, slots: Sequence[int]) -> float:
+    """The p of the hypothesis that the strengths of the effects in those places are all zero.
+
+    Their other parameters are held, for they mean nothing where the strengths are zero. Wald's
+    statistic W of k strengths with their covariance over R runs (`covariance`): then
+    (R - k)/(k (R - 1)) W has the distribution F of k and R - k degrees of freedom. Hotelling 1931,
+    Ann. Math. Stat. 2, 360-378.
+    """
+    strengths = strengths_of(fitted, slots)
+    held = {
+        place
+        for slot in slots
+        for place in effect_places(slot, fitted.effects[slot]).values()
+        if place not in strengths
+    }
+    free = [number for number, place in enumerate(fitted.places) if place not in held]
+    chosen = [free.index(fitted.places.index(place)) for place in strengths]
+    less = fitted._replace(
+        gradient=fitted.gradient[:, free], hessian=fitted.hessian[:, free][:, :, free]
+    )
+    spread = covariance(less)[np.ix_(chosen, chosen)]
+    runs = int((np.abs(fitted.hessian).sum((1, 2)) > 0).sum())
+    # In the units of their errors; directions that the data do not determine count for nothing.
+    size = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    values, vectors = np.linalg.eigh(spread / np.outer(size, size))
+    kept = values > DETERMINED
+    along = (fitted.values[strengths] / size) @ vectors[:, kept]
+    count = int(kept.sum())
+    if not 0 < count < runs:
+        return 1.0
+    wald = float((along**2 / values[kept]).sum())
+    ratio = (runs - count) / (count * (runs - 1)) * wald
+    return float(scipy.stats.f.sf(ratio, count, runs - count))
+
+
+def strengths_of(fitted: Fitted, slots: Sequence[int]) -> list[int]:
+    """The places in `values` of the strengths of the effects in those places."""
+    return [
+        place
+        for slot, effect in enumerate(fitted.effects)
+        if slot in slots
+        for name, place in effect_places(slot, effect).items()
+        if name in effect.STRENGTHS
+    ]
+
+
 def squares(fitted: Fitted) -> float:
-    """Sum of squared errors of adhesion, points weighted down for the noise of their slip."""
+    """Sum of squared errors of adhesion, points weighted, less where their slip is noisy."""
     noise = fitted.setting.noise
-    error = (fitted.adhesion - np.asarray(fitted.setting.problem.data.adhesion)) * noise.weight
-    return float((np.asarray(error) ** 2 / (1 + slip_variance(noise) / noise.sigma**2)).sum())
+    error = fitted.adhesion - np.asarray(fitted.setting.problem.data.adhesion)
+    share = noise.weight / (1 + noise.weight * slip_variance(noise) / noise.sigma**2)
+    return float((share * np.asarray(error) ** 2).sum())
 
 
 def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """The noise of measured runs: its covariance, the likelihood of a residual, and its estimation.
 
 The error of adhesion at point t of a run is e(t) + g(t) d(t) + u(t) a: e is AR(1) noise of
-standard deviation sigma, d the error of the slip with g the slope of the curve there, and a a
+standard deviation sigma (sigma/sqrt(w) at a point of weight w, the mean of several rows), d the
+error of the slip with g the slope of the curve there, and a a
 factor of the run on the predicted adhesion u, of standard deviation run_scatter. The slow part of
 g d is a sum of a few modes of independent sizes. The rest of g d and e are taken together as a
 Markov chain: each point is conditioned on the one before. That is exact for AR(1) noise alone and
@@ -15,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 #: Largest number of modes of each run for the slow part of the adhesion error due to slip errors.
 MODES = 16
@@ -38,8 +39,9 @@ _LARGEST_RATIO = 1e8
 class Noise(NamedTuple):
     """The parameters of the noise: NumPy arrays outside a program, jax arrays inside it."""
 
-    weight: Float[Any, "runs points"]  # 1 where there is a point that counts, else 0
-    sigma: Float[Any, ""]
+    #: How many independent rows a point is worth, 1 on average (`Problem.points`); 0: none.
+    weight: Float[Any, "runs points"]
+    sigma: Float[Any, ""]  # of a point of weight 1
     autocorrelation: Float[Any, ""]
     run_scatter: Float[Any, ""]
     variance: Float[Any, "runs points"]  # of g d, beside its modes
@@ -124,10 +126,7 @@ def chain(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
 
     Both are [runs, points].
     """
-    own = noise.sigma**2 + noise.variance
-    both = (noise.weight[:, 1:] > 0) & (noise.weight[:, :-1] > 0)
-    shared = noise.autocorrelation * noise.sigma**2 + noise.covariance[:, 1:]
-    shared = np.where(both, shared, 0.0)
+    own, shared = _moments(noise)
     carry, spread = np.zeros_like(own), np.sqrt(own)
     carry[:, 1:] = shared / own[:, :-1]
     fresh = own[:, 1:] - carry[:, 1:] * shared
@@ -135,10 +134,32 @@ def chain(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
     return carry, spread
 
 
+def _moments(noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of each point, and covariance with the one before [runs, points - 1], of e + g d."""
+    inside = noise.weight > 0
+    size = noise.sigma / np.sqrt(np.where(inside, noise.weight, 1.0))
+    shared = noise.autocorrelation * size[:, 1:] * size[:, :-1] + noise.covariance[:, 1:]
+    return size**2 + noise.variance, np.where(inside[:, 1:] & inside[:, :-1], shared, 0.0)
+
+
 def _innovations(weight: Array, carry: Array, spread: Array, signal: Array) -> Array:
     """The signal less its regression on the point before, in standard deviations."""
     before = jnp.concatenate([signal[:, :1], signal[:, :-1]], axis=1)
     return jnp.where(weight > 0, (signal - carry * before) / spread, 0.0)
+
+
+class Sums(NamedTuple):
+    """Products of residual and level with themselves and each other, [3, 4, runs].
+
+    First axis: residual squared, level squared, residual times level. Second axis, the points that
+    are summed over: those without a predecessor; those with one; the latter times their
+    predecessors; the predecessors.
+    """
+
+    products: np.ndarray
+    points: int
+    starts: int  # points without a predecessor
+    mean_size: float  # mean over runs of the sum of squares of the level
 
 
 def estimated(
@@ -152,12 +173,44 @@ def estimated(
     """
     inside = start.weight > 0
     residual, level = np.where(inside, residual, 0.0), np.where(inside, level, 0.0)
-    long_enough = inside.sum() > _SHORT * max(int(inside.any(1).sum()), 1)
-    in_order = in_order and bool(long_enough)
-    by_run = by_run and int(inside.any(1).sum()) > 2
+    runs = int(inside.any(1).sum())
+    in_order = in_order and long_enough(int(inside.sum()), runs)
+    by_run = by_run and runs > 2
     if start.variance.any() or start.modes.size:
         return _with_slip(start, residual, level, in_order, by_run)
-    sums = _sums(start.weight, residual, level)
+    root = np.sqrt(start.weight)
+    sums = _sums(start.weight, root * residual, root * level)
+    sigma, autocorrelation, run_scatter = map(np.array, likeliest_of(sums, in_order, by_run))
+    return start._replace(sigma=sigma, autocorrelation=autocorrelation, run_scatter=run_scatter)
+
+
+def shared_part(residual: np.ndarray, worth: np.ndarray) -> float:
+    """The likeliest f where the variance of each residual [points] is v (1/worth + f).
+
+    It is the part of the noise that the rows of a block have in common, so that it does not fall
+    with their number.
+    """
+
+    def loss(share: float) -> float:
+        size = 1 / worth + share
+        mean = max(float(np.mean(residual**2 / size)), 1e-300)
+        return 0.5 * residual.size * float(np.log(mean)) + 0.5 * float(np.log(size).sum())
+
+    if np.ptp(worth) == 0:
+        return 0.0
+    ends = np.log([1e-3 / worth.max(), 1e3 / worth.min()])
+    found = minimize_scalar(lambda place: loss(float(np.exp(place))), bounds=ends, method="bounded")
+    best = float(np.exp(found.x))
+    return best if loss(best) < loss(0.0) else 0.0
+
+
+def long_enough(points: int, runs: int) -> bool:
+    """Whether an autocorrelation can be told from the levels of runs of so many points in all."""
+    return points > _SHORT * max(runs, 1)
+
+
+def likeliest_of(sums: Sums, in_order: bool, by_run: bool) -> tuple[float, float, float]:
+    """Sigma, autocorrelation and run scatter of greatest likelihood for sums over runs."""
     lows, highs = np.array([0.0, 0.0]), np.array([_MOST_CORRELATED * in_order, 1.0 * by_run])
     best = np.zeros(2)
     for turn, places in enumerate(_GRIDS):
@@ -174,9 +227,7 @@ def estimated(
     _, variance = _profile(sums, best[:1], ratio)
     sigma = max(float(np.sqrt(variance[0])), 1e-150)
     scatter = float(np.sqrt(ratio[0] / sums.mean_size)) * sigma if sums.mean_size > 0 else 0.0
-    return start._replace(
-        sigma=np.array(sigma), autocorrelation=np.array(best[0]), run_scatter=np.array(scatter)
-    )
+    return sigma, float(best[0]), scatter
 
 
 def _ratio(place: np.ndarray) -> np.ndarray:
@@ -184,21 +235,7 @@ def _ratio(place: np.ndarray) -> np.ndarray:
     return np.expm1(place * np.log1p(_LARGEST_RATIO * 1e3)) / 1e3
 
 
-class _Sums(NamedTuple):
-    """Products of residual and level with themselves and each other, [3, 4, runs].
-
-    First axis: residual squared, level squared, residual times level. Second axis, the points that
-    are summed over: those without a predecessor; those with one; the latter times their
-    predecessors; the predecessors.
-    """
-
-    products: np.ndarray
-    points: int
-    starts: int  # points without a predecessor
-    mean_size: float  # mean over runs of the sum of squares of the level
-
-
-def _sums(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> _Sums:
+def _sums(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> Sums:
     inside = weight > 0
     linked = np.zeros_like(inside)
     linked[:, 1:] = inside[:, 1:] & inside[:, :-1]
@@ -215,7 +252,7 @@ def _sums(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> _Sums:
 
     pairs = ((residual, residual), (level, level), (residual, level))
     used = max(int(inside.any(1).sum()), 1)
-    return _Sums(
+    return Sums(
         np.array([parts(*pair) for pair in pairs]),
         int(inside.sum()),
         int((inside & ~linked).sum()),
@@ -223,7 +260,7 @@ def _sums(weight: np.ndarray, residual: np.ndarray, level: np.ndarray) -> _Sums:
     )
 
 
-def _profile(sums: _Sums, r: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _profile(sums: Sums, r: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half the deviance with the best sigma, and that sigma squared, [choices].
 
     A choice is an autocorrelation r and a ratio run_scatter^2 mean_size/sigma^2.
@@ -257,7 +294,7 @@ def _with_slip(
 
     inside = start.weight > 0
     extra = slip_variance(start)
-    calm = residual[inside & (extra <= np.median(extra[inside]))]
+    calm = (np.sqrt(start.weight) * residual)[inside & (extra <= np.median(extra[inside]))]
     first = np.log(max(float(np.sqrt(np.mean(calm**2))), 1e-12))
     begun = np.array([first, -1.0, -6.0])
     known = float(start.sigma) > 0 and float(start.autocorrelation) > 0
@@ -283,9 +320,7 @@ def _with_slip(
 def _half_deviance(noise: Noise, residual: np.ndarray, level: np.ndarray) -> float:
     """Half the deviance that `whitened` and `determinant` give, in NumPy, which is faster here."""
     inside = noise.weight > 0
-    own = noise.sigma**2 + noise.variance
-    shared = noise.autocorrelation * noise.sigma**2 + noise.covariance[:, 1:]
-    shared = np.where(inside[:, 1:] & inside[:, :-1], shared, 0.0)
+    own, shared = _moments(noise)
     carry = shared / own[:, :-1]
     spread = own.copy()
     spread[:, 1:] = np.maximum(own[:, 1:] - carry * shared, 1e-9 * own[:, 1:])

@@ -12,7 +12,7 @@ from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.model.program import Data
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, completed_runs
-from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip
+from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip, of_means
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
@@ -39,7 +39,9 @@ class Problem(NamedTuple):
     """Measured runs as the search takes them."""
 
     data: Data
-    points: np.ndarray  # [runs, points]: 1 where there is a point, else 0
+    points: np.ndarray  # [runs, points]: the weight of each point, 1 on average; 0: none
+    worth: np.ndarray  # [runs, points]: how many independent rows each point is worth
+    shared: float  # variance of a point that rows share, relative to that of a row
     calendar: Calendar
     columns: tuple[str, ...]  # of Data.columns
     flat: Mapping[str, np.ndarray]  # every condition that varies, at the points there are
@@ -70,18 +72,26 @@ def label_of(column: str, measured: frozenset[str]) -> str:
 
 
 def prepare(
-    record: Record, calendar: Calendar, blocks: bool, slip_noise: SlipNoise | None = None
+    record: Record,
+    calendar: Calendar,
+    blocks: bool,
+    slip_noise: SlipNoise | None = None,
+    worth: np.ndarray | None = None,
+    shared: float = 0.0,
 ) -> Problem:
     """The arrays of a record [runs, points] for the search, its slip corrected for a noise.
 
-    `blocks` says that the runs of the record are blocks of one run.
+    `blocks` says that the runs of the record are blocks of one run. A point that is worth n
+    independent rows has a variance of 1/n + `shared` times that of a row.
     """
-    points = np.asarray(record.mask, float)
+    worth = np.ones(record.mask.shape) if worth is None else worth
+    points = np.where(record.mask, worth / (1 + shared * worth), 0.0)
+    points = points / points[points > 0].mean()
     slip, adhesion = np.asarray(record.slip), np.asarray(record.adhesion)
     nothing = np.zeros((*slip.shape, 2, 2))
     expected = ExpectedSlip(slip, nothing, nothing)
     if slip_noise is not None:
-        expected = jax.tree.map(np.asarray, expected_slips(slip_noise, record))
+        expected = jax.tree.map(np.asarray, expected_slips(slip_noise, record, worth))
         slip = expected.slip
         record = record._replace(slip=jnp.asarray(slip))
     whole = dict(conditions_of(record, calendar))
@@ -106,6 +116,8 @@ def prepare(
     return Problem(
         data,
         points,
+        worth,
+        shared,
         calendar,
         columns,
         flat,
@@ -133,19 +145,35 @@ def _units(points: np.ndarray, short: bool) -> np.ndarray:
     return np.arange(runs)[:, None] * length + np.broadcast_to(place, points.shape)
 
 
-def expected_slips(slip_noise: SlipNoise, record: Record) -> ExpectedSlip:
-    """The expectation of the true slip given the measured slip, arrays [runs, points]."""
+def corrected(problem: Problem, record: Record, slip_noise: SlipNoise | None) -> Problem:
+    """The same problem, of the `record` that it was made of, with its slip corrected."""
+    return prepare(
+        record, problem.calendar, problem.blocks, slip_noise, problem.worth, problem.shared
+    )
+
+
+def expected_slips(slip_noise: SlipNoise, record: Record, worth: np.ndarray) -> ExpectedSlip:
+    """The expectation of the true slip given the measured slip, arrays [runs, points].
+
+    The noise is that of one row, and a point is `worth` so many.
+    """
     names = ("time_s", slip_noise.falls_with) if slip_noise.falls_with else ("time_s",)
     conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
     arrays = jax.tree.map(jnp.asarray, slip_noise)
-    return _expected(arrays, jnp.asarray(record.slip), conditions)
+    return _expected(arrays, jnp.asarray(record.slip), conditions, jnp.asarray(worth))
 
 
 @kept()
 def _expected(
-    slip_noise: SlipNoise, slip: Float[Array, "runs points"], conditions: Conditions
+    slip_noise: SlipNoise,
+    slip: Float[Array, "runs points"],
+    conditions: Conditions,
+    worth: Float[Array, "runs points"],
 ) -> ExpectedSlip:
-    return jax.vmap(lambda *run: expected_slip(slip_noise, *run))(slip, conditions)
+    def of_run(slip: Array, conditions: Conditions, worth: Array) -> ExpectedSlip:
+        return expected_slip(of_means(slip_noise, worth), slip, conditions)
+
+    return jax.vmap(of_run)(slip, conditions, worth)
 
 
 def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray]:

@@ -23,10 +23,10 @@ from adhesion_jax.discovery.model.fitting import (
     squares,
 )
 from adhesion_jax.discovery.model.noise import MODES, Noise, determinant, white_noise, whitening
-from adhesion_jax.discovery.model.problem import Problem, prepare
+from adhesion_jax.discovery.model.problem import Problem, corrected
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.slip_bias import SlipBias
-from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, log_density
+from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, log_density, of_means
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
@@ -102,17 +102,18 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     names = [name for name in _FALLS_WITH if not name or name in record.conditions]
     if given is not None:
         names = names[:1]
-    found, _ = min((_likeliest(record, name, given) for name in names), key=lambda one: one[1])
+    problem = fitted.setting.problem
+    both = (_likeliest(record, problem.worth, name, given) for name in names)
+    found, _ = min(both, key=lambda one: one[1])
     if given is not None:
         return found
-    problem = fitted.setting.problem
     noise = white_noise(fitted.setting.noise.weight, float(fitted.setting.noise.sigma))
 
     def left(effect: SlipNoise | None) -> float:
-        corrected = prepare(record, problem.calendar, problem.blocks, effect)
-        setting = Setting(corrected, noise, np.asarray(problem.data.adhesion))
+        other = corrected(problem, record, effect)
+        setting = Setting(other, noise, np.asarray(problem.data.adhesion))
         # From new starts: the curve at the noisy slip may be far from that at the expected one.
-        return min(squares(start) for start in starts_under(setting, fitted.base))
+        return min(squares(start) for start in starts_under(setting, [fitted.base]))
 
     # A true slip with a smooth acceleration has less roughness than the likeliest one.
     rough = float(found.effect.roughness)
@@ -124,7 +125,9 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     return found._replace(effect=tried[smallest])
 
 
-def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Roughness, float]:
+def _likeliest(
+    record: Record, worth: np.ndarray, falls_with: str, given: float | None
+) -> tuple[Roughness, float]:
     """The noise of one kind, and minus the log density of the slip under it."""
     slip = np.asarray(record.slip)[np.asarray(record.mask)]
     scale = float(np.median(record.conditions[falls_with])) if falls_with else 1.0
@@ -137,12 +140,12 @@ def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Ro
         roughs, sizes = best[0] + reach[0] * steps, best[1] + reach[1] * steps
         sizes = sizes if reach[1] else best[1:]
         choices = np.array(list(product(roughs, sizes)))
-        losses = _losses(record, falls_with, choices)
+        losses = _losses(record, worth, falls_with, choices)
         best = choices[losses.argmin()]
         reach = 2 * _NEARER * reach / (_CHOICES - 1)
     rough, sigma = np.exp(best).tolist()
     ahead, least, behind = _losses(
-        record, falls_with, best + np.array([[0.0, _STEP], [0.0, 0.0], [0.0, -_STEP]])
+        record, worth, falls_with, best + np.array([[0.0, _STEP], [0.0, 0.0], [0.0, -_STEP]])
     ).tolist()
     spread = 0.0
     if given is None:
@@ -156,12 +159,15 @@ def _likeliest(record: Record, falls_with: str, given: float | None) -> tuple[Ro
     return Roughness(plain, Interval(sigma, *ends.tolist())), least
 
 
-def _losses(record: Record, falls_with: str, choices: np.ndarray) -> np.ndarray:
+def _losses(
+    record: Record, worth: np.ndarray, falls_with: str, choices: np.ndarray
+) -> np.ndarray:
     """Minus the log density of the slip for logarithms of roughness and sigma, [choices]."""
     names = ("time_s", falls_with) if falls_with else ("time_s",)
     conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
     slip, mask = jnp.asarray(record.slip), jnp.asarray(record.mask)
-    return -np.asarray(_log_densities(np.exp(choices), falls_with, slip, mask, conditions))
+    arrays = slip, mask, conditions, jnp.asarray(worth)
+    return -np.asarray(_log_densities(np.exp(choices), falls_with, *arrays))
 
 
 @kept(static=(1,))
@@ -171,12 +177,17 @@ def _log_densities(
     slip: Float[Array, "runs points"],
     mask: Bool[Array, "runs points"],
     conditions: Conditions,
+    worth: Float[Array, "runs points"],
 ) -> Float[Array, " choices"]:
     """The log density of the slips of all runs, for each choice of roughness and sigma."""
 
     def whole(choice: Float[Array, " two"]) -> Float[Array, ""]:
         kind = SlipNoise(sigma=choice[1], roughness=choice[0], falls_with=falls_with)
-        densities = jax.vmap(lambda *run: log_density(kind, *run))(slip, conditions)
+
+        def of_run(slip: Array, conditions: Conditions, worth: Array) -> Array:
+            return log_density(of_means(kind, worth), slip, conditions)
+
+        densities = jax.vmap(of_run)(slip, conditions, worth)
         return jnp.where(mask, densities, 0.0).sum()
 
     return jax.vmap(whole)(choices)
@@ -200,7 +211,8 @@ def with_slip_errors(problem: Problem, noise: Noise, curves: Sequence[str]) -> S
         fitted = min(fits.values(), key=lambda fitted: fitted.total)
         extra, shared = _slip_moments(fitted)
         sigma = float(fitted.setting.noise.sigma)
-        kept = extra <= max(sigma**2, float(np.quantile(extra[fitted_to > 0], _LEAST_KEPT)))
+        own = sigma**2 / np.where(problem.points > 0, problem.points, 1.0)
+        kept = extra <= np.maximum(own, np.quantile(extra[fitted_to > 0], _LEAST_KEPT))
         noise = fitted.setting.noise._replace(
             weight=fitted_to * kept, variance=extra * kept, covariance=shared * kept
         )
@@ -213,7 +225,9 @@ def _with_modes(noise: Noise, fitted: Fitted, kept: np.ndarray) -> Noise:
 
     These are the modes of largest variance of the covariance g(s) C(s, t) g(t) of each run.
     """
-    slope = _slope(fitted) * kept
+    # Multiplied by its root, so that all points have the same noise sigma.
+    root = np.sqrt(np.where(noise.weight > 0, noise.weight, 1.0))
+    slope = _slope(fitted) * kept * root
     least = _LEAST_MODE * float(noise.sigma) ** 2
     modes, fast, shared = np.zeros((*slope.shape, MODES)), slope * 0.0, slope * 0.0
     for run, errors in enumerate(error_covariances(fitted.setting.problem.expected)):
@@ -226,7 +240,9 @@ def _with_modes(noise: Noise, fitted: Fitted, kept: np.ndarray) -> Noise:
         fast[run] = np.maximum(np.diag(rest), 0.0)
         shared[run, 1:] = np.diag(rest, 1)
     some = int(modes.any(axis=(0, 1)).sum())
-    return noise._replace(variance=fast, covariance=shared, modes=modes[:, :, :some])
+    shared[:, 1:] /= root[:, 1:] * root[:, :-1]
+    own = modes[:, :, :some] / root[:, :, None]
+    return noise._replace(variance=fast / root**2, covariance=shared, modes=own)
 
 
 def error_covariances(expected: ExpectedSlip) -> Iterator[np.ndarray]:

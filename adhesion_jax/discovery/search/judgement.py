@@ -170,8 +170,8 @@ def level_doubts(state: Selection, seed: int) -> tuple[Doubt, ...]:
         return ()
     weight = np.asarray(state.setting.noise.weight)
     used = weight.sum(axis=1) > 0
-    law = fitted.adhesion * weight
-    left = (np.asarray(problem.data.adhesion) * weight - law) * law
+    law = fitted.adhesion * np.sqrt(weight)
+    left = (np.asarray(problem.data.adhesion) * np.sqrt(weight) - law) * law
     levels = left.sum(axis=1)[used] / (law**2).sum(axis=1)[used]
     means = (np.asarray(problem.data.columns) * weight).sum(axis=2)[:, used]
     means = means / weight.sum(axis=1)[used]

@@ -94,7 +94,7 @@ def _adjoint(fitted: Fitted) -> np.ndarray:
     fresh = -fitted.residual / spread
     back = fresh.copy()
     back[:, :-1] -= carry[:, 1:] * fresh[:, 1:]
-    return back * weight * fitted.adhesion
+    return back * (weight > 0) * fitted.adhesion
 
 
 def _coherent(

@@ -91,7 +91,7 @@ def _as_if_white(fitted: Fitted) -> Fitted:
     if float(noise.run_scatter) >= rules.COLOURED_RUN_SCATTER:
         noise = noise._replace(run_scatter=np.array(0.0))
     white = Setting(setting.problem, noise, setting.level)
-    return min(starts_under(white, fitted.base), key=lambda start: start.total)
+    return min(starts_under(white, [fitted.base]), key=lambda start: start.total)
 
 
 def _outright(

@@ -1,0 +1,48 @@
+"""`adhesion simulate`: a whole log of a locomotive, of which the truth is known."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
+
+
+@click.command()
+@click.option(
+    "--hours",
+    type=FiniteRange(min=0, min_open=True, max=240),
+    default=8.0,
+    help="Length of the log; an hour has 360,000 rows.",
+    show_default=True,
+)
+@click.option(
+    "--events",
+    type=click.IntRange(min=0),
+    default=5,
+    help="Number of slip events in it.",
+    show_default=True,
+)
+@click.option(
+    "--effect",
+    type=Name(("none", "humidity", "falling_friction"), ""),
+    default="none",
+    help="What acts on adhesion beside slip: none, humidity or falling_friction.",
+    show_default=True,
+)
+@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("out/simulate/log.csv"),
+    help="File for the log, .csv or .parquet.",
+    show_default=True,
+)
+def main(**asked: Any) -> None:
+    """Write a simulated log of a locomotive, and the truth behind it.
+
+    The log has speed of train and wheel, force and load of an axle, humidity and temperature at
+    100 Hz. A .csv file is as a German spreadsheet exports it (semicolons, decimal commas, km/h and
+    kN, date and time of day). The truth is written to the same name with the ending .truth.json.
+    """
+    perform("simulate", **asked)

@@ -1,0 +1,170 @@
+"""Blocks of neighbouring rows in the place of the rows, so that a search costs the same for all.
+
+A block is a stretch of one run, and its values are the means of its rows. Half of the blocks of a
+set are dealt out by the number of rows, so that every stretch keeps its share; half by how far the
+slip moves in stretches where it moves faster than usual, so that a slip event of a few seconds in
+hours of rolling is not averaged into one point. If the slip moves steadily all are dealt out by the
+number of rows.
+"""
+
+import numpy as np
+
+from adhesion_jax.data.runs import Rows, RunSet
+
+#: Largest number of points without condensing, and nearly the number of blocks with it.
+MOST_POINTS = 8_000
+
+#: Largest number of cells of one column when the runs lie side by side, padded to the longest one.
+_MOST_CELLS = 4 * MOST_POINTS
+
+#: A set of no more than MOST_POINTS rows is condensed only if it has more cells than this.
+_ROOM = 500_000
+
+#: The slip moves faster than usual where its change exceeds this multiple of the median change.
+_FASTER = 3.0
+
+#: The change of the slip is that from one piece of a run to the next, each the mean of so many rows
+#: that this number of pieces makes up a block of mean length: noise of single rows is no movement.
+_MEANS_A_BLOCK = 4
+
+#: Numbers of stretches and of rows of each from which the autocorrelation of the rows is taken.
+_STRETCHES, _ROWS_A_STRETCH = 100, 10_000
+
+#: Labels, which have no mean.
+_LABELS = ("axle", "mode")
+
+#: Largest autocorrelation of neighbouring rows that is taken into account.
+_MOST_CORRELATED = 0.99
+
+
+def condensed(runs: RunSet, most: int = MOST_POINTS) -> RunSet:
+    """The runs as blocks of neighbouring rows, about `most` in all; small sets as they are.
+
+    `places` of the result are the places of the first row of each block in `runs.whole`, and
+    `worth` says how many independent rows a block is worth. In a block of several axles or modes
+    the rows of one of them count, in turn.
+    """
+    lengths = runs.lengths
+    count = runs.whole.slip.size
+    if count <= most and lengths.size * lengths.max() <= _ROOM:
+        return runs
+    begins, starts = _cuts(runs, most)
+    number = np.diff(begins, append=count)
+    kept = _of_one_label(runs.whole, begins, number)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        if kept is None:
+            return np.add.reduceat(values, begins) / number
+        return np.add.reduceat(np.where(kept, values, 0.0), begins) / own
+
+    own = number if kept is None else np.add.reduceat(kept.astype(float), begins)
+    whole = runs.whole
+    means = Rows(
+        mean(whole.slip),
+        mean(whole.adhesion),
+        {name: mean(values) for name, values in whole.conditions.items()},
+    )
+    worth = independent(own, correlation_of(whole.adhesion, runs.starts))
+    return runs._replace(whole=means, starts=starts, places=begins, worth=worth)
+
+
+def block_means(values: np.ndarray, blocks: RunSet) -> np.ndarray:
+    """The means of values of all rows [rows] over the `blocks` that they were condensed to."""
+    if blocks.whole.slip.size == values.size:
+        return values
+    return np.add.reduceat(values, blocks.places) / np.diff(blocks.places, append=values.size)
+
+
+def independent(rows: np.ndarray, correlation: float) -> np.ndarray:
+    """The number of independent rows whose mean is as sure as that of so many AR(1) ones.
+
+    The variance of the mean of n rows of autocorrelation r is that of one row times
+    ((1 + r)/(1 - r) - 2 r (1 - r^n)/(n (1 - r)^2))/n.
+    """
+    r = correlation
+    inflation = (1 + r) / (1 - r) - 2 * r * (1 - r**rows) / (rows * (1 - r) ** 2)
+    return rows / inflation
+
+
+def correlation_of(adhesion: np.ndarray, starts: np.ndarray) -> float:
+    """The autocorrelation of AR(1) noise on a smooth signal, from its differences in the runs.
+
+    The differences of neighbours have the variance 2 s^2 (1 - r), those over two rows
+    2 s^2 (1 - r^2): their ratio is 1 + r. Medians, which jumps of the signal do not move, stand for
+    the variances.
+    """
+    last = max(adhesion.size - _ROWS_A_STRETCH, 0)
+    stretch = np.arange(min(_ROWS_A_STRETCH, adhesion.size))
+    at = np.unique(np.linspace(0, last, _STRETCHES).astype(int)[:, None] + stretch)[:-2]
+    fresh = np.zeros(adhesion.size, dtype=bool)
+    fresh[starts] = True
+    at = at[~(fresh[at + 1] | fresh[at + 2])]
+    one = np.abs(adhesion[at + 1] - adhesion[at])
+    two = np.abs(adhesion[at + 2] - adhesion[at])
+    if not two.size or not np.median(one) > 0:
+        return 0.0
+    ratio = (np.median(two) / np.median(one)) ** 2
+    return float(np.clip(ratio - 1, 0.0, _MOST_CORRELATED))
+
+
+def hidden_shares(runs: RunSet, blocks: RunSet) -> dict[str, float]:
+    """The share of the variance of each varying condition that is within the blocks."""
+    number = np.diff(blocks.places, append=runs.whole.slip.size)
+    found = {}
+    for name, values in runs.whole.conditions.items():
+        spread = float(np.var(values))
+        if name not in ("time_s", *_LABELS) and spread > 0:
+            away = block_means(values, blocks) - float(np.mean(values))
+            found[name] = max(1 - float(np.average(away**2, weights=number)) / spread, 0.0)
+    return found
+
+
+def _cuts(runs: RunSet, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """The first row of each block [blocks], and the first block of each run [runs]."""
+    lengths, starts = runs.lengths, runs.starts
+    edges, share = _shares(runs, most)
+    # The share of all rows before each edge of a piece; the edges of the runs are among them.
+    ahead = np.concatenate([[0.0], np.cumsum(share)])
+    of_runs = np.diff(ahead[np.searchsorted(edges, [*starts, edges[-1]])])
+    cells = _MOST_CELLS // (2 if runs.blocks and "time_s" in runs.whole.conditions else 1)
+    longest = max(cells // lengths.size, 1)
+    wanted = np.clip(np.rint(most * of_runs), 1, np.minimum(lengths, longest)).astype(int)
+    run = np.repeat(np.arange(lengths.size), wanted)
+    turn = np.arange(run.size) - (np.cumsum(wanted) - wanted)[run]
+    target = ahead[np.searchsorted(edges, starts)][run] + turn / wanted[run] * of_runs[run]
+    begins = np.where(turn == 0, starts[run], np.interp(target, ahead, edges).astype(int))
+    begins = np.unique(begins)
+    return begins, np.searchsorted(begins, starts)
+
+
+def _shares(runs: RunSet, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """The edges of short pieces of the runs [pieces + 1], and the share of the blocks of each."""
+    slip, lengths = runs.whole.slip, runs.lengths
+    width = max(slip.size // (_MEANS_A_BLOCK * most), 1)
+    pieces = -(-lengths // width)
+    run = np.repeat(np.arange(lengths.size), pieces)
+    turn = np.arange(run.size) - (np.cumsum(pieces) - pieces)[run]
+    edges = np.append(runs.starts[run] + width * turn, slip.size)
+    number = np.diff(edges)
+    moved = np.abs(np.diff(np.add.reduceat(slip, edges[:-1]) / number))
+    # From one run to the next the slip does not move.
+    within = run[1:] == run[:-1]
+    usual = float(np.median(moved[within])) if within.any() else 0.0
+    fast = np.where(within, np.maximum(moved - _FASTER * usual, 0.0), 0.0)
+    path = np.append(fast, 0.0) + np.append(0.0, fast)
+    share = number / slip.size
+    return edges, 0.5 * share + 0.5 * path / path.sum() if path.any() else share
+
+
+def _of_one_label(rows: Rows, begins: np.ndarray, number: np.ndarray) -> np.ndarray | None:
+    """The rows of each block whose labels are those of one of its rows; None if all are alike."""
+    kept = None
+    block = np.repeat(np.arange(begins.size), number)
+    chosen = begins + np.arange(begins.size) % number
+    for name in _LABELS:
+        if name in rows.conditions:
+            values = rows.conditions[name]
+            alike = values == values[chosen][block]
+            if not alike.all():
+                kept = alike if kept is None else kept & alike
+    return kept

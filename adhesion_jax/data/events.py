@@ -1,0 +1,388 @@
+"""Slip events cut out of a whole log: the seconds in which a wheel leaves its micro-slip."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.ndimage import uniform_filter1d
+from scipy.stats import theilslopes
+
+from adhesion_jax.data.derived import SLOWEST
+from adhesion_jax.data.reading import Measured
+from adhesion_jax.errors import InputError
+from adhesion_jax.wording import listed
+
+#: Fewest rows of a table whose events are cut out without being asked for.
+LONG = 10_000
+
+#: Largest share of a log that its events may cover: beyond it the wheel slips most of the time.
+MOST = 0.5
+
+#: Slip is averaged over this time before it is compared, so that the noise of samples counts less.
+WINDOW_S = 0.2
+
+#: An event begins where the averaged slip, less its median, exceeds this multiple of its noise ...
+NOISES = 6.0
+
+#: ... and this size, below which a wheel creeps but does not slip, by the name of the slip ...
+LEAST = {"slip_ratio": 0.01, "slip_velocity_mps": 0.05}
+
+#: ... for this time and this number of rows.
+HOLD_S, HOLD_ROWS = 0.3, 3
+
+#: It ends where the averaged slip has returned. This time before and after belongs to the event,
+#: because the curve rises there; events that are closer than twice this time are one.
+LEAD_S = 2.0
+
+#: A step in time is a gap if it exceeds this multiple of the median step and this time.
+GAP_STEPS, GAP_S = 10.0, 1.0
+
+#: Time over which the change of slip tells its noise.
+LAG_S = 1.0
+
+#: Largest number of rows from which a median is taken, or that are compared at a time, and number
+#: of classes of speed.
+_SAMPLE, _CLASSES = 400_000, 16
+
+#: Number of equal times of the overview.
+_PLACES = 2000
+
+#: The standard deviation of a normal variable over the median of its size.
+_NORMAL = 1.4826
+
+
+#: The number of the event, its times, traction or braking, the largest slip and adhesion (averaged,
+#: with their sign), and the number of its rows.
+_TABLE = (
+    "run",
+    "start_s",
+    "end_s",
+    "duration_s",
+    "mode",
+    "largest_slip",
+    "largest_adhesion",
+    "rows",
+)
+
+
+class SlipNoise(NamedTuple):
+    """The averaged slip of a log between its events: micro-slip and noise.
+
+    Its standard deviation is sqrt(constant^2 + (by_speed/v)^2), v the speed of the vehicle: a noise
+    of the wheel speed makes a noise of slip that grows as the speed falls.
+    """
+
+    median: float  # not 0 where the radius of the wheel is not quite right
+    constant: float  # in the unit of slip
+    by_speed: float  # m/s; 0 without a speed of the vehicle
+
+    def deviation(self, speed: np.ndarray) -> np.ndarray:
+        return np.sqrt(self.constant**2 + (self.by_speed / speed) ** 2)
+
+
+class Events(NamedTuple):
+    """The slip events of a log; the log itself is not held."""
+
+    table: pd.DataFrame  # a row an event, with the columns _TABLE
+    rows: int  # of the log
+    slow_rows: int  # left out because the vehicle stands or creeps
+    slip: str  # the column that is the slip
+    noise: SlipNoise
+    #: The log in equal times: start_s, end_s, and the smallest and largest averaged slip and speed
+    #: in them (slip_low, slip_high, speed_low, speed_high), NaN where there is none.
+    overview: pd.DataFrame
+
+    @property
+    def share(self) -> float:
+        """Share of the rows of the log that lies in events."""
+        return float(self.table["rows"].sum()) / self.rows
+
+
+class Chosen(NamedTuple):
+    """The rows of a table that are used."""
+
+    points: Measured
+    events: Events | None  # None where all rows are used
+    sentence: str  # what is used, and why; empty for a table that nobody would take for a log
+
+
+class _Averaged(NamedTuple):
+    """A log in stretches without a gap, in which the vehicle moves; arrays [rows]."""
+
+    time: np.ndarray
+    speed: np.ndarray | None
+    slip: np.ndarray  # averaged over the window; NaN outside the stretches
+    first: np.ndarray  # [stretches] first row
+    stop: np.ndarray  # [stretches] the row after the last
+    window: int  # rows
+    hold: int  # rows
+    lag: int  # rows
+
+
+def events_of(
+    tables: Sequence[Measured], wanted: bool | None = None, fewest: int = LONG
+) -> list[Chosen]:
+    """Of each table the rows of slip events alone, numbered in the column `run`, or all rows.
+
+    With `wanted` None the events are cut out of a table of at least `fewest` rows with time_s
+    and without a column run, unless the wheel slips most of the time: where events would cover more
+    than MOST of the rows, or the usual noise of slip exceeds LEAST. With `wanted` False all rows
+    are used.
+
+    An event begins where the slip, averaged over WINDOW_S and less its median, exceeds NOISES times
+    its noise (`SlipNoise`, robust, from the log itself) and LEAST, for HOLD_S. It ends where that
+    slip has returned, or at a gap in time. LEAD_S before and after belong to it, and events that
+    overlap with these are one. Rows slower than SLOWEST are left out.
+
+    A log without an event is not used where another table is. InputError where there is no other,
+    and where events are wanted of a table that is no log.
+    """
+    found = [_chosen(table, wanted, fewest) for table in tables]
+    used = [one for one in found if len(one.points.table)]
+    if not used:
+        raise InputError(found[0].sentence)
+    idle = [_short(one.points) for one in found if not len(one.points.table)]
+    if idle:
+        unused = f"{listed(idle)} {'has' if len(idle) == 1 else 'have'} no slip event: not used."
+        used[0] = used[0]._replace(sentence=f"{used[0].sentence} {unused}".strip())
+    return used
+
+
+def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
+    """The rows of one table; where a log has no event there are none, and it is said why."""
+    table = measured.table
+    lacking = ""
+    if "run" in table:
+        lacking = "has a column run, and its runs are taken as they are"
+    elif "time_s" not in table:
+        lacking = "has no column time_s"
+    if wanted and lacking:
+        raise InputError(
+            f"No slip events are cut out of {measured.name}: it {lacking}; leave out --events."
+        )
+    if wanted is False or lacking or (wanted is None and len(table) < fewest):
+        return Chosen(measured, None, _all(table, "as asked for") if wanted is False else "")
+    least = LEAST[measured.slip]
+    log = _averaged(measured)
+    noise = _noise(log)
+    first, stop = _spans(log, noise, least)
+    share = float(np.sum(stop - first)) / len(table)
+    if wanted is None and share > MOST:
+        return Chosen(measured, None, _all(table, f"{share:.0%} of them lie in slip events"))
+    usual = _usual_noise(log, noise)
+    if wanted is None and usual > least:
+        return Chosen(measured, None, _all(table, f"slip scatters by {usual:.2g} all along"))
+    events = _events(measured, log, noise, first, stop)
+    rows = np.concatenate(
+        [first[:0], *(np.arange(*span) for span in zip(first, stop, strict=True))]
+    )
+    run = np.repeat(events.table["run"].to_numpy(), stop - first)
+    points = measured._replace(table=table.take(rows).assign(run=run))
+    said = _cut(measured, events, log) if first.size else _no_event(measured, log, noise)
+    return Chosen(points, events, said)
+
+
+def _averaged(measured: Measured) -> _Averaged:
+    table = measured.table
+    time = table["time_s"].to_numpy(float)
+    speed = None
+    if measured.slip == "slip_ratio" and "vehicle_speed_mps" in table:
+        speed = table["vehicle_speed_mps"].to_numpy(float)
+    step = _usual_step(time)
+    moves = np.ones(time.size, dtype=bool) if speed is None else speed >= SLOWEST
+    # The first row after a gap; the steps themselves would take as much memory as the time.
+    limit = max(GAP_STEPS * step, GAP_S)
+    after_gap = np.concatenate([[0], 1 + np.flatnonzero(time[1:] > time[:-1] + limit)])
+    first, stop = _runs(moves, after_gap)
+    slip = np.full(time.size, np.nan, dtype=np.float32)
+    raw = table[measured.slip].to_numpy(float)
+    window = 1 if step == 0 else 1 + 2 * round(WINDOW_S / step / 2)
+    hold = HOLD_ROWS if step == 0 else max(HOLD_ROWS, round(HOLD_S / step))
+    lag = 1 if step == 0 else max(1, round(LAG_S / step))
+    for begin, end in zip(first, stop, strict=True):
+        uniform_filter1d(raw[begin:end], window, output=slip[begin:end], mode="nearest")
+    return _Averaged(time, speed, slip, first, stop, window, hold, lag)
+
+
+def _usual_step(time: np.ndarray) -> float:
+    """The median step in time of the steps that are not 0; 0 where there is none."""
+    rows = np.arange(0, time.size - 1, _stride(time.size))
+    steps = time[rows + 1] - time[rows]
+    forward = steps[steps > 0]
+    return float(np.median(forward)) if forward.size else 0.0
+
+
+def _stride(rows: int) -> int:
+    return max(1, rows // _SAMPLE)
+
+
+def _runs(flag: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First rows, and the rows after the last, of what is true without a break."""
+    begins = flag.copy()
+    begins[1:] &= ~flag[:-1]
+    begins[breaks] = flag[breaks]
+    ends = flag.copy()
+    ends[:-1] &= ~flag[1:]
+    last = breaks[breaks > 0] - 1
+    ends[last] = flag[last]
+    return np.flatnonzero(begins), 1 + np.flatnonzero(ends)
+
+
+def _noise(log: _Averaged) -> SlipNoise:
+    """From medians, which a few events do not move.
+
+    What depends on the speed is told by the change of slip over LAG_S, in which the micro-slip
+    hardly changes: in classes of speed its squared scale is a straight line against 1/v^2, fitted
+    by the median of slopes (Sen 1968, J. Am. Stat. Assoc. 63:1379-1389).
+    """
+    rows = np.flatnonzero(np.isfinite(log.slip))[:: _stride(log.slip.size)]
+    if not rows.size:
+        return SlipNoise(0.0, 0.0, 0.0)
+    median = float(np.median(log.slip[rows]))
+    constant = _NORMAL * float(np.median(np.abs(log.slip[rows] - median)))
+    if log.speed is None:
+        return SlipNoise(median, constant, 0.0)
+    rows = rows[rows < log.slip.size - log.lag]
+    change = np.abs(log.slip[rows + log.lag] - log.slip[rows])
+    whole = np.isfinite(change)
+    change, inverse = change[whole], log.speed[rows[whole]] ** -2.0
+    classes = [
+        one for one in np.array_split(np.argsort(inverse, kind="stable"), _CLASSES) if one.size
+    ]
+    centre = np.array([np.median(inverse[one]) for one in classes])
+    # The change is that of two averages.
+    square = np.array([(_NORMAL * np.median(change[one])) ** 2 / 2 for one in classes])
+    if not classes or np.ptp(centre) == 0:
+        return SlipNoise(median, constant, 0.0)
+    return SlipNoise(median, constant, max(float(theilslopes(square, centre).slope), 0.0) ** 0.5)
+
+
+def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """First rows of the events, and the rows after their last."""
+    level = np.full(log.slip.size, np.nan, dtype=np.float32)  # of the threshold
+    for begin in range(0, level.size, _SAMPLE):
+        part = slice(begin, begin + _SAMPLE)
+        # Below the slowest speed there is no slip to compare.
+        speed = np.ones(1) if log.speed is None else np.maximum(log.speed[part], SLOWEST)
+        threshold = np.maximum(NOISES * noise.deviation(speed), least)
+        level[part] = np.abs(log.slip[part] - noise.median) / threshold
+    first, stop = _runs(level > 1, log.first)
+    held = stop - first >= log.hold
+    first, stop = first[held], stop[held]
+    stretch = np.searchsorted(log.first, first, "right") - 1
+    early = np.searchsorted(log.time, log.time[first] - LEAD_S, "left")
+    late = np.searchsorted(log.time, log.time[stop - 1] + LEAD_S, "right")
+    first = np.maximum(early, log.first[stretch])
+    stop = np.minimum(late, log.stop[stretch])
+    apart = first[1:] >= stop[:-1]
+    return first[np.append(True, apart)[: first.size]], stop[np.append(apart, True)[: stop.size]]
+
+
+def _usual_noise(log: _Averaged, noise: SlipNoise) -> float:
+    """The standard deviation of the averaged slip at the median speed."""
+    if log.speed is None:
+        return noise.constant
+    speed = log.speed[:: _stride(log.speed.size)]
+    moving = speed[speed >= SLOWEST]
+    return float(noise.deviation(np.median(moving, keepdims=True))[0]) if moving.size else 0.0
+
+
+def _events(
+    measured: Measured, log: _Averaged, noise: SlipNoise, first: np.ndarray, stop: np.ndarray
+) -> Events:
+    adhesion = measured.table["adhesion"].to_numpy(float)
+    rows = []
+    for number, (begin, end) in enumerate(zip(first, stop, strict=True), 1):
+        slip = log.slip[begin:end]
+        largest = float(slip[np.argmax(np.abs(slip - noise.median))])
+        level = uniform_filter1d(adhesion[begin:end], log.window, mode="nearest")
+        rows.append(
+            (
+                str(number),
+                log.time[begin],
+                log.time[end - 1],
+                log.time[end - 1] - log.time[begin],
+                "braking" if largest < noise.median else "traction",
+                largest,
+                float(level[np.argmax(np.abs(level))]),
+                int(end - begin),
+            )
+        )
+    table = pd.DataFrame(rows, columns=[*_TABLE])
+    slow = log.time.size - int(np.sum(log.stop - log.first))
+    return Events(table, log.time.size, slow, measured.slip, noise, _overview(log))
+
+
+def _overview(log: _Averaged) -> pd.DataFrame:
+    edges = np.linspace(log.time[0], log.time[-1], _PLACES + 1)
+    place = np.searchsorted(log.time, edges[:-1], "left")
+    # Between two equal places reduceat takes one row where there is none.
+    empty = np.append(np.diff(place), 1) == 0
+    table = {"start_s": edges[:-1], "end_s": edges[1:]}
+    for name, values in (("slip", log.slip), ("speed", log.speed)):
+        for end, of in (("low", np.fmin), ("high", np.fmax)):
+            there = None if values is None else of.reduceat(values, place)
+            table[f"{name}_{end}"] = np.where(empty, np.nan, np.nan if there is None else there)
+    return pd.DataFrame(table)
+
+
+def _all(table: pd.DataFrame, why: str) -> str:
+    return f"All {len(table):,} rows are used: {why}."
+
+
+def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
+    count, rows = len(events.table), int(events.table["rows"].sum())
+    braking = int((events.table["mode"] == "braking").sum())
+    seconds = log.time[-1] - log.time[0]
+    sides = f" ({count - braking} in traction, {braking} in braking)" if braking else ""
+    slow = (
+        f" {events.slow_rows:,} rows slower than {SLOWEST:g} m/s are left out."
+        if events.slow_rows
+        else ""
+    )
+    return (
+        f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
+        f"({_duration(seconds)}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
+        f"{events.rows:,} rows with a slip are used ({events.share:.2%}). An event begins where "
+        f"the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s before and "
+        f"after it belong to it.{slow}"
+    )
+
+
+def _threshold(noise: SlipNoise, slip: str) -> str:
+    """The threshold in words that follow `exceeds`."""
+    spread = f"{noise.constant:.2g}"
+    if noise.by_speed:
+        spread = f"sqrt({noise.constant:.2g}^2 + ({noise.by_speed:.2g} m/s / speed)^2)"
+    unit = "" if slip == "slip_ratio" else " m/s"
+    return (
+        f"both {NOISES:g} times its usual scatter of {spread} and {LEAST[slip]:g}{unit} for "
+        f"{HOLD_S:g} s (averaged over {WINDOW_S:g} s and less its median of {noise.median:.2g})"
+    )
+
+
+def _no_event(measured: Measured, log: _Averaged, noise: SlipNoise) -> str:
+    """Why no curve can be learnt from a log that does not slip, and what to do."""
+    unit = "" if measured.slip == "slip_ratio" else " m/s"
+    size = np.abs(log.slip - noise.median)
+    if not np.isfinite(size).any():
+        return (
+            f"{measured.name} has no slip event: the vehicle is never faster than {SLOWEST:g} "
+            "m/s; check the unit of its speed, or use all rows by --whole."
+        )
+    row = int(np.nanargmax(size))
+    return (
+        f"{measured.name} has no slip event: its slip nowhere exceeds "
+        f"{_threshold(noise, measured.slip)}, and is {log.slip[row]:.2g}{unit} at most, at "
+        f"{log.time[row]:.6g} s; give a log in which the wheel slips, or use all rows by --whole."
+    )
+
+
+def _short(measured: Measured) -> str:
+    return Path(measured.name).name
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds / 3600:.2g} h" if seconds >= 5400 else f"{seconds / 60:.2g} min"
