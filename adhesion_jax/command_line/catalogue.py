@@ -32,6 +32,7 @@ class Catalogue(NamedTuple):
     identifiers: tuple[str, ...]
     ablations: tuple[str, ...]
     refusals: Mapping[str, Mapping[str, str]]  # of scenarios that need no option, by identifier
+    not_following: Mapping[str, str]  # why an identifier cannot follow a log, by its name
     rails: tuple[str, ...]
     curves: tuple[str, ...]
     effects: tuple[str, ...]
@@ -67,7 +68,8 @@ def catalogue_of(names: Mapping[str, Any]) -> Catalogue:
         for name, one in names["scenarios"].items()
     }
     rest = {name: tuple(value) for name, value in names.items() if isinstance(value, list)}
-    return Catalogue(scenarios, refusals=names["refusals"], **rest)
+    refusals, not_following = names["refusals"], names["not_following"]
+    return Catalogue(scenarios, refusals=refusals, not_following=not_following, **rest)
 
 
 def _declared(kind: str, required: bool, option: Mapping[str, Any]) -> Declared:

@@ -6,6 +6,7 @@ from adhesion_jax.campaign.config import MAIN_JOB
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS
+from adhesion_jax.measured.following import refusal
 from adhesion_jax.options import declared
 from adhesion_jax.scenarios import SCENARIOS, build, needs_options
 from adhesion_jax.scenarios.rails import RAILS
@@ -42,6 +43,7 @@ def names() -> Mapping[str, object]:
         "identifiers": [*IDENTIFIERS],
         "ablations": [*ABLATIONS],
         "refusals": {name: _refusals(name) for name in SCENARIOS if not needs_options(name)},
+        "not_following": _stated({name: refusal(one) for name, one in IDENTIFIERS.items()}),
         "rails": [*RAILS],
         "curves": [*CURVES],
         "effects": [*PLANTABLE],
@@ -58,5 +60,8 @@ def names() -> Mapping[str, object]:
 def _refusals(scenario: str) -> Mapping[str, str]:
     """Why an identifier cannot work on the scenario, by its name; no option changes that."""
     known = build(scenario).known
-    reasons = {name: identifier.accepts(known) for name, identifier in IDENTIFIERS.items()}
+    return _stated({name: identifier.accepts(known) for name, identifier in IDENTIFIERS.items()})
+
+
+def _stated(reasons: Mapping[str, str | None]) -> Mapping[str, str]:
     return {name: reason for name, reason in reasons.items() if reason is not None}

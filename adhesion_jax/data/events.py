@@ -121,11 +121,13 @@ class _Averaged(NamedTuple):
     lag: int  # rows
 
 
-def events_of(tables: Sequence[Measured], wanted: bool | None = None) -> list[Chosen]:
+def events_of(
+    tables: Sequence[Measured], wanted: bool | None = None, fewest: int = LONG
+) -> list[Chosen]:
     """Of each table the rows of slip events alone, numbered in the column `run`, or all rows.
 
-    With `wanted` None the events are cut out of a table of at least LONG rows with time_s and
-    without a column run, unless the wheel slips most of the time: where events would cover more
+    With `wanted` None the events are cut out of a table of at least `fewest` rows with time_s
+    and without a column run, unless the wheel slips most of the time: where events would cover more
     than MOST of the rows, or the usual noise of slip exceeds LEAST. With `wanted` False all rows
     are used.
 
@@ -137,7 +139,7 @@ def events_of(tables: Sequence[Measured], wanted: bool | None = None) -> list[Ch
     A log without an event is not used where another table is. InputError where there is no other,
     and where events are wanted of a table that is no log.
     """
-    found = [_chosen(table, wanted) for table in tables]
+    found = [_chosen(table, wanted, fewest) for table in tables]
     used = [one for one in found if len(one.points.table)]
     if not used:
         raise InputError(found[0].sentence)
@@ -148,7 +150,7 @@ def events_of(tables: Sequence[Measured], wanted: bool | None = None) -> list[Ch
     return used
 
 
-def _chosen(measured: Measured, wanted: bool | None) -> Chosen:
+def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
     """The rows of one table; where a log has no event there are none, and it is said why."""
     table = measured.table
     lacking = ""
@@ -160,7 +162,7 @@ def _chosen(measured: Measured, wanted: bool | None) -> Chosen:
         raise InputError(
             f"No slip events are cut out of {measured.name}: it {lacking}; leave out --events."
         )
-    if wanted is False or lacking or (wanted is None and len(table) < LONG):
+    if wanted is False or lacking or (wanted is None and len(table) < fewest):
         return Chosen(measured, None, _all(table, "as asked for") if wanted is False else "")
     least = LEAST[measured.slip]
     log = _averaged(measured)

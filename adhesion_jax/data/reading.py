@@ -165,7 +165,9 @@ def _measured(
     for name, source in derived.sources.items():
         if name in numbers:
             lowest, highest = numbers[name].min(), numbers[name].max()
-            understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
+            understood.append(
+                (f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0)
+            )
     return Measured(
         sheet.name,
         table,

@@ -24,6 +24,7 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.model.noise import shared_part, white_noise
 from adhesion_jax.discovery.model.problem import Problem, corrected, label_of, prepare
+from adhesion_jax.discovery.model.rows import bends
 from adhesion_jax.discovery.model.slip import noise_of_slip, roughness, with_slip_errors
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.all_rows import on_rows, tested_on_rows
@@ -49,6 +50,10 @@ from adhesion_jax.wording import listed
 
 #: The slip counts as one value if it varies by less than this share of its size.
 _ONE_SLIP = 1e-6
+
+#: Number of turns in which a base curve is fitted to blocks of rows, and what its bend makes of the
+#: slip that moves within a block is taken from their mean adhesion.
+_TURNS_OF_BLOCKS = 3
 
 #: Standard deviation of the noise of the first fits, relative to the adhesion.
 _FIRST_SIGMA = 0.1
@@ -98,12 +103,15 @@ def discover(
     record = blocks.record
     problem = prepare(record, calendar_of(record), runs.blocks, worth=blocks.weights)
     held_out = _held_out(problem, seed)
-    progress("fitting the base curves", 0.05)
+    progress("fitting the base curves", 0.02)
     alone, fits = _started(problem, held_out, bases)
-    if blocks is not whole:
-        shared = _shared(min(fits.values(), key=bic))
+    for turn in range(_TURNS_OF_BLOCKS if blocks is not whole else 0):
+        progress("fitting the base curves", 0.02 + 0.02 * turn)
+        best = min(fits.values(), key=bic)
+        adhesion = blocks.whole.adhesion - bends(best, whole, blocks)
+        record = blocks._replace(whole=blocks.whole._replace(adhesion=adhesion)).record
         problem = prepare(
-            record, problem.calendar, runs.blocks, worth=blocks.weights, shared=shared
+            record, problem.calendar, runs.blocks, worth=blocks.weights, shared=_shared(best)
         )
         alone, fits = _started(problem, held_out, bases)
     exact = fits

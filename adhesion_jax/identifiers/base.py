@@ -145,7 +145,7 @@ def needs_blocks(known: Known) -> str | None:
     """None, or the reason why a method that uses whole blocks alone cannot work on this."""
     if not known.by_sample:
         return None
-    return "it takes whole blocks, and this scenario gives one sample at a time"
+    return "it takes whole blocks, and here samples come one at a time"
 
 
 def identify(identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray) -> Estimate:

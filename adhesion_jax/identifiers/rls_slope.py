@@ -64,7 +64,7 @@ class RecursiveSlope(Identifier):
     def accepts(self, known: Known) -> str | None:
         if "slope" in known.asked:
             return None
-        return "it gives the slope of the curve alone, which this scenario does not ask for"
+        return "it gives the slope of the curve alone, which is not asked for here"
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         zero, one, none = jnp.zeros(()), jnp.ones(()), jnp.asarray(jnp.nan)

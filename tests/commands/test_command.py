@@ -12,6 +12,7 @@ from adhesion_jax.command_line import (
     regression,
     speed,
     study,
+    track,
     traction,
 )
 
@@ -24,6 +25,7 @@ ASKED = {
     regression: [],
     speed: [],
     study: [],
+    track: ["eurosprinter"],
     traction: ["--system", "hxd1f"],
 }
 

@@ -79,6 +79,13 @@ REFUSED = {
     "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),
     "curve": (["identify", "eurosprinter", "--curve", "pacejka"], "--curve pacejka is not known"),
     "file": (["identify", "nowhere.csv"], "nowhere.csv does not exist"),
+    "log": (["track", "nowhere.csv"], "nowhere.csv does not exist"),
+    "slope": (["track", "eurosprinter", "--initial-slope", "0"], "--initial-slope"),
+    "batch": (
+        ["track", "eurosprinter", "--identifiers", "riv,ml-exact"],
+        "--identifiers ml-exact cannot follow a log: it takes whole blocks",
+    ),
+    "follower": (["track", "eurosprinter", "--identifiers", "x"], "--identifiers x is not known"),
     "runs": (["discover", "nowhere.csv"], "nowhere.csv does not exist"),
     "base": (["discover", "eurosprinter", "--base", "x"], "--base x is not known"),
     "effect": (["discover", "--simulate", "speed,x"], "--simulate x is not known"),

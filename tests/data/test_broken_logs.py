@@ -113,6 +113,11 @@ CASES = {
     "constant without a unit": Case(
         text(log()), ("axle_load_N = 200 needs its unit",), columns={"axle_load": 200}
     ),
+    "constant that cannot be": Case(
+        text(log()),
+        ("axle_load_N = -200000 N lies outside 0.001 to 2e+06 N",),
+        columns={"axle_load": "-200 kN"},
+    ),
     "force of no body": Case(
         text(log()),
         ("log.csv", "whether column F [kN] is the wheel force, axle force or locomotive force"),

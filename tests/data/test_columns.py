@@ -328,7 +328,7 @@ def test_what_the_user_says_goes_before_names(tmp_path):
         ours = {name: one for name, one in said.items() if name != "speed"}
         found = to_measured("log", table, {**ours, "vehicle_speed_mps": value})
         np.testing.assert_allclose(found.table["vehicle_speed_mps"], speed, rtol=1e-14)
-    with pytest.raises(InputError, match="in which unit the column v is .*--column"):
+    with pytest.raises(InputError, match=r"in which unit the column v is .*--column"):
         to_measured("log", table, {**said, "speed": "v"})
 
 
@@ -340,7 +340,9 @@ def test_a_force_that_is_not_asked_for_explains_nothing():
 
 def test_two_columns_of_one_quantity_are_asked_for():
     table = good().rename(columns={"slip_ratio": "slip [%]"}).assign(**{"Schlupf [%]": 1.0})
-    with pytest.raises(InputError, match="which of the columns slip .* and Schlupf .* is the slip"):
+    with pytest.raises(
+        InputError, match=r"which of the columns slip .* and Schlupf .* is the slip"
+    ):
         to_measured("log", table)
     exact = good().assign(**{"Schlupf [%]": 1.0})
     assert (to_measured("log", exact).table["slip_ratio"] == good()["slip_ratio"]).all()

@@ -82,7 +82,7 @@ def test_the_radius_is_identified_where_the_wheel_coasts():
 def test_a_radius_that_cannot_be_identified_is_asked_for():
     table = trip()
     table["adhesion"] = 0.1 + table["adhesion"]
-    with pytest.raises(InputError, match="log cannot be used: the wheel radius .*--wheel-radius"):
+    with pytest.raises(InputError, match=r"log cannot be used: the wheel radius .*--wheel-radius"):
         to_measured("log", table)
     assert "not used" in to_measured("log", good_with_slip(), wheel_radius=0.5).notes[-1]
 

@@ -112,9 +112,14 @@ SURE_ERRORS = 1.28
 #: errors. Convention: one-sided 95 %, stricter because no physics supports it.
 SURE_ERRORS_OF_COLUMN = 1.645
 
-#: An effect is accepted only if its gain exceeds this share of the loss. By hand, from a prototype
-#: of the search.
+#: An effect is accepted only if its gain exceeds this share of the loss, or LEAST_GAIN if that is
+#: less. By hand, from a prototype of the search.
 LEAST_SHARE_OF_LOSS = 0.003
+
+#: A gain above this is enough, whatever its share of the loss: the more rows, the smaller the effect
+#: that they make sure. What was found in blocks of rows is tested on all rows. Convention: half a
+#: chi-square of one degree of freedom, p = 6e-5.
+LEAST_GAIN = 8.0
 
 #: Length of a stretch of a log of one run, in neighbouring blocks. An effect is accepted only if
 #: its gain remains sure without the stretch in which it gains most. By hand.

@@ -1,0 +1,57 @@
+"""`adhesion track`: a log followed by online methods, sample by sample."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from adhesion_jax.command_line.catalogue import catalogue
+from adhesion_jax.command_line.command import File, FiniteRange, Folder, Names, perform
+from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.errors import InputError
+
+KNOWN = catalogue()
+
+_ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
+
+
+@click.command()
+@click.argument("log", type=File(KNOWN.data, f"name {FILES}"))
+@reading
+@click.option(
+    "--identifiers",
+    type=Names(KNOWN.identifiers, "identifier"),
+    help=f"Some of {', '.join(_ONLINE)}, or FILE.py:NAME, divided by commas; by default riv, "
+    "qp-qian2024-1 and rls-kiencke.",
+)
+@click.option(
+    "--initial-slope",
+    type=FiniteRange(min=0, min_open=True),
+    help="Slope a0 of the adhesion curve at slip 0, per unit of slip; by default that of a fit of "
+    "Kiencke's curve to the log, with its error in the bands.",
+)
+@click.option(
+    "--events/--whole",
+    default=None,
+    help="Use the slip events of the log alone, or all samples; by default the events are cut out "
+    "of a log that hardly slips.",
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    default=Path("out/track"),
+    help="Folder for track.csv, track.png and track.txt.",
+    show_default=True,
+)
+def main(identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
+    """Follow LOG sample by sample, and draw what is known of the largest adhesion over time.
+
+    LOG is a file that adhesion identify takes, with a time if there is one, or the name of a data
+    set that ships with the package: eurosprinter. Its samples are followed in the order of time.
+    """
+    for name in identifiers or ():
+        if name in KNOWN.not_following:
+            raise InputError(
+                f"--identifiers {name} cannot follow a log: {KNOWN.not_following[name]}."
+            )
+    perform("track", identifiers=identifiers or (), **asked)

@@ -1,0 +1,41 @@
+"""What online methods know of the largest adhesion after each sample of a log."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from adhesion_jax.commands.reading import BAR, read
+from adhesion_jax.files import output_directory, staged
+from adhesion_jax.library.track import METHODS, TRACK_FILES, track
+
+
+def main(
+    log: str,
+    identifiers: tuple[str, ...],
+    initial_slope: float | None,
+    events: bool | None,
+    out: Path,
+    columns: Mapping[str, object],
+    wheel_radius: float | None,
+    dry_run: bool,
+) -> None:
+    """Write what the methods make of the log of a file, or of a set that ships."""
+    (measured,) = read([log], columns, wheel_radius)
+    if dry_run:
+        return
+    output_directory(out)
+    with tqdm(
+        total=100, unit="%", desc="following", bar_format=BAR, leave=False, disable=None
+    ) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.update(100 * done / total - bar.n)
+
+        found = track(
+            measured, identifiers or METHODS, initial_slope, events=events, report=progress
+        )
+    with staged(out, TRACK_FILES) as stage:
+        found.write(stage)
+    click.echo(f"{found}\n\nWritten to {out}")

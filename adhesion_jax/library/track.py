@@ -1,0 +1,125 @@
+"""`track`: what online methods know of the largest adhesion after each sample of a log."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.data import check_curve
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import write_table
+from adhesion_jax.identifiers import IDENTIFIERS, Identifier
+from adhesion_jax.library.reading import Data, citation_of, measured_of
+from adhesion_jax.library.results import of_numbers, text_html
+from adhesion_jax.measured.following import Followed, follow_log, refusal
+from adhesion_jax.measured.initial_slope import InitialSlope, estimated, given
+from adhesion_jax.measured.log import Log, to_log
+from adhesion_jax.report.track.figure import draw_track
+from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, summary_rows, told
+from adhesion_jax.runtime import in_double_precision, silent
+
+#: The files of a followed log.
+TRACK_FILES = ("track.csv", "track.txt", "track.png")
+
+#: What follows a log where no method is named: one that resets, one that forgets by its error, and
+#: one that forgets evenly.
+METHODS = ("riv", "qp-qian2024-1", "rls-kiencke")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Track:
+    """What online methods made of a log."""
+
+    log: Log  # the samples in the order in which they were followed
+    citation: str  # of a set that ships
+    initial_slope: InitialSlope  # what all methods were told
+    followed: Mapping[str, Followed]  # by the name of the method
+
+    @property
+    def estimates(self) -> pd.DataFrame:
+        """A row a method and checkpoint: time, estimate with its band, status, resets so far."""
+        return checkpoint_rows(self.log, self.followed)
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """A row a method: its last estimate, resets, shares of samples skipped and trusted."""
+        return summary_rows(self.log, self.followed)
+
+    @property
+    def verdict(self) -> str:
+        """In words: the log, the initial slope, the last estimates, and what not to trust."""
+        return told(self.log, self.citation, self.initial_slope, self.followed)
+
+    def write(self, folder: str | PathLike[str]) -> None:
+        """The files TRACK_FILES, as the command writes them."""
+        path = Path(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        write_table(path / "track.csv", self.estimates)
+        (path / "track.txt").write_text(f"{self}\n", encoding="utf-8")
+        draw_track(path / "track.png", Path(self.log.name).name, self.log, self.followed)
+
+    def __repr__(self) -> str:
+        return f"{printed_summary(self.summary)}\n\n{self.verdict}"
+
+    def _repr_html_(self) -> str:
+        return self.summary.to_html(index=False) + text_html(self.verdict)
+
+
+@in_double_precision
+def track(
+    data: Data,
+    identifiers: str | Sequence[str] | Mapping[str, Identifier] = METHODS,
+    initial_slope: float | None = None,
+    columns: Mapping[str, object] | None = None,
+    wheel_radius: float | None = None,
+    events: bool | None = None,
+    report: Callable[[int, int], object] = silent,
+) -> Track:
+    """Follow a log by online methods, sample by sample in the order of time.
+
+    `data`, `columns` and `wheel_radius` are as for `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by
+    name. The initial slope a0 of Kiencke's curve is `initial_slope`, or that of a fit to the log.
+    With `events` slip events alone are used, without all samples; by default they are cut out of a
+    log that hardly slips. `report` is told how many steps are done, and of how many. InputError
+    names all that is wrong with the data, and a method that cannot follow a log.
+    """
+    methods = _methods(identifiers)
+    _refuse(methods)
+    measured = measured_of(data, columns, wheel_radius)
+    check_curve(measured)
+    log = to_log(measured, events)
+    if initial_slope is not None and not (np.isfinite(initial_slope) and initial_slope > 0):
+        raise InputError(f"The initial slope is {initial_slope}; give a positive number.")
+    slope = of_numbers(estimated(log)) if initial_slope is None else given(initial_slope)
+    total, done = log.used.size * len(methods), [0]
+
+    def one_more(count: int) -> None:
+        done[0] += count
+        report(done[0], total)
+
+    return Track(log, citation_of(data), slope, follow_log(methods, log, slope, one_more))
+
+
+def _methods(
+    identifiers: str | Sequence[str] | Mapping[str, Identifier],
+) -> Mapping[str, Identifier]:
+    if isinstance(identifiers, Mapping):
+        return identifiers
+    names = [identifiers] if isinstance(identifiers, str) else identifiers
+    unknown = [name for name in names if name not in IDENTIFIERS]
+    if unknown or not names:
+        raise InputError(
+            f"There is no identifier {', '.join(unknown) if unknown else 'named'}; name some of "
+            f"{', '.join(IDENTIFIERS)}, or give methods of your own by name."
+        )
+    return {name: IDENTIFIERS[name] for name in names}
+
+
+def _refuse(methods: Mapping[str, Identifier]) -> None:
+    reasons = {name: refusal(method) for name, method in methods.items()}
+    for name, reason in reasons.items():
+        if reason is not None:
+            raise InputError(f"{name} cannot follow a log: {reason}.")

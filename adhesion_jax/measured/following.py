@@ -1,0 +1,283 @@
+"""Online identifiers over a whole log, sample by sample, and what is kept of their estimates."""
+
+from collections.abc import Callable, Mapping
+from time import perf_counter
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Bool, Float, Int
+
+from adhesion_jax import runtime
+from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.identifiers.base import Estimate, Identifier, State, Status
+from adhesion_jax.measured.initial_slope import InitialSlope
+from adhesion_jax.measured.log import Log
+from adhesion_jax.programs import kept
+from adhesion_jax.records import Known, Record
+
+#: Samples of one call of a program. The last call is filled up with samples that are not fresh, so
+#: that one program serves every log; the state is carried, so that memory does not grow.
+CHUNK = 4096
+
+#: Most checkpoints that are chosen beforehand, evenly over the samples used.
+CHECKPOINTS = 4000
+
+#: Most resets, and again most changes of status, that are kept between two checkpoints.
+_MARKS = 4
+
+#: The start that a method is told: a peak of this adhesion at this share of the largest slip.
+_START_ADHESION, _START_SHARE = 0.3, 0.1
+
+#: The box: a peak at a slip down to this share of the largest one, and down to this adhesion.
+_LEAST_SHARE, _LEAST_ADHESION = 0.005, 0.01
+
+#: Half the width of a 95 % band in standard errors.
+QUANTILE = 1.96
+
+#: Largest correlation of consecutive errors by which standard errors are widened.
+_MOST_ALIKE = 0.999
+
+
+class Followed(NamedTuple):
+    """One method over a log.
+
+    `estimates` has a row a checkpoint, a reset and a change of status, in the order of the samples:
+    `sample` (of the log, from 0), mu_max and slip_opt with their standard errors, `status`, `reset`
+    (whether the past was given up at this sample), `resets` and `skipped`, both counted up to it.
+    The standard errors contain what the uncertainty of the initial slope makes of them, and are
+    larger by `widening` than those of the method, which takes the noise as independent.
+    """
+
+    estimates: pd.DataFrame
+    resets: int
+    skipped: int  # samples that are not finite
+    trusted: int  # samples after which the status is TRUSTED
+    #: Of the errors of prediction of consecutive samples, from their signs, which a switch of the
+    #: rail does not rule; 0 of a method without a curve.
+    correlation: float
+    widening: float  # sqrt((1 + correlation)/(1 - correlation))
+    seconds_per_sample: float  # of the program, while others run beside it
+
+
+class _Tally(NamedTuple):
+    """What is counted while a log is followed."""
+
+    status: Int[Array, ""]  # after the last sample; -1 before the first one
+    error: Float[Array, ""]  # of the prediction of the last sample
+    pairs: Int[Array, ""]  # of consecutive samples
+    alike: Int[Array, ""]  # pairs whose errors have one sign, less those whose have two
+    resets: Int[Array, ""]
+    skipped: Int[Array, ""]
+    trusted: Int[Array, ""]
+
+
+def known_of(initial_slope: float, slip_limit: float) -> Known:
+    """What a method is told: Kiencke's curve with a0 known, a neutral start and a wide box.
+
+    Of the log itself it holds nothing but a0: the start is a peak of adhesion .3 at a tenth of the
+    largest slip (1, or 10 m/s), the box has the peak between .5 % of the largest slip and that
+    slip, at an adhesion of at least .01.
+    """
+    lower = np.array([-2 / slip_limit, slip_limit**-2])
+    upper = np.array([initial_slope / _LEAST_ADHESION, (_LEAST_SHARE * slip_limit) ** -2])
+    at = _START_SHARE * slip_limit
+    start = np.clip([initial_slope / _START_ADHESION - 2 / at, at**-2], lower, upper)
+    curve = Kiencke(a0=initial_slope, p1=float(start[0]), p2=float(start[1]))
+    return Known(curve, lower, upper, slip_limit=slip_limit, by_sample=True)
+
+
+def refusal(method: Identifier) -> str | None:
+    """None, or the reason why a method cannot follow a log."""
+    return method.accepts(known_of(40.0, SLIP_LIMIT))
+
+
+def follow_log(
+    methods: Mapping[str, Identifier],
+    log: Log,
+    initial_slope: InitialSlope,
+    report: Callable[[int], object] = runtime.silent,
+) -> dict[str, Followed]:
+    """Every method over the samples used, by name; `report` is told how many more are done."""
+    lanes = [known_of(value, log.slip_limit) for value in initial_slope.plausible]
+    known = jax.tree.map(lambda *values: np.stack([np.asarray(v) for v in values]), *lanes)
+
+    def followed(method: Identifier) -> Followed:
+        return _follow(method, known, log, report)
+
+    with runtime.threads() as pool:
+        return dict(zip(methods, pool.map(followed, methods.values()), strict=True))
+
+
+def _follow(
+    method: Identifier, known: Known, log: Log, report: Callable[[int], object]
+) -> Followed:
+    columns = (log.slip[log.used], log.adhesion[log.used], np.ones(log.used.size, bool), log.starts)
+    checkpoints = np.unique(np.linspace(0, log.used.size - 1, CHECKPOINTS).astype(int))
+    form = jax.tree.structure(jax.eval_shape(_carried, method, known))
+    leaves = _begun(method, known)
+    told: list[dict[str, np.ndarray]] = []
+    seconds = 0.0
+    for begin in range(0, log.used.size, CHUNK):
+        carry = jax.tree.unflatten(form, leaves)
+        arguments = (
+            method,
+            known,
+            carry,
+            *(_filled(one[begin : begin + CHUNK]) for one in columns),
+        )
+        _chunk.ready(*arguments)  # loaded or compiled before the clock runs
+        clock = perf_counter()
+        leaves, more = jax.block_until_ready(_chunk(*arguments))
+        seconds += perf_counter() - clock
+        count = min(CHUNK, log.used.size - begin)
+        made = {name: np.asarray(column)[:count] for name, column in more.items()}
+        told.append(_rows({"sample": begin + np.arange(count), **made}, checkpoints))
+        report(count)
+
+    tally: _Tally = jax.tree.unflatten(form, leaves)[1]
+    rows = _rows(
+        {name: np.concatenate([one[name] for one in told]) for name in told[0]}, checkpoints
+    )
+    # Of Gaussian errors the mean product of signs is 2/pi times the arc sine of the correlation
+    # (Blomqvist 1950, Ann. Math. Statist. 21:593-600).
+    share = float(tally.alike) / max(float(tally.pairs), 1.0)
+    correlation = float(np.sin(np.pi / 2 * share))
+    held = min(max(correlation, 0.0), _MOST_ALIKE)
+    widening = float(np.sqrt((1 + held) / (1 - held)))
+    return Followed(
+        _table(rows, log, widening),
+        int(tally.resets),
+        int(tally.skipped),
+        int(tally.trusted),
+        correlation,
+        widening,
+        seconds / (CHUNK * len(told)),
+    )
+
+
+def _filled(column: np.ndarray) -> np.ndarray:
+    return np.pad(column, (0, CHUNK - column.size))
+
+
+def _rows(
+    told: Mapping[str, np.ndarray], checkpoints: Int[np.ndarray, " checkpoints"]
+) -> dict[str, np.ndarray]:
+    """What is kept: the checkpoints, and the first few marks after each of them."""
+    keep = np.isin(told["sample"], checkpoints)
+    for mark in ("reset", "changed"):
+        places = np.flatnonzero(told[mark])
+        interval = np.searchsorted(checkpoints, told["sample"][places])
+        rank = np.arange(places.size) - np.searchsorted(interval, interval)
+        keep[places[rank < _MARKS]] = True
+    return {name: column[keep] for name, column in told.items()}
+
+
+def _table(rows: Mapping[str, np.ndarray], log: Log, widening: float) -> pd.DataFrame:
+    def error(name: str) -> np.ndarray:
+        return np.hypot(widening * rows[f"{name}_se"], rows[f"{name}_by_slope"])
+
+    return pd.DataFrame(
+        {
+            "sample": log.used[rows["sample"]],
+            "mu_max": rows["mu_max"],
+            "mu_max_se": error("mu_max"),
+            "slip_opt": rows["slip_opt"],
+            "slip_opt_se": error("slip_opt"),
+            "reset": rows["reset"],
+            **{name: rows[name].astype(int) for name in ("status", "resets", "skipped")},
+        }
+    )
+
+
+def _carried(method: Identifier, known: Known) -> tuple[State, _Tally]:
+    """What is carried before any sample; states [lanes]."""
+    states = jax.vmap(method.init, in_axes=(0, None))(known, jax.random.key(0))
+    none = jnp.int32(0)
+    return states, _Tally(jnp.int32(-1), jnp.zeros(()), *(none for _ in range(5)))
+
+
+# A curve in what a kept program returns would not be read again, so both return leaves.
+@kept()
+def _begun(method: Identifier, known: Known) -> list[Array]:
+    return jax.tree.leaves(_carried(method, known))
+
+
+@kept()
+def _chunk(
+    method: Identifier,
+    known: Known,
+    carry: tuple[State, _Tally],
+    slip: Float[Array, " samples"],
+    adhesion: Float[Array, " samples"],
+    fresh: Bool[Array, " samples"],
+    starts: Bool[Array, " samples"],
+) -> tuple[list[Array], dict[str, Array]]:
+    """The leaves of what is carried, and what is told after each sample, arrays [samples].
+
+    The first lane has the initial slope itself, the others, if any, lie one standard error of it
+    below and above: `_by_slope` is half their difference.
+    """
+    first = jax.tree.map(lambda leaf: leaf[0], known)
+
+    def step(
+        carry: tuple[State, _Tally], sample: tuple[Array, ...]
+    ) -> tuple[tuple[State, _Tally], dict[str, Array]]:
+        (state, tally), (slip, adhesion, fresh, start) = carry, sample
+        predicted = _prediction(first.curve, jax.vmap(method.estimate)(state), slip)
+        record = Record(slip[None], adhesion[None], fresh[None], fresh[None], {})
+        state = jax.vmap(method.update, in_axes=(0, None))(state, record)
+        now = jax.vmap(method.estimate)(state)
+        after = _counted(tally, now, adhesion - predicted, start)
+        tally = jax.tree.map(lambda new, old: jnp.where(fresh, new, old), after, tally)
+        return (state, tally), {
+            **_value("mu_max", now),
+            **_value("slip_opt", now),
+            "status": now.status[0],
+            "changed": (after.status != carry[1].status) & (carry[1].status >= 0),
+            "reset": now.reset[0],
+            "resets": tally.resets,
+            "skipped": tally.skipped,
+        }
+
+    carry, told = jax.lax.scan(step, carry, (slip, adhesion, fresh, starts))
+    return jax.tree.leaves(carry), told
+
+
+def _prediction(curve: Curve, now: Estimate, slip: Float[Array, ""]) -> Float[Array, ""]:
+    """The adhesion that the first lane expects at this slip; NaN of a method without a curve."""
+    if not set(curve.free) <= set(now.values):
+        return jnp.asarray(jnp.nan)
+    return with_free_values(curve, jnp.stack([now.values[name][0] for name in curve.free]))(
+        slip, {}
+    )
+
+
+def _counted(
+    tally: _Tally, now: Estimate, error: Float[Array, ""], start: Bool[Array, ""]
+) -> _Tally:
+    error = jnp.where(jnp.isfinite(error), error, 0.0)
+    both = jnp.where(start, 0.0, jnp.sign(error) * jnp.sign(tally.error)).astype(jnp.int32)
+    return _Tally(
+        now.status[0].astype(jnp.int32),
+        error,
+        tally.pairs + jnp.abs(both),
+        tally.alike + both,
+        tally.resets + now.reset[0],
+        tally.skipped + now.skipped[0],
+        tally.trusted + (now.status[0] == Status.TRUSTED.value),
+    )
+
+
+def _value(name: str, now: Estimate) -> dict[str, Float[Array, ""]]:
+    """The value, the standard error that the method has, and that by the initial slope."""
+    value, place = now.values[name], list(now.values).index(name)
+    slope = (value[2] - value[1]) / 2 if value.size > 1 else jnp.zeros(())
+    return {
+        name: value[0],
+        f"{name}_se": jnp.sqrt(now.covariance[0, place, place]),
+        f"{name}_by_slope": slope,
+    }

@@ -1,0 +1,1 @@
+"""A log that online methods have followed: its figure, and its words."""

@@ -1,0 +1,244 @@
+"""The results of a followed log: the table of checkpoints, the summary, the words."""
+
+import textwrap
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.identifiers.base import Status
+from adhesion_jax.measured.following import QUANTILE, Followed
+from adhesion_jax.measured.initial_slope import InitialSlope
+from adhesion_jax.measured.log import Log
+from adhesion_jax.report.measured.words import reasons
+from adhesion_jax.wording import listed, number, plus_minus
+
+_WIDTH = 96
+
+#: Above this share of the initial slope its standard error is said to be large.
+_POORLY = 0.1
+
+#: The points are said not to follow Kiencke's curve if neighbours in slip are alike by more than
+#: this number of standard deviations.
+_LIKENESS = 2.0
+
+#: Most resets whose time is told.
+_TOLD = 5
+
+
+def checkpoint_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
+    """One row for each method and checkpoint.
+
+    Columns: identifier, time_s (NaN without time), sample (from 1), mu_max, mu_max_se, mu_max_lo,
+    mu_max_hi (95 %), slip_opt, slip_opt_se, status, reset (whether at this sample), resets and
+    skipped (both so far).
+    """
+    parts = []
+    for name, one in followed.items():
+        table = one.estimates
+        half = QUANTILE * table["mu_max_se"]
+        parts.append(
+            pd.DataFrame(
+                {
+                    "identifier": name,
+                    "time_s": np.nan if log.time is None else log.time[table["sample"]],
+                    "sample": 1 + table["sample"],
+                    "mu_max": table["mu_max"],
+                    "mu_max_se": table["mu_max_se"],
+                    "mu_max_lo": table["mu_max"] - half,
+                    "mu_max_hi": table["mu_max"] + half,
+                    "slip_opt": table["slip_opt"],
+                    "slip_opt_se": table["slip_opt_se"],
+                    "status": [Status(code).name for code in table["status"]],
+                    "reset": table["reset"],
+                    "resets": table["resets"],
+                    "skipped": table["skipped"],
+                }
+            )
+        )
+    return pd.concat(parts, ignore_index=True)
+
+
+def summary_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
+    """One row for each method: its last estimate, and what happened on the way.
+
+    Columns: identifier, mu_max, mu_max_se, mu_max_lo, mu_max_hi (95 %), slip_opt, slip_opt_se,
+    status (all after the last sample), resets, samples (given to it), skipped and trusted (shares
+    of these), error_correlation (of consecutive predictions), ns_per_sample.
+    """
+    rows = []
+    for name, one in followed.items():
+        last, given = one.estimates.iloc[-1], log.used.size
+        half = QUANTILE * last["mu_max_se"]
+        rows.append(
+            {
+                "identifier": name,
+                "mu_max": last["mu_max"],
+                "mu_max_se": last["mu_max_se"],
+                "mu_max_lo": last["mu_max"] - half,
+                "mu_max_hi": last["mu_max"] + half,
+                "slip_opt": last["slip_opt"],
+                "slip_opt_se": last["slip_opt_se"],
+                "status": Status(last["status"]).name,
+                "resets": one.resets,
+                "samples": given,
+                "skipped": one.skipped / given,
+                "trusted": one.trusted / given,
+                "error_correlation": one.correlation,
+                "ns_per_sample": 1e9 * one.seconds_per_sample,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def printed_summary(summary: pd.DataFrame) -> str:
+    """The summary, aligned for a terminal."""
+    cells = pd.DataFrame(
+        {
+            "method": summary["identifier"],
+            "mu_max at the end": _estimates(summary, "mu_max"),
+            "slip_opt": _estimates(summary, "slip_opt"),
+            "status": summary["status"],
+            "resets": summary["resets"].astype(str),
+            "skipped": [f"{share:.1%}" for share in summary["skipped"]],
+            "trusted": [f"{share:.1%}" for share in summary["trusted"]],
+            "ns per sample": [f"{time:.0f}" for time in summary["ns_per_sample"]],
+        }
+    )
+    padded = cells.apply(lambda column: column.str.ljust(column.str.len().max()))
+    return padded.to_string(index=False, justify="left")
+
+
+def _estimates(summary: pd.DataFrame, name: str) -> list[str]:
+    return [
+        plus_minus(value, error)
+        for value, error in zip(summary[name], summary[f"{name}_se"], strict=True)
+    ]
+
+
+def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Followed]) -> str:
+    """In words: the log, the initial slope, what each method ends with, and what to doubt."""
+    summary = summary_rows(log, followed)
+    paragraphs = [
+        ("Log", [*_log(log), citation]),
+        ("Initial slope", _slope(slope, log)),
+        ("Estimates", _ends(log, followed, summary)),
+        ("Not to be trusted", _doubts(slope, followed, summary)),
+    ]
+    return "\n".join(
+        textwrap.fill(
+            f"{title}: {' '.join(filter(None, sentences))}",
+            _WIDTH,
+            subsequent_indent="  ",
+            break_on_hyphens=False,  # names of methods have some
+        )
+        for title, sentences in paragraphs
+    )
+
+
+def _log(log: Log) -> Iterable[str]:
+    span = ""
+    if log.time is not None:
+        span = f" over {number(log.time[-1] - log.time[0])} s"
+    size = np.abs(log.slip)
+    yield (
+        f"{log.name} has {log.slip.size:,} samples{span}, with slip up to "
+        f"{size.max():.4g}{log.slip_unit}."
+    )
+    yield from log.sentences
+    braking = int(np.sum(log.slip[log.used] < 0))
+    if braking:
+        yield f"{braking:,} samples in braking have both signs turned, since curves are odd."
+    still = int(np.sum(log.slip[log.used] == 0))
+    if still:
+        yield f"{still:,} samples have slip 0, which tells nothing of the curve."
+
+
+def _slope(slope: InitialSlope, log: Log) -> Iterable[str]:
+    per = f" per{log.slip_unit}" if log.slip_unit else ""
+    if slope.fit is None:
+        yield (
+            f"a0 = {number(slope.value)}{per}, as given. The methods take it as exact; where it is "
+            "wrong, every estimate is biased."
+        )
+        return
+    yield (
+        f"a0 = {plus_minus(slope.value, slope.standard_error)}{per}, that of Kiencke's curve "
+        f"fitted to {slope.samples:,} of these samples, spread evenly over the slips. The methods "
+        "know of later samples this one number; what its standard error makes of an estimate is "
+        "in the bands."
+    )
+    if slope.standard_error > _POORLY * slope.value:
+        yield (
+            f"The samples hardly determine it (standard error "
+            f"{slope.standard_error / slope.value:.0%}): give it by --initial-slope if it is known."
+        )
+    if slope.fit.status is not Status.TRUSTED:
+        yield f"Of that fit: {' '.join(reasons(slope.fit))}"
+
+
+def _ends(log: Log, followed: Mapping[str, Followed], summary: pd.DataFrame) -> Iterable[str]:
+    for row in summary.to_dict("records"):
+        name, status = str(row["identifier"]), Status[row["status"]]
+        band = (
+            f" (95 % band {row['mu_max_lo']:.4f} to {row['mu_max_hi']:.4f})"
+            if np.isfinite(row["mu_max_se"])
+            else " (without a band)"
+        )
+        yield f"{name} ends with mu_max {row['mu_max']:.4f}{band}{_resets(log, followed[name])}."
+        if status is not Status.TRUSTED:
+            yield f"That is not to be trusted: {status.sentence}"
+    sure = summary[(summary["status"] == Status.TRUSTED.name) & np.isfinite(summary["mu_max_se"])]
+    if len(sure) > 1 and sure["mu_max_lo"].max() > sure["mu_max_hi"].min():
+        high, low = sure.loc[sure["mu_max_lo"].idxmax()], sure.loc[sure["mu_max_hi"].idxmin()]
+        yield (
+            f"{high['identifier']} and {low['identifier']} disagree by more than their bands: at "
+            "least one of them is biased, or they remember different stretches of the log."
+        )
+
+
+def _resets(log: Log, one: Followed) -> str:
+    if not one.resets:
+        return ", without a reset"
+    at = one.estimates["sample"][one.estimates["reset"]].to_numpy()[:_TOLD]
+    places = [number(log.time[i]) if log.time is not None else str(i + 1) for i in at]
+    what = "at time" if log.time is not None else "at sample"
+    more = " and later" if one.resets > len(places) else ""
+    unit = " s" if log.time is not None else ""
+    return (
+        f", after {one.resets} reset{'s' if one.resets > 1 else ''} {what} "
+        f"{listed(places)}{unit}{more}"
+    )
+
+
+def _doubts(
+    slope: InitialSlope, followed: Mapping[str, Followed], summary: pd.DataFrame
+) -> Iterable[str]:
+    if slope.left is not None and slope.left.likeness > _LIKENESS:
+        yield (
+            "The samples do not follow Kiencke's curve (the likeness of neighbours in slip is "
+            f"{slope.left.likeness:.1f} standard deviations above that of white noise): mu_max is "
+            "then biased by more than its band says, and slip_opt by much more; adhesion identify "
+            "compares other curves."
+        )
+    wide = {name: one.widening for name, one in followed.items() if one.widening > 1.1}
+    if wide:
+        least, most = min(wide.values()), max(wide.values())
+        factor = f"{least:.1f}" if most - least < 0.1 else f"{least:.1f} to {most:.1f}"
+        yield (
+            "Consecutive errors of prediction are correlated "
+            f"({', '.join(f'{name} {followed[name].correlation:.2f}' for name in wide)}): the "
+            f"bands are {factor} times as wide as those of the methods, which take the noise as "
+            "independent."
+        )
+    yield (
+        "A band holds for a rail that has not changed since the last reset, and for methods that "
+        "forget, over what they remember; it contains no error of the form of the curve and no "
+        "noise of the slip."
+    )
+    seldom = summary[summary["trusted"] < 0.5]
+    if len(seldom):
+        yield (
+            f"{listed(list(seldom['identifier']))} "
+            f"{'is' if len(seldom) == 1 else 'are'} trusted after fewer than half of the samples."
+        )

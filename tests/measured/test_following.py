@@ -1,0 +1,334 @@
+"""A log that online methods follow: against single updates, known switches, and each other."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given as example
+from hypothesis import strategies as st
+
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.data import SHIPPED, read_measured, to_measured
+from adhesion_jax.identifiers import IDENTIFIERS, Status
+from adhesion_jax.measured import following
+from adhesion_jax.measured.following import follow_log, known_of, refusal
+from adhesion_jax.measured.initial_slope import InitialSlope, estimated, given
+from adhesion_jax.measured.log import to_log
+from adhesion_jax.records import Record
+from adhesion_jax.scenarios.rails import KIENCKE_RAILS
+from adhesion_jax.simulation.one_log import one_log
+
+ONLINE = ("riv", "qp-qian2024-1", "rls-kiencke")
+
+DRY, COMMON = KIENCKE_RAILS["dry"], KIENCKE_RAILS["common"]
+A0 = 40.0
+
+
+def adhesion_of(rail, slip):
+    return float(rail.a0) * slip / (1 + rail.p1 * np.abs(slip) + rail.p2 * slip**2)
+
+
+def sweeps(count, seed, rail=DRY, then=None, sigma=0.01, alike=0.0):
+    """A log at 50 Hz: slip runs up and down to .2, the rail is another from the middle on."""
+    random = np.random.default_rng(seed)
+    time = 0.02 * np.arange(count)
+    slip = 0.1 * (1 - np.cos(2 * np.pi * time / 3.7)) + 0.001
+    clean = adhesion_of(rail, slip)
+    if then is not None:
+        clean = np.where(np.arange(count) < count // 2, clean, adhesion_of(then, slip))
+    noise = sigma * np.sqrt(1 - alike**2) * random.normal(size=count)
+    noise[0] = sigma * random.normal()
+    for i in range(1, count):
+        noise[i] += alike * noise[i - 1]
+    return pd.DataFrame({"time_s": time, "slip_ratio": slip, "adhesion": clean + noise})
+
+
+def log_of(table, wanted=False):
+    return to_log(to_measured("log", table), wanted)
+
+
+def followed(table, names, slope=A0):
+    known = slope if isinstance(slope, InitialSlope) else given(slope)
+    return follow_log({name: IDENTIFIERS[name] for name in names}, log_of(table), known)
+
+
+def at(one, sample):
+    """The row of the estimates that holds after that sample."""
+    return one.estimates[one.estimates["sample"] <= sample].iloc[-1]
+
+
+@pytest.mark.parametrize("name", ONLINE)
+def test_the_scan_is_one_update_after_the_other(name):
+    table, method = sweeps(150, 1), IDENTIFIERS[name]
+    state = method.init(known_of(A0, 1.0), jax.random.key(0))
+    update, estimate = jax.jit(method.update), jax.jit(method.estimate)
+    every = jnp.ones(1, dtype=bool)
+    told = []
+    for slip, adhesion in zip(table["slip_ratio"], table["adhesion"], strict=True):
+        record = Record(jnp.asarray([slip]), jnp.asarray([adhesion]), every, every, {})
+        state = update(state, record)
+        now = estimate(state)
+        place = list(now.values).index("mu_max")
+        told.append((now.values["mu_max"], now.values["slip_opt"], now.covariance[place, place]))
+    mu_max, slip_opt, variance = np.array(told).T
+    one = followed(table, [name])[name]
+    rows = one.estimates
+    assert list(rows["sample"]) == list(range(150))
+    np.testing.assert_allclose(rows["mu_max"], mu_max, rtol=1e-9)
+    np.testing.assert_allclose(rows["slip_opt"], slip_opt, rtol=1e-9)
+    np.testing.assert_allclose(
+        rows["mu_max_se"], one.widening * np.sqrt(variance), rtol=1e-6, atol=1e-12
+    )
+
+
+def test_chunks_change_nothing(monkeypatch):
+    table = sweeps(300, 2, then=COMMON)
+    whole = followed(table, ONLINE)
+    monkeypatch.setattr(following, "CHUNK", 64)
+    parts = followed(table, ONLINE)
+    for name in ONLINE:
+        pd.testing.assert_frame_equal(whole[name].estimates, parts[name].estimates, rtol=0, atol=0)
+        assert whole[name][1:-1] == parts[name][1:-1]
+
+
+@pytest.fixture(scope="module")
+def switched():
+    """Of 40 logs whose rail becomes another in the middle, the riv; noise white or correlated."""
+    return {
+        alike: [
+            followed(sweeps(900, seed, DRY, COMMON, alike=alike), ["riv"])["riv"]
+            for seed in range(40)
+        ]
+        for alike in (0.0, 0.6)
+    }
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("alike", [0.0, 0.6])
+def test_the_largest_adhesion_is_in_its_band_before_and_after_a_switch(switched, alike):
+    inside = {"before": 0, "after": 0}
+    for one in switched[alike]:
+        for when, sample, rail in (("before", 449, DRY), ("after", 899, COMMON)):
+            row, true = at(one, sample), float(rail.peak({}).adhesion)
+            assert row["status"] == Status.TRUSTED
+            assert abs(row["mu_max"] - true) < 0.05 * true
+            inside[when] += abs(row["mu_max"] - true) < following.QUANTILE * row["mu_max_se"]
+    # Of 40 with a chance of .95 at least 33 but for once in 1000.
+    assert min(inside.values()) >= 33, inside
+    assert following.QUANTILE == 1.96
+
+
+@pytest.mark.thorough
+def test_correlated_noise_widens_the_bands(switched):
+    for alike, widening in ((0.0, 1.0), (0.6, 2.0)):
+        found = np.array([one.correlation for one in switched[alike]])
+        assert np.median(found) == pytest.approx(alike, abs=0.05)
+        wide = np.array([one.widening for one in switched[alike]])
+        assert np.median(wide) == pytest.approx(widening, abs=0.15)
+
+
+def test_a_reset_is_marked_where_it_occurs_and_nowhere_else():
+    for seed in range(3):
+        one = followed(sweeps(900, seed, DRY, COMMON), ["riv"])["riv"]
+        rows = one.estimates
+        for sample, rail in ((449, DRY), (899, COMMON)):
+            row, true = at(one, sample), float(rail.peak({}).adhesion)
+            assert abs(row["mu_max"] - true) < 3.5 * row["mu_max_se"]
+        resets = rows["sample"][rows["reset"]].to_numpy()
+        assert one.resets == resets.size == rows["resets"].iloc[-1]
+        assert resets.size >= 1
+        assert np.all((resets >= 450) & (resets < 500))
+        assert rows["resets"].iloc[449] == 0
+    # A rail that stays as it is makes no reset.
+    assert followed(sweeps(900, 3), ["riv"])["riv"].resets == 0
+
+
+def test_forgetting_follows_a_switch():
+    one = followed(sweeps(1200, 5, DRY, COMMON), ["rls-kiencke"])["rls-kiencke"]
+    for sample, rail in ((599, DRY), (1199, COMMON)):
+        row, true = at(one, sample), float(rail.peak({}).adhesion)
+        assert abs(row["mu_max"] - true) < max(3 * row["mu_max_se"], 0.02 * true)
+    assert one.resets == 0
+    assert one.trusted == (one.estimates["status"] == Status.TRUSTED).sum()
+
+
+def test_the_error_of_the_initial_slope_is_in_the_standard_error():
+    table = sweeps(200, 6)
+    uncertain = InitialSlope(A0, 4.0, None, None, 0)
+    one = followed(table, ["riv"], uncertain)["riv"].estimates.iloc[-1]
+    alone, *sides = (
+        followed(table, ["riv"], slope)["riv"].estimates.iloc[-1]
+        for slope in (A0, A0 * np.exp(-0.1), A0 * np.exp(0.1))
+    )
+    assert one["mu_max"] == pytest.approx(alone["mu_max"], rel=1e-9)
+    for name in ("mu_max", "slip_opt"):
+        half = (sides[1][name] - sides[0][name]) / 2
+        whole = np.hypot(alone[f"{name}_se"], half)
+        assert one[f"{name}_se"] == pytest.approx(whole, rel=1e-6)
+        assert abs(half) > 0
+
+
+def test_braking_is_traction_turned():
+    table = sweeps(200, 7)
+    turned = table.assign(slip_ratio=-table["slip_ratio"], adhesion=-table["adhesion"])
+    forward, back = (followed(one, ONLINE) for one in (table, turned))
+    for name in ONLINE:
+        pd.testing.assert_frame_equal(forward[name].estimates, back[name].estimates)
+
+
+def test_a_sample_that_is_not_finite_is_left_out_and_counted():
+    log = log_of(sweeps(200, 8))
+    broken = log._replace(adhesion=np.where(np.arange(200) == 50, np.nan, log.adhesion))
+    without = log._replace(used=np.delete(log.used, 50), starts=np.delete(log.starts, 50))
+    methods = {name: IDENTIFIERS[name] for name in ONLINE}
+    for name, one in follow_log(methods, broken, given(A0)).items():
+        assert one.skipped == one.estimates["skipped"].iloc[-1] == 1
+        assert at(one, 49)["skipped"] == 0
+        other = follow_log({name: methods[name]}, without, given(A0))[name]
+        last, same = at(one, 199), at(other, 199)
+        assert last["mu_max"] == pytest.approx(same["mu_max"], rel=1e-9)
+
+
+def test_progress_counts_every_sample():
+    done = []
+    log = log_of(sweeps(150, 1))
+    follow_log({"riv": IDENTIFIERS["riv"]}, log, given(A0), done.append)
+    assert sum(done) == 150
+
+
+@example(st.data())
+def test_the_checkpoints_and_the_first_marks_between_them_are_kept(data):
+    count = data.draw(st.integers(1, 60))
+    flags = st.lists(st.booleans(), min_size=count, max_size=count)
+    told = {
+        "sample": np.arange(count),
+        "reset": np.array(data.draw(flags)),
+        "changed": np.array(data.draw(flags)),
+    }
+    chosen = np.array(sorted(data.draw(st.sets(st.integers(0, count - 1), min_size=1))))
+    kept = set(following._rows(told, chosen)["sample"])
+    expected = set(chosen)
+    for mark in ("reset", "changed"):
+        held: dict[int, int] = {}
+        for sample in np.flatnonzero(told[mark]):
+            interval = int(np.sum(chosen < sample))
+            held[interval] = held.get(interval, 0) + 1
+            if held[interval] <= 4:
+                expected.add(sample)
+    assert kept == expected
+    # What is chosen of parts is chosen again of the whole.
+    cut = data.draw(st.integers(0, count))
+    parts = [
+        following._rows({name: one[part] for name, one in told.items()}, chosen)
+        for part in (slice(cut), slice(cut, None))
+    ]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in told}
+    assert set(following._rows(joined, chosen)["sample"]) == expected
+
+
+def test_what_a_method_is_told_holds_every_rail():
+    for rail in KIENCKE_RAILS.values():
+        known = known_of(float(rail.a0), 1.0)
+        values = np.array([rail.p1, rail.p2])
+        assert np.all((known.lower < values) & (values < known.upper))
+    start = known_of(100.0, 1.0).curve.peak({})
+    assert (float(start.slip), float(start.adhesion)) == pytest.approx((0.1, 0.3))
+    # As a velocity the same slips are ten times as large.
+    start = known_of(10.0, 10.0).curve.peak({}, 10.0)
+    assert (float(start.slip), float(start.adhesion)) == pytest.approx((1.0, 0.3))
+
+
+def test_who_cannot_follow_a_log_says_why():
+    refused = {name for name, one in IDENTIFIERS.items() if refusal(one) is not None}
+    assert {"ml-exact", "ls-kiencke", "rls-slope"} <= refused
+    assert not {*ONLINE, "qp-bias-compensated", "rls-kiencke-variable"} & refused
+    assert "here samples come one at a time" in refusal(IDENTIFIERS["ml-exact"])
+
+
+# --- the order of a log, and what of it is used
+
+
+def test_rows_without_time_are_followed_as_they_stand():
+    log = to_log(read_measured(SHIPPED["eurosprinter"].path))
+    assert log.time is None
+    np.testing.assert_array_equal(log.used, np.arange(163))
+    assert "in the order of the rows" in log.sentences[0]
+
+
+def test_runs_that_stand_out_of_order_are_followed_in_time():
+    table = sweeps(200, 1)
+    runs = pd.concat([table[100:].assign(run="b"), table[:100].assign(run="a")])
+    log = log_of(runs)
+    np.testing.assert_array_equal(log.time, table["time_s"])
+    np.testing.assert_array_equal(log.slip, table["slip_ratio"])
+    assert list(np.flatnonzero(log.starts)) == [0, 100]
+    assert log.sentences[0] == "The samples are followed in the order of time."
+
+
+def test_runs_with_clocks_of_their_own_are_followed_one_after_the_other():
+    table = sweeps(100, 1)
+    log = log_of(pd.concat([table.assign(run="b"), table.assign(run="a")]))
+    np.testing.assert_allclose(log.time, 0.02 * np.arange(200), atol=1e-9)
+    np.testing.assert_array_equal(log.slip[100:], log.slip[:100])
+    assert "a clock of its own" in log.sentences[0]
+
+
+def test_a_gap_in_time_is_marked():
+    table = sweeps(100, 1)
+    late = table.assign(time_s=np.where(np.arange(100) < 40, 0.0, 60.0) + table["time_s"])
+    assert list(np.flatnonzero(log_of(late).starts)) == [0, 40]
+
+
+@pytest.fixture(scope="module")
+def locomotive():
+    return one_log(seed=1, wheel_speed_noise=0.01)
+
+
+def test_of_a_log_that_hardly_slips_events_alone_are_used(locomotive):
+    log = log_of(locomotive.train, None)
+    assert len(log.events) == 5
+    assert log.slip.size == 3000
+    assert 0.05 < log.used.size / 3000 < 0.15
+    # Where the noise of the wheel speed makes a fifth of the slip or more, nothing is used.
+    speed = locomotive.train["vehicle_speed_mps"].to_numpy()[log.used]
+    assert np.all(np.abs(log.slip[log.used]) * speed > 4 * 0.01)
+    noise = float(log.sentences[2].split("scatters by ")[1].split(" m/s")[0])
+    assert noise == pytest.approx(0.01, rel=0.15)
+    assert not log_of(locomotive.train, False).events.size
+
+
+def test_the_noise_of_micro_slip_is_kept_from_the_methods(locomotive):
+    """Between the events the noise of the slip looks like a curve with its peak there."""
+    true = float(locomotive.curve.peak({}).adhesion)
+    events, whole = (log_of(locomotive.train, wanted) for wanted in (None, False))
+    slope = estimated(events)
+    riv = {"riv": IDENTIFIERS["riv"]}
+    found, spoilt = (
+        follow_log(riv, log, slope)["riv"].estimates.iloc[-1]["mu_max"] for log in (events, whole)
+    )
+    assert found == pytest.approx(true, rel=0.02)
+    assert abs(spoilt - true) > 0.2 * true
+
+
+def test_the_initial_slope_is_that_of_the_curve():
+    truth = Kiencke(a0=150.0, p1=450.0, p2=1700.0)
+    errors = []
+    for seed in range(6):
+        found = estimated(log_of(sweeps(400, seed, truth)))
+        assert found.fit is not None
+        errors.append((found.value - 150.0) / found.standard_error)
+        below, above = found.plausible[1:]
+        assert below < found.value < above
+        assert below * above == pytest.approx(found.value**2)
+    assert np.abs(errors).max() < 3.5
+    assert list(given(40.0).plausible) == [40.0]
+
+
+def test_a_long_log_is_thinned_for_the_slope_over_all_its_slips():
+    random = np.random.default_rng(0)
+    slip = np.where(random.random(50_000) < 0.01, random.uniform(0, 0.2, 50_000), 0.004)
+    table = pd.DataFrame({"slip_ratio": slip, "adhesion": adhesion_of(DRY, slip)})
+    found = estimated(log_of(table))
+    assert found.samples <= 60 * 40
+    assert found.value == pytest.approx(A0, rel=1e-3)
