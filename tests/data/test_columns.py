@@ -267,7 +267,7 @@ def test_what_was_understood_is_told(tmp_path):
     said = " ".join(found.notes)
     assert "semicolons" in said
     assert "The column Ort is left out: row 2 has the text 'x'." in said
-    assert "In 2 rows there is no value of vehicle_speed_mps" in said
+    assert "2 rows of 40 (5 %), in which there is no value of vehicle_speed_mps" in said
     assert len(found.table) == 38
     assert found.left_out == ("Ort",)
 
@@ -281,8 +281,8 @@ def test_rows_with_a_gap_are_left_out_and_counted():
     assert found.table.index.tolist() == [row for row in range(100) if row not in (4, 9, 20, 21)]
     assert found.covariates == ("wear",)
     said = " ".join(found.notes)
-    assert "In 2 rows of 100 (2 %) there is no value of adhesion" in said
-    assert "In 2 rows there is no value of wear" in said
+    assert "2 rows of 100 (2 %), in which there is no value of adhesion" in said
+    assert "2 rows of 100 (2 %), in which there is no value of wear" in said
     assert "The column rare is left out: 70 % of its rows have no value." in said
 
 
