@@ -43,6 +43,7 @@ from adhesion_jax.discovery.search.second_opinion import import_trees, second_op
 from adhesion_jax.discovery.search.selection import search, search_columns
 from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
 from adhesion_jax.discovery.types import Doubt, Findings, Opinion
+from adhesion_jax.discovery.usable import refuse_training_runs, usable
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.wave import Wave
 from adhesion_jax.errors import InputError
@@ -91,15 +92,22 @@ def discover(
     the findings. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s if
     it is known; otherwise the noise of the slip is estimated.
 
-    Raises InputError for a base curve that is not known, or that needs a column the runs lack.
+    Raises InputError for a base curve that is not known, or that needs a column the runs lack, and
+    for test runs that are training runs.
     """
     began = time.perf_counter()
+    if test is not None:
+        refuse_training_runs(runs, test)
     import_trees()
     progress = _never_falling(progress)
     bases = _bases(runs, base)
+    runs, unusable = usable(runs)
     whole = with_run_order(runs)
     blocks = condensed(whole)
-    warnings = [*runs.warnings, *_condensing_words(whole, blocks)]
+    warnings = [*runs.warnings, *unusable, *_condensing_words(whole, blocks)]
+    if test is not None:
+        told = (words for words in test.warnings if words not in runs.warnings)
+        warnings += [f"In the test data: {words}" for words in told]
     record = blocks.record
     problem = prepare(record, calendar_of(record), runs.blocks, worth=blocks.weights)
     held_out = _held_out(problem, seed)

@@ -283,6 +283,18 @@ PROPOSED_COSINE = 0.6
 #: Number of causes from which a measurement is proposed to separate an effect. By hand.
 PROPOSED_RIVALS = 2
 
+#: Test points with a slip beyond that of every training point are warned of above this share. By
+#: hand.
+FEW_OUTSIDE = 0.01
+
+#: The verdict says that test data are outside the training range above this share of their points.
+#: By hand.
+MUCH_OUTSIDE = 0.2
+
+#: The verdict says that the error on test data is larger than on training runs left out if even the
+#: lower end of its interval exceeds that by this factor. By hand.
+UNLIKE_TRAINING = 2.0
+
 #: The autocorrelation of the noise is reported above this. By hand.
 REPORTED_AUTOCORRELATION = 0.05
 
