@@ -20,7 +20,6 @@ from adhesion_jax.records import Record
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
 from adhesion_jax.simulation.one_log import one_log
 
-
 ONLINE = ("riv", "qp-qian2024-1", "rls-kiencke")
 
 DRY, COMMON = KIENCKE_RAILS["dry"], KIENCKE_RAILS["common"]
@@ -351,6 +350,7 @@ def test_the_band_allows_for_the_form_of_the_curve(locomotive):
         assert abs(last[name] - true) < following.QUANTILE * last[f"{name}_se"]
 
 
+@pytest.mark.thorough
 def test_a_long_log_is_thinned_for_the_slope_over_all_its_slips():
     random = np.random.default_rng(0)
     slip = np.where(random.random(50_000) < 0.01, random.uniform(0, 0.2, 50_000), 0.004)
