@@ -350,6 +350,7 @@ def test_the_band_allows_for_the_form_of_the_curve(locomotive):
         assert abs(last[name] - true) < following.QUANTILE * last[f"{name}_se"]
 
 
+@pytest.mark.thorough
 def test_a_long_log_is_thinned_for_the_slope_over_all_its_slips():
     random = np.random.default_rng(0)
     slip = np.where(random.random(50_000) < 0.01, random.uniform(0, 0.2, 50_000), 0.004)
