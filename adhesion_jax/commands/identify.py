@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
+from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.events import events_of
@@ -32,17 +32,9 @@ def main(
     directory = output_directory(out)
     # Nothing holds the log while the curves are fitted to its events.
     (log,) = events_of([measured.pop()], events)
-    with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
-
-        def progress(words: str, share: float) -> None:
-            bar.set_description_str(words)
-            bar.update(100 * share - bar.n)
-
+    with shown() as progress:
         curves = CURVES if curve == "all" else curve
         found = identify_chosen(log, curves, citation_of(file), by, slip_noise, progress)
     with staged(directory, IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")
-
-
-_BAR = "{desc}: {percentage:3.0f} %|{bar}| {elapsed}<{remaining}"
