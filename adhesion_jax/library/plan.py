@@ -161,7 +161,7 @@ def _settled(
         log = own_log(fit, source.measured, source.slip, stated)
         _refuse_strange(conditions, dict.fromkeys(log.truth.conditions, (-math.inf, math.inf)))
         truth = log.truth._replace(conditions={**log.truth.conditions, **conditions})
-        words = f"{name} as fitted to {source.measured.name}"
+        words = f"{name} as fitted to {Path(source.measured.name).name}"
         return _Settled(words, planner(truth, log.noise, log.design), log)
     words, truth = _truth(source, conditions)
     runs = Sweeps(_SAMPLES_PER_RUN if samples_per_run is None else samples_per_run)
