@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from adhesion_jax.library.identify import identify as identify
     from adhesion_jax.library.montecarlo import MonteCarlo as MonteCarlo
     from adhesion_jax.library.montecarlo import montecarlo as montecarlo
+    from adhesion_jax.library.plan import Planning as Planning
+    from adhesion_jax.library.plan import plan as plan
     from adhesion_jax.library.sample import sample as sample
     from adhesion_jax.library.track import Track as Track
     from adhesion_jax.library.track import track as track
@@ -49,6 +51,7 @@ _EXPORTS = {
     "library.discover": ("Discovery", "discover"),
     "library.identify": ("Identification", "identify"),
     "library.montecarlo": ("MonteCarlo", "montecarlo"),
+    "library.plan": ("Planning", "plan"),
     "library.sample": ("sample",),
     "library.track": ("Track", "track"),
     "records": ("Known", "Record"),

@@ -18,7 +18,7 @@ STOREYS = (
     ("scenarios", "simulation", "data"),
     ("identifiers", "traction"),
     ("measured", "discovery"),
-    ("campaign",),
+    ("campaign", "planning"),
     ("studies",),
     ("report",),
     ("library",),

@@ -226,7 +226,6 @@ COLUMNS: Mapping[str, Column] = {
             "schienentemperatur",
             "t luft",
             "air temperature",
-            "rail temperature",
             "t schiene",
             "t rail",
             "t",

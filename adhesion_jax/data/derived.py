@@ -1,16 +1,19 @@
-"""What follows from measured columns: adhesion, load, slip, radius of the wheel, acceleration."""
+"""What follows from measured columns: adhesion, load, slip, radius of the wheel."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
 
+from adhesion_jax.data.gaps import of_rows
 from adhesion_jax.errors import InputError
 
 #: Below this speed of the train, in m/s, a slip ratio is not computed: the difference of two
 #: measured speeds would be divided by almost nothing.
 SLOWEST = 0.5
+
+#: What is said of a train that is slower.
+SLOW = f"slower than {SLOWEST:g} m/s, where no slip ratio can be computed,"
 
 #: Force, the load of the same body, and the wheels of the body (0: not known).
 _BODIES = (
@@ -27,11 +30,31 @@ _FEWEST = 100
 #: Contiguous groups of rows from whose scatter its standard error is taken.
 _GROUPS = 20
 
-#: Width of the filter by which acceleration is derived from speed, in s, and its degree.
-_WINDOW = 1.0
-_DEGREE = 2
-#: A stretch of rows ends where the step in time exceeds this multiple of the median step.
-_GAP = 10.0
+#: Columns from which the slip comes, and the adhesion: the first that are all there.
+_SLIP = (
+    ("slip_ratio",),
+    ("slip_velocity_mps", "vehicle_speed_mps"),
+    ("wheel_speed_mps", "vehicle_speed_mps"),
+    ("wheel_rotation_radps", "vehicle_speed_mps"),
+    ("slip_velocity_mps",),
+)
+_ADHESION = (
+    ("adhesion",),
+    *((force, load) for force, load, _ in _BODIES),
+    ("tangential_force_N", "axle_load_N"),
+    ("axle_force_N", "normal_load_N"),
+)
+_NO_SLIP = (
+    "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with wheel_speed_mps or "
+    "wheel_rotation_radps) is missing"
+)
+_NO_ADHESION = (
+    "the column adhesion (or tangential_force_N with normal_load_N, or force and load of an axle "
+    "or of the locomotive) is missing"
+)
+
+#: All of them.
+SOURCES = frozenset(name for way in (*_SLIP, *_ADHESION) for name in way)
 
 Columns = dict[str, np.ndarray]
 
@@ -52,41 +75,19 @@ class Derived(NamedTuple):
     notes: tuple[str, ...]
 
 
-def needed(columns: Mapping[str, object]) -> tuple[list[str], list[str]]:
-    """The columns from which slip and adhesion come, and what is missing for them, as clauses."""
-    names: list[str] = []
+def needed(names: Set[str]) -> tuple[list[str], list[str]]:
+    """The columns of these from which slip and adhesion come, and what is missing, as clauses."""
+    found: list[str] = []
     missing: list[str] = []
-    for ways, clause in (
-        (
-            (
-                ("slip_ratio",),
-                ("slip_velocity_mps", "vehicle_speed_mps"),
-                ("wheel_speed_mps", "vehicle_speed_mps"),
-                ("wheel_rotation_radps", "vehicle_speed_mps"),
-                ("slip_velocity_mps",),
-            ),
-            "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with "
-            "wheel_speed_mps or wheel_rotation_radps) is missing",
-        ),
-        (
-            (
-                ("adhesion",),
-                *((force, load) for force, load, _ in _BODIES),
-                ("tangential_force_N", "axle_load_N"),
-                ("axle_force_N", "normal_load_N"),
-            ),
-            "the column adhesion (or tangential_force_N with normal_load_N, or force and load of "
-            "an axle or of the locomotive) is missing",
-        ),
-    ):
-        way = next((way for way in ways if all(name in columns for name in way)), None)
-        if way is None:
-            alone = [one for one in dict.fromkeys(sum(ways, ())) if one in columns]
-            beside = f", {' and '.join(alone)} alone will not do" if alone else ""
-            missing.append(clause + beside)
+    for ways, clause in ((_SLIP, _NO_SLIP), (_ADHESION, _NO_ADHESION)):
+        way = next((way for way in ways if names >= {*way}), None)
+        if way is not None:
+            found += way
+        elif alone := sorted(names & {one for way in ways for one in way}):
+            missing.append(f"{clause}, {' and '.join(alone)} alone will not do")
         else:
-            names += way
-    return list(dict.fromkeys(names)), missing
+            missing.append(clause)
+    return list(dict.fromkeys(found)), missing
 
 
 def derive(columns: Columns, wheel_radius: float | None) -> Derived:
@@ -139,6 +140,8 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         )
     if "slip_ratio" not in columns and speed is not None:
         used = speed >= SLOWEST
+        if not used.all():
+            notes.append(f"{of_rows(~used)} the train is {SLOW.removesuffix(',')}.")
         ratio = columns["slip_velocity_mps"] / np.where(used, speed, 1.0)
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
@@ -148,16 +151,6 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
     for name in (*spent, "axle_load_N", "locomotive_load_N"):
         columns.pop(name, None)
         sources.pop(name, None)
-    if without_slip and "acceleration_mps2" not in columns and "time_s" in columns:
-        add(
-            "acceleration_mps2",
-            acceleration(columns["time_s"], columns["vehicle_speed_mps"]),
-            "derivative of the train speed",
-        )
-        notes.append(
-            "The acceleration is that of the train speed by a Savitzky-Golay filter of degree "
-            f"{_DEGREE} over {_WINDOW:g} s."
-        )
     return Derived(used, sources, tuple(notes))
 
 
@@ -209,27 +202,3 @@ def rolling_radius(rotation: np.ndarray, speed: np.ndarray, adhesion: np.ndarray
     without = [np.polyfit(level[group != g], ratio[group != g], 1)[1] for g in range(_GROUPS)]
     error = np.sqrt((_GROUPS - 1) / _GROUPS * np.sum((without - np.mean(without)) ** 2))
     return Radius(float(np.polyfit(level, ratio, 1)[1]), float(error), int(ratio.size))
-
-
-def acceleration(time: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Acceleration in m/s^2, [rows], from times in s and speeds in m/s.
-
-    In each stretch without a gap both are filtered along the rows after Savitzky and Golay (1964,
-    Anal. Chem. 36), degree 2 over 1 s, and the derivative of the speed along the rows is divided
-    by that of the time. A stretch shorter than the window has the slope of its straight line.
-    """
-    steps = np.diff(time)
-    usual = np.median(steps[steps > 0]) if (steps > 0).any() else 1.0
-    ends = np.flatnonzero((steps > _GAP * usual) | (steps < 0)) + 1
-    window = max(2 * round(_WINDOW / usual / 2) + 1, 5)
-    found = np.zeros_like(speed)
-    for first, stop in zip([0, *ends], [*ends, speed.size], strict=True):
-        times, speeds, slope = time[first:stop], speed[first:stop], found[first:stop]
-        if times.size >= window:
-            per_row = savgol_filter(times, window, _DEGREE, deriv=1)
-            slope += savgol_filter(speeds, window, _DEGREE, deriv=1)
-            slope /= np.where(per_row > 0, per_row, np.inf)
-        elif times.size > 1 and times[-1] > times[0]:
-            centred = times - times.mean()
-            slope += centred @ speeds / (centred @ centred)
-    return found

@@ -144,4 +144,10 @@ def _checked(one: Said) -> Said:
     to = conversion(one.unit or "1", wanted.unit)
     if to is None:
         raise InputError(f"{what} needs its unit; write one such as {wanted.unit} after it.")
-    return one._replace(constant=one.constant * to.factor + to.offset)
+    value = one.constant * to.factor + to.offset
+    if not wanted.lower <= value <= wanted.upper:
+        raise InputError(
+            f"{one.quantity} = {value:g} {wanted.unit} lies outside {wanted.lower:g} to "
+            f"{wanted.upper:g} {wanted.unit}; {wanted.advice}."
+        )
+    return one._replace(constant=value)

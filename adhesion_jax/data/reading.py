@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS
-from adhesion_jax.data.derived import SLOWEST, derive, needed
+from adhesion_jax.data.derived import SLOW, SOURCES, derive, needed
 from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
+from adhesion_jax.data.gaps import without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
 from adhesion_jax.data.schema import label_faults, range_faults, time_faults, unusual
 from adhesion_jax.data.understanding import Taken, Understanding, understand
@@ -21,9 +22,6 @@ from adhesion_jax.wording import listed
 
 #: A curve has up to five parameters; with fewer points its errors could not be estimated.
 POINTS = 10
-
-#: Rows with a gap in a column that is not needed are left out, up to this share of all rows.
-_FEW = 0.05
 
 Progress = Callable[[str, float], None]
 
@@ -108,178 +106,103 @@ def _measured(
     progress: Progress,
 ) -> Measured:
     found = understand(sheet, columns or {})
-    names = {one.name for one in found.taken} | {*found.constants}
-    names_needed, missing = needed(dict.fromkeys(names))
+    names_needed, missing = needed({one.name for one in found.taken} | {*found.constants})
     if missing:
-        raise InputError(f"{sheet.name} cannot be used: {_asked(sheet, found, missing)}.")
+        raise _refusal(sheet, [_asked(sheet, found, missing)])
     read = gather(sheet, found.taken, progress)
-    numbers, labels = read.numbers, read.labels
+    numbers = read.numbers
     taken = {one.name: one for one in found.taken if one.name in numbers}
-    rows = read.rows
-    row_of = range(sheet.first_row, sheet.first_row + rows)
-    faults = [*([] if rows else [too_few(0)]), *read.faults, *range_faults(numbers, taken, row_of)]
-    if faults:
-        raise InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
+    row_of = range(sheet.first_row, sheet.first_row + read.rows)
+    if faults := [
+        *([] if read.rows else [too_few(0)]),
+        *read.faults,
+        *range_faults(numbers, taken, row_of),
+    ]:
+        raise _refusal(sheet, faults)
     understood = [_understood(one, numbers) for one in found.taken if one.name in numbers]
-    understood += [_understood(one, {}) for one in found.taken if one.name in labels]
-    kept, gappy, notes = _without_gaps(numbers, [name for name in names_needed if name in numbers])
+    understood += [
+        (one.column, one.name, "", *_NO_RANGE) for one in found.taken if one.name in LABELS
+    ]
+    rows = without_gaps(numbers, [name for name in names_needed if name in numbers])
+    if not rows.kept.any():
+        raise _refusal(sheet, [f"no row has a value in {listed(names_needed)}"])
+    for name in rows.left_out:
+        del numbers[name]
+    _keep(numbers, rows.kept)
     for name, value in found.constants.items():
-        numbers[name] = np.full(rows, value)
+        numbers[name] = np.full(np.count_nonzero(rows.kept), value)
         understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
-    if not kept.any():
-        raise InputError(
-            f"{sheet.name} cannot be used: no row has a value in {listed(names_needed)}."
-        )
-    if not kept.all():
-        _keep(numbers, kept)
     try:
         derived = derive(numbers, wheel_radius)
     except InputError as error:
-        raise InputError(f"{sheet.name} cannot be used: {error}.") from None
-    notes += derived.notes
-    moving = derived.used
-    if not moving.all():
-        _keep(numbers, moving)
-        notes.append(
-            f"In {_share(~moving)} the train is slower than {SLOWEST:g} m/s, where no slip ratio "
-            "can be computed: these rows are not used."
-        )
-        if not moving.any():
-            raise InputError(
-                f"{sheet.name} cannot be used: the train speed is below {SLOWEST:g} m/s in every "
-                "row, where no slip ratio can be computed (check its unit)."
-            )
-        kept[kept] = moving
+        raise _refusal(sheet, [str(error)]) from None
+    if not derived.used.any():
+        raise _refusal(sheet, [f"the train is {SLOW} in every row (check the unit of its speed)"])
+    _keep(numbers, derived.used)
+    kept = rows.kept.copy()
+    kept[rows.kept] = derived.used
     index = pd.Index(row_of if kept.all() else np.flatnonzero(kept) + sheet.first_row)
     table = pd.DataFrame(numbers, index=index, copy=False)
-    for name, text in labels.items():
+    for name, text in read.labels.items():
         table[name] = text[kept].set_axis(index)
-    time = taken["time_s"].column if "time_s" in taken else "time_s"
-    faults = [
+    if faults := [
         *range_faults({name: numbers[name] for name in derived.sources}, {}, index.to_numpy()),
-        *label_faults({name: table[name] for name in labels}),
-        *time_faults(table, time),
-    ]
-    if faults:
-        raise InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
+        *label_faults({name: table[name] for name in read.labels}),
+        *time_faults(table, taken["time_s"].column if "time_s" in taken else "time_s"),
+    ]:
+        raise _refusal(sheet, faults)
     for name, source in derived.sources.items():
-        if name in numbers:
-            lowest, highest = numbers[name].min(), numbers[name].max()
-            understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
+        lowest, highest = numbers[name].min(), numbers[name].max()
+        understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
     return Measured(
         sheet.name,
         table,
         "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps",
         tuple(name for name in numbers if name not in COLUMNS),
-        (*read.left_out, *gappy),
+        (*read.left_out, *rows.left_out),
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
-        (*_format_notes(sheet, found, read), *notes, *unusual(numbers, taken)),
+        (
+            *_format_notes(sheet, found, read),
+            *rows.notes,
+            *derived.notes,
+            *unusual(numbers, taken),
+        ),
     )
 
 
 _UNDERSTOOD = ("column", "taken_as", "unit", "lowest", "highest", "missing")
+_NO_RANGE = (np.nan, np.nan, 0.0)
+
+
+def _refusal(sheet: Sheet, faults: Sequence[str]) -> InputError:
+    return InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
 
 
 def _understood(one: Taken, numbers: Mapping[str, np.ndarray]) -> tuple[object, ...]:
     """A row of the table of what was understood; the range is in the unit of the package."""
-    values = numbers.get(one.name)
-    if values is None:
-        return one.column, one.name, "", np.nan, np.nan, 0.0
-    known = np.isfinite(values)
-    lowest = np.min(values, where=known, initial=np.inf) if known.any() else np.nan
-    highest = np.max(values, where=known, initial=-np.inf) if known.any() else np.nan
-    return one.column, one.name, one.stamp or one.unit, lowest, highest, (~known).mean()
-
-
-def _without_gaps(
-    numbers: dict[str, np.ndarray], names_needed: Sequence[str]
-) -> tuple[np.ndarray, list[str], list[str]]:
-    """The rows that are kept, the columns left out (they are removed), and sentences on both.
-
-    Blank rows at the end are no rows.
-    """
-    rows = next(iter(numbers.values())).size
-    missing = {name: np.isnan(numbers[name]) for name in numbers}
-    kept = np.ones(rows, bool)
-    notes: list[str] = []
-    for name in names_needed:
-        kept &= ~missing[name]
-    blank = np.logical_and.reduce([*missing.values()])
-    within = rows - int(blank[::-1].argmin()) if not blank.all() else 0
-    lost = ~kept[:within]
-    if lost.any():
-        holes = [name for name in names_needed if missing[name][:within].any()]
-        notes.append(
-            f"In {_share(lost)} there is no value of {listed(holes, 'or')}: these are not used."
-        )
-    gappy: list[str] = []
-    further = sorted(
-        (name for name in numbers if name not in names_needed), key=lambda one: missing[one].sum()
-    )
-    allowed = _FEW * kept.sum()
-    dropped = 0
-    few: list[str] = []
-    for name in further:
-        more = kept & missing[name]
-        if not more.any():
-            continue
-        if dropped + more.sum() <= allowed:
-            dropped += int(more.sum())
-            kept &= ~more
-            few.append(name)
-        else:
-            share = missing[name][:within].mean()
-            gappy.append(name)
-            del numbers[name]
-            notes.append(
-                f"The column {name} is left out: {100 * share:.3g} % of its rows have no value."
-            )
-    if few:
-        notes.append(
-            f"In {dropped:,} rows there is no value of {listed(few, 'or')}: these are not used."
-        )
-    return kept, gappy, notes
+    values = numbers[one.name]
+    missing = np.isnan(values)
+    if missing.all():
+        return one.column, one.name, one.stamp or one.unit, np.nan, np.nan, 1.0
+    lowest = np.min(values, where=~missing, initial=np.inf)
+    highest = np.max(values, where=~missing, initial=-np.inf)
+    return one.column, one.name, one.stamp or one.unit, lowest, highest, missing.mean()
 
 
 def _keep(columns: dict[str, np.ndarray], rows: np.ndarray) -> None:
     """Keeps some of the rows, in place: two copies of the columns of a log do not fit in memory."""
-    for name in columns:
-        columns[name] = columns[name][rows]
-
-
-def _share(rows: np.ndarray) -> str:
-    count = int(rows.sum())
-    words = "1 row" if count == 1 else f"{count:,} rows"
-    return f"{words} of {rows.size:,} ({100 * rows.mean():.3g} %)"
+    if not rows.all():
+        for name in columns:
+            columns[name] = columns[name][rows]
 
 
 def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
-    """Clauses on what is missing, or what must be told of the columns in its place."""
-    asked = [one.clause for one in found.questions if {*one.quantities} & _OF_USE]
+    """What is missing, and what must be told of the columns that may be it."""
     there = ", ".join(sheet.columns[:12]) or "no column"
     more = " ..." if len(sheet.columns) > 12 else ""
-    clauses = [*missing]
-    clauses[-1] += f" (there are {there}{more})"
-    if asked:
-        clauses.append(f"please say {'; '.join(asked)}")
-    return "; ".join(clauses)
-
-
-#: Quantities from which slip and adhesion come.
-_OF_USE = {
-    "slip_ratio",
-    "slip_velocity_mps",
-    "wheel_speed_mps",
-    "wheel_rotation_radps",
-    "vehicle_speed_mps",
-    "adhesion",
-    "tangential_force_N",
-    "axle_force_N",
-    "locomotive_force_N",
-    "normal_load_N",
-    "axle_load_N",
-    "locomotive_load_N",
-}
+    asked = [one.clause for one in found.questions if {*one.quantities} & SOURCES]
+    questions = f"; please say {'; '.join(asked)}" if asked else ""
+    return f"{'; '.join(missing)} (there are {there}{more}){questions}"
 
 
 def _format_notes(sheet: Sheet, found: Understanding, read: Gathered) -> list[str]:

@@ -127,7 +127,7 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     return RunSet(
         rows,
         np.cumsum(length) - length,
-        np.arange(len(table)) if order is None else order,
+        np.arange(len(table), dtype=np.int32) if order is None else order,
         np.broadcast_to(1.0, len(table)),
         grouping.names,
         grouping.blocks,

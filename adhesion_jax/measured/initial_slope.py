@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from adhesion_jax.curves import CURVES
-from adhesion_jax.measured.fit import MeasuredFit, fit_all
+from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.log import Log
 from adhesion_jax.records import Record
 
@@ -62,7 +63,7 @@ class InitialSlope(NamedTuple):
 
 
 def initial_slope(log: Log, given: float | None = None) -> InitialSlope:
-    """The slope that was given, or a0 of Kiencke's curve by least squares over the samples used.
+    """The slope that was given, or a0 of Kiencke's curve fitted to samples of those used.
 
     They are chosen evenly in the root of |slip|, `_OF_A_CELL` at most of each of `_CELLS` cells.
     """
@@ -71,7 +72,8 @@ def initial_slope(log: Log, given: float | None = None) -> InitialSlope:
     every = jnp.ones(chosen.size, dtype=bool)
     record = Record(slip, adhesion, every, every, {})
     curves = {name: CURVES[name] for name in (_FORM, _OTHER)}
-    fits = fit_all(curves, record, log.slip_is_velocity)
+    one_run = np.zeros(chosen.size, dtype=int)
+    fits = fit_curves(curves, record, one_run, log.slip_is_velocity, slip_noise=0.0).curves
     fit, other = fits[_FORM], fits[_OTHER]
     found = InitialSlope(0.0, 0.0, given is not None, fit, other, _form(fit, other), chosen.size)
     value, error = found.fitted if given is None else (given, 0.0)

@@ -113,6 +113,11 @@ CASES = {
     "constant without a unit": Case(
         text(log()), ("axle_load_N = 200 needs its unit",), columns={"axle_load": 200}
     ),
+    "constant that cannot be": Case(
+        text(log()),
+        ("axle_load_N = -200000 N lies outside 0.001 to 2e+06 N",),
+        columns={"axle_load": "-200 kN"},
+    ),
     "force of no body": Case(
         text(log()),
         ("log.csv", "whether column F [kN] is the wheel force, axle force or locomotive force"),
@@ -154,7 +159,7 @@ CASES = {
         text(log()).replace(".", ","), ("log.csv has ", "cells in row 2", "decimal comma")
     ),
     "blank rows within and at the end": Case(
-        lines(lambda rows: rows.insert(30, "")) + "\n\n", rows=60, notes="In 1 row of 61"
+        lines(lambda rows: rows.insert(30, "")) + "\n\n", rows=60, notes="Not used is 1 row of 61"
     ),
     "semicolons and decimal commas": Case(german(log()), notes="semicolons, decimal commas"),
     "tabs": Case(text(log(), sep="\t"), name="log.txt", notes="tabs"),
@@ -202,7 +207,7 @@ CASES = {
     ),
     "always at rest": Case(
         text(log().assign(**{"v [km/h]": 0.1, "v_Rad [km/h]": 0.2}).drop(columns="slip [%]")),
-        ("log.csv", "below 0.5 m/s in every row"),
+        ("log.csv", "slower than 0.5 m/s, where no slip ratio can be computed, in every row"),
     ),
     "one point": Case(text(log(1)), rows=1),
     "no point": Case(text(log()[:0]), ("log.csv", "there is a header but no point")),

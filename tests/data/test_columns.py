@@ -267,7 +267,7 @@ def test_what_was_understood_is_told(tmp_path):
     said = " ".join(found.notes)
     assert "semicolons" in said
     assert "The column Ort is left out: row 2 has the text 'x'." in said
-    assert "In 2 rows there is no value of vehicle_speed_mps" in said
+    assert "2 rows of 40 (5 %), in which there is no value of vehicle_speed_mps" in said
     assert len(found.table) == 38
     assert found.left_out == ("Ort",)
 
@@ -281,8 +281,8 @@ def test_rows_with_a_gap_are_left_out_and_counted():
     assert found.table.index.tolist() == [row for row in range(100) if row not in (4, 9, 20, 21)]
     assert found.covariates == ("wear",)
     said = " ".join(found.notes)
-    assert "In 2 rows of 100 (2 %) there is no value of adhesion" in said
-    assert "In 2 rows there is no value of wear" in said
+    assert "2 rows of 100 (2 %), in which there is no value of adhesion" in said
+    assert "2 rows of 100 (2 %), in which there is no value of wear" in said
     assert "The column rare is left out: 70 % of its rows have no value." in said
 
 
@@ -328,7 +328,7 @@ def test_what_the_user_says_goes_before_names(tmp_path):
         ours = {name: one for name, one in said.items() if name != "speed"}
         found = to_measured("log", table, {**ours, "vehicle_speed_mps": value})
         np.testing.assert_allclose(found.table["vehicle_speed_mps"], speed, rtol=1e-14)
-    with pytest.raises(InputError, match="in which unit the column v is .*--column"):
+    with pytest.raises(InputError, match=r"in which unit the column v is .*--column"):
         to_measured("log", table, {**said, "speed": "v"})
 
 
@@ -340,7 +340,9 @@ def test_a_force_that_is_not_asked_for_explains_nothing():
 
 def test_two_columns_of_one_quantity_are_asked_for():
     table = good().rename(columns={"slip_ratio": "slip [%]"}).assign(**{"Schlupf [%]": 1.0})
-    with pytest.raises(InputError, match="which of the columns slip .* and Schlupf .* is the slip"):
+    with pytest.raises(
+        InputError, match=r"which of the columns slip .* and Schlupf .* is the slip"
+    ):
         to_measured("log", table)
     exact = good().assign(**{"Schlupf [%]": 1.0})
     assert (to_measured("log", exact).table["slip_ratio"] == good()["slip_ratio"]).all()

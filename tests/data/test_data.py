@@ -174,7 +174,7 @@ FAULTS = {
         .rename(columns={"slip_ratio": "slip_velocity_mps"})
         .assign(vehicle_speed_mps=[0.0] * 6 + [0.4] * 6)
         .to_csv(),
-        ["below 0.5 m/s in every row", "check its unit"],
+        ["slower than 0.5 m/s", "in every row", "check the unit"],
     ),
     "derived ratio": (
         good()

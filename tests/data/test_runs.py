@@ -1,4 +1,3 @@
-import gzip
 from pathlib import Path
 
 import numpy as np
@@ -298,6 +297,12 @@ def test_broken_files_are_refused(tmp_path):
     assert "not a whole gzip file" in refused(tmp_path / "broken.csv.gz")
     (tmp_path / "broken.parquet").write_bytes(b"PAR1")
     assert "not a whole parquet file" in refused(tmp_path / "broken.parquet")
+
+
+def test_too_many_runs_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "MOST_RUNS", 3)
+    said = refused(written(tmp_path, campaign((5, 5, 5, 5))))
+    assert "there are 4 runs (at most 3 are taken" in said
 
 
 def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):

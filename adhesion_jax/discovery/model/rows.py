@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from adhesion_jax.data.condensing import block_means
 from adhesion_jax.data.grouping import places
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.fitting import Fitted, fit_model, packed, size_of, solve
@@ -119,6 +120,16 @@ def _rows_of(runs: RunSet, piece: _Piece) -> tuple[Array, Mapping[str, Array]]:
     whole = runs.whole
     conditions = {name: jnp.asarray(rows[piece.held]) for name, rows in whole.conditions.items()}
     return jnp.asarray(whole.slip[piece.held]), conditions
+
+
+def bends(fitted: Fitted, runs: RunSet, blocks: RunSet) -> np.ndarray:
+    """How far the mean of a curve over the rows of a block is above the curve at their mean.
+
+    [blocks]. Where the slip moves within a block the curve bends, so that the mean adhesion is not
+    that of the mean slip: less this difference it is, but for what the curve itself lacks.
+    """
+    law = _law(fitted, fitted.values, {})
+    return block_means(predicted(law, runs), blocks) - predicted(law, blocks)
 
 
 class _Products(NamedTuple):
@@ -310,19 +321,20 @@ def _law_and_tangents(
     fitted: Fitted, values: np.ndarray, ranges: Ranges
 ) -> tuple[CorrectedLaw, CorrectedLaw]:
     """The law of some values, and its changes by each free parameter, leaves [free]."""
-    problem = fitted.setting.problem
-
-    def law(values: np.ndarray) -> CorrectedLaw:
-        curve = base_curve(fitted.base, values[list(base_places(fitted.base))])
-        noisy = () if problem.slip_noise is None else (problem.slip_noise,)
-        effects = (*noisy, *unpack(values, fitted.effects))
-        whole = CorrectedLaw(curve, effects, ranges, problem.calendar)
-        return jax.tree.map(np.asarray, whole)
-
-    here = law(values)
-    units = [law(values + unit) for unit in np.eye(values.size)[list(fitted.places)]]
+    here = _law(fitted, values, ranges)
+    nudged = values + np.eye(values.size)[list(fitted.places)]
+    units = [_law(fitted, other, ranges) for other in nudged]
     changed = [jax.tree.map(np.subtract, other, here) for other in units]
     return here, jax.tree.map(lambda *leaves: np.stack(leaves), *changed)
+
+
+def _law(fitted: Fitted, values: np.ndarray, ranges: Ranges) -> CorrectedLaw:
+    problem = fitted.setting.problem
+    curve = base_curve(fitted.base, values[list(base_places(fitted.base))])
+    noisy = () if problem.slip_noise is None else (problem.slip_noise,)
+    effects = (*noisy, *unpack(values, fitted.effects))
+    law = CorrectedLaw(curve, effects, ranges, problem.calendar)
+    return jax.tree.map(np.asarray, law)
 
 
 def _step(loss: _Loss, at: np.ndarray, model: Model) -> np.ndarray:

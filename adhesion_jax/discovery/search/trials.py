@@ -164,7 +164,8 @@ def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
     stretch = best_stretch(less, more, rules.STRETCH_BLOCKS) if less.log else 0.0
     needed = rules.SURE_ERRORS_OF_COLUMN if generic else rules.SURE_ERRORS
     sure = gained._replace(total=gained.total - stretch).deviate > needed
-    return sure and gained.total > least_gain(less, rules.LEAST_SHARE_OF_LOSS)
+    least = min(least_gain(less, rules.LEAST_SHARE_OF_LOSS), rules.LEAST_GAIN)
+    return sure and gained.total > least
 
 
 def tied(behind: Gain) -> bool:

@@ -12,10 +12,9 @@ def understood(measured: Measured) -> str:
     The unit is that of the file; the range is in the unit that the name of the quantity ends in.
     """
     rows = [_HEADINGS]
-    for one in measured.understood.itertuples():
-        lowest, highest = number(one.lowest), number(one.highest)
-        span = f"{lowest} to {highest}" if lowest else ""
-        rows.append((one.column, one.taken_as, one.unit, span, f"{100 * one.missing:.3g} %"))
+    for column, taken_as, unit, lowest, highest, missing in measured.understood.to_numpy():
+        span = f"{number(lowest)} to {number(highest)}" if number(lowest) else ""
+        rows.append((column, taken_as, unit, span, f"{100 * missing:.3g} %"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

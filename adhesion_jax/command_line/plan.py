@@ -1,0 +1,198 @@
+"""`adhesion plan`: what a measurement would tell of the peak, before it is made."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from adhesion_jax.command_line.catalogue import catalogue
+from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.errors import InputError
+
+KNOWN = catalogue()
+
+#: Largest number of values in a range.
+_MOST_VALUES = 50
+
+#: Options that belong to a LOG, and those of sweeps, which a log has not; and what they are when
+#: they are not given.
+_OF_LOGS: Mapping[str, object] = {
+    "columns": {},
+    "wheel_radius": None,
+    "dry_run": False,
+    "events": None,
+}
+_OF_SWEEPS = {"samples_per_run": None, "check": None}
+
+
+class Values(click.ParamType):
+    """LOW:HIGH or LOW:HIGH:COUNT, with equal steps of the logarithm."""
+
+    name = "LOW:HIGH[:COUNT]"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        try:
+            low, high, count, *_ = [*value.split(":"), "8"]
+            ends, number = (float(low), float(high)), int(count)
+        except ValueError:
+            raise self._refused(value, param) from None
+        inside = all(0 < end < math.inf for end in ends) and ends[0] < ends[1]
+        if not inside or not 2 <= number <= _MOST_VALUES:
+            raise self._refused(value, param)
+        return tuple(np.geomspace(*ends, number).tolist())
+
+    def _refused(self, value: str, param: Any) -> InputError:
+        return InputError(
+            f"{param.opts[0]} {value} is no range; write LOW:HIGH or LOW:HIGH:COUNT, two numbers "
+            f"above 0 in rising order and how many values to take (2 to {_MOST_VALUES})."
+        )
+
+
+class Share(click.ParamType):
+    """A share: 1% or 0.01."""
+
+    name = "per cent"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        text = value.strip()
+        try:
+            share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+        except ValueError:
+            share = math.nan
+        if not 0 < share < 1:
+            raise InputError(
+                f"{param.opts[0]} {value} is no share; write it as 1% or 0.01, above 0 and below "
+                "100 %."
+            )
+        return share
+
+
+class Condition(click.ParamType):
+    """A column and its value."""
+
+    name = "COLUMN=NUMBER"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        column, _, number = value.partition("=")
+        try:
+            found = float(number)
+        except ValueError:
+            found = math.nan
+        if not column or not math.isfinite(found):
+            raise InputError(
+                f"{param.opts[0]} {value} is no condition; write a column and its value, as "
+                "vehicle_speed_mps=10."
+            )
+        return column, found
+
+
+@click.command()
+@click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
+@reading
+@slip_events
+@click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")
+@click.option(
+    "--curves",
+    type=File((), "name the curves.csv of adhesion identify"),
+    help="The curves.csv of adhesion identify: its best curve by BIC that has a peak.",
+)
+@click.option(
+    "--law",
+    type=File((), "name the law.json of adhesion discover"),
+    help="The law.json of adhesion discover; its conditions are in the middle of their ranges.",
+)
+@click.option(
+    "--curve",
+    type=Name(KNOWN.curves, "curve"),
+    help="The curve of LOG or of --curves that is taken for the truth.",
+)
+@click.option(
+    "--condition",
+    "conditions",
+    type=Condition(),
+    multiple=True,
+    help="A condition of the peak, as vehicle_speed_mps=10.",
+)
+@click.option(
+    "--largest-slips", type=Values(), help="Largest slips, as 0.05:0.5; by default about the peak."
+)
+@click.option("--samples", type=Values(), help="Numbers of samples, as 100:10000.")
+@click.option(
+    "--samples-per-run",
+    type=click.IntRange(2, 10**6),
+    help="Samples of a run, in which the slip rises from 0 to the largest.  [default: 200]",
+)
+@click.option(
+    "--sigma",
+    type=FiniteRange(0, 10, min_open=True),
+    help="Standard deviation of the noise of adhesion.  [default: 0.01]",
+)
+@click.option(
+    "--autocorrelation",
+    type=FiniteRange(0, 1, max_open=True),
+    help="Correlation of that noise from sample to sample.  [default: 0]",
+)
+@click.option(
+    "--run-scatter",
+    type=FiniteRange(0, 1),
+    help="Standard deviation of the level of a run, as a share of adhesion.  [default: 0]",
+)
+@click.option(
+    "--slip-noise",
+    type=FiniteRange(0, 10),
+    help="Standard deviation of the noise of the slip.  [default: 0]",
+)
+@click.option("--want", type=Share(), help="Relative standard error of mu_max to reach, as 1%.")
+@click.option(
+    "--check",
+    type=click.IntRange(100, 10**6),
+    help="Simulate six cells of the plan with so many measurements each.",
+)
+@click.option("--seed", type=SEED, default=0, help="Of --check.", show_default=True)
+@click.option(
+    "--out",
+    type=Folder(),
+    default=Path("out/plan"),
+    help="Folder for plan.csv, plan.png and plan.txt.",
+    show_default=True,
+)
+def main(
+    log: str | None, rail: str | None, curves: str | None, law: str | None, **asked: Any
+) -> None:
+    """Say how far the slip must go, and how many samples it takes, to know the peak.
+
+    What is taken for the truth is a named rail, a curve that was identified, a law that was
+    discovered, or the best curve of one's own LOG, a file as adhesion identify takes it. With a LOG
+    the noise and the slips are those of the log, and the answer says what would halve its
+    intervals.
+    """
+    sources = {"LOG": log, "--rail": rail, "--curves": curves, "--law": law}
+    named = [name for name, value in sources.items() if value is not None]
+    if len(named) != 1:
+        raise InputError(
+            "Name one of LOG, --rail, --curves and --law"
+            + (f", not {' and '.join(named)} together." if named else ".")
+        )
+    if asked["curve"] and named[0] not in ("LOG", "--curves"):
+        raise InputError(f"--curve goes with LOG or --curves, not with {named[0]}.")
+    _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
+    asked["conditions"] = tuple(asked["conditions"])
+    perform("plan", log=log, rail=rail, curves=curves, law=law, **asked)
+
+
+def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: str) -> None:
+    """InputError if one of the options, by what it is when it is not given, was given."""
+    for option, absent in options.items():
+        if asked[option] != absent:
+            raise InputError(f"--{option.replace('_', '-')} does not go with {source}.")

@@ -1,0 +1,264 @@
+"""`plan`: how well a measurement would know the peak of an adhesion curve, before it is made."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from adhesion_jax.curves import CURVES, Law
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import write_table
+from adhesion_jax.library.identify import Identification
+from adhesion_jax.library.results import text_html
+from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.planning.excitation import Sweeps
+from adhesion_jax.planning.noise import Noise
+from adhesion_jax.planning.own_log import OwnLog, own_log
+from adhesion_jax.planning.plan import (
+    FEWEST_SAMPLES,
+    MOST_SAMPLES,
+    Plan,
+    Planner,
+    Present,
+    Wanted,
+    plan_of,
+    planner,
+    present_of,
+    wanted_of,
+)
+from adhesion_jax.planning.truth import Truth, curve_of
+from adhesion_jax.report.plan.figure import draw_plan
+from adhesion_jax.report.plan.words import plan_rows, told, wanted_rows
+from adhesion_jax.runtime import in_double_precision
+from adhesion_jax.scenarios.rails import RAILS, rail_named
+from adhesion_jax.wording import listed
+
+#: The files of a plan.
+PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv")
+
+#: Noise of the adhesion, and samples of a sweep, where neither is stated.
+_SIGMA, _SAMPLES_PER_RUN = 0.01, 200
+
+#: The smallest and the largest of the largest slips, over that of the peak or of one's own log,
+#: and how many there are; numbers of samples; both where none are stated.
+_SLIPS, _SAMPLES = (0.5, 4.0, 8), 100 * 2.0 ** np.arange(8)
+
+#: Numbers of samples over that of one's own log.
+_LONGER = 2.0 ** np.arange(-2.0, 6.0)
+
+#: Number of largest slips of the map.
+_MAP = 32
+
+#: Largest values of the noise that can be stated; the autocorrelation is below its own.
+_LARGEST = {"sigma": 10.0, "autocorrelation": 1.0, "run_scatter": 1.0, "slip_noise": 10.0}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Planning:
+    """How well the peak would be known, over the largest slip and the number of samples."""
+
+    source: str  # what is taken for the truth, in words
+    plan: Plan
+    map: Plan  # the same for more largest slips
+    log: OwnLog | None
+    present: Present | None  # one's own log in the plan, and what would halve its intervals
+    wanted: Wanted | None  # the fewest samples for an error that is wanted
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row for each largest slip and number of samples: relative standard errors."""
+        return plan_rows(self.plan)
+
+    @property
+    def verdict(self) -> str:
+        """In words and tables: the noise, the errors, and what they rest on."""
+        return told(self.source, self.plan, self.log, self.present, self.wanted)
+
+    def write(self, folder: str | PathLike[str]) -> None:
+        """The files of the command: plan.csv, plan.txt, plan.png, and wanted.csv if asked for."""
+        path = Path(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        write_table(path / "plan.csv", self.table)
+        if self.wanted is not None:
+            write_table(path / "wanted.csv", wanted_rows(self.plan, self.wanted))
+        (path / "plan.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
+        draw_plan(path / "plan.png", self.source, self.map, self.present, self.wanted)
+
+    def __repr__(self) -> str:
+        return self.verdict
+
+    def _repr_html_(self) -> str:
+        return text_html(self.verdict)
+
+
+class _Settled(NamedTuple):
+    words: str
+    planner: Planner
+    log: OwnLog | None
+
+
+@in_double_precision
+def plan(
+    source: str | Law | Identification,
+    *,
+    largest_slips: Sequence[float] | None = None,
+    samples: Sequence[float] | Sequence[int] | None = None,
+    samples_per_run: int | None = None,
+    sigma: float | None = None,
+    autocorrelation: float | None = None,
+    run_scatter: float | None = None,
+    slip_noise: float | None = None,
+    conditions: Mapping[str, float] | None = None,
+    want: float | None = None,
+) -> Planning:
+    """How far the slip must go, and how many samples it takes, until the peak is known.
+
+    `source` is what is taken for the truth: a rail by its name, a curve, a law, or what `identify`
+    found in one's own log, whose slips and noise are then those of the plan. Otherwise runs of
+    `samples_per_run` sweep the slip from 0 to the largest. The noise of adhesion has the standard
+    deviation `sigma` and the correlation `autocorrelation` from sample to sample; `run_scatter` is
+    the standard deviation of the level of a run, as a share of the adhesion, `slip_noise` that of
+    the slip. The peak is that under `conditions`, by column. `want` is a relative standard error
+    of mu_max, for which the fewest samples are
+    searched. InputError where something does not fit.
+    Source: Cramer-Rao bound with the delta method.
+    """
+    stated = _stated(
+        sigma=sigma, autocorrelation=autocorrelation, run_scatter=run_scatter, slip_noise=slip_noise
+    )
+    if want is not None and not 0 < want < 1:
+        raise InputError(f"want is a share of mu_max between 0 and 1, as 0.01, not {want:g}.")
+    settled = _settled(source, stated, conditions or {}, samples_per_run)
+    log = settled.log
+    slips, numbers = _grid(settled, largest_slips, samples)
+    return Planning(
+        settled.words,
+        plan_of(settled.planner, slips, numbers),
+        plan_of(settled.planner, np.geomspace(slips[0], slips[-1], _MAP), numbers),
+        log,
+        present_of(settled.planner, log.largest_slip, log.samples, log.runs) if log else None,
+        wanted_of(settled.planner, slips, want) if want else None,
+    )
+
+
+def _settled(
+    source: str | Law | Identification,
+    stated: Mapping[str, float],
+    conditions: Mapping[str, float],
+    samples_per_run: int | None,
+) -> _Settled:
+    if isinstance(source, Identification):
+        if samples_per_run is not None:
+            raise InputError("samples_per_run does not go with a log, which has runs of its own.")
+        name, fit = _best_with_peak(source)
+        log = own_log(fit, source.measured, stated)
+        _refuse_strange(conditions, dict.fromkeys(log.truth.conditions, (-math.inf, math.inf)))
+        truth = log.truth._replace(conditions={**log.truth.conditions, **conditions})
+        words = f"{name} as fitted to {source.measured.name}"
+        return _Settled(words, planner(truth, log.noise, log.design), log)
+    words, truth = _truth(source, conditions)
+    runs = Sweeps(_SAMPLES_PER_RUN if samples_per_run is None else samples_per_run)
+    if samples_per_run is not None and samples_per_run < 2:
+        raise InputError(f"samples_per_run is 2 or more, not {samples_per_run}.")
+    return _Settled(words, planner(truth, Noise(**{"sigma": _SIGMA, **stated}), runs), None)
+
+
+def _truth(source: str | Law, conditions: Mapping[str, float]) -> tuple[str, Truth]:
+    if isinstance(source, str):
+        words = f"Burckhardt's curve on {source} rail (He et al. 2018)"
+        truth = RAILS[rail_named(source)]
+        _refuse_strange(conditions, {})
+        return words, Truth(truth, {})
+    if isinstance(source, CorrectedLaw):
+        ranges = {name: (float(low), float(high)) for name, (low, high) in source.ranges.items()}
+        _refuse_strange(conditions, ranges)
+        middle = {name: (low + high) / 2 for name, (low, high) in ranges.items()}
+        return "the law with effects", Truth(source, {**middle, **conditions})
+    _refuse_strange(conditions, dict.fromkeys(curve_of(source).NEEDS, (-math.inf, math.inf)))
+    names = [name for name, known in CURVES.items() if type(known) is type(source)]
+    return names[0] if names else type(source).__name__, Truth(source, dict(conditions))
+
+
+def _refuse_strange(
+    conditions: Mapping[str, float], ranges: Mapping[str, tuple[float, float]]
+) -> None:
+    """InputError for a condition that the law does not have, or one outside its range."""
+    for name, value in conditions.items():
+        if name not in ranges:
+            there = f"whose conditions are {listed([*ranges])}" if ranges else "which has none"
+            raise InputError(f"{name} is no condition of the law, {there}.")
+        low, high = ranges[name]
+        if not low <= value <= high:
+            raise InputError(
+                f"The law was found with {name} from {low:g} to {high:g}, and says nothing of "
+                f"{value:g}."
+            )
+
+
+def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
+    """The best curve by BIC of those that have a peak and standard errors."""
+    fits = {
+        name: fit
+        for name, fit in found.fits.items()
+        if fit.peak.found and np.all(np.isfinite(fit.covariance))
+    }
+    if not fits:
+        raise InputError(
+            f"No curve that was fitted to {found.measured.name} has a peak, so that there is no "
+            "mu_max to plan for; plan from a named rail, as --rail common."
+        )
+    name = min(fits, key=lambda name: fits[name].bic)
+    return name, fits[name]
+
+
+def _stated(**asked: float | None) -> dict[str, float]:
+    stated = {name: float(value) for name, value in asked.items() if value is not None}
+    for name, value in stated.items():
+        low_open, high_open = name == "sigma", name == "autocorrelation"
+        inside = 0 <= value <= _LARGEST[name]
+        if not inside or (low_open and value == 0) or (high_open and value == _LARGEST[name]):
+            raise InputError(f"{name} is a number from 0 to {_LARGEST[name]:g}, not {value:g}.")
+    return stated
+
+
+def _slips(slip_opt: float, present: float | None, limit: float) -> Float[np.ndarray, " slips"]:
+    """Round slips on both sides of the peak and of the present largest slip, which is one."""
+    low, high = (_SLIPS[0] * min(slip_opt, present or slip_opt), _SLIPS[1] * (present or slip_opt))
+    slips = [float(f"{slip:.2g}") for slip in np.geomspace(low, min(high, limit), _SLIPS[2])]
+    return np.unique([*slips, *([present] if present else [])])
+
+
+def _grid(
+    settled: _Settled,
+    largest_slips: Sequence[float] | None,
+    samples: Sequence[float] | Sequence[int] | None,
+) -> tuple[Float[np.ndarray, " slips"], Float[np.ndarray, " numbers"]]:
+    """The largest slips and numbers of samples that are stated, or some that suit."""
+    (truth, peak, *_), log = settled.planner, settled.log
+    if largest_slips is not None:
+        slips = np.unique(np.asarray(largest_slips, float))
+    else:
+        slips = _slips(peak.slip_opt, log.largest_slip if log else None, truth.slip_limit)
+    if samples is not None:
+        numbers = np.unique(np.asarray(samples, float))
+    else:
+        numbers = log.samples * _LONGER if log else _SAMPLES
+    numbers = np.round(numbers if samples is not None else np.maximum(numbers, FEWEST_SAMPLES))
+    numbers = np.unique(numbers)
+    if slips.size < 2 or not np.all((slips > 0) & (slips <= truth.slip_limit)):
+        raise InputError(
+            f"The largest slips are two or more between 0 and {truth.slip_limit:g}"
+            f"{truth.slip_unit}, where the peak is searched."
+        )
+    if numbers.size < 2 or not np.all((numbers >= FEWEST_SAMPLES) & (numbers <= MOST_SAMPLES)):
+        raise InputError(
+            f"Numbers of samples are two or more from {FEWEST_SAMPLES} to {MOST_SAMPLES}."
+        )
+    return slips, numbers

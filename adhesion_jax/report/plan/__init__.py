@@ -1,0 +1,1 @@
+"""The report of a plan: tables, words and the map."""

@@ -1,0 +1,156 @@
+"""Whether measurements scatter as a plan says: simulated ones, fitted with their noise known."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Bool, Float
+from scipy.linalg import solve_triangular, toeplitz
+from scipy.signal import lfilter
+
+from adhesion_jax.curves import Conditions, Law, Scalar, free_values
+from adhesion_jax.planning.excitation import Excitation
+from adhesion_jax.planning.noise import Noise
+from adhesion_jax.planning.plan import Plan
+from adhesion_jax.planning.truth import Truth, curve_of, sensitivity_of, with_parameters
+from adhesion_jax.programs import kept
+from adhesion_jax.runtime import silent
+
+#: Number of cells that are checked, and the largest relative standard error of slip_opt in them:
+#: the bound is that of small errors.
+CELLS, _SMALL = 6, 0.05
+
+#: Simulated measurements that are fitted at a time; steps of a fit, the longest in standard errors,
+#: and the length of the last one of a fit that has converged.
+_TOGETHER, _STEPS, _LONGEST, _SETTLED = 250, 12, 3.0, 1e-3
+
+
+def check_plan(
+    plan: Plan, measurements: int, seed: int, progress: Callable[[str, float], None] = silent
+) -> pd.DataFrame:
+    """Six cells of a plan of sweeps, evenly chosen among those that know slip_opt to 5 %.
+
+    Each cell is measured `measurements` times by simulation. Columns: largest_slip, samples, runs;
+    of mu_max the relative standard error as planned and as simulated, their ratio (simulated over
+    planned) with its standard error, and the bias in standard errors; failed, the number of
+    fits that did not end at a peak.
+    """
+    cells = np.argwhere(plan.errors[..., 1] <= _SMALL)
+    chosen = np.unique(np.linspace(0, len(cells) - 1, min(CELLS, len(cells))).astype(int))
+    truth, peak, noise, design, _ = plan.planner
+    rows = []
+    for number, (i, j) in enumerate(cells[chosen].tolist()):
+        progress("simulating", number / len(chosen))
+        excitation, largest = design(plan.samples[j]), float(plan.largest_slips[i])
+        generator = np.random.default_rng([seed, number])
+        found = estimates(truth, noise, excitation, largest, measurements, generator)
+        known = found[np.isfinite(found)]
+        planned, simulated = plan.errors[i, j, 0], known.std(ddof=1) / peak.mu_max
+        ratio = simulated / planned
+        rows.append(
+            {
+                "largest_slip": largest,
+                "samples": round(excitation.samples),
+                "runs": round(excitation.runs),
+                "planned": planned,
+                "simulated": simulated,
+                "ratio": ratio,
+                "ratio_se": ratio / np.sqrt(2 * (known.size - 1)),
+                "bias": (known.mean() / peak.mu_max - 1) / planned,
+                "failed": found.size - known.size,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def estimates(
+    truth: Truth,
+    noise: Noise,
+    excitation: Excitation,
+    largest_slip: float,
+    measurements: int,
+    generator: np.random.Generator,
+) -> Float[np.ndarray, " measurements"]:
+    """The mu_max of each of so many simulated measurements; NaN where a fit fails.
+
+    The fit is by least squares, weighted by the covariance of the noise at the truth. Errors of
+    the slip are in the slips that it is given.
+    """
+    slip = largest_slip * excitation.share
+    sensitivity = sensitivity_of(truth, slip)
+    covariance = noise.sigma**2 * toeplitz(noise.autocorrelation ** np.arange(slip.size))
+    covariance += np.diag((noise.slip_noise * sensitivity.slope) ** 2)
+    covariance += noise.run_scatter**2 * np.outer(sensitivity.adhesion, sensitivity.adhesion)
+    root = np.linalg.cholesky(covariance)
+    weights, runs = solve_triangular(root, np.eye(slip.size), lower=True), round(excitation.repeats)
+    as_mean = noise.slip_noise == 0  # runs at the same slips are as good as their mean
+    if as_mean:
+        weights = np.sqrt(runs) * weights
+
+    found = []
+    for _ in range(-(-measurements // _TOGETHER)):
+        shape = (_TOGETHER, runs, slip.size)
+        measured_slip = slip + noise.slip_noise * generator.standard_normal(shape)
+        adhesion = sensitivity.adhesion + _errors(noise, sensitivity.adhesion, shape, generator)
+        if as_mean:
+            measured_slip = measured_slip[:, :1]
+            adhesion = adhesion.mean(axis=1, keepdims=True)
+        mu_max, good = _fitted(
+            truth.law, measured_slip, adhesion, weights, truth.conditions, truth.slip_limit
+        )
+        found.append(np.where(good, mu_max, np.nan))
+    return np.concatenate(found)[:measurements]
+
+
+def _errors(
+    noise: Noise,
+    adhesion: Float[np.ndarray, " points"],
+    shape: tuple[int, int, int],
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "measurements runs points"]:
+    """Autoregressive noise of each run, stationary from its first sample, and its level."""
+    fresh = np.sqrt(1 - noise.autocorrelation**2) * generator.standard_normal(shape)
+    fresh[..., 0] /= np.sqrt(1 - noise.autocorrelation**2)
+    error = noise.sigma * lfilter([1.0], [1.0, -noise.autocorrelation], fresh, axis=-1)
+    return error + noise.run_scatter * generator.standard_normal((*shape[:2], 1)) * adhesion
+
+
+@kept()
+def _fitted(
+    law: Law,
+    slips: Float[Array, "measurements runs points"],
+    adhesions: Float[Array, "measurements runs points"],
+    weights: Float[Array, "points points"],
+    conditions: Conditions,
+    slip_limit: Scalar,
+) -> tuple[Float[Array, " measurements"], Bool[Array, " measurements"]]:
+    """Mu_max of each fit, by Gauss-Newton from the truth, and whether it ended at a peak."""
+
+    def one(
+        slip: Float[Array, "runs points"], adhesion: Float[Array, "runs points"]
+    ) -> tuple[Array, Array]:
+        def misfit(values: Float[Array, " free"]) -> Float[Array, " samples"]:
+            away = with_parameters(law, values)(slip, conditions) - adhesion
+            return (weights @ away.T).ravel()
+
+        def step(values: Float[Array, " free"], _: None) -> tuple[Array, Array]:
+            away, sensitivity = misfit(values), jax.jacfwd(misfit)(values)
+            scale = jnp.linalg.norm(sensitivity, axis=0)
+            root = jnp.linalg.cholesky(sensitivity.T @ sensitivity / jnp.outer(scale, scale))
+            white = jax.scipy.linalg.solve_triangular(
+                root, sensitivity.T @ away / scale, lower=True
+            )
+            # The length of a step in standard errors, which is bounded.
+            length = jnp.linalg.norm(white)
+            white = white * jnp.minimum(1.0, _LONGEST / length)
+            change = jax.scipy.linalg.solve_triangular(root.T, white, lower=False) / scale
+            return values - change, length
+
+        values, lengths = jax.lax.scan(step, free_values(curve_of(law)), None, length=_STEPS)
+        peak = with_parameters(law, values).peak(conditions, slip_limit)
+        return peak.adhesion, peak.found & (lengths[-1] < _SETTLED)
+
+    mu_max, good = jax.vmap(one)(slips, adhesions)
+    return mu_max, good

@@ -1,0 +1,195 @@
+"""A plan from one's own log: 12 simulated runs on common rail that end before the peak is clear."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from matplotlib.image import imread
+
+import adhesion_jax as aj
+from adhesion_jax.command_line.plan import main
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.errors import InputError
+from adhesion_jax.measured.saved import load_curve
+from adhesion_jax.planning.excitation import again
+from adhesion_jax.planning.noise import Noise
+from adhesion_jax.planning.plan import planner, present_of
+from adhesion_jax.planning.truth import Truth
+from adhesion_jax.scenarios.rails import RAILS
+
+NOISE = Noise(0.004, autocorrelation=0.7, run_scatter=0.01)
+RUNS, POINTS, LARGEST = 12, 200, 0.25
+
+
+def log_of(noise, generator):
+    """Runs that sweep the slip up to `LARGEST`, sampled at 10 Hz."""
+    slip = np.tile(np.linspace(0.0, LARGEST, POINTS), RUNS)
+    error = generator.standard_normal((RUNS, POINTS))
+    for k in range(1, POINTS):
+        fresh = np.sqrt(1 - noise.autocorrelation**2)
+        error[:, k] = noise.autocorrelation * error[:, k - 1] + fresh * error[:, k]
+    level = 1 + noise.run_scatter * generator.standard_normal((RUNS, 1))
+    clean = 0.32 * (1 - np.exp(-25 * slip)) - 0.1 * slip
+    return pd.DataFrame(
+        {
+            "run": np.repeat(np.arange(RUNS), POINTS),
+            "time_s": 0.1 * np.arange(RUNS * POINTS),
+            "slip_ratio": slip,
+            "adhesion": (clean.reshape(RUNS, POINTS) * level + noise.sigma * error).ravel(),
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def found():
+    log = log_of(NOISE, np.random.default_rng(3))
+    return aj.plan(aj.identify(log, "burckhardt"), want=0.001)
+
+
+def test_the_log_is_placed_where_its_truth_is(found):
+    """The errors of the fitted curve and noise are those of the true ones, to a quarter."""
+    starts, slip = POINTS * np.arange(RUNS), np.tile(np.linspace(0.0, LARGEST, POINTS), RUNS)
+    settled = planner(Truth(RAILS["common"], {}), NOISE, again(slip, starts))
+    truth = present_of(settled, LARGEST, RUNS * POINTS, RUNS)
+    assert (found.present.samples, found.present.runs) == (RUNS * POINTS, RUNS)
+    assert found.present.largest_slip == LARGEST
+    np.testing.assert_allclose(found.present.errors, truth.errors, rtol=0.35)
+    noise = found.plan.planner.noise
+    assert noise.autocorrelation == pytest.approx(0.7, abs=0.06)
+    assert noise.sigma == pytest.approx(0.004, rel=0.1)
+    assert found.present.errors[0] > 0.8 * 0.01 * np.sqrt(1 / RUNS) * 0.6
+
+
+def test_the_answer_says_what_halves_the_intervals(found):
+    said = " ".join(found.verdict.split())
+    assert "To halve the 95 % interval of mu_max (now 0.2" in said
+    assert "take four times as many samples at the same slips (48 runs like these)" in said
+    assert "What was not stated is estimated from what the curve leaves of the log." in said
+    assert "Samples: those of the log (2,400 in 12 runs, up to slip 0.25)" in said
+    further = found.present.further[1]
+    assert f"or go on to a slip of {further:.2g} instead of 0.25 with as many." in said
+    # The tables hold the present place, and four times as many samples.
+    table = found.table.set_index(["largest_slip", "samples"])
+    place = table.loc[(LARGEST, 2400)]
+    assert place["mu_max_relative_se"] == pytest.approx(found.present.errors[0])
+    assert table.loc[(LARGEST, 9600), "mu_max_relative_se"] == pytest.approx(
+        found.present.errors[0] / 2
+    )
+
+
+def test_what_is_stated_of_the_noise_takes_the_place_of_what_is_found(found):
+    log = log_of(NOISE, np.random.default_rng(3))
+    stated = aj.plan(aj.identify(log, "burckhardt"), sigma=0.008, run_scatter=0.0)
+    noise = stated.plan.planner.noise
+    assert (noise.sigma, noise.run_scatter) == (0.008, 0.0)
+    assert noise.autocorrelation == found.plan.planner.noise.autocorrelation
+
+
+def test_a_log_without_time_is_said_to_be_taken_as_independent():
+    log = log_of(NOISE, np.random.default_rng(3)).drop(columns="time_s")
+    planned = aj.plan(aj.identify(log, "burckhardt"))
+    assert planned.plan.planner.noise.autocorrelation == 0
+    assert "has no column time_s" in " ".join(planned.verdict.split())
+
+
+@pytest.mark.thorough
+def test_a_log_whose_curves_have_no_peak_is_refused():
+    log = log_of(NOISE, np.random.default_rng(3))
+    with pytest.raises(InputError, match="has a peak"):
+        aj.plan(aj.identify(log, "polach"))
+
+
+def test_the_files(found, tmp_path):
+    found.write(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "plan.csv",
+        "plan.txt",
+        "plan.png",
+        "wanted.csv",
+    }
+    table = pd.read_csv(tmp_path / "plan.csv")
+    assert len(table) == found.plan.errors[..., 0].size
+    wanted = pd.read_csv(tmp_path / "wanted.csv")
+    assert (wanted["mu_max_relative_se"] == 0.001).all()
+    image = imread(tmp_path / "plan.png")
+    assert image.shape[0] > 700
+    assert image.std() > 0.05
+    assert "pre-wrap" in found._repr_html_()
+
+
+CURVES_CSV = """curve,rms,bic,slip_opt,slip_opt_se,mu_max,status,c1,c2,c3,mu0,stiffness
+polach,0.02,-300,1,,0.3,NO_PEAK,,,,0.3,100
+burckhardt,0.03,-200,0.175,0.01,0.298,TRUSTED,0.32,25,0.1,,
+kiencke,0.05,-100,0.2,0.01,0.3,NOT_FITTED,,,,,
+"""
+
+
+def test_a_curve_is_read_from_the_table_of_an_identification(tmp_path):
+    path = tmp_path / "curves.csv"
+    path.write_text(CURVES_CSV)
+    curve = load_curve(path)
+    assert isinstance(curve, aj.Burckhardt)  # the best has no peak
+    assert (float(curve.c1), float(curve.c2), float(curve.c3)) == (0.32, 25.0, 0.1)
+    for name, says in (("exponential", "has no fitted curve exponential"), ("kiencke", "is not a")):
+        with pytest.raises(InputError, match=says):
+            load_curve(path, name)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "a,b\n1,2\n", "curve,bic,slip_opt_se\nburckhardt,1,1\n", "\0\0\0"]
+)
+def test_what_is_no_table_of_curves_is_refused(content, tmp_path):
+    path = tmp_path / "curves.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match="is not a table of curves"):
+        load_curve(path)
+
+
+def answer(*arguments):
+    return CliRunner().invoke(main, [*map(str, arguments)])
+
+
+@pytest.mark.thorough
+def test_the_command_plans_a_rail_a_table_of_curves_and_a_law(tmp_path):
+    size = ["--largest-slips", "0.1:0.4:3", "--samples", "100:1000:2"]
+    told = answer("--rail", "common", *size, "--want", "1%", "--out", tmp_path / "rail")
+    assert told.exit_code == 0, told.output
+    rail = pd.read_csv(tmp_path / "rail" / "plan.csv")
+    assert sorted(rail["samples"].unique()) == [100, 1000]
+    assert "A standard error of 1.0 % of mu_max" in " ".join(told.output.split())
+    (tmp_path / "curves.csv").write_text(CURVES_CSV)
+    told = answer("--curves", tmp_path / "curves.csv", *size, "--out", tmp_path / "curve")
+    assert told.exit_code == 0, told.output
+    curve = pd.read_csv(tmp_path / "curve" / "plan.csv")
+    np.testing.assert_allclose(curve["mu_max_relative_se"], rail["mu_max_relative_se"])
+    law = CorrectedLaw(RAILS["common"], (), {}, Calendar("time_s", 0.0, 1.0))
+    aj.save_law(tmp_path / "law.json", law)
+    told = answer("--law", tmp_path / "law.json", *size, "--out", tmp_path / "law")
+    assert told.exit_code == 0, told.output
+    under = pd.read_csv(tmp_path / "law" / "plan.csv")
+    np.testing.assert_allclose(under["mu_max_relative_se"], rail["mu_max_relative_se"], rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "Name one of LOG, --rail, --curves and --law."),
+        (["eurosprinter", "--rail", "dry"], "not LOG and --rail together"),
+        (["--rail", "icy"], "--rail icy is not known; name one of dry, common or wet."),
+        (["--rail", "dry", "--curve", "kiencke"], "--curve goes with LOG or --curves"),
+        (["--rail", "dry", "--want", "1"], "--want 1 is no share; write it as 1% or 0.01"),
+        (["--rail", "dry", "--samples", "9:3"], "--samples 9:3 is no range; write LOW:HIGH"),
+        (["--rail", "dry", "--samples", "many"], "--samples many is no range"),
+        (["--rail", "dry", "--largest-slips", "0.1:0.2:1"], "is no range"),
+        (["--rail", "dry", "--condition", "speed"], "--condition speed is no condition"),
+        (["eurosprinter", "--check", "1000"], "--check does not go with LOG"),
+        (["missing.csv"], "missing.csv does not exist"),
+    ],
+)
+def test_the_command_refuses_in_one_sentence(arguments, says, tmp_path):
+    out = tmp_path / "out"
+    told = answer(*arguments, "--out", out)
+    assert isinstance(told.exception, InputError)
+    assert says in str(told.exception)
+    assert not out.exists()

@@ -1,0 +1,274 @@
+"""A plan against dense linear algebra, finite differences, simulation, and properties."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, toeplitz
+
+import adhesion_jax as aj
+from adhesion_jax.curves import CURVES
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.speed import Speed
+from adhesion_jax.errors import InputError
+from adhesion_jax.planning.excitation import Again, Sweeps, again
+from adhesion_jax.planning.noise import Noise, information_under, noise_of_record
+from adhesion_jax.planning.plan import (
+    ROUGH,
+    plan_of,
+    planner,
+    present_of,
+    relative_errors,
+    wanted_of,
+)
+from adhesion_jax.planning.truth import Truth, sensitivity_of
+from adhesion_jax.scenarios.rails import RAILS
+from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
+from adhesion_jax.studies.plan import check_plan
+
+COMMON = Truth(RAILS["common"], {})
+NOISES = {
+    "white": Noise(0.01),
+    "autocorrelated": Noise(0.01, autocorrelation=0.9),
+    "scattered runs": Noise(0.01, autocorrelation=0.5, run_scatter=0.02),
+    "noise in slip": Noise(0.01, slip_noise=0.003),
+    "all": Noise(0.01, 0.95, 0.02, 0.003),
+}
+
+
+def adhesion(slip, c1, c2, c3):
+    """Burckhardt's curve, written afresh."""
+    return c1 * (1 - np.exp(-c2 * slip)) - c3 * slip
+
+
+def by_differences(slip):
+    """Derivatives of the common rail's adhesion by its parameters, and by the slip."""
+    rail = np.array([float(getattr(RAILS["common"], name)) for name in ("c1", "c2", "c3")])
+    columns = []
+    for place in range(3):
+        step = np.zeros(3)
+        step[place] = 1e-5 * rail[place]
+        change = adhesion(slip, *(rail + step)) - adhesion(slip, *(rail - step))
+        columns.append(change / (2 * step[place]))
+    slope = (adhesion(slip + 1e-6, *rail) - adhesion(slip - 1e-6, *rail)) / 2e-6
+    return np.stack(columns), slope, adhesion(slip, *rail)
+
+
+def covariance(noise, slope, level):
+    """Of one run, from the definition of the noise."""
+    ar = noise.sigma**2 * toeplitz(noise.autocorrelation ** np.arange(slope.size))
+    level = noise.run_scatter * level
+    return ar + np.diag((noise.slip_noise * slope) ** 2) + np.outer(level, level)
+
+
+@pytest.mark.parametrize("name", NOISES)
+def test_the_information_is_that_of_the_whole_covariance(name):
+    """Of three runs of unequal length, one of a single sample, against dense matrices."""
+    slips = [np.linspace(0.0, 0.4, 60), np.array([0.1]), np.linspace(-0.3, 0.2, 23)]
+    slip = np.concatenate(slips)
+    blocks = []
+    for run in slips:
+        _, slope, level = by_differences(np.abs(run))
+        blocks.append(covariance(NOISES[name], slope, np.sign(run) * level))
+    sensitivity = np.sign(slip) * by_differences(np.abs(slip))[0]
+    expected = sensitivity @ np.linalg.solve(block_diag(*blocks), sensitivity.T)
+    starts = np.array([0, 60, 61])
+    found = information_under(NOISES[name], sensitivity_of(COMMON, slip), starts)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_the_errors_of_the_peak_follow_from_its_closed_form():
+    """The delta method by finite differences of the closed form of the peak."""
+    rail, noise = RAILS["common"], NOISES["autocorrelated"]
+    gradient = []
+    for name in ("c1", "c2", "c3"):
+        value = float(getattr(rail, name))
+        ends = [
+            np.array(peak_in_closed_form(dataclasses.replace(rail, **{name: value * (1 + step)})))
+            for step in (1e-5, -1e-5)
+        ]
+        gradient.append((ends[0] - ends[1]) / (2e-5 * value))
+    slip_opt, mu_max = peak_in_closed_form(rail)
+    sensitivity, slope, level = by_differences(np.linspace(0.0, 0.3, 200))
+    information = 5 * sensitivity @ np.linalg.solve(covariance(noise, slope, level), sensitivity.T)
+    of_slip, of_level = np.sqrt([g @ np.linalg.solve(information, g) for g in np.array(gradient).T])
+    found = relative_errors(planner(COMMON, noise, Sweeps(200)), np.array([0.3]), 1000.0)
+    np.testing.assert_allclose(found[0], [of_level / mu_max, of_slip / slip_opt], rtol=1e-4)
+
+
+def test_the_truth_is_differentiated_at_any_number_of_slips():
+    slip = np.linspace(0.0, 1.0, 5000)
+    sensitivity = sensitivity_of(COMMON, slip)
+    by_parameters, slope, level = by_differences(slip)
+    np.testing.assert_allclose(sensitivity.adhesion, level, atol=1e-14)
+    np.testing.assert_allclose(sensitivity.slope[1:], slope[1:], rtol=1e-6)
+    np.testing.assert_allclose(sensitivity.by_parameters, by_parameters, rtol=1e-6, atol=1e-9)
+
+
+def test_four_times_as_many_runs_halve_every_error_and_more_noise_never_helps():
+    slips = np.geomspace(0.1, 0.8, 6)
+    for noise in NOISES.values():
+        found = plan_of(planner(COMMON, noise, Sweeps(200)), slips, np.array([400.0, 1600.0]))
+        np.testing.assert_allclose(found.errors[:, 0], 2 * found.errors[:, 1], rtol=1e-9)
+    quiet = relative_errors(planner(COMMON, NOISES["white"], Sweeps(200)), slips, 400.0)
+    blurred = relative_errors(
+        planner(COMMON, Noise(0.01, slip_noise=0.001), Sweeps(200)), slips, 400.0
+    )
+    assert np.all(blurred > quiet)
+    # Levels of runs add their own variance to mu_max, and leave the slip of the peak alone.
+    scattered = Noise(0.01, run_scatter=0.01)
+    level = relative_errors(planner(COMMON, scattered, Sweeps(200)), slips, 400.0)
+    np.testing.assert_allclose(level[:, 1], quiet[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(level[:, 0] ** 2, quiet[:, 0] ** 2 + 0.01**2 / 2, rtol=1e-6)
+    # Doubled noise doubles every error.
+    doubled = relative_errors(planner(COMMON, Noise(0.02), Sweeps(200)), slips, 400.0)
+    np.testing.assert_allclose(doubled, 2 * quiet, rtol=1e-9)
+
+
+def test_parameters_that_the_slips_cannot_tell_apart_leave_the_peak_undetermined():
+    """At slips so small that the curve is a straight line, only its slope is seen."""
+    errors = relative_errors(
+        planner(COMMON, NOISES["white"], Sweeps(200)), np.array([1e-9, 0.3]), 400.0
+    )
+    assert np.all((errors[0] > 1e3) | np.isinf(errors[0]))
+    assert np.all(errors[1] < 0.1)
+    two = aj.Kiencke(a0=40.0, p1=100.0, p2=500.0, free=("p1", "p2"))
+    at_zero = planner(Truth(two, {}), NOISES["white"], Again(np.zeros(20), np.zeros(1, int), 20))
+    assert np.all(np.isinf(relative_errors(at_zero, np.array([0.3]), 400.0)))
+
+
+def test_the_fewest_samples_reach_the_wanted_error_and_one_fewer_does_not():
+    chosen = planner(COMMON, NOISES["white"], again(np.linspace(0.0, 1.0, 50), np.zeros(1, int)))
+    slips = np.array([0.15, 0.3, 0.6])
+    wanted = wanted_of(chosen, slips, 0.002)
+    enough = relative_errors(chosen, slips, wanted.samples)
+    fewer = relative_errors(chosen, slips, wanted.samples - 1)
+    assert np.all(enough <= [0.002, ROUGH])
+    assert np.all(np.any(fewer > [0.002, ROUGH], axis=1))
+    assert wanted.cheapest <= wanted.samples.min()
+    best = relative_errors(chosen, np.array([wanted.cheapest_slip]), wanted.cheapest)[0]
+    assert best[0] <= 0.002
+
+
+def test_the_slip_that_halves_the_interval_does():
+    slip = np.linspace(0.0, 0.15, 150)
+    chosen = planner(COMMON, Noise(0.01, 0.8), again(slip, np.array([0, 75])))
+    present = present_of(chosen, 0.15, 150, 2)
+    for quantity, further in enumerate(present.further):
+        assert further is not None
+        at = relative_errors(chosen, np.array([further, 0.97 * further]), 150.0)[:, quantity]
+        assert at[0] <= present.errors[quantity] / 2 < at[1]
+    reached = present_of(chosen, 0.6, 150, 2)
+    assert reached.further[0] is None
+
+
+def test_sweeps_divide_the_samples_into_runs_from_zero_to_the_largest_slip():
+    for samples, runs, size in ((100.0, 1, 100), (200.0, 1, 200), (800.0, 4, 200), (700.0, 4, 175)):
+        excitation = Sweeps(200)(samples)
+        assert (excitation.runs, excitation.share.size) == (runs, size)
+        assert (excitation.share[0], excitation.share[-1]) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("name", ["white", "scattered runs"])
+def test_the_noise_of_a_record_is_found(name):
+    """From the residual of 24 simulated runs; bounds of about four standard errors."""
+    truth, generator = NOISES[name], np.random.default_rng(5)
+    runs, points = 24, 300
+    slip = np.tile(np.linspace(0.0, 0.4, points), runs)
+    sensitivity = sensitivity_of(COMMON, slip)
+    _, slope, level = by_differences(slip[:points])
+    root = np.linalg.cholesky(covariance(truth, slope, level) + 1e-15 * np.eye(points))
+    residual = (generator.standard_normal((runs, points)) @ root.T).ravel()
+    found = noise_of_record(residual, sensitivity, points * np.arange(runs), 0.0, True)
+    assert found.sigma == pytest.approx(truth.sigma, rel=0.06)
+    assert found.autocorrelation == pytest.approx(truth.autocorrelation, abs=0.05)
+    if truth.run_scatter:
+        assert 0.5 < found.run_scatter / truth.run_scatter < 1.7
+    else:
+        assert found.run_scatter < 0.004
+    unordered = noise_of_record(residual, sensitivity, points * np.arange(runs), 0.0, False)
+    assert unordered.autocorrelation == 0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["autocorrelated", "all"])
+def test_simulated_measurements_scatter_as_planned(name):
+    """Six cells: the ratio of the standard errors within 5 %, or four of its standard errors."""
+    slips, numbers = np.geomspace(0.2, 0.6, 3), np.array([400.0, 1600.0])
+    chosen = plan_of(planner(COMMON, NOISES[name], Sweeps(200)), slips, numbers)
+    cells = check_plan(chosen, 1500, seed=4)
+    assert len(cells) >= 4
+    assert (cells["failed"] == 0).all()
+    assert (abs(cells["ratio"] - 1) < np.maximum(0.05, 4 * cells["ratio_se"])).all(), cells
+
+
+def law_with_speed():
+    curve, speed = RAILS["common"], Speed(k=1.0, reference=10.0)
+    ranges = {"vehicle_speed_mps": (5.0, 35.0)}
+    return CorrectedLaw(curve, (speed,), ranges, Calendar("time_s", 0.0, 1.0))
+
+
+def test_a_law_with_effects_is_planned_at_its_conditions():
+    """What takes a share of the adhesion makes the same noise larger by as much."""
+
+    def fall(speed_mps):  # Curtius and Kniffler
+        return 7.5 / (44 + 3.6 * speed_mps) + 0.161
+
+    size = {"largest_slips": (0.2, 0.4), "samples": (200, 800)}
+    left = fall(30.0) / fall(10.0)
+    found = aj.plan(law_with_speed(), conditions={"vehicle_speed_mps": 30.0}, sigma=0.01, **size)
+    plain = aj.plan("common", sigma=0.01 / left, **size)
+    np.testing.assert_allclose(found.plan.errors, plain.plan.errors, rtol=1e-5)
+    assert found.plan.planner.peak.mu_max == pytest.approx(
+        left * plain.plan.planner.peak.mu_max, rel=1e-9
+    )
+    # Otherwise conditions are in the middle of their ranges, 20 m/s.
+    middle = aj.plan(law_with_speed(), **size).plan.planner.peak.mu_max
+    assert middle == pytest.approx(fall(20.0) / fall(10.0) * 0.29847189346, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "says"),
+    [
+        ("icy", {}, "--rail icy is unknown"),
+        ("dry", {"sigma": 0.0}, "sigma is a number from 0 to 10, not 0"),
+        ("dry", {"autocorrelation": 1.0}, "autocorrelation is a number from 0 to 1, not 1"),
+        ("dry", {"run_scatter": np.nan}, "run_scatter is a number"),
+        ("dry", {"samples": [5, 20]}, "two or more from 10 to"),
+        ("dry", {"samples": [100]}, "two or more from 10 to"),
+        ("dry", {"largest_slips": [0.1, 1.5]}, "between 0 and 1, where the peak is searched"),
+        ("dry", {"samples_per_run": 1}, "samples_per_run is 2 or more"),
+        ("dry", {"want": 1.0}, "want is a share of mu_max"),
+        ("dry", {"conditions": {"vehicle_speed_mps": 5.0}}, "is no condition of the law"),
+        (CURVES["polach"], {}, "has no peak between slip 0 and 1"),
+        (CURVES["polach-falling"], {}, "depends on vehicle_speed_mps, whose value is not given"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused_in_one_sentence(source, options, says):
+    with pytest.raises(InputError) as refused:
+        aj.plan(source, **options)
+    assert says in str(refused.value)
+
+
+def test_a_condition_outside_the_range_of_a_law_is_refused():
+    with pytest.raises(InputError, match="from 5 to 35, and says nothing of 50"):
+        aj.plan(law_with_speed(), conditions={"vehicle_speed_mps": 50.0})
+
+
+def test_what_a_figure_is_worth_is_told():
+    found = aj.plan("common", largest_slips=(0.05, 0.1, 0.4), samples=(100, 10000))
+    table = found.table.set_index(["largest_slip", "samples"])
+    assert table["slip_opt"][0.05, 100] == "not determined"
+    assert table["mu_max"][0.4, 10000] == "determined"
+    rough = table["slip_opt_relative_se"].between(ROUGH, 1.0)
+    assert (table["slip_opt"][rough] == "rough").all()
+    assert list(table["peak_beyond_slips"]) == [True] * 4 + [False] * 2
+    said = found.verdict
+    for part in (
+        "n.d.: not determined",
+        "In parentheses: slip_opt",
+        "extrapolate",
+        "mu_max 0.2985",
+    ):
+        assert part in said
