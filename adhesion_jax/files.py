@@ -16,7 +16,10 @@ from adhesion_jax.errors import InputError
 if sys.platform != "win32":
     import fcntl
 
-_CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+_CANNOT_WRITE = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
+    *(errno.EROFS, errno.EACCES, errno.EPERM),
+)
 
 
 def output_directory(path: Path) -> Path:
@@ -34,13 +37,28 @@ def output_directory(path: Path) -> Path:
 
 
 @contextmanager
-def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
+def writing_to(directory: Path) -> Iterator[None]:
+    """InputError instead of an error of the operating system that says that this cannot be."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _CANNOT_WRITE:
+            raise
+        reason = os.strerror(error.errno)  # a library has words of its own in the error
+        raise InputError(
+            f"--out {directory} cannot be written to ({reason}); name a folder that can."
+        ) from None
+
+
+@contextmanager
+def staged(directory: Path, own: Sequence[str], beside: Path | None = None) -> Iterator[Path]:
     """A folder to write into whose files appear in `directory` when all are complete.
 
     `own` are the names that a command may write: files of an earlier job with these names are
     removed, other files are left alone. After an error nothing changes. If several jobs write to
-    one directory, all its files are those of the job that ended last. Raises InputError if a folder
-    has one of the names, or if the directory cannot be written to.
+    one directory, all its files are those of the job that ended last. The folder lies in the
+    directory, or in another one on its disk, `beside`. Raises InputError if a folder has one of the
+    names, or if the directory cannot be written to.
     """
     for name in own:
         if (directory / name).is_dir():
@@ -48,22 +66,18 @@ def staged(directory: Path, own: Sequence[str]) -> Iterator[Path]:
                 f"--out {directory} has a folder {name} where a file of that name belongs; "
                 "move it or name another folder."
             )
-    try:
-        with tempfile.TemporaryDirectory(dir=directory, prefix=".partial-") as folder:
-            stage = Path(folder)
-            yield stage
-            written = sorted(file.name for file in stage.iterdir())
-            with _alone(directory):
-                for name in written:
-                    os.replace(stage / name, directory / name)
-                for name in set(own) - set(written):
-                    (directory / name).unlink(missing_ok=True)
-    except OSError as error:
-        if error.errno not in _CANNOT_WRITE:
-            raise
-        raise InputError(
-            f"--out {directory} cannot be written to ({error.strerror}); name a folder that can."
-        ) from None
+    with (
+        writing_to(directory),
+        tempfile.TemporaryDirectory(dir=beside or directory, prefix=".partial-") as folder,
+    ):
+        stage = Path(folder)
+        yield stage
+        written = sorted(file.name for file in stage.iterdir())
+        with _alone(directory):
+            for name in written:
+                os.replace(stage / name, directory / name)
+            for name in set(own) - set(written):
+                (directory / name).unlink(missing_ok=True)
 
 
 @contextmanager

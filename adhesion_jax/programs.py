@@ -105,7 +105,7 @@ def program(
     function in it, or a class of a program that uses this one as a library) belongs to a program
     that is made anew in every process.
     """
-    text = _told(name)
+    text = told(name)
     if text is None:
         return _made(function, argument, compiler)[0]
     key = sha256(digest().encode() + text).hexdigest()
@@ -172,7 +172,8 @@ def _in_digest(module: str) -> bool:
     return is_outside(getattr(sys.modules.get(module), "__file__", None) or "", f"{module}.py")
 
 
-def _told(name: object) -> bytes | None:
+def told(name: object) -> bytes | None:
+    """The name in bytes that are the same in every process; None where it does not tell all."""
     stream = BytesIO()
     pickler = _Telling(stream)
     pickler.fast = True  # equal names give equal bytes, whichever of their parts are one object

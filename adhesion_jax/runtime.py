@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
 from importlib.metadata import version
 from itertools import cycle
-from multiprocessing.context import BaseContext
-from multiprocessing.queues import Queue
 from typing import ParamSpec, TypeVar
 
 import jax
@@ -103,22 +101,21 @@ def silent(*_: object) -> None:
     """Reports no progress."""
 
 
-def cores_for(workers: int, context: BaseContext) -> Queue:
-    """The core that each worker is to keep to, for `take_core`; none where that is not possible."""
-    cores = context.Queue()
-    if hasattr(os, "sched_getaffinity"):
-        for _, core in zip(range(workers), cycle(sorted(os.sched_getaffinity(0))), strict=False):
-            cores.put(core)
-    return cores
+def cores_of(workers: int) -> list[int | None]:
+    """The core that each worker is to keep to, for `take_core`; None where that is not possible."""
+    if not hasattr(os, "sched_getaffinity"):
+        return [None] * workers
+    cores = cycle(sorted(os.sched_getaffinity(0)))
+    return [next(cores) for _ in range(workers)]
 
 
-def take_core(cores: Queue) -> None:
+def take_core(core: int | None) -> None:
     """Keep this process to a core of its own: processes that share all of them wait for threads.
 
     Call it before jax opens a device, which then starts one thread per core.
     """
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {cores.get()})
+    if core is not None:
+        os.sched_setaffinity(0, {core})
 
 
 def describe() -> dict[str, object]:

@@ -1,12 +1,18 @@
 """Units of work mapped over processes."""
 
 import multiprocessing
+import os
+import pickle
+import signal
+import traceback
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing.queues import Queue
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from threading import Thread
 from typing import Any, TypeVar
 
 from adhesion_jax import keeping, plugins, programs, runtime
@@ -14,14 +20,25 @@ from adhesion_jax.errors import WorkerError
 
 T = TypeVar("T")
 
+#: Number of times that a unit is tried whose process dies.
+TRIES = 3
 
-def _start(folder: Path, cores: Queue, parts: Sequence[plugins.Part]) -> None:
-    runtime.take_core(cores)
-    runtime.start()
-    keeping.use(folder)
-    programs.share_with_jax()
-    for part in parts:
-        plugins.use(part)
+#: Results wait for those before them: units are begun at most this many a process ahead.
+_AHEAD = 16
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """What SIGTERM asks for meanwhile is done as with Ctrl-C: by an exception, status 143."""
+
+    def end(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
@@ -32,27 +49,133 @@ def mapped(
 
     Processes rather than threads, because compiled programs that call LAPACK on stacks of large
     matrices deadlock when two run at once (`runtime.threads`); spawned ones, because a fork of a
-    process in which jax runs is not safe. They share what they compile. WorkerError where one of
-    them comes to an end before its work does.
+    process in which jax runs is not safe. They share what they compile. Another process takes the
+    place of one that dies and tries its unit again; WorkerError where that has failed as often as
+    it is tried. No process outlives this one, however it ends.
     """
     if workers == 1:
         yield (function(*unit) for unit in work)
         return
-    spawning = multiprocessing.get_context("spawn")
-    cores = runtime.cores_for(workers, spawning)
-    with ProcessPoolExecutor(
-        workers,
-        mp_context=spawning,
-        initializer=_start,
-        initargs=(keeping.folder(), cores, plugins.used()),
-    ) as pool:
-        try:
-            yield pool.map(function, *zip(*work, strict=True))
-        except BrokenProcessPool:
+    team: list[_Member] = []
+    try:
+        team += [_Member(function, core) for core in runtime.cores_of(workers)]
+        yield _results(team, work)
+    finally:
+        for member in team:
+            member.end()
+
+
+@dataclass
+class _Member:
+    """A worker process, the core it keeps to, and the number of the unit that it computes."""
+
+    function: Callable[..., Any]
+    core: int | None
+    unit: int | None = None
+
+    def __post_init__(self) -> None:
+        spawning = multiprocessing.get_context("spawn")
+        self.line, there = spawning.Pipe()
+        arguments = (there, self.function, keeping.folder(), self.core, plugins.used())
+        self.process: BaseProcess = spawning.Process(target=_serve, args=arguments, daemon=True)
+        self.process.start()
+        there.close()
+
+    def begin(self, number: int, unit: tuple[Any, ...]) -> None:
+        self.unit = number
+        with suppress(OSError):  # where the process has died, its sentinel tells
+            self.line.send(unit)
+
+    def answer(self) -> tuple[bool, Any] | None:
+        """Whether the unit succeeded, and its result or the error; None where there is none yet."""
+        with suppress(EOFError, OSError):
+            if self.line.poll():
+                found: tuple[bool, Any] = self.line.recv()
+                return found
+        return None
+
+    def end(self) -> None:
+        self.process.terminate()
+        self.process.join()
+        self.line.close()
+
+
+def _results(team: list[_Member], work: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+    """The results in the order of the work; members that die are replaced."""
+    left = deque(range(len(work)))
+    deaths = dict.fromkeys(left, 0)
+    found: dict[int, Any] = {}
+    for number in range(len(work)):
+        while number not in found:
+            for member in team:
+                if member.unit is None and left and left[0] < number + _AHEAD * len(team):
+                    following = left.popleft()
+                    member.begin(following, work[following])
+            wait([end for m in team for end in (m.line, m.process.sentinel)])
+            for place, member in enumerate(team):
+                answer = member.answer()
+                if answer is not None and member.unit is not None:
+                    found[member.unit], member.unit = answer, None
+                elif not member.process.is_alive():
+                    team[place] = _replaced(member, deaths, left)
+        succeeded, result = found.pop(number)
+        if not succeeded:
+            raise result
+        yield result
+
+
+def _replaced(dead: _Member, deaths: dict[int, int], left: deque[int]) -> _Member:
+    """A member in the place of one that died; its unit is the next to be tried."""
+    dead.end()
+    if dead.unit is not None:
+        deaths[dead.unit] += 1
+        if deaths[dead.unit] == TRIES:
             raise WorkerError(
-                "a worker process was killed, or had no memory left; nothing was written. "
-                "Run the command again, with less beside it."
-            ) from None
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+                f"a worker process was killed, or had no memory left, {TRIES} times at the same "
+                "piece of work. Run the command again, with less beside it."
+            )
+        left.appendleft(dead.unit)
+    return _Member(dead.function, dead.core)
+
+
+def _serve(
+    line: Connection,
+    function: Callable[..., Any],
+    folder: Path,
+    core: int | None,
+    parts: Sequence[plugins.Part],
+) -> None:
+    """The life of a worker process: it answers one unit after another."""
+    Thread(target=_end_with_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this one
+    runtime.take_core(core)
+    runtime.start()
+    keeping.use(folder)
+    programs.share_with_jax()
+    for part in parts:
+        plugins.use(part)
+    while True:
+        try:
+            unit = line.recv()
+        except EOFError:
+            return
+        line.send_bytes(_answered(function, unit))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _answered(function: Callable[..., Any], unit: tuple[Any, ...]) -> bytes:
+    try:
+        return pickle.dumps((True, function(*unit)), pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        told = traceback.format_exc()
+        error.add_note(f"In a worker process:\n{told}")
+        try:
+            return pickle.dumps((False, error))
+        except (pickle.PicklingError, AttributeError, TypeError):
+            return pickle.dumps((False, RuntimeError(told)))

@@ -1,9 +1,12 @@
 """Random keys of a run: a function of seed, scenario and run number alone."""
 
+from functools import lru_cache
 from zlib import crc32
 
 import jax
 from jaxtyping import Array, Int, Key
+
+from adhesion_jax.programs import kept
 
 
 def noise_keys(seed: int, scenario: str, runs: Int[Array, " runs"]) -> Key[Array, " runs"]:
@@ -19,7 +22,19 @@ def solver_keys(
 
 
 def _keys(seed: int, words: tuple[str, ...], runs: Int[Array, " runs"]) -> Key[Array, " runs"]:
-    key = jax.random.key(seed)
-    for word in words:
-        key = jax.random.fold_in(key, crc32(word.encode()))
+    keys: Key[Array, " runs"] = _of_runs(_of_words(seed, words), runs)
+    return keys
+
+
+@lru_cache
+def _of_words(seed: int, words: tuple[str, ...]) -> Key[Array, ""]:
+    with jax.ensure_compile_time_eval():  # it is kept, and so must not be a part of a program
+        key = jax.random.key(seed)
+        for word in words:
+            key = jax.random.fold_in(key, crc32(word.encode()))
+        return key
+
+
+@kept()
+def _of_runs(key: Key[Array, ""], runs: Int[Array, " runs"]) -> Key[Array, " runs"]:
     return jax.vmap(lambda run: jax.random.fold_in(key, run))(runs)

@@ -1,102 +1,59 @@
-"""A Monte Carlo campaign: every identifier on the same runs, tile by tile, on all cores."""
+"""A Monte Carlo campaign: every identifier on the same runs, and tables of what they add up to."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import pairwise
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, ArrayLike, Bool, Float
-from scipy.special import stdtrit
+from numpy.typing import NDArray
 
-from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
+from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.executor import mapped
-from adhesion_jax.campaign.rows import (
-    bands_table,
-    estimate_rows,
-    standard_errors,
-    tracking_table,
-    values_of,
-)
-from adhesion_jax.campaign.tiles import (
-    TILE,
-    TileResult,
-    bound_tile,
-    draw_tile,
-    identify_tile,
-    make_ready,
-    tile_runs,
-)
-from adhesion_jax.identifiers import IDENTIFIERS, Estimate, Identifier, Status
-from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
-from adhesion_jax.metrics.moments import Moments
-from adhesion_jax.metrics.tracking import Tracking
-from adhesion_jax.optim.box import on_bound
-from adhesion_jax.programs import kept
-from adhesion_jax.records import Record
+from adhesion_jax.campaign.job import Job, shard_count, shard_tiles
+from adhesion_jax.campaign.rows import frame_of
+from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
+from adhesion_jax.campaign.tiles import TILE, make_ready
+from adhesion_jax.identifiers import IDENTIFIERS, Identifier
+from adhesion_jax.metrics.accuracy import table_rows
+from adhesion_jax.metrics.counts import BINS, edges, middles, quantile, rebinned, share_middles
+from adhesion_jax.metrics.tracking import criteria_of, tracking_row
 from adhesion_jax.runtime import CORES
-from adhesion_jax.scenarios import Group, Scenario
 
-#: The method with whose objective every other is compared.
-REFERENCE = "ml-exact"
+#: Largest number of shards that are computed in this process alone: others would take longer to
+#: start than the work does.
+_FEW_SHARDS = 2
 
-#: Number of tiles whose runs give the bands of a stream, so that memory does not grow with runs.
-_BAND_TILES = 2
+#: The histogram reaches this multiple of the bound to either side of the truth.
+_WIDTHS = 6
 
-#: Largest number of tiles of a campaign that is run in this process alone.
-_FEW_TILES = 2
+#: Number of bins of the histogram.
+_HISTOGRAM_BINS = 60
 
-#: Statuses that count as a failure for every method.
-_UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
+
+class Totals(NamedTuple):
+    """What shards add up to; counts are [names, blocks, counted quantities, BINS]."""
+
+    sums: Sums
+    counts: NDArray[np.int32]
+    compile_seconds: NDArray[np.float64]
 
 
 class Campaign(NamedTuple):
-    """The tables by name (summary, switches, checkpoints, tracking, bands).
+    """The tables by name (summary, switches, checkpoints, tracking, bands), and what is drawn.
 
-    And the seconds of compilation of each identifier.
+    `bands` has the median and the band from 5 to 95 % of each quantity after each block, over all
+    runs; `histogram` the probability density of mu_max in bins about the truth.
     """
 
     tables: Mapping[str, pd.DataFrame]
+    bands: pd.DataFrame
+    histogram: pd.DataFrame
     compile_seconds: Mapping[str, float]
 
 
-class _Row(NamedTuple):
-    """The table and the row to which some statistics belong."""
-
-    table: str
-    group: Group
-    identifier: str
-
-
-def progress_steps(config: Config, identifiers: Mapping[str, Identifier] = IDENTIFIERS) -> int:
+def progress_steps(config: Config) -> int:
     """The number of times that progress is reported for one configuration."""
-    return len(_work(config, identifiers))
-
-
-def run_campaigns(
-    configs: Sequence[Config],
-    keep: Callable[[pd.DataFrame], None],
-    progress: Callable[[str], None],
-    workers: int = CORES,
-    identifiers: Mapping[str, Identifier] = IDENTIFIERS,
-) -> list[Campaign]:
-    """Runs all identifiers on all runs; runs are reduced to sums tile by tile.
-
-    `keep` is called with the estimates of each tile, one row per estimate, in the order of the
-    runs; `progress` with the name of an identifier whenever it has finished a tile. The names in
-    the configurations are looked up in `identifiers`.
-    """
-    work = [unit for config in configs for unit in _work(config, identifiers)]
-    tiles = len({tile for _, tile, _, _ in work})
-    if tiles <= _FEW_TILES:  # processes would take longer to start than the work does
-        workers = 1
-        first = [unit for unit in work if unit[1] == 0]
-        for config in configs:
-            make_ready(config, [method for whose, _, _, method in first if whose == config])
-    with mapped(identify_tile, work, min(workers, tiles)) as results:
-        return [_gathered(config, results, keep, progress, identifiers) for config in configs]
+    return -(-config.runs // TILE)
 
 
 def run_campaign(
@@ -106,220 +63,168 @@ def run_campaign(
     workers: int = CORES,
     identifiers: Mapping[str, Identifier] = IDENTIFIERS,
 ) -> Campaign:
-    """`run_campaigns` of a single configuration."""
-    return run_campaigns([config], keep, progress, workers, identifiers)[0]
+    """Runs all identifiers on all runs, in memory.
+
+    `keep` is called with the estimates of each shard, one row per estimate, in the order of the
+    runs; `progress` with the name of the scenario for each tile of runs that is done. The names in
+    the configuration are looked up in `identifiers`.
+    """
+    job = Job.of(config, identifiers)
+    work = [(job, number) for number in range(shard_count(job))]
+
+    def reduced() -> Iterable[Reduced]:
+        for (_, number), found in zip(work, results, strict=True):
+            keep(frame_of(found.rows))
+            for tile in shard_tiles(number):
+                if tile * TILE < config.runs:
+                    progress(config.scenario)
+            yield found.reduced
+
+    with mapped(shard, work, processes(work, workers)) as results:
+        return campaign_of(job, added(job, reduced()))
 
 
-def _work(
-    config: Config, identifiers: Mapping[str, Identifier]
-) -> list[tuple[Config, int, str, Identifier]]:
-    """The units of work in the order in which their results are taken."""
-    scenario = build_scenario(config)
-    methods = _methods(scenario, choose_identifiers(config, scenario, identifiers), identifiers)
-    return [
-        (config, tile, name, identifiers[name])
-        for tile in range(_tiles(config))
-        for name in methods
-    ]
+def processes(work: Sequence[tuple[Any, ...]], workers: int) -> int:
+    """The number of processes for units that begin with a job; for one it makes programs ready."""
+    if len(work) > _FEW_SHARDS and workers > 1:
+        return min(workers, len(work))
+    for job, *_ in work:
+        make_ready(job.config, [*job.methods.values()])
+    return 1
 
 
-def _gathered(
-    config: Config,
-    results: Iterator[TileResult],
-    keep: Callable[[pd.DataFrame], None],
-    progress: Callable[[str], None],
-    identifiers: Mapping[str, Identifier],
-) -> Campaign:
-    """The tables of one configuration, from its results."""
-    scenario = build_scenario(config)
-    names = choose_identifiers(config, scenario, identifiers)
-    methods = _methods(scenario, names, identifiers)
-    rows = [
-        _Row(table, group, name)
-        for table, groups in scenario.tables().items()
-        for name in names
-        for group in groups
-    ]
-    tally: dict[int, Moments] = {}
-    # Medians need every run. Without a change of the rail there is no delay to report.
-    switches = any(a != b for a, b in pairwise(scenario.rails))
-    seen: dict[str, list[Tracking]] = {name: [] for name in names}
-    first_tiles: list[dict[str, Estimate]] = []
-    seconds: dict[str, list[float]] = {name: [] for name in methods}
-    compile_seconds = dict.fromkeys(methods, 0.0)
-    for tile in range(_tiles(config)):
-        runs = tile_runs(tile)
-        runs = runs[runs < config.runs]
-        estimates: dict[str, Estimate] = {}
-        tracking: dict[str, Tracking] = {}
-        for name in methods:
-            result: TileResult = next(results)
-            seconds[name].append(result.seconds / (TILE * len(scenario.rails)))
-            compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
-            estimates[name], tracking[name] = jax.tree.map(
-                lambda x: x[: len(runs)],  # noqa: B023
-                (result.estimate, result.tracking),
-            )
-            progress(name)
-        records = draw_tile(config, tile)
-        truth = _truth(scenario, np.asarray(bound_tile(config, records))[: len(runs)])
-        pool = _pooled(scenario, records, truth)
-        truths = {name: pool if identifiers[name].POOLS else truth for name in methods}
-        # A gap to the exact optimum is a failure only if the optimum is known and minimised.
-        optima = {
-            name: estimates.get(REFERENCE, e) if identifiers[name].FITS_LAST_RECORD else e
-            for name, e in estimates.items()
-        }
-        _count(tally, rows, scenario, estimates, optima, tracking, truths)
-        keep(estimate_rows(config, scenario, names, estimates, runs))
-        if switches:
-            for name in names:
-                seen[name].append(tracking[name])
-        if scenario.known.by_sample and tile < _BAND_TILES:
-            first_tiles.append({name: estimates[name] for name in names})
+def added(job: Job, parts: Iterable[Reduced]) -> Totals:
+    """What the shards of a job add up to, in the order in which they are given."""
+    names, blocks = len(job.names), len(job.scenario.rails)
+    counts = np.zeros((names, blocks, len(job.counted), BINS), dtype=np.int32)
+    flat = counts.reshape(-1)
+    sums = None
+    seconds = np.zeros(len(job.methods))
+    for part in parts:
+        sums = part.sums if sums is None else sums.plus(part.sums)
+        flat[part.places] += part.numbers
+        seconds = np.maximum(seconds, part.compile_seconds)
+    if sums is None:
+        raise ValueError("a campaign has one run or more")
+    return Totals(sums, counts, seconds)
 
-    tables = {
-        table: pd.concat(
-            [
-                _table_rows(
-                    config,
-                    row,
-                    tally[index],
-                    truths[row.identifier],
-                    np.array(seconds[row.identifier]),
-                )
-                for index, row in enumerate(rows)
-                if row.table == table
-            ],
-            ignore_index=True,
+
+def campaign_of(job: Job, totals: Totals) -> Campaign:
+    """The tables of a job, and what is drawn of it, from what its shards add up to."""
+    scenario = job.scenario
+    accuracy = _accuracy_tables(job, totals)
+    tables = dict(accuracy)
+    if len(job.stretches) > 1:  # without a change of the rail there is no delay to report
+        tables["tracking"] = _tracking_table(job, totals)
+    bands = _bands(job, totals)
+    if scenario.known.by_sample:
+        tables["bands"] = bands
+    seconds = dict(zip(job.methods, totals.compile_seconds.tolist(), strict=True))
+    return Campaign(
+        tables,
+        bands,
+        _histogram(job, totals, accuracy["summary"]),
+        {name: seconds[name] for name in job.names},
+    )
+
+
+def _accuracy_tables(job: Job, totals: Totals) -> dict[str, pd.DataFrame]:
+    scenario = job.scenario
+    none = np.full((1, len(scenario.rails), len(scenario.quantities())), np.nan)
+    truth = truth_of(scenario, none)
+    methods = [*job.methods]
+    frames: dict[str, list[pd.DataFrame]] = {name: [] for name in scenario.tables()}
+    for place, row in enumerate(job.rows):
+        table = table_rows(
+            totals.sums.accuracy.at(place),
+            truth,
+            row.group.blocks,
+            totals.sums.seconds.at(methods.index(row.identifier)),
         )
-        for table in scenario.tables()
-    }
-    if switches:
-        tables["tracking"] = tracking_table(config, scenario, seen)
-    if first_tiles:
-        tables["bands"] = bands_table(config, scenario, first_tiles)
-    return Campaign(tables, {name: compile_seconds[name] for name in names})
+        names: dict[str, str | int] = {
+            "scenario": job.config.scenario,
+            "identifier": row.identifier,
+            "rail": row.group.rail,
+        }
+        if row.group.k is not None:
+            names["k"] = row.group.k
+        for column, (name, value) in enumerate(names.items()):
+            table.insert(column, name, value)
+        frames[row.table].append(table)
+    return {name: pd.concat(parts, ignore_index=True) for name, parts in frames.items()}
 
 
-def _tiles(config: Config) -> int:
-    return -(-config.runs // TILE)
+def _tracking_table(job: Job, totals: Totals) -> pd.DataFrame:
+    """A row for each identifier and stretch of rail."""
+    unit = criteria_of(job.scenario.known).unit
+    rows = []
+    for place, name in enumerate(job.names):
+        for stretch, rail in enumerate(job.stretches):
+            moments = totals.sums.tracking.at((place, stretch))
+            row = tracking_row(totals.sums.delays[place, stretch], moments, stretch == 0, unit)
+            names = {"scenario": job.config.scenario, "identifier": name, "rail": rail}
+            rows.append({**names, **row})
+    return pd.DataFrame(rows)
 
 
-def _methods(
-    scenario: Scenario, names: tuple[str, ...], identifiers: Mapping[str, Identifier]
-) -> tuple[str, ...]:
-    """The methods to run; the reference is among them if it accepts the scenario, reported or not.
+def _bands(job: Job, totals: Totals) -> pd.DataFrame:
+    centre, scale = scales(job.config.scenario, job.config.options)
+    frames = []
+    for place, name in enumerate(job.names):
+        for number, quantity in enumerate(job.counted):
+            counts = totals.counts[place, :, number]
+            if number < centre.shape[1]:
+                middle = middles(centre[:, number], scale[:, number])
+            else:
+                middle = np.broadcast_to(share_middles(), counts.shape)
+            low, median, high = (quantile(counts, middle, share) for share in (0.05, 0.5, 0.95))
+            columns = {
+                "scenario": job.config.scenario,
+                "identifier": name,
+                "quantity": quantity,
+                "block": np.arange(len(middle)),
+                "p05": low,
+                "median": median,
+                "p95": high,
+            }
+            frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)
 
-    One method of each compiled form comes first, so that the workers compile different ones.
+
+def _histogram(job: Job, totals: Totals, summary: pd.DataFrame) -> pd.DataFrame:
+    """The density of mu_max over all blocks of a rail that stand in the summary.
+
+    One row a bin; where the scenario has no mu_max there is none. Half the width is a multiple of
+    the bound or, without one, of the spread.
     """
-    reference = identifiers.get(REFERENCE)
-    has_reference = reference is not None and reference.accepts(scenario.known) is None
-    methods = dict.fromkeys((*([REFERENCE] if has_reference else []), *names))
-    first_of_form = {jax.tree.structure(identifiers[name]): name for name in reversed(methods)}
-    firsts = [name for name in methods if name in first_of_form.values()]
-    return (*firsts, *(name for name in methods if name not in firsts))
-
-
-def _truth(scenario: Scenario, bound: np.ndarray) -> Truth:
-    quantities = scenario.quantities()
-    degrees_of_freedom = np.maximum(scenario.support() - len(scenario.known.curve.free), 1)
-    return Truth(
-        names=tuple(quantities),
-        values=np.stack(list(quantities.values()), axis=-1),
-        bound=bound,
-        sigma=scenario.sigma,
-        quantile=stdtrit(degrees_of_freedom, 0.975),
-    )
-
-
-def _pooled(scenario: Scenario, records: Record, truth: Truth) -> Truth:
-    """The truth for a method that pools the blocks since the rail last changed.
-
-    The blocks of a rail have equal information, so that the bound of a pool of k is smaller by the
-    root of k. A block that contains the points of those before it is such a pool already.
-    """
-    fresh = np.asarray(records.fresh).sum(axis=-1)
-    points = np.zeros(len(scenario.rails))
-    for b, rail in enumerate(scenario.rails):
-        before = points[b - 1] if b > 0 and scenario.rails[b - 1] == rail else 0
-        points[b] = before + fresh[b]
-    blocks = np.maximum(points / scenario.support(), 1.0)
-    degrees_of_freedom = np.maximum(points - len(scenario.known.curve.free), 1)
-    return truth._replace(
-        bound=truth.bound / np.sqrt(blocks)[:, None], quantile=stdtrit(degrees_of_freedom, 0.975)
-    )
-
-
-def _count(
-    tally: dict[int, Moments],
-    rows: list[_Row],
-    scenario: Scenario,
-    estimates: Mapping[str, Estimate],
-    optima: Mapping[str, Estimate],
-    tracking: Mapping[str, Tracking],
-    truths: Mapping[str, Truth],
-) -> None:
-    """Add the runs of a tile to the sums behind every row of every table."""
-    outcomes = {
-        name: _outcome(scenario, truths[name].names, e, optima[name], tracking[name])
-        for name, e in estimates.items()
-    }
-    for index, row in enumerate(rows):
-        outcome = outcomes[row.identifier]
-        truth = truths[row.identifier]
-        part = Moments.of(run_statistics(outcome, truth, row.group.blocks, row.group.switched))
-        tally[index] = tally[index].plus(part) if index in tally else part
-
-
-def _on_box(scenario: Scenario, estimate: Estimate) -> np.ndarray:
-    known = scenario.known
-    if not set(known.curve.free) <= set(estimate.values):  # a method without a curve
-        return np.zeros(estimate.status.shape, dtype=bool)
-    parameters = values_of(estimate, known.curve.free)
-    return np.asarray(_any_on_bound(parameters, known.lower, known.upper))
-
-
-@kept()
-def _any_on_bound(
-    parameters: Float[ArrayLike, "*batch p"],
-    lower: Float[ArrayLike, " p"],
-    upper: Float[ArrayLike, " p"],
-) -> Bool[Array, "*batch"]:
-    return jnp.any(on_bound(parameters, lower, upper), axis=-1)
-
-
-def _outcome(
-    scenario: Scenario,
-    names: Sequence[str],
-    estimate: Estimate,
-    optimum: Estimate,
-    tracking: Tracking,
-) -> Outcome:
-    return Outcome(
-        values=values_of(estimate, names),
-        standard_errors=standard_errors(estimate, names),
-        on_box=_on_box(scenario, estimate),
-        unusable=np.isin(estimate.status, _UNUSABLE),
-        objective=np.asarray(estimate.objective),
-        optimum=np.asarray(optimum.objective),
-        optimum_on_box=_on_box(scenario, optimum),
-        evaluations=np.asarray(estimate.evaluations),
-        delay=np.asarray(tracking.delay),
-    )
-
-
-def _table_rows(
-    config: Config, row: _Row, moments: Moments, truth: Truth, seconds: np.ndarray
-) -> pd.DataFrame:
-    table = table_rows(moments, truth, row.group.blocks, seconds)
-    names: dict[str, str | int] = {
-        "scenario": config.scenario,
-        "identifier": row.identifier,
-        "rail": row.group.rail,
-    }
-    if row.group.k is not None:
-        names["k"] = row.group.k
-    for place, (column, value) in enumerate(names.items()):
-        table.insert(place, column, value)
-    return table
+    if "mu_max" not in job.counted:
+        return pd.DataFrame()
+    number = job.counted.index("mu_max")
+    centre, scale = (x[:, number] for x in scales(job.config.scenario, job.config.options))
+    peaks = summary[summary["quantity"] == "mu_max"].set_index(["rail", "identifier"])
+    groups = job.scenario.tables()["summary"]
+    frames = []
+    for rail in dict.fromkeys(group.rail for group in groups):
+        blocks = [b for group in groups if group.rail == rail for b in group.blocks]
+        for place, name in enumerate(job.names):
+            row = peaks.loc[[(rail, name)]].iloc[0]
+            first = peaks.loc[[(rail, job.names[0])]].iloc[0]
+            spread = np.sqrt(max(row["rmse"] ** 2 - row["bias"] ** 2, 0.0))
+            width = first["crlb"] if np.isfinite(first["crlb"]) else spread
+            reach = _WIDTHS * max(width, 1e-9)
+            lines = first["truth"] + np.linspace(-reach, reach, _HISTOGRAM_BINS + 1)
+            counts = [totals.counts[place, b, number] for b in blocks]
+            found = sum(
+                rebinned(count, edges(centre[b], scale[b]), lines)
+                for b, count in zip(blocks, counts, strict=True)
+            )
+            columns = {
+                "scenario": job.config.scenario,
+                "rail": rail,
+                "identifier": name,
+                "lower": lines[:-1],
+                "upper": lines[1:],
+                "density": found / (max(np.sum(counts), 1) * np.diff(lines)),
+            }
+            frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)

@@ -60,7 +60,14 @@ def bound_tile(config: Config, records: Record) -> Float[Array, "runs blocks val
 
 def identify_tile(config: Config, tile: int, name: str, method: Identifier) -> TileResult:
     """The estimates of one identifier, by its name and itself, on all the runs of a tile."""
-    records = jax.block_until_ready(draw_tile(config, tile))
+    return identify_records(config, tile, name, method, draw_tile(config, tile))
+
+
+def identify_records(
+    config: Config, tile: int, name: str, method: Identifier, records: Record
+) -> TileResult:
+    """The same from the records of the tile."""
+    records = jax.block_until_ready(records)
     runs = jnp.asarray(tile_runs(tile))
     keys = jax.block_until_ready(solver_keys(config.seed, config.scenario, name, runs))
     began = time.perf_counter()
@@ -86,13 +93,14 @@ def _program(config: Config, method: Identifier) -> _Program:
 
 
 @lru_cache
-def _scenario(name: str, options: Options) -> Scenario:
+def scenario_of(name: str, options: Options) -> Scenario:
+    """The scenario of this name with these options, built once in a process."""
     return build(name, options)
 
 
 @lru_cache
 def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]], Record]:
-    scenario = _scenario(scenario_name, options)
+    scenario = scenario_of(scenario_name, options)
     draw = jax.vmap(scenario.draw, out_axes=scenario.run_axes)
     keys = noise_keys(0, scenario_name, jnp.asarray(tile_runs(0)))
     return programs.program(("draw", scenario_name, options), draw, keys)
@@ -102,7 +110,7 @@ def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]
 def _bound(
     scenario_name: str, options: Options
 ) -> Callable[[Record], Float[Array, "runs blocks values"]]:
-    scenario = _scenario(scenario_name, options)
+    scenario = scenario_of(scenario_name, options)
     records = _draw(scenario_name, options)(noise_keys(0, scenario_name, jnp.asarray(tile_runs(0))))
     bound = jax.vmap(scenario.bound, in_axes=(scenario.run_axes,), axis_size=TILE)
     return programs.program(("bound", scenario_name, options), bound, records)
@@ -119,7 +127,7 @@ def _compiled(
 
     The identifier is an argument, so that variants that differ in numbers alone share the function.
     """
-    scenario = _scenario(scenario_name, options)
+    scenario = scenario_of(scenario_name, options)
     keys = solver_keys(0, scenario_name, "", jnp.asarray(tile_runs(0)))
     numbers = [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
     records = draw_tile(Config(scenario=scenario_name, options=options), 0)

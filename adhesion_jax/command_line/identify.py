@@ -25,10 +25,22 @@ KNOWN = catalogue()
 )
 @slip_events
 @click.option(
+    "--by",
+    metavar="COLUMN",
+    help="Compare the largest adhesion of the groups of runs by this column, or by run.",
+)
+@click.option(
+    "--slip-noise",
+    type=click.FloatRange(min=0),
+    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
+    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
+)
+@click.option(
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for curves.csv, curves.png, verdict.txt and, of a log, events.png.",
+    help="Folder for curves.csv, curves.png, verdict.txt, of a log events.png, and with --by "
+    "runs.csv and runs.png.",
     show_default=True,
 )
 def main(**asked: Any) -> None:

@@ -105,6 +105,20 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option("--out", type=Folder(), default=Path("out/montecarlo"), show_default=True)
 @click.option(
+    "--keep",
+    type=Name(("checkpoints", "all")),
+    default="checkpoints",
+    show_default=True,
+    help="The blocks whose estimates runs.parquet has: those around a switch and the last, or all.",
+)
+@click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
+@click.option(
+    "--extend",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Add so many runs to the job in the folder.",
+)
+@click.option(
     "--list",
     is_flag=True,
     is_eager=True,
@@ -118,6 +132,9 @@ def main(
     runs: int,
     seed: int,
     out: Path,
+    keep: str,
+    resume: bool,
+    extend: int,
     **asked: object,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
@@ -137,6 +154,9 @@ def main(
         runs=runs,
         seed=seed,
         out=out,
+        keep=keep,
+        resume=resume,
+        extend=extend,
         **options,
     )
 

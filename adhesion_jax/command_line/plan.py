@@ -1,6 +1,7 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,24 @@ import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
 
 #: Largest number of values in a range.
 _MOST_VALUES = 50
+
+#: Options that belong to a LOG, and those of sweeps, which a log has not; and what they are when
+#: they are not given.
+_OF_LOGS: Mapping[str, object] = {
+    "columns": {},
+    "wheel_radius": None,
+    "dry_run": False,
+    "events": None,
+}
+_OF_SWEEPS = {"samples_per_run": None, "check": None}
 
 
 class Values(click.ParamType):
@@ -85,9 +98,9 @@ class Condition(click.ParamType):
 
 
 @click.command()
-@click.argument(
-    "log", type=File(KNOWN.data, "name a .csv, .csv.gz or .parquet file"), required=False
-)
+@click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
+@reading
+@slip_events
 @click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")
 @click.option(
     "--curves",
@@ -173,11 +186,13 @@ def main(
         )
     if asked["curve"] and named[0] not in ("LOG", "--curves"):
         raise InputError(f"--curve goes with LOG or --curves, not with {named[0]}.")
-    if log is not None:
-        for option in ("samples_per_run", "check"):
-            if asked[option] is not None:
-                raise InputError(
-                    f"--{option.replace('_', '-')} does not go with LOG, whose runs are its own."
-                )
+    _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
     asked["conditions"] = tuple(asked["conditions"])
     perform("plan", log=log, rail=rail, curves=curves, law=law, **asked)
+
+
+def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: str) -> None:
+    """InputError if one of the options, by what it is when it is not given, was given."""
+    for option, absent in options.items():
+        if asked[option] != absent:
+            raise InputError(f"--{option.replace('_', '-')} does not go with {source}.")

@@ -43,7 +43,6 @@ from adhesion_jax.studies.claims.qian2024 import (
     factorial_table,
     reading_claims,
     reading_config,
-    variants,
 )
 from adhesion_jax.studies.claims.tiled import tile_count
 from adhesion_jax.studies.claims.uyulan2018 import uyulan_claims, uyulan_units
@@ -74,7 +73,7 @@ def main(runs: int, seed: int, out: Path) -> None:
     readings, slope = reading_config(runs, seed), slope_config(runs, seed)
     steps = sum(map(progress_steps, (experiment_1, experiment_2, readings, slope)))
     steps += 2 * tile_count(runs)
-    steps += sum(progress_steps(part, variants()) for part in factorial_configs(runs, seed))
+    steps += sum(map(progress_steps, factorial_configs(runs, seed)))
     steps += sum(units() for _, units in CONTROL.values())
     figures = ("generations", "consistency", "factorial")
     own = ("claims.csv", *(f"claims_{name}.png" for name in figures))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
+from tqdm import tqdm
 
 from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES
@@ -17,6 +18,8 @@ def main(
     file: str,
     curve: str,
     events: bool | None,
+    by: str | None,
+    slip_noise: float | None,
     out: Path,
     columns: Mapping[str, object],
     wheel_radius: float | None,
@@ -26,9 +29,20 @@ def main(
     measured = read([file], columns, wheel_radius)
     if dry_run:
         return
+    directory = output_directory(out)
     # Nothing holds the log while the curves are fitted to its events.
     (log,) = events_of([measured.pop()], events)
-    found = identify_chosen(log, CURVES if curve == "all" else curve, citation_of(file))
-    with staged(output_directory(out), IDENTIFY_FILES) as stage:
+    with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
+
+        def progress(words: str, share: float) -> None:
+            bar.set_description_str(words)
+            bar.update(100 * share - bar.n)
+
+        curves = CURVES if curve == "all" else curve
+        found = identify_chosen(log, curves, citation_of(file), by, slip_noise, progress)
+    with staged(directory, IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")
+
+
+_BAR = "{desc}: {percentage:3.0f} %|{bar}| {elapsed}<{remaining}"

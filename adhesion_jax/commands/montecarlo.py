@@ -6,7 +6,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 import jax
@@ -15,16 +14,25 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers, main_job
-from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaigns
-from adhesion_jax.campaign.rows import row_columns
-from adhesion_jax.campaign.store import EstimateWriter, read_estimates
+from adhesion_jax.campaign.config import Config, main_job
+from adhesion_jax.campaign.executor import mapped, terminable
+from adhesion_jax.campaign.job import Job, shard_count, shard_runs
+from adhesion_jax.campaign.monte_carlo import Campaign, added, campaign_of, processes
+from adhesion_jax.campaign.store import missing, opened, read, recorded, stored, write_rows
 from adhesion_jax.campaign.tiles import draw_tile
-from adhesion_jax.files import output_directory, staged, write_metadata, write_table
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import (
+    output_directory,
+    staged,
+    write_metadata,
+    write_table,
+    writing_to,
+)
 from adhesion_jax.identifiers import Status
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, tracking_text
-from adhesion_jax.scenarios import Options, Scenario
+from adhesion_jax.runtime import CORES
+from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.growing import GrowingSequence
 from adhesion_jax.scenarios.stream import Stream
 
@@ -35,67 +43,59 @@ OWN_FILES = (
 )
 
 
-class Job(NamedTuple):
-    """One scenario of the job, and what runs on it."""
-
-    config: Config
-    scenario: Scenario
-    identifiers: tuple[str, ...]
-
-    @staticmethod
-    def of(config: Config) -> "Job":
-        scenario = build_scenario(config)
-        return Job(config, scenario, choose_identifiers(config, scenario))
-
-    @property
-    def name(self) -> str:
-        return self.config.scenario
-
-
 def main(
     scenario: str | None,
     identifiers: tuple[str, ...],
     runs: int,
     seed: int,
     out: Path,
+    keep: str,
+    resume: bool,
+    extend: int,
     **options: object,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
+    directory = output_directory(out)
+    if extend:
+        runs = _extended(directory, extend)
     asked = Config(identifiers=identifiers, options=Options(**options), runs=runs, seed=seed)
     parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
-    jobs = [Job.of(config) for config in parts]
-    directory = output_directory(out)
+    jobs = [Job.of(config, every_block=keep == "all") for config in parts]
     began = time.perf_counter()
-    with staged(directory, OWN_FILES) as stage:
-        columns = row_columns([job.scenario for job in jobs])
-        writer = EstimateWriter(stage / "runs.parquet", columns)
-        with tqdm(total=sum(map(progress_steps, parts)), desc="compiling", unit="tile") as bar:
-
-            def progress(name: str) -> None:
-                bar.set_description(name)
-                bar.update()
-
-            campaigns = run_campaigns(parts, writer.append, progress)
-        writer.close()
+    with (
+        terminable(),
+        writing_to(directory),
+        opened(directory, jobs, resume or extend > 0, extend) as folder,
+        staged(directory, OWN_FILES, folder) as stage,
+    ):
+        _compute(jobs, folder)
+        campaigns = [_read(job, folder) for job in jobs]
+        write_rows(stage / "runs.parquet", folder, jobs)
         tables = _joined([campaign.tables for campaign in campaigns])
         for name, table in tables.items():
             write_table(stage / f"{name}.csv", table)
-        _draw(stage, jobs, tables)
+        _draw(stage, jobs, campaigns, tables)
         metadata = {
-            "config": _config(asked, parts),
-            "in_force": {job.name: _in_force(job) for job in jobs},
-            "identifiers": {job.name: job.identifiers for job in jobs},
+            "config": {**_config(asked, parts), "keep": keep},
+            "in_force": {job.config.scenario: _in_force(job) for job in jobs},
+            "identifiers": {job.config.scenario: job.names for job in jobs},
             "seed": seed,
             "statuses": {status.name.lower(): status.sentence for status in Status},
             "compile_seconds": {
-                job.name: campaign.compile_seconds
+                job.config.scenario: campaign.compile_seconds
                 for job, campaign in zip(jobs, campaigns, strict=True)
             },
             "wall_seconds": time.perf_counter() - began,
             **runtime.describe(),
         }
         write_metadata(stage / "metadata.json", metadata)
-    names = " and ".join(job.name for job in jobs)
+    tell(tables, runs, [job.config.scenario for job in jobs])
+    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+
+
+def tell(tables: Mapping[str, pd.DataFrame], runs: int, scenarios: Sequence[str]) -> None:
+    """Print the tables of a campaign."""
+    names = " and ".join(scenarios)
     for name in ("summary", "switches"):
         if name in tables:
             click.echo(f"\n{name}: mu_max over {runs} runs of {names}")
@@ -103,7 +103,46 @@ def main(
     if "tracking" in tables:
         click.echo(f"\ntracking: mu_max over {runs} runs of {names}")
         click.echo(tracking_text(tables["tracking"]))
-    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+
+
+def _extended(directory: Path, extend: int) -> int:
+    """The number of runs of the job in a folder, and as many more as asked."""
+    before = recorded(directory)
+    if before is None:
+        raise InputError(
+            f"--extend adds runs to a job, and --out {directory} holds none; name its folder."
+        )
+    return int(before["runs"]) + extend
+
+
+def _compute(jobs: Sequence[Job], folder: Path) -> None:
+    """All shards that are not there; what is finished stays, however this ends."""
+    work = missing(folder, jobs)
+    every = sum(job.config.runs for job in jobs)
+    left = sum(shard_runs(job, number) for job, number, _ in work)
+    done = every - left
+    with tqdm(total=every, initial=done, desc="compiling", unit="run") as bar:
+        try:
+            with mapped(stored, work, processes(work, CORES)) as results:
+                for (job, _, _), runs in zip(work, results, strict=True):
+                    bar.set_description(job.config.scenario)
+                    bar.update(runs)
+        except BaseException:
+            there = every - sum(shard_runs(job, n) for job, n, _ in missing(folder, jobs))
+            bar.close()
+            if there:
+                click.echo(
+                    f"{there} of {every} runs are finished and stay in {folder}; the same command "
+                    "with --resume computes the others.",
+                    err=True,
+                )
+            raise
+
+
+def _read(job: Job, folder: Path) -> Campaign:
+    """The campaign of a job whose shards are all there."""
+    shards = (read(folder, job, number) for number in range(shard_count(job)))
+    return campaign_of(job, added(job, (found for found in shards if found is not None)))
 
 
 def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
@@ -136,28 +175,26 @@ def _joined(campaigns: Sequence[Mapping[str, pd.DataFrame]]) -> dict[str, pd.Dat
     }
 
 
-def _draw(stage: Path, jobs: Sequence[Job], tables: Mapping[str, pd.DataFrame]) -> None:
-    def estimates(identifier: str, columns: list[str]) -> pd.DataFrame:
-        return read_estimates(stage / "runs.parquet", columns, identifier)
-
-    pooled = {
-        job.name: [b for group in job.scenario.tables()["summary"] for b in group.blocks]
-        for job in jobs
-        if "mu_max" in job.scenario.quantities()
-    }
-    if pooled:
-        figures.histogram(stage / "histogram_mu_max.png", tables["summary"], estimates, pooled)
-    for job in jobs:
-        scenario, identifiers = job.scenario, job.identifiers
+def _draw(
+    stage: Path,
+    jobs: Sequence[Job],
+    campaigns: Sequence[Campaign],
+    tables: Mapping[str, pd.DataFrame],
+) -> None:
+    densities = [campaign.histogram for campaign in campaigns if len(campaign.histogram)]
+    if densities:
+        path = stage / "histogram_mu_max.png"
+        figures.histogram(path, tables["summary"], pd.concat(densities, ignore_index=True))
+    for job, campaign in zip(jobs, campaigns, strict=True):
+        scenario = job.scenario
         truth = pd.DataFrame(scenario.quantities())
         truth.insert(0, "block", np.arange(len(truth)))
         if scenario.known.by_sample:
             steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
-            of_job = tables["bands"][tables["bands"]["scenario"] == job.name]
-            figures.bands(stage / "bands.png", truth, of_job, steps)
+            figures.bands(stage / "bands.png", truth, campaign.bands, steps)
             continue
         if len(truth) > 1:  # a single block has no course
-            figures.tracking(stage / "tracking.png", truth, estimates, list(identifiers))
+            figures.tracking(stage / "tracking.png", truth, campaign.bands)
         if isinstance(scenario, GrowingSequence):
             slip = np.asarray(scenario.slip)
             reached = [float(slip[length - 1]) for length in scenario.lengths]
@@ -167,4 +204,4 @@ def _draw(stage: Path, jobs: Sequence[Job], tables: Mapping[str, pd.DataFrame]) 
         else:
             continue
         path = stage / "convergence.png"
-        figures.convergence(path, tables["checkpoints"], estimates, reached, label)
+        figures.convergence(path, tables["checkpoints"], campaign.bands, reached, label)

@@ -146,6 +146,7 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
         add("vehicle_speed_mps", _speed(columns), "slip velocity / slip ratio")
+    # Before the next column is made: those of a long log fill the memory.
     spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
     for name in (*spent, "axle_load_N", "locomotive_load_N"):
         columns.pop(name, None)

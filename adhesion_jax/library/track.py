@@ -15,7 +15,8 @@ from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.library.reading import Data, citation_of, measured_of
 from adhesion_jax.library.results import of_numbers, text_html
 from adhesion_jax.measured.following import Followed, follow_log, refusal
-from adhesion_jax.measured.initial_slope import InitialSlope, estimated, given
+from adhesion_jax.measured.initial_slope import InitialSlope
+from adhesion_jax.measured.initial_slope import initial_slope as slope_of
 from adhesion_jax.measured.log import Log, to_log
 from adhesion_jax.report.track.figure import draw_track
 from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, summary_rows, told
@@ -80,11 +81,12 @@ def track(
 ) -> Track:
     """Follow a log by online methods, sample by sample in the order of time.
 
-    `data`, `columns` and `wheel_radius` are as for `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by
-    name. The initial slope a0 of Kiencke's curve is `initial_slope`, or that of a fit to the log.
-    With `events` slip events alone are used, without all samples; by default they are cut out of a
-    log that hardly slips. `report` is told how many steps are done, and of how many. InputError
-    names all that is wrong with the data, and a method that cannot follow a log.
+    `data`, `columns` and `wheel_radius` are as for `identify`. `identifiers` are names of
+    IDENTIFIERS, or methods of your own by name. The initial slope a0 of Kiencke's curve is
+    `initial_slope`, or that of a fit to the log. With `events` slip events alone are used, and
+    where it is False all samples are; by default events are cut out of a log that hardly slips.
+    `report` is told how many steps are done, and of how many. InputError names all that is wrong
+    with the data, and a method that cannot follow a log.
     """
     methods = _methods(identifiers)
     _refuse(methods)
@@ -93,14 +95,15 @@ def track(
     log = to_log(measured, events)
     if initial_slope is not None and not (np.isfinite(initial_slope) and initial_slope > 0):
         raise InputError(f"The initial slope is {initial_slope}; give a positive number.")
-    slope = of_numbers(estimated(log)) if initial_slope is None else given(initial_slope)
+    slope = of_numbers(slope_of(log, initial_slope))
     total, done = log.used.size * len(methods), [0]
 
     def one_more(count: int) -> None:
         done[0] += count
         report(done[0], total)
 
-    return Track(log, citation_of(data), slope, follow_log(methods, log, slope, one_more))
+    followed = follow_log(methods, log, slope.plausible, slope.form, one_more)
+    return Track(log, citation_of(data), slope, followed)
 
 
 def _methods(

@@ -1,1 +1,1 @@
-"""One measured record: the fit of every curve, and the structure of its residual."""
+"""One measured record: the fit of every curve, its residual; and a log that is followed."""

@@ -1,57 +1,68 @@
-"""The best fit of a curve to one measured record within its physical bounds, without a start."""
+"""A curve fitted to a measured record under the noise of its runs, and its peak with errors."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
-from adhesion_jax import runtime
-from adhesion_jax.curves import SLIP_LIMIT, Curve, Peak, Scalar, physical_box, with_free_values
+from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
 from adhesion_jax.identifiers.base import Status
-from adhesion_jax.metrics.information import inverse_information
-from adhesion_jax.optim import differential_evolution as de
-from adhesion_jax.optim.box import on_bound
-from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
-from adhesion_jax.programs import QUICKLY, kept
-from adhesion_jax.records import Record
+from adhesion_jax.measured.law import Law, LawPeak, peak_of
+from adhesion_jax.measured.noise import (
+    MISFITS,
+    Allowed,
+    Products,
+    RunNoise,
+    estimated,
+    inverse,
+    left_out,
+    normal_equations,
+    solve,
+    whitened,
+)
+from adhesion_jax.measured.points import Points, Span, products, weights
+from adhesion_jax.measured.start import parameters_at, stretch_at
 
 #: Largest slip at which a peak is searched if slip is a velocity, m/s.
 SLIP_VELOCITY_LIMIT = 10.0
 
-#: Polach's curve with falling friction has two valleys: of 48 noisy records a population of 50
-#: with F = .6 ended in the wrong one in 15, one of 100 with F = .8 in 1, these in none.
-_POPULATION, _SCALE, _CROSSOVER = 200, 0.9, 0.9
-_GENERATIONS, _SPREAD, _SEED = 2000, 1e-8, 0
+#: Largest number of evaluations of the curve at all points.
+_MOST_STEPS = 30
 
-#: Largest number of steps of Levenberg-Marquardt.
-_STEPS = 500
+#: A fit has converged after a step that promises to lower half the deviance by less than this: of
+#: less than a twentieth of a standard error.
+_NEAR = 1e-3
 
-#: Largest number of points of the search, chosen evenly in slip; the final fit uses all points.
-_SEARCH_POINTS = 1000
+#: The noise is estimated anew after steps that promise more than this.
+_FAR = 1e-2
 
-#: A parameter lies on its bound if moving it there raises the misfit by at most this share.
-_FREE_OF_COST = 1e-9
+#: A step may raise the deviance by this: the level that the scatter of the runs multiplies is
+#: taken as known in a step, and changes a little with it.
+_TOLERATED = 1e-3
+
+#: Turns in which the weights of points of noisy slip are found. They follow from the slope of the
+#: start and are then kept: with its own slope a curve could widen its own noise (variance function
+#: by a preliminary estimate: Carroll and Ruppert 1988, chapter 3).
+_WEIGHTINGS = 2
 
 #: A parameter has no influence if its whole range changes adhesion by less than this (rms).
 _NO_INFLUENCE = 1e-7
 
-#: A fit has converged if the next step is below this share of the standard errors.
-_STEP_LEFT = 1e-3
-
 #: A residual below this share of the adhesion is due to the rounding of numbers, not to noise.
 EXACT = 1e-10
 
+#: Share of the largest slip at which the functions of the misfit are densest, without a peak.
+_MIDDLE = 0.2
+
 
 class MeasuredFit(NamedTuple):
-    """The least squares fit of one curve to a record, with errors and status.
+    """The fit of one curve under the noise of greatest restricted likelihood; see `noise`.
 
-    Noise is taken as independent, of one unknown variance SSE/(n - p), p the parameters that are
-    not held. A parameter that is held (on its bound, or without influence) has no standard error
-    (NaN); the others have those of a fit with that parameter known.
+    The law is the curve with what it misses. A parameter that is held (on its bound, or without
+    influence) has no standard error (NaN); the others have those of a fit with that parameter
+    known.
     """
 
     curve: Curve  # with the fitted values of its free parameters
@@ -59,15 +70,30 @@ class MeasuredFit(NamedTuple):
     slip_limit: float  # largest slip at which the peak was searched
     slip_unit: str
     points: int
-    sum_of_squares: float
-    parameters: Float[np.ndarray, " free"]
-    covariance: Float[np.ndarray, "free free"]  # zero where held
+    sum_of_squares: float  # of the residual of the curve
+    noise: RunNoise
+    misfit: float  # what the curve misses: its root mean square over the points, relative
+    law: Law
     on_bound: Bool[np.ndarray, " free"]
     no_influence: Bool[np.ndarray, " free"]
-    peak: Peak
+    peak: LawPeak
     slip_opt_se: float  # NaN where there is no peak
     mu_max_se: float
+    degrees: float  # of freedom of the standard errors
+    effective: float  # independent points without scatter or misfit that would tell as much
+    left_out: Float[np.ndarray, " parts"]  # log density of each part, given the others
+    products: Products
     converged: bool
+
+    @property
+    def parameters(self) -> Float[np.ndarray, " free"]:
+        return self.law.parameters
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "free free"]:
+        """Of the parameters; zero where held."""
+        count = self.parameters.size
+        return self.law.covariance[:count, :count]
 
     @property
     def held(self) -> Bool[np.ndarray, " free"]:
@@ -78,13 +104,18 @@ class MeasuredFit(NamedTuple):
         return np.where(self.held, np.nan, np.sqrt(np.diagonal(self.covariance)))
 
     @property
+    def run_scatter(self) -> float:
+        """Standard deviation of the levels of the runs, relative."""
+        return self.noise.sigma * float(np.sqrt(self.noise.scatter))
+
+    @property
     def rms(self) -> float:
         """sqrt(SSE/n)."""
         return float(np.sqrt(self.sum_of_squares / self.points))
 
     @property
     def bic(self) -> float:
-        """Bayes' information criterion: n ln(SSE/n) + (p + 1) ln n.
+        """Bayes' information criterion for independent points: n ln(SSE/n) + (p + 1) ln n.
 
         p counts all free parameters, held or not, and the one more is the noise variance.
         Schwarz 1978, Ann. Statist. 6:461-464, less the constants that all curves share.
@@ -96,9 +127,14 @@ class MeasuredFit(NamedTuple):
         )
 
     @property
+    def log_density(self) -> float:
+        """Of all parts, each given the others: the larger, the better the curve predicts them."""
+        return float(np.sum(self.left_out))
+
+    @property
     def quantile(self) -> float:
-        """Half the width of a 95 % interval in standard errors: Student's t with n - p."""
-        return float(stdtrit(self.points - np.sum(~self.held), 0.975))
+        """Half the width of a 95 % interval in standard errors."""
+        return float(stdtrit(self.degrees, 0.975))
 
     @property
     def status(self) -> Status:
@@ -113,188 +149,198 @@ class MeasuredFit(NamedTuple):
         return Status.ON_BOX if np.any(self.held) else Status.TRUSTED
 
 
-def fit_measured(curve: Curve, record: Record, slip_is_velocity: bool) -> MeasuredFit:
-    """The curve of least squares over its physical box, whatever the start.
+def missing_columns(curve: Curve, columns: Mapping[str, object]) -> tuple[str, ...]:
+    """The columns without which the curve cannot be evaluated."""
+    return tuple(name for name in curve.NEEDS if name not in columns)
 
-    Differential evolution over the whole box, then Levenberg-Marquardt from its best. Parameters
-    with a positive lower bound are searched on a logarithmic scale. `record` must hold the
-    conditions the curve NEEDS.
+
+class _State(NamedTuple):
+    """The sums of products at a place."""
+
+    share: Float[np.ndarray, " free"]
+    products: Products
+    squares: float
+
+
+def fitted(
+    curve: Curve, start: Float[np.ndarray, " free"], points: Points, slip_is_velocity: bool
+) -> MeasuredFit:
+    """The curve nearest to the points under their noise, within its box, from a near start.
+
+    `start` and the steps are in shares of the box. Levenberg and Marquardt's steps, the noise
+    estimated anew after each.
     """
-    return fit_all({"": curve}, record, slip_is_velocity)[""]
-
-
-class _Problem(NamedTuple):
-    """The arguments of `_fit`."""
-
-    curve: Curve
-    slip: Float[Array, " points"]
-    adhesion: Float[Array, " points"]
-    conditions: Mapping[str, Float[Array, " points"]]
-    chosen: Int[Array, " search"]
-    medians: Mapping[str, Scalar]
-    slip_limit: Scalar
-
-
-def _problem(curve: Curve, record: Record, slip_is_velocity: bool) -> _Problem:
-    conditions = {name: record.conditions[name] for name in curve.NEEDS}
-    medians = {name: float(np.median(column)) for name, column in conditions.items()}
     limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
-    order = np.argsort(np.abs(np.asarray(record.slip)), kind="stable")
-    chosen = jnp.asarray(order[:: -(-order.size // _SEARCH_POINTS)])
-    return _Problem(curve, record.slip, record.adhesion, conditions, chosen, medians, limit)
+    medians = {name: float(np.median(points.conditions[name])) for name in curve.NEEDS}
+    largest = float(max(points.slip.max(), -points.slip.min(), np.finfo(float).tiny))
+    span = _span(curve, parameters_at(curve, start), medians, limit, largest)
+    floor = (EXACT * float(np.sqrt(np.mean(points.adhesion**2)))) ** 2
+
+    weight = np.broadcast_to(1.0, points.slip.shape)
+
+    def at(share: np.ndarray) -> _State:
+        there, stretch = parameters_at(curve, share), stretch_at(curve, share)
+        return _State(share, *products(points, curve, there, stretch, span, weight))
+
+    state = at(start)
+    felt = _felt(state.products)
+
+    def noise_at(state: _State, near: RunNoise | None) -> RunNoise:
+        free = felt & (state.share > 0) & (state.share < 1)
+        allowed = Allowed(free, points.ordered, points.several)
+        return estimated(state.products, allowed, floor, near)
+
+    noise = noise_at(state, None)
+    for _ in range(_WEIGHTINGS if points.slip_noise.any() else 0):
+        weight = weights(points, curve, parameters_at(curve, start), noise.sigma)
+        state = at(start)
+        noise = noise_at(state, None)
+    damping, converged = 1e-3, False
+    for _ in range(_MOST_STEPS):
+        share, promised = _step(state, noise, felt, 0.0)
+        converged = promised < _NEAR
+        if not converged:
+            share, _ = _step(state, noise, felt, damping)
+        trial = at(share)
+        now, then = (whitened(one.products, noise)[-1, -1] for one in (state, trial))
+        if then <= now + _TOLERATED * noise.sigma**2:
+            state, damping = trial, 0.2 * damping
+            if promised > _FAR:
+                noise = noise_at(state, noise)
+        else:
+            damping = max(10 * damping, 1e-3)
+        if converged:
+            break
+    noise = noise_at(state, noise)
+    return _described(curve, state, noise, felt, points, span, medians, limit, converged)
 
 
-def _measured_fit(problem: _Problem, found: tuple, slip_is_velocity: bool) -> MeasuredFit:
-    *estimated, peak, peak_se, converged = found
-    parameters, covariance, bound, unfelt, objective = map(np.asarray, estimated)
-    slip_opt_se, mu_max_se = np.asarray(peak_se).tolist()
+def _span(
+    curve: Curve, parameters: np.ndarray, medians: Mapping[str, float], limit: float, largest: float
+) -> Span:
+    """Densest about the peak of the curve, if that lies among the points."""
+    usual = Span(1.0, _MIDDLE * largest, largest)
+    lean, none = np.zeros((parameters.size, MISFITS)), np.zeros(MISFITS)
+    everything = parameters.size + MISFITS
+    bare = Law(curve, parameters, none, lean, np.zeros((everything,) * 2), usual, medians)
+    peak = peak_of(bare, limit)
+    middle = peak.slip if peak.found and peak.slip < largest else usual.middle
+    return Span(peak.adhesion if peak.adhesion > 0 else 1.0, middle, largest)
+
+
+def _felt(found: Products) -> np.ndarray:
+    squares = np.diagonal(found.parts[:2].sum(axis=(0, 1)))[: found.derivatives]
+    return np.sqrt(squares / found.points.sum()) >= _NO_INFLUENCE
+
+
+def _step(
+    state: _State, noise: RunNoise, felt: np.ndarray, damping: float
+) -> tuple[np.ndarray, float]:
+    """Shares one step ahead within the box, and by how much half the deviance is to fall."""
+    white = whitened(state.products, noise)
+    share, free = state.share, felt.copy()
+    step = np.zeros(share.size)
+    for _ in range(share.size):
+        matrix, right, used = normal_equations(white, 0.0, free)
+        matrix[np.diag_indices(used.size)] *= 1 + damping
+        step[:] = 0.0
+        step[free] = solve(matrix, right)
+        out = free & (((share <= 0) & (step < 0)) | ((share >= 1) & (step > 0)))
+        if not out.any():
+            break
+        free &= ~out
+    new = np.clip(share + step, 0.0, 1.0)
+    gradient = white[: share.size, -1]
+    return new, 0.5 * abs(float((new - share) @ gradient)) / noise.sigma**2
+
+
+def _described(
+    curve: Curve,
+    state: _State,
+    noise: RunNoise,
+    felt: np.ndarray,
+    points: Points,
+    span: Span,
+    medians: Mapping[str, float],
+    limit: float,
+    converged: bool,
+) -> MeasuredFit:
+    share, found = state.share, state.products
+    bound = felt & ((share <= 0) | (share >= 1))
+    inside = felt & ~bound
+    parameters, stretch = parameters_at(curve, share), stretch_at(curve, share)
+
+    def law_under(noise: RunNoise) -> Law:
+        lean, missed, covariance = _misfit(whitened(found, noise), noise, inside)
+        scale = np.concatenate([stretch, np.ones(MISFITS)])
+        covariance = covariance * scale[:, None] * scale
+        return Law(curve, parameters, missed, lean * stretch[:, None], covariance, span, medians)
+
+    def variance_under(noise: RunNoise) -> float:
+        return float(peak.by_law @ law_under(noise).covariance @ peak.by_law)
+
+    law = law_under(noise)
+    peak = peak_of(law, limit)
+    of_level = variance_under(noise)
+
+    # Shares of the variance that the levels of the runs and the misfit have, each known no better
+    # than by its own number of degrees of freedom (Satterthwaite 1946, Biometrics Bull. 2:110-114).
+    tiny = np.finfo(float).tiny
+    without = np.array(
+        [variance_under(noise._replace(**{part: 0.0})) for part in ("scatter", "misfit")]
+    )
+    shares = np.clip(1 - without / max(of_level, tiny), 0.0, 1.0)
+    rest = 1 - min(shares.sum(), 1.0)
+    count, r = points.slip.size, noise.autocorrelation
+    independent = max(count * (1 - r) / (1 + r) - inside.sum(), 1.0)
+    own = (max(points.runs - 1, 1), MISFITS, independent)
+    degrees = 1 / np.sum(np.array([*shares, rest]) ** 2 / own)
+    white = variance_under(RunNoise(noise.sigma, 0.0, 0.0, 0.0))
+    both = found.parts[:2].sum(axis=(0, 1))
+    factors = np.concatenate([-law.lean / stretch[:, None] @ law.missed, law.missed])
+    missed = factors @ both[:-2, :-2] @ factors
     return MeasuredFit(
-        with_free_values(problem.curve, parameters),
-        {name: float(value) for name, value in problem.medians.items()},
-        float(problem.slip_limit),
-        " m/s" if slip_is_velocity else "",
-        problem.slip.size,
-        float(objective),
-        parameters,
-        covariance,
+        with_free_values(curve, parameters),
+        medians,
+        limit,
+        " m/s" if limit == SLIP_VELOCITY_LIMIT else "",
+        count,
+        state.squares,
+        noise,
+        float(np.sqrt(missed / max(both[-2, -2], tiny))),
+        law,
         bound,
-        unfelt,
+        ~felt,
         peak,
-        slip_opt_se,
-        mu_max_se,
-        bool(converged),
+        float(np.sqrt(peak.by_slip @ law.covariance @ peak.by_slip)) if peak.found else np.nan,
+        float(np.sqrt(of_level)),
+        float(degrees),
+        float(count * min(white / max(of_level, tiny), 1.0)),
+        left_out(found, noise, inside),
+        found,
+        converged,
     )
 
 
-def fit_all(
-    curves: Mapping[str, Curve], record: Record, slip_is_velocity: bool
-) -> dict[str, MeasuredFit]:
-    """Every curve that can be evaluated on the record, by name, in the order of `curves`."""
-    problems = {
-        name: _problem(curve, record, slip_is_velocity)
-        for name, curve in curves.items()
-        if not missing_columns(curve, record)
-    }
+def _misfit(
+    white: np.ndarray, noise: RunNoise, inside: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the misfit has in common with the curve, its factors, and the covariance of both.
 
-    def fitted(problem: _Problem) -> MeasuredFit:
-        return _measured_fit(problem, _fit(*problem), slip_is_velocity)
-
-    with runtime.threads() as pool:  # nearly all the time is compilation
-        return dict(zip(problems, pool.map(fitted, problems.values()), strict=True))
-
-
-def missing_columns(curve: Curve, record: Record) -> tuple[str, ...]:
-    """The columns without which the curve cannot be evaluated on this record."""
-    return tuple(name for name in curve.NEEDS if name not in record.conditions)
-
-
-def confidence_band(
-    fit: MeasuredFit, slip: Float[Array, " points"]
-) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """The curve and half the width of its pointwise 95 % band, by the delta method."""
-    adhesion, error = _band(fit.curve, jnp.asarray(fit.covariance), slip, fit.conditions)
-    return np.asarray(adhesion), fit.quantile * np.asarray(error)
-
-
-def _box_share_to_parameters(
-    curve: Curve, share: Float[Array, "free ..."]
-) -> Float[Array, "free ..."]:
-    lower, upper = (jnp.expand_dims(b, range(1, share.ndim)) for b in physical_box(curve))
-    logarithmic = lower > 0
-    ratio = jnp.where(logarithmic, upper, 1.0) / jnp.where(logarithmic, lower, 1.0)
-    return jnp.where(logarithmic, lower * ratio**share, lower + (upper - lower) * share)
-
-
-# Compiling takes many times as long as running: unoptimised and without the fusion emitters, of the
-# six curves together, 11 CPU-seconds instead of 37, and running 2.4 instead of 1.2.
-@kept(compiler={"xla_backend_optimization_level": "0", **QUICKLY})
-def _fit(
-    curve: Curve,
-    slip: Float[Array, " points"],
-    adhesion: Float[Array, " points"],
-    conditions: Mapping[str, Float[Array, " points"]],
-    chosen: Int[Array, " search"],
-    medians: Mapping[str, Scalar],
-    slip_limit: Scalar,
-) -> tuple[Array, Array, Array, Array, Array, Peak, Array, Array]:
-    zero, one = jnp.zeros(len(curve.free)), jnp.ones(len(curve.free))
-
-    def misfit(parameters: Float[Array, " free"]) -> Float[Array, " points"]:
-        return with_free_values(curve, parameters)(slip, conditions) - adhesion
-
-    def misfit_of_share(share: Float[Array, " free"]) -> Float[Array, " points"]:
-        return misfit(_box_share_to_parameters(curve, share))
-
-    few = {name: column[chosen] for name, column in conditions.items()}
-
-    def objective(share: Float[Array, "free members"]) -> Float[Array, " members"]:
-        def one_member(parameters: Float[Array, " free"]) -> Float[Array, ""]:
-            model = with_free_values(curve, parameters)(slip[chosen], few)
-            return jnp.sum((model - adhesion[chosen]) ** 2)
-
-        value = jax.vmap(one_member, in_axes=1)(_box_share_to_parameters(curve, share))
-        # A denominator may vanish inside the box: such a curve counts as worse than any other.
-        return jnp.where(jnp.isfinite(value), value, jnp.inf)
-
-    population_key, search_key = jax.random.split(jax.random.key(_SEED))
-    settings = de.Settings(
-        scale=jnp.asarray(_SCALE),
-        crossover=jnp.asarray(_CROSSOVER),
-        reflect=jnp.asarray(True),
-        tolerance=jnp.asarray(_SPREAD),
-    )
-    population = jax.random.uniform(population_key, (len(curve.free), _POPULATION))
-    search = de.minimise(objective, population, zero, one, search_key, settings, _GENERATIONS)
-    polished = levenberg_marquardt(misfit_of_share, search.x, zero, one, _STEPS)
-    improved = polished.objective <= jnp.sum(misfit_of_share(search.x) ** 2)
-    share = jnp.where(improved, polished.x, search.x)
-
-    snapped = jnp.where(on_bound(share, zero, one), jnp.round(share), share)
-    at_bound = jnp.sum(misfit_of_share(snapped) ** 2)
-    inside = jnp.sum(misfit_of_share(share) ** 2)
-    free_of_cost = at_bound <= inside * (1 + _FREE_OF_COST)
-    bound = on_bound(share, zero, one) & free_of_cost
-    share = jnp.where(bound, snapped, share)
-
-    parameters = _box_share_to_parameters(curve, share)
-    sensitivity = jax.jacfwd(misfit_of_share)(share)
-    unfelt = ~bound & (jnp.sqrt(jnp.mean(sensitivity**2, axis=0)) < _NO_INFLUENCE)
-    free = ~bound & ~unfelt
-    sum_of_squares = jnp.sum(misfit(parameters) ** 2)
-    variance = sum_of_squares / jnp.maximum(slip.size - jnp.sum(free), 1)
-    # Held parameters are removed: their rows and columns become those of the identity.
-    information = jnp.where(jnp.outer(free, free), sensitivity.T @ sensitivity, 0.0)
-    information = information + jnp.diag(jnp.where(free, 0.0, 1.0))
-    of_share = jnp.where(jnp.outer(free, free), variance * inverse_information(information), 0.0)
-    stretch = jax.jacfwd(lambda share: _box_share_to_parameters(curve, share))(share)
-    covariance = stretch @ of_share @ stretch.T
-
-    def peak_values(parameters: Float[Array, " free"]) -> Float[Array, "2"]:
-        peak = with_free_values(curve, parameters).peak(medians, slip_limit)
-        return jnp.stack([peak.slip, peak.adhesion])
-
-    peak = with_free_values(curve, parameters).peak(medians, slip_limit)
-    # The derivative by a parameter that is held may not be a number, and is not needed.
-    by_parameter = jnp.where(free, jax.jacfwd(peak_values)(parameters), 0.0)
-    peak_se = jnp.sqrt(jnp.diagonal(by_parameter @ covariance @ by_parameter.T))
-    # Without a peak the slip of the largest adhesion is an end of the range, not an estimate.
-    peak_se = jnp.stack([jnp.where(peak.found, peak_se[0], jnp.nan), peak_se[1]])
-    # Gauss-Newton's next step, squared and in standard errors: g' C g / s^4 with g = J'e.
-    gradient = sensitivity.T @ misfit(parameters) / variance
-    converged = gradient @ of_share @ gradient <= _STEP_LEFT**2
-    # Points that lie on the curve to rounding leave no noise to measure the step by.
-    converged = converged | (sum_of_squares <= EXACT**2 * jnp.sum(adhesion**2))
-    return parameters, covariance, bound, unfelt, sum_of_squares, peak, peak_se, converged
-
-
-@kept()
-def _band(
-    curve: Curve,
-    covariance: Float[Array, "free free"],
-    slip: Float[Array, " points"],
-    conditions: Mapping[str, Scalar],
-) -> tuple[Array, Array]:
-    values = jnp.stack([getattr(curve, name) for name in curve.free])
-    jacobian = jax.jacfwd(lambda v: with_free_values(curve, v)(slip, conditions))(values)
-    error = jnp.sqrt(jnp.einsum("ni,ij,nj->n", jacobian, covariance, jacobian))
-    return curve(slip, conditions), error
+    The functions of the misfit less `lean` times the derivatives are orthogonal to these under the
+    noise: the curve is then the nearest one, whatever it misses. The covariance is that of shares
+    and factors, zero where held.
+    """
+    count = inside.size
+    lean, missed = np.zeros((count, MISFITS)), np.zeros(MISFITS)
+    covariance = np.zeros((count + MISFITS, count + MISFITS))
+    matrix, _, used = normal_equations(white, 0.0, inside)
+    own = inverse(matrix)
+    covariance[used[:, None], used] = noise.sigma**2 * own
+    if noise.misfit > 0:
+        lean[used] = own @ white[used, count:-2]
+        both, right, _ = normal_equations(white, noise.misfit, inside)
+        of_misfit = inverse(both)[used.size :, used.size :]
+        covariance[count:, count:] = noise.sigma**2 * of_misfit
+        missed = solve(both, right)[used.size :]
+    return lean, missed, covariance

@@ -14,7 +14,6 @@ from adhesion_jax import runtime
 from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier, State, Status
-from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.log import Log
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Known, Record
@@ -35,6 +34,9 @@ _START_ADHESION, _START_SHARE = 0.3, 0.1
 #: The box: a peak at a slip down to this share of the largest one, and down to this adhesion.
 _LEAST_SHARE, _LEAST_ADHESION = 0.005, 0.01
 
+#: The relative standard errors of a curve whose form is right.
+NO_FORM = {"mu_max": 0.0, "slip_opt": 0.0}
+
 #: Half the width of a 95 % band in standard errors.
 QUANTILE = 1.96
 
@@ -48,8 +50,9 @@ class Followed(NamedTuple):
     `estimates` has a row a checkpoint, a reset and a change of status, in the order of the samples:
     `sample` (of the log, from 0), mu_max and slip_opt with their standard errors, `status`, `reset`
     (whether the past was given up at this sample), `resets` and `skipped`, both counted up to it.
-    The standard errors contain what the uncertainty of the initial slope makes of them, and are
-    larger by `widening` than those of the method, which takes the noise as independent.
+    The standard errors are those of the method, which takes the noise as independent, times
+    `widening`; in quadrature come what the uncertainty of the initial slope and what the form of
+    the curve make.
     """
 
     estimates: pd.DataFrame
@@ -98,31 +101,40 @@ def refusal(method: Identifier) -> str | None:
 def follow_log(
     methods: Mapping[str, Identifier],
     log: Log,
-    initial_slope: InitialSlope,
+    slopes: Float[np.ndarray, " lanes"],
+    form: Mapping[str, float] = NO_FORM,
     report: Callable[[int], object] = runtime.silent,
 ) -> dict[str, Followed]:
-    """Every method over the samples used, by name; `report` is told how many more are done."""
-    lanes = [known_of(value, log.slip_limit) for value in initial_slope.plausible]
+    """Every method over the samples used, by name; `report` is told how many more are done.
+
+    `slopes` are the initial slope and, where it is uncertain, one standard error below and above
+    it. `form` has the relative standard errors that the form of the curve makes.
+    """
+    lanes = [known_of(value, log.slip_limit) for value in slopes.tolist()]
     known = jax.tree.map(lambda *values: np.stack([np.asarray(v) for v in values]), *lanes)
 
     def followed(method: Identifier) -> Followed:
-        return _follow(method, known, log, report)
+        return _follow(method, known, log, form, report)
 
     with runtime.threads() as pool:
         return dict(zip(methods, pool.map(followed, methods.values()), strict=True))
 
 
 def _follow(
-    method: Identifier, known: Known, log: Log, report: Callable[[int], object]
+    method: Identifier,
+    known: Known,
+    log: Log,
+    form: Mapping[str, float],
+    report: Callable[[int], object],
 ) -> Followed:
     columns = (log.slip[log.used], log.adhesion[log.used], np.ones(log.used.size, bool), log.starts)
     checkpoints = np.unique(np.linspace(0, log.used.size - 1, CHECKPOINTS).astype(int))
-    form = jax.tree.structure(jax.eval_shape(_carried, method, known))
+    structure = jax.tree.structure(jax.eval_shape(_carried, method, known))
     leaves = _begun(method, known)
     told: list[dict[str, np.ndarray]] = []
     seconds = 0.0
     for begin in range(0, log.used.size, CHUNK):
-        carry = jax.tree.unflatten(form, leaves)
+        carry = jax.tree.unflatten(structure, leaves)
         arguments = (
             method,
             known,
@@ -138,7 +150,7 @@ def _follow(
         told.append(_rows({"sample": begin + np.arange(count), **made}, checkpoints))
         report(count)
 
-    tally: _Tally = jax.tree.unflatten(form, leaves)[1]
+    tally: _Tally = jax.tree.unflatten(structure, leaves)[1]
     rows = _rows(
         {name: np.concatenate([one[name] for one in told]) for name in told[0]}, checkpoints
     )
@@ -149,7 +161,7 @@ def _follow(
     held = min(max(correlation, 0.0), _MOST_ALIKE)
     widening = float(np.sqrt((1 + held) / (1 - held)))
     return Followed(
-        _table(rows, log, widening),
+        _table(rows, log, widening, form),
         int(tally.resets),
         int(tally.skipped),
         int(tally.trusted),
@@ -176,9 +188,13 @@ def _rows(
     return {name: column[keep] for name, column in told.items()}
 
 
-def _table(rows: Mapping[str, np.ndarray], log: Log, widening: float) -> pd.DataFrame:
+def _table(
+    rows: Mapping[str, np.ndarray], log: Log, widening: float, form: Mapping[str, float]
+) -> pd.DataFrame:
     def error(name: str) -> np.ndarray:
-        return np.hypot(widening * rows[f"{name}_se"], rows[f"{name}_by_slope"])
+        noise, slope = widening * rows[f"{name}_se"], rows[f"{name}_by_slope"]
+        with np.errstate(invalid="ignore"):  # an estimate may be infinite
+            return np.sqrt(noise**2 + slope**2 + (form[name] * rows[name]) ** 2)
 
     return pd.DataFrame(
         {

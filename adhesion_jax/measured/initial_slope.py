@@ -1,5 +1,6 @@
-"""The initial slope of Kiencke's curve, which the online methods have to be told."""
+"""The initial slope of Kiencke's curve, which online methods are told, and what its form misses."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -7,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from adhesion_jax.curves import CURVES
-from adhesion_jax.measured.fit import MeasuredFit, fit_measured
+from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.log import Log
-from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.records import Record
 
 #: Cells of equal width in the root of |slip| from 0 to the largest, and the most samples of a cell:
@@ -19,15 +20,35 @@ _CELLS, _OF_A_CELL = 60, 40
 #: A standard error above this share of the slope is taken as this share: the slope is positive.
 _WIDEST = 0.8
 
+#: The form of the curve that the methods have, and another one.
+_FORM, _OTHER = "kiencke", "burckhardt"
+
 
 class InitialSlope(NamedTuple):
-    """Adhesion per slip near slip 0, and the fit that it is of; none where it was given."""
+    """Adhesion per slip near slip 0, a0 of Kiencke's curve, and what a log says of that curve.
+
+    `form` has the standard error that the form of the curve makes, relative to mu_max and to
+    slip_opt: sqrt(w) d, d the relative difference of the peak of Burckhardt's curve from that of
+    Kiencke's, both fitted to the log, and w its weight by BIC, 1/(1 + exp(half the difference)).
+    Source of the weights: Kass and Raftery 1995, J. Am. Stat. Assoc. 90:773-795.
+    """
 
     value: float
     standard_error: float  # 0 where it was given
-    fit: MeasuredFit | None
-    left: Residual | None
-    samples: int  # that it was fitted to
+    given: bool
+    fit: MeasuredFit  # of Kiencke's curve, a0 among what is fitted
+    other: MeasuredFit  # of Burckhardt's
+    form: Mapping[str, float]
+    samples: int  # that they were fitted to
+
+    @property
+    def fitted(self) -> tuple[float, float]:
+        """The slope of the fit, and its standard error."""
+        place = self.fit.curve.free.index("a0")
+        value = float(self.fit.parameters[place])
+        error = float(self.fit.standard_errors[place])
+        # Without a standard error of its own (on its bound, without influence) it is hardly known.
+        return value, error if np.isfinite(error) else _WIDEST * value
 
     @property
     def plausible(self) -> Float[np.ndarray, " lanes"]:
@@ -41,35 +62,42 @@ class InitialSlope(NamedTuple):
         return self.value * np.exp(share * np.array([0.0, -1.0, 1.0]))
 
 
-def given(value: float) -> InitialSlope:
-    return InitialSlope(value, 0.0, None, None, 0)
+def initial_slope(log: Log, given: float | None = None) -> InitialSlope:
+    """The slope that was given, or a0 of Kiencke's curve fitted to samples of those used.
 
-
-def estimated(log: Log) -> InitialSlope:
-    """a0 of Kiencke's curve, all three parameters free, by least squares over the samples used.
-
-    They are chosen evenly in the root of |slip|, `_OF_A_CELL` at most of each of `_CELLS`
-    cells. InputError where these are too few, or where the fit gives no slope.
+    They are chosen evenly in the root of |slip|, `_OF_A_CELL` at most of each of `_CELLS` cells.
     """
     chosen = log.used[_chosen(np.abs(log.slip[log.used]))]
     slip, adhesion = jnp.asarray(log.slip[chosen]), jnp.asarray(log.adhesion[chosen])
     every = jnp.ones(chosen.size, dtype=bool)
     record = Record(slip, adhesion, every, every, {})
-    fit = fit_measured(CURVES["kiencke"], record, log.slip_is_velocity)
-    place = fit.curve.free.index("a0")
-    error = float(fit.standard_errors[place])
-    left = residual_structure(fit, record, np.zeros(chosen.size, dtype=int))
-    value = float(fit.parameters[place])
-    # Without a standard error of its own (on its bound, without influence) it is hardly known.
-    return InitialSlope(
-        value, error if np.isfinite(error) else _WIDEST * value, fit, left, chosen.size
-    )
+    curves = {name: CURVES[name] for name in (_FORM, _OTHER)}
+    one_run = np.zeros(chosen.size, dtype=int)
+    fits = fit_curves(curves, record, one_run, log.slip_is_velocity, slip_noise=0.0).curves
+    fit, other = fits[_FORM], fits[_OTHER]
+    found = InitialSlope(0.0, 0.0, given is not None, fit, other, _form(fit, other), chosen.size)
+    value, error = found.fitted if given is None else (given, 0.0)
+    return found._replace(value=value, standard_error=error)
+
+
+def _form(fit: MeasuredFit, other: MeasuredFit) -> dict[str, float]:
+    if not (fit.peak.found and other.peak.found):
+        return {"mu_max": 0.0, "slip_opt": 0.0}
+    weight = 1 / (1 + np.exp(np.clip((other.bic - fit.bic) / 2, -700, 700)))
+    pairs = {
+        "mu_max": (fit.peak.adhesion, other.peak.adhesion),
+        "slip_opt": (fit.peak.slip, other.peak.slip),
+    }
+    return {
+        name: float(np.sqrt(weight) * abs(float(second) / float(first) - 1))
+        for name, (first, second) in pairs.items()
+    }
 
 
 def _chosen(size: Float[np.ndarray, " samples"]) -> Int[np.ndarray, " chosen"]:
     """Samples in their order, spread evenly over each cell of the root of |slip|."""
     top = float(size.max())
-    cell = np.minimum((np.sqrt(size / top) * _CELLS).astype(int), _CELLS - 1)
+    cell = np.minimum((np.sqrt(size / top) * _CELLS).astype(np.int8), _CELLS - 1)
     order = np.argsort(cell, kind="stable")
     count = np.bincount(cell, minlength=_CELLS)
     begin = np.cumsum(count) - count

@@ -16,8 +16,9 @@ from adhesion_jax.measured.fit import SLIP_VELOCITY_LIMIT
 _FEWEST = 1000
 
 #: A sample of a slip event is used where the slip exceeds this multiple of its noise: nearer to
-#: zero, noise in the slip looks like a curve with its peak there.
-_NOISES = 5.0
+#: zero, noise in the slip looks like a curve with its peak there. With 5 riv gave up its past
+#: falsely in 8 of 12 simulated logs of five events, with 10 and with 20 in none.
+_NOISES = 10.0
 
 #: That noise is what is left when the mean over this time is taken off: what a driver asks for
 #: changes more slowly.
@@ -73,8 +74,11 @@ def to_log(measured: Measured, wanted: bool | None = None) -> Log:
     else:
         order, time, words = _in_time(clock, runs)
 
+    in_order = bool(np.all(order[1:] > order[:-1]))  # as most logs are: nothing is copied
+
     def column(name: str) -> Float[np.ndarray, " samples"]:
-        return table[name].to_numpy(float)[order]
+        values = table[name].to_numpy(float)
+        return values if in_order else values[order]
 
     slip, sentences = column(measured.slip), [words]
     speed = column("vehicle_speed_mps") if "vehicle_speed_mps" in table else None

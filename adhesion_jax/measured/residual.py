@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from adhesion_jax.curves import adhesion_of
 from adhesion_jax.measured.fit import MeasuredFit
@@ -38,14 +38,10 @@ class Residual(NamedTuple):
     points_behind: int
     slope: float  # of the residual against slip, beyond the peak; NaN with too few points
     slope_se: float
-    #: Correlation of consecutive residuals of a run; NaN where the record has no time_s.
-    lag_one: float
 
 
-def residual_structure(
-    fit: MeasuredFit, record: Record, runs: Int[np.ndarray, " points"]
-) -> Residual:
-    """The residual of one fit. `runs` is the number of the run of each point."""
+def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
+    """The residual of one fit."""
     measured_slip = np.asarray(record.slip)
     size = np.abs(measured_slip)
     side = np.where(measured_slip < 0, -1.0, 1.0)
@@ -60,10 +56,11 @@ def residual_structure(
     ratio = np.sum(np.diff(centred) ** 2) / max(np.sum(centred**2), np.finfo(float).tiny)
     deviation = 2 * np.sqrt((points - 2) / (points**2 - 1))
 
-    behind = float(fit.peak.slip) if fit.peak.found else np.inf
-    if behind >= slip[-1]:
-        model = adhesion - residual
-        behind = float(slip[np.argmax(model >= _SHOULDER * model.max())])
+    model = adhesion - residual
+    top = int(np.argmax(model))
+    if slip[top] == slip[-1]:  # no peak of the curve among the points
+        top = int(np.argmax(model >= _SHOULDER * model.max()))
+    behind = float(slip[top])
     after = slip > behind
     slope, slope_se = _slope(slip[after], residual[after])
     return Residual(
@@ -77,7 +74,6 @@ def residual_structure(
         int(after.sum()),
         slope,
         slope_se,
-        _lag_one(side * left, runs) if "time_s" in record.conditions else np.nan,
     )
 
 
@@ -97,10 +93,3 @@ def _slope(slip: np.ndarray, residual: np.ndarray) -> tuple[float, float]:
     slope = np.sum(x * y) / np.sum(x**2)
     error = np.sqrt(np.sum((y - slope * x) ** 2) / (slip.size - 2) / np.sum(x**2))
     return float(slope), float(error)
-
-
-def _lag_one(residual: np.ndarray, runs: np.ndarray) -> float:
-    same = runs[1:] == runs[:-1]
-    products = np.sum(residual[1:][same] * residual[:-1][same])
-    squares = np.sqrt(np.sum(residual[1:][same] ** 2) * np.sum(residual[:-1][same] ** 2))
-    return float(products / squares) if squares > 0 else np.nan

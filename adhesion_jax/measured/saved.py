@@ -9,7 +9,7 @@ from adhesion_jax.curves import CURVES, Curve, with_free_values
 from adhesion_jax.errors import InputError
 
 
-def load_curve(path: Path, name: str | None = None) -> tuple[str, Curve]:
+def load_curve(path: Path, name: str | None = None) -> Curve:
     """The curve of this name in a curves.csv, or the one of the least BIC that has a peak there.
 
     InputError if the file holds no such curve.
@@ -39,7 +39,7 @@ def load_curve(path: Path, name: str | None = None) -> tuple[str, Curve]:
         raise _no_table(path) from None
     if not np.all(np.isfinite(values)):
         raise _no_table(path)
-    return name, with_free_values(known, values)
+    return with_free_values(known, values)
 
 
 def _no_table(path: Path) -> InputError:

@@ -50,14 +50,16 @@ def run_statistics(
 ) -> Mapping[str, Array]:
     """The statistics of each run, averaged over `blocks`; their means over runs are the metrics.
 
-    Failures are part of every mean. `switched` is the stretch whose delay belongs to the row.
+    Failures are part of every mean. `switched` is the stretch whose delay belongs to the row;
+    without one it is NaN.
     """
     b = list(blocks)
     error = outcome.values[:, b] - truth.values[b]
     half_width = truth.quantile[b][:, None] * outcome.standard_errors[:, b]
     gap = outcome.objective[:, b] - outcome.optimum[:, b]
     failed = outcome.unusable[:, b] | ~(gap <= FAILURE_GAP * truth.sigma**2 + _ROUNDING)
-    statistics = {
+    unknown = np.full(len(outcome.delay), np.nan)
+    return {
         "error": error.mean(axis=1),
         "squared_error": (error**2).mean(axis=1),
         "squared_bound": (truth.bound[:, b] ** 2).mean(axis=1),
@@ -66,19 +68,17 @@ def run_statistics(
         "optimum_on_box": outcome.optimum_on_box[:, b].mean(axis=1),
         "failed": failed.mean(axis=1),
         "evaluations": outcome.evaluations[:, b].mean(axis=1),
+        "delay": unknown if switched is None else outcome.delay[:, switched].astype(float),
     }
-    if switched is not None:
-        statistics["delay"] = outcome.delay[:, switched].astype(float)
-    return statistics
 
 
 def table_rows(
-    moments: Moments, truth: Truth, blocks: tuple[int, ...], seconds: Array
+    moments: Moments, truth: Truth, blocks: tuple[int, ...], seconds: Moments
 ) -> pd.DataFrame:
     """One row for each quantity, absolute and in the unit of the quantity.
 
     `delay_steps` is the mean delay after a switch in steps: samples of a stream, or blocks.
-    `seconds` is the time of one identification, given once for each part of the runs.
+    `seconds` are the moments of the time of one identification, over parts of the runs.
     """
     rmse = np.sqrt(moments.mean("squared_error"))
     rmse_se = moments.standard_error("squared_error") / (2 * np.where(rmse > 0, rmse, np.nan))
@@ -90,7 +90,6 @@ def table_rows(
     with np.errstate(divide="ignore", invalid="ignore"):
         efficiency = np.where(comparable, rmse / bound, np.nan)
         efficiency_se = np.where(comparable, rmse_se / bound, np.nan)
-    tracked = "delay" in moments.total
     return pd.DataFrame(
         {
             "quantity": truth.names,
@@ -108,13 +107,11 @@ def table_rows(
             "at_bound_share_se": float(moments.standard_error("on_box")),
             "failure_share": float(moments.mean("failed")),
             "failure_share_se": float(moments.standard_error("failed")),
-            "delay_steps": float(moments.mean("delay")) if tracked else np.nan,
-            "delay_steps_se": float(moments.standard_error("delay")) if tracked else np.nan,
+            "delay_steps": float(moments.mean("delay")),
+            "delay_steps_se": float(moments.standard_error("delay")),
             "runs": moments.runs,
-            "seconds_per_identification": np.mean(seconds),
-            "seconds_per_identification_se": (
-                np.std(seconds, ddof=1) / np.sqrt(len(seconds)) if len(seconds) > 1 else np.nan
-            ),
+            "seconds_per_identification": float(seconds.mean("seconds")),
+            "seconds_per_identification_se": float(seconds.standard_error("seconds")),
             "evaluations": float(moments.mean("evaluations")),
             "evaluations_se": float(moments.standard_error("evaluations")),
         }

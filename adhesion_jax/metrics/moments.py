@@ -38,6 +38,14 @@ class Moments(NamedTuple):
             {name: self.total_square[name] + other.total_square[name] for name in self.total},
         )
 
+    def at(self, place: int | tuple[int, ...]) -> "Moments":
+        """The moments at one place of the first axes of all statistics."""
+        return Moments(
+            self.runs,
+            {name: np.asarray(x[place]) for name, x in self.total.items()},
+            {name: np.asarray(x[place]) for name, x in self.total_square.items()},
+        )
+
     def mean(self, name: str) -> Array:
         return np.asarray(self.total[name] / self.runs)
 

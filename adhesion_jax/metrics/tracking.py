@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import NDArray
 
+from adhesion_jax.metrics.counts import quantile
+from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.records import Known
 
 #: The rail is tracked as long as the error of mu_max is below this share of its true value.
@@ -118,45 +120,67 @@ class Tracker(eqx.Module):
         )
 
 
-def _mean(x: NDArray[np.float64]) -> tuple[float, float]:
-    """Mean over runs and its standard error."""
-    error = np.std(x, ddof=1) / np.sqrt(len(x)) if len(x) > 1 else np.nan
-    return float(np.mean(x)), float(error)
+def delays(seen: Tracking) -> NDArray[np.int64]:
+    """The delay of each run and stretch, [runs, stretches], from arrays of that shape.
 
-
-def _median(x: NDArray[np.float64]) -> tuple[float, float]:
-    """Median over runs; its standard error from the order statistics half a deviation apart."""
-    reach = 0.5 * np.sqrt(len(x)) / len(x)
-    low, high = np.quantile(x, [max(0.5 - reach, 0), min(0.5 + reach, 1)])
-    return float(np.median(x)), float(high - low) / 2
-
-
-def tracking_row(seen: Tracking, stretch: int, unit: str) -> Mapping[str, object]:
-    """One row of the table: a method on one stretch, from arrays [runs, stretches].
-
-    `unit` is that of the criteria.
+    If tracked steps begin so near the end that the row stays too short, the stretch counts as never
+    tracked, and its delay is its length.
     """
-    at = {
-        name: np.asarray(x, dtype=float)[:, stretch]
-        for name, x in seen._asdict().items()
-        if np.ndim(x) == 2
+    return np.where(np.asarray(seen.settled) == 1, seen.delay, seen.length)
+
+
+def delay_counts(seen: Tracking, longest: int) -> NDArray[np.int64]:
+    """The number of runs with each delay from 0 to `longest`, [stretches, longest + 1]."""
+    return np.stack([np.bincount(of_one, minlength=longest + 1) for of_one in delays(seen).T])
+
+
+def tracking_statistics(seen: Tracking) -> Mapping[str, NDArray[np.float64]]:
+    """The statistics of each run and stretch whose means over runs are reported."""
+    resets, false_resets = np.asarray(seen.resets), np.asarray(seen.false_resets)
+    return {
+        "never_tracked_share": 1.0 - np.asarray(seen.settled),
+        "overshoot": np.asarray(seen.overshoot),
+        "missed_share": np.where(np.isnan(resets), np.nan, resets == 0),
+        "false_resets_per_1000": 1000 * false_resets / np.asarray(seen.length),
     }
-    length = at["length"][0]
+
+
+#: The names of `tracking_statistics` in the order of their columns.
+_FIGURES = ("never_tracked_share", "overshoot", "missed_share", "false_resets_per_1000")
+
+
+def tracking_row(
+    counts: NDArray[np.int64], moments: Moments, first: bool, unit: str
+) -> Mapping[str, object]:
+    """One row of the table: a method on one stretch, from its `delay_counts` and the moments.
+
+    `unit` is that of the criteria; `first` says that no switch comes before the stretch.
+    """
+    figures = {"delay_median": _median(counts), "delay_mean": _mean(counts)}
+    for name in _FIGURES:
+        unknown = first and name in ("missed_share", "overshoot")
+        known = (float(moments.mean(name)), float(moments.standard_error(name)))
+        figures[name] = (np.nan, np.nan) if unknown else known
     rows: dict[str, object] = {"unit": unit}
-    # If tracked steps begin so near the end that the row stays too short, the stretch counts as
-    # never tracked, and its delay is the length of the stretch.
-    delay = np.where(at["settled"] == 1, at["delay"], length)
-    figures = {
-        "delay_median": _median(delay),
-        "delay_mean": _mean(delay),
-        "never_tracked_share": _mean(1 - at["settled"]),
-        "overshoot": _mean(at["overshoot"]),
-        "missed_share": _mean(np.where(np.isnan(at["resets"]), np.nan, at["resets"] == 0)),
-        "false_resets_per_1000": _mean(1000 * at["false_resets"] / length),
-    }
     for name, (value, error) in figures.items():
         rows |= {name: value, f"{name}_se": error}
-    if stretch == 0:  # the first stretch does not begin with a switch
-        for name in ("missed_share", "overshoot"):
-            rows |= {name: np.nan, f"{name}_se": np.nan}
     return rows
+
+
+def _mean(counts: NDArray[np.int64]) -> tuple[float, float]:
+    """Mean over runs and its standard error."""
+    runs, steps = counts.sum(), np.arange(len(counts))
+    mean = float(counts @ steps / runs)
+    variance = float(counts @ (steps - mean) ** 2 / runs)
+    return mean, float(np.sqrt(variance / (runs - 1))) if runs > 1 else np.nan
+
+
+def _median(counts: NDArray[np.int64]) -> tuple[float, float]:
+    """Median over runs; its standard error from the order statistics half a deviation apart."""
+    steps = np.arange(len(counts), dtype=float)
+    reach = 0.5 / np.sqrt(counts.sum())
+    low, middle, high = (
+        float(quantile(counts, steps, share))
+        for share in (max(0.5 - reach, 0), 0.5, min(0.5 + reach, 1))
+    )
+    return middle, (high - low) / 2

@@ -8,6 +8,7 @@ import numpy as np
 
 from adhesion_jax.curves import adhesion_of
 from adhesion_jax.data import Measured, to_record
+from adhesion_jax.data.grouping import group
 from adhesion_jax.measured.fit import MeasuredFit
 from adhesion_jax.planning.excitation import Again, again
 from adhesion_jax.planning.noise import Noise, noise_of_record
@@ -31,20 +32,19 @@ def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -
 
     Parameters that the fit holds are taken as known.
     """
-    record, table = to_record(measured), measured.table
+    record = to_record(measured)
     free = tuple(
         name for name, held in zip(fit.curve.free, fit.held.tolist(), strict=True) if not held
     )
     curve = dataclasses.replace(fit.curve, free=free)
     truth = Truth(curve, dict(fit.conditions), fit.slip_limit, fit.slip_unit)
-    slip = np.asarray(record.slip)
-    if "run" in table:
-        starts = np.flatnonzero((table["run"] != table["run"].shift()).to_numpy())
-    else:
-        starts = np.zeros(1, dtype=int)
+    runs = group([measured]).run
+    order = np.argsort(runs, kind="stable")
+    starts = np.flatnonzero(np.diff(runs[order], prepend=-1))
     needed = {name: record.conditions[name] for name in curve.NEEDS}
     residual = np.asarray(record.adhesion) - np.asarray(adhesion_of(curve, record.slip, needed))
-    in_time = "time_s" in table
+    slip, residual = np.asarray(record.slip)[order], residual[order]
+    in_time = "time_s" in measured.table
     found = noise_of_record(
         residual, sensitivity_of(truth, slip), starts, stated.get("slip_noise", 0.0), in_time
     )

@@ -80,6 +80,9 @@ def test_moments_in_parts_are_moments_of_the_whole():
     assert np.isnan(Moments.of({"x": draws[:1]}).standard_error("x")).all()
 
 
+SECONDS = Moments.of({"seconds": np.array([1e-3])})
+
+
 def hand_made():
     """Two runs of four blocks whose metrics can be worked out by hand."""
     truth_values = np.array([[1.0, 0.5]] * 2 + [[2.0, 0.25]] * 2)
@@ -111,7 +114,7 @@ def test_metrics_of_a_case_done_by_hand():
     outcome, truth = hand_made()
     statistics = run_statistics(outcome, truth, (0, 1), None)
     row = (
-        table_rows(Moments.of(statistics), truth, (0, 1), np.array([1e-3]))
+        table_rows(Moments.of(statistics), truth, (0, 1), SECONDS)
         .set_index("quantity")
         .loc["c1"]
     )
@@ -131,7 +134,7 @@ def test_efficiency_is_given_where_the_box_is_not_touched():
     outcome, truth = hand_made()
     statistics = run_statistics(outcome, truth, (2, 3), None)
     row = (
-        table_rows(Moments.of(statistics), truth, (2, 3), np.array([1e-3]))
+        table_rows(Moments.of(statistics), truth, (2, 3), SECONDS)
         .set_index("quantity")
         .loc["c1"]
     )
@@ -254,8 +257,7 @@ class Still(Identifier):
         # Nothing of a run is kept: what grows is what jax remembers of its calls, 35 bytes a run.
         # A row of estimates would be about 200.
         ("single", 1, 60),
-        # What its medians need: some six numbers a block, and not the twenty of its estimates.
-        ("he2018-blocks", 6, 6 * 64),
+        ("he2018-blocks", 6, 60),
     ],
 )
 def test_memory_of_a_campaign_is_that_of_its_tiles(scenario, blocks, bytes_a_run):
@@ -273,12 +275,12 @@ def test_memory_of_a_campaign_is_that_of_its_tiles(scenario, blocks, bytes_a_run
             most = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
-        assert given == [tiles.TILE * blocks] * number
+        assert sum(given) == number * tiles.TILE * blocks
         return most
 
     peak(2)  # which compiles
-    few, many = peak(2), peak(32)
-    assert many - few < 30 * tiles.TILE * bytes_a_run
+    few, many = peak(20), peak(48)  # the largest shards of both have two tiles
+    assert many - few < 28 * tiles.TILE * bytes_a_run
 
 
 @pytest.mark.thorough
@@ -336,7 +338,7 @@ def test_a_planted_error_of_a_tenth_of_a_per_cent_in_mu_max_is_seen(many):
             quantile=student_t.ppf(0.975, np.array([497])),
         )
         moments = Moments.of(run_statistics(outcome, about, (0,), None))
-        return table_rows(moments, about, (0,), np.zeros(1)).iloc[0]
+        return table_rows(moments, about, (0,), SECONDS).iloc[0]
 
     right, wrong = row(peaks), row(peaks * 1.001)
     assert abs(right["bias"]) < 4 * right["bias_se"]

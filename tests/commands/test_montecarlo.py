@@ -45,12 +45,13 @@ def test_a_small_job_writes_its_files_and_leaves_others_alone(tmp_path):
     names = {path.name for path in tmp_path.iterdir()}
     figures = {"histogram_mu_max.png", "tracking.png"}
     tables = {"summary.csv", "switches.csv", "tracking.csv", "runs.parquet", "metadata.json"}
-    assert names == {"notes.txt"} | figures | tables
+    assert names == {"notes.txt", "shards"} | figures | tables
     summary = pd.read_csv(tmp_path / "summary.csv")
     assert [name for name in summary if name in COLUMNS] == COLUMNS
     assert len(summary) == 2 * 3 * 5
     runs = pd.read_parquet(tmp_path / "runs.parquet")
-    assert len(runs) == 20 * 2 * 6
+    assert sorted(set(runs["block"])) == [1, 2, 3, 4, 5]  # around the switches at 2 and 4
+    assert len(runs) == 20 * 2 * 5
     assert {"run", "identifier", "block", "rail", "c1", "c1_se", "mu_max_se"} <= set(runs)
     assert {"status", "objective", "evaluations"} <= set(runs)
     metadata = json.loads((tmp_path / "metadata.json").read_text())
@@ -74,7 +75,7 @@ def test_a_growing_sequence_has_its_own_figure_and_what_an_earlier_job_left_is_g
     assert done.returncode == 0, done.stderr
     tables = {"summary.csv", "checkpoints.csv", "runs.parquet", "metadata.json"}
     figures = {"histogram_mu_max.png", "tracking.png", "convergence.png"}
-    assert {path.name for path in tmp_path.iterdir()} == tables | figures
+    assert {path.name for path in tmp_path.iterdir()} == tables | figures | {"shards"}
     checkpoints = pd.read_csv(tmp_path / "checkpoints.csv")
     assert checkpoints["k"].unique().tolist() == list(range(5, 101, 5))
     assert imread(tmp_path / "convergence.png").std() > 0.01

@@ -7,7 +7,15 @@ import pytest
 
 from adhesion_jax.campaign.config import Config, main_job
 from adhesion_jax.errors import InputError
-from adhesion_jax.metrics.tracking import BY_BLOCK, BY_SAMPLE, Tracker, tracking_row
+from adhesion_jax.metrics.moments import Moments
+from adhesion_jax.metrics.tracking import (
+    BY_BLOCK,
+    BY_SAMPLE,
+    Tracker,
+    delay_counts,
+    tracking_row,
+    tracking_statistics,
+)
 
 DRY, COMMON = 0.8, 0.3
 
@@ -39,7 +47,9 @@ def stream(after, resets_after=(), has_resets=True):
 
 def rows_of(seen, stretch, unit="sample"):
     runs = jax.tree.map(lambda x: np.stack([x, x]), seen)
-    return tracking_row(runs, stretch, unit)
+    counts = delay_counts(runs, int(runs.length.max()))
+    moments = Moments.of(tracking_statistics(runs)).at((stretch,))
+    return tracking_row(counts[stretch], moments, stretch == 0, unit)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 7, 37, 90])

@@ -128,8 +128,8 @@ kiencke,0.05,-100,0.2,0.01,0.3,NOT_FITTED,,,,,
 def test_a_curve_is_read_from_the_table_of_an_identification(tmp_path):
     path = tmp_path / "curves.csv"
     path.write_text(CURVES_CSV)
-    name, curve = load_curve(path)
-    assert name == "burckhardt"  # the best has no peak
+    curve = load_curve(path)
+    assert isinstance(curve, aj.Burckhardt)  # the best has no peak
     assert (float(curve.c1), float(curve.c2), float(curve.c3)) == (0.32, 25.0, 0.1)
     for name, says in (("exponential", "has no fitted curve exponential"), ("kiencke", "is not a")):
         with pytest.raises(InputError, match=says):

@@ -2,17 +2,12 @@
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy
-from jaxtyping import Array, Bool, Float
 from scipy.linalg import eigh
 
-from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.model.bases import bic, first_fits, fits_alone, starts_under
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
@@ -26,13 +21,9 @@ from adhesion_jax.discovery.model.noise import MODES, Noise, determinant, white_
 from adhesion_jax.discovery.model.problem import Problem, corrected
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.slip_bias import SlipBias
-from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, log_density, of_means
-from adhesion_jax.programs import kept
+from adhesion_jax.effects.slip_likelihood import FALLS_WITH, likeliest
+from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise
 from adhesion_jax.records import Record
-
-#: Columns that the noise of a slip ratio may be divided by, "" for none: that of a wheel speed is
-#: divided by the speed of the vehicle.
-_FALLS_WITH = ("vehicle_speed_mps", "")
 
 #: Shares of the likeliest roughness of the slip that are tried on adhesion.
 _SHARES = (1.0, 0.5, 0.25)
@@ -57,21 +48,6 @@ _LEAST_MODE = 0.1
 
 #: Share of the points that is kept whatever the noise of their slip.
 _LEAST_KEPT = 0.1
-
-#: Number of choices of each logarithm on the grid on which the likeliest noise is searched.
-_CHOICES = 9
-
-#: Half the width of the first grid, in units of the logarithm.
-_REACH = 6.0
-
-#: Each finer grid reaches this many cells of the one before to either side of its best choice.
-_NEARER = 1.5
-
-#: The search ends when half the width of the grid is at most this.
-_PRECISE = 0.02
-
-#: The step of log sigma for second differences of the likelihood.
-_STEP = 0.02
 
 
 class Roughness(NamedTuple):
@@ -99,12 +75,14 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     """
     if not fitted.setting.problem.in_time:
         return None
-    names = [name for name in _FALLS_WITH if not name or name in record.conditions]
+    names = [name for name in FALLS_WITH if not name or name in record.conditions]
     if given is not None:
         names = names[:1]
     problem = fitted.setting.problem
-    both = (_likeliest(record, problem.worth, name, given) for name in names)
-    found, _ = min(both, key=lambda one: one[1])
+    signals = (likeliest(record, problem.worth, name, given) for name in names)
+    signal = min(signals, key=lambda one: one.loss)
+    sigma = Interval(float(signal.effect.sigma), signal.low, signal.high)
+    found = Roughness(signal.effect, sigma)
     if given is not None:
         return found
     noise = white_noise(fitted.setting.noise.weight, float(fitted.setting.noise.sigma))
@@ -123,74 +101,6 @@ def roughness(record: Record, fitted: Fitted, given: float | None) -> Roughness 
     if errors[smallest] >= _NOTICEABLE * left(None):
         return None
     return found._replace(effect=tried[smallest])
-
-
-def _likeliest(
-    record: Record, worth: np.ndarray, falls_with: str, given: float | None
-) -> tuple[Roughness, float]:
-    """The noise of one kind, and minus the log density of the slip under it."""
-    slip = np.asarray(record.slip)[np.asarray(record.mask)]
-    scale = float(np.median(record.conditions[falls_with])) if falls_with else 1.0
-    spread = max(float(np.std(slip)), 1e-9)
-    # Logarithms of roughness and sigma.
-    best = np.log([spread, 0.02 * spread * scale if given is None else given])
-    reach = np.array([_REACH, _REACH if given is None else 0.0])
-    steps = np.linspace(-1.0, 1.0, _CHOICES)
-    while reach.max() > _PRECISE:
-        roughs, sizes = best[0] + reach[0] * steps, best[1] + reach[1] * steps
-        sizes = sizes if reach[1] else best[1:]
-        choices = np.array(list(product(roughs, sizes)))
-        losses = _losses(record, worth, falls_with, choices)
-        best = choices[losses.argmin()]
-        reach = 2 * _NEARER * reach / (_CHOICES - 1)
-    rough, sigma = np.exp(best).tolist()
-    ahead, least, behind = _losses(
-        record, worth, falls_with, best + np.array([[0.0, _STEP], [0.0, 0.0], [0.0, -_STEP]])
-    ).tolist()
-    spread = 0.0
-    if given is None:
-        curvature = max((ahead - 2 * least + behind) / _STEP**2, 1e-300)
-        # A nearly flat likelihood determines only the order of magnitude.
-        spread = min(1.96 / float(np.sqrt(curvature)), 5.0)
-    # For a vanishing noise the curvature gives no upper bound, and the exponential overflows.
-    with np.errstate(over="ignore"):
-        ends = sigma * np.exp([-spread, spread])
-    plain = SlipNoise(sigma=sigma, roughness=rough, falls_with=falls_with)
-    return Roughness(plain, Interval(sigma, *ends.tolist())), least
-
-
-def _losses(
-    record: Record, worth: np.ndarray, falls_with: str, choices: np.ndarray
-) -> np.ndarray:
-    """Minus the log density of the slip for logarithms of roughness and sigma, [choices]."""
-    names = ("time_s", falls_with) if falls_with else ("time_s",)
-    conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
-    slip, mask = jnp.asarray(record.slip), jnp.asarray(record.mask)
-    arrays = slip, mask, conditions, jnp.asarray(worth)
-    return -np.asarray(_log_densities(np.exp(choices), falls_with, *arrays))
-
-
-@kept(static=(1,))
-def _log_densities(
-    choices: Float[Any, "choices two"],
-    falls_with: str,
-    slip: Float[Array, "runs points"],
-    mask: Bool[Array, "runs points"],
-    conditions: Conditions,
-    worth: Float[Array, "runs points"],
-) -> Float[Array, " choices"]:
-    """The log density of the slips of all runs, for each choice of roughness and sigma."""
-
-    def whole(choice: Float[Array, " two"]) -> Float[Array, ""]:
-        kind = SlipNoise(sigma=choice[1], roughness=choice[0], falls_with=falls_with)
-
-        def of_run(slip: Array, conditions: Conditions, worth: Array) -> Array:
-            return log_density(of_means(kind, worth), slip, conditions)
-
-        densities = jax.vmap(of_run)(slip, conditions, worth)
-        return jnp.where(mask, densities, 0.0).sum()
-
-    return jax.vmap(whole)(choices)
 
 
 def with_slip_errors(problem: Problem, noise: Noise, curves: Sequence[str]) -> Setting:

@@ -116,9 +116,9 @@ SURE_ERRORS_OF_COLUMN = 1.645
 #: less. By hand, from a prototype of the search.
 LEAST_SHARE_OF_LOSS = 0.003
 
-#: A gain above this is enough, whatever its share of the loss: the more rows, the smaller the effect
-#: that they make sure. What was found in blocks of rows is tested on all rows. Convention: half a
-#: chi-square of one degree of freedom, p = 6e-5.
+#: A gain above this is enough, whatever its share of the loss: the more rows, the smaller the
+#: effect that they make sure. What was found in blocks of rows is tested on all rows. Convention:
+#: half a chi-square of one degree of freedom, p = 6e-5.
 LEAST_GAIN = 8.0
 
 #: Length of a stretch of a log of one run, in neighbouring blocks. An effect is accepted only if

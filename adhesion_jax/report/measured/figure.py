@@ -3,13 +3,15 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from adhesion_jax.measured.fit import MeasuredFit, confidence_band
+from adhesion_jax.measured.answer import Answer, band_of_answer
+from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.measured.law import law_at
 from adhesion_jax.measured.residual import Residual, running_mean
 from adhesion_jax.report.style import root_axis
 
@@ -26,10 +28,14 @@ _POINT = "#6b6b6b"
 
 
 def draw_measured(
-    path: Path, title: str, fits: Mapping[str, MeasuredFit], residuals: Mapping[str, Residual]
+    path: Path,
+    title: str,
+    fits: Mapping[str, MeasuredFit],
+    residuals: Mapping[str, Residual],
+    answer: Answer,
 ) -> None:
-    """Adhesion and, below it, the residual of each curve against slip; the best curve first."""
-    ranked = sorted(fits, key=lambda name: fits[name].bic)
+    """The one answer over the points with the curves and, below it, what each curve leaves."""
+    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
     best, left = fits[ranked[0]], residuals[ranked[0]]
     figure = Figure(figsize=(10, 8), layout="constrained")
     FigureCanvasAgg(figure)
@@ -38,10 +44,11 @@ def draw_measured(
     _points(above, left, left.adhesion)
     end = 1.04 * left.slip[-1]
     grid = end * np.linspace(0.0, 1.0, 800) ** 2
+    _answer(above, answer, fits, grid, left.slip)
     for rank, name in enumerate(ranked):
-        _curve(above, name, fits[name], best.bic, grid, left.slip, rank)
+        _curve(above, name, fits[name], answer.weights[name], grid, rank)
     above.set_title(
-        f"{title}: {left.slip.size} points; curves with 95 % bands, peaks with 95 % intervals",
+        f"{title}: {left.slip.size} points; the one answer with 95 % intervals, and the curves",
         loc="left",
         parse_math=False,  # a file may have dollars in its name
     )
@@ -96,38 +103,69 @@ def _points(axes: Axes, left: Residual, height: np.ndarray) -> None:
             )
 
 
-def _curve(
+def _answer(
     axes: Axes,
-    name: str,
-    fit: MeasuredFit,
-    least_bic: float,
+    answer: Answer,
+    fits: Mapping[str, MeasuredFit],
     grid: np.ndarray,
     measured_slip: np.ndarray,
-    rank: int,
 ) -> None:
-    colour, line, marker = _STYLES[rank % len(_STYLES)]
-    adhesion, half = confidence_band(fit, jnp.asarray(grid))
-    # Outside the measured slips the width of a band follows from the form of the curve alone.
-    seen = (grid >= measured_slip[0]) & (grid <= measured_slip[-1])
+    """The band of all curves together, and the peak with its intervals."""
+    # Outside the measured slips the width of a band follows from the form of the curves alone.
+    seen = grid[(grid >= measured_slip[0]) & (grid <= measured_slip[-1])][::8]
+    if not answer.mu_max.value > 0:
+        return
+    _, low, high = band_of_answer(fits, answer, seen).T
     axes.fill_between(
-        grid, adhesion - half, adhesion + half, where=seen, color=colour, alpha=0.12, linewidth=0
+        seen, low, high, color="#9ecae1", alpha=0.6, linewidth=0, label="all curves: 95 % band"
     )
-    width = 2.6 if rank == 0 else 1.5
-    axes.plot(grid, adhesion, color=colour, linestyle=line, linewidth=width, zorder=20 - rank)
-    label = f"{name}: rms {fit.rms:.4f}, difference of BIC {fit.bic - least_bic:+.1f}"
-    slip_opt, mu_max = float(fit.peak.slip), float(fit.peak.adhesion)
+    level, place = answer.mu_max, answer.slip_opt
+    if np.isnan(place.value):
+        axes.axhspan(
+            level.low, level.high, color="0.85", zorder=0, label="largest adhesion, 95 % interval"
+        )
+        return
+    axes.errorbar(
+        place.value,
+        level.value,
+        xerr=[[place.value - place.low], [place.high - place.value]],
+        yerr=[[level.value - level.low], [level.high - level.value]],
+        color="black",
+        marker="o",
+        markersize=8,
+        markeredgecolor="white",
+        linewidth=1.8,
+        capsize=4,
+        zorder=50,
+        linestyle="none",
+        label=f"peak by all curves: {level.value:.4f} at {place.value:.3g}",
+    )
+
+
+def _curve(
+    axes: Axes, name: str, fit: MeasuredFit, weight: float, grid: np.ndarray, rank: int
+) -> None:
+    """The curve with what it misses."""
+    colour, line, marker = _STYLES[rank % len(_STYLES)]
+    axes.plot(
+        grid,
+        law_at(fit.law, grid)[0],
+        color=colour,
+        linestyle=line,
+        linewidth=2.6 if rank == 0 else 1.5,
+        zorder=20 - rank,
+    )
+    label = f"{name}: weight {weight:.2f}, misfit {100 * fit.misfit:.1f} %"
     if fit.peak.found:
-        label += f", peak at {slip_opt:.3g}{fit.slip_unit}"
-        axes.errorbar(
-            slip_opt,
-            mu_max,
-            xerr=fit.quantile * fit.slip_opt_se,
-            yerr=fit.quantile * fit.mu_max_se,
+        label += f", peak at {float(fit.peak.slip):.3g}{fit.slip_unit}"
+        axes.plot(
+            float(fit.peak.slip),
+            float(fit.peak.adhesion),
             color=colour,
             marker=marker,
-            markersize=9 if rank == 0 else 7,
+            markersize=7,
             markeredgecolor="white",
-            capsize=3,
+            linestyle="none",
             zorder=40 - rank,
         )
     else:
@@ -138,9 +176,51 @@ def _curve(
         [],
         color=colour,
         linestyle=line,
-        linewidth=width,
+        linewidth=2.6 if rank == 0 else 1.5,
         marker=marker if fit.peak.found else "",
         markeredgecolor="white",
-        markersize=8,
+        markersize=7,
         label=label,
     )
+
+
+def draw_comparison(path: Path, title: str, comparison: Comparison) -> None:
+    """The largest adhesion of each group with its 95 % interval."""
+    table = comparison.table
+    places = np.arange(len(table))
+    width = float(np.clip(1.5 + 0.4 * len(table), 7.0, 14.0))
+    figure = Figure(figsize=(width, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    half = table["mu_max_hi"] - table["mu_max"]
+    axes.errorbar(
+        places,
+        table["mu_max"],
+        yerr=half,
+        color=_STYLES[0][0],
+        marker="o",
+        linestyle="none",
+        capsize=3,
+        label="95 % interval",
+    )
+    mean = float(np.average(table["mu_max"], weights=table["runs"]))
+    axes.axhline(mean, color="0.4", linestyle=(0, (6, 3)), label="mean over the runs")
+    shown = places[:: -(-len(places) // 30)]
+    names = [str(name) for name in table[comparison.by]]
+    axes.set_xticks(
+        shown, [names[i] if len(names[i]) <= 14 else f"{names[i][:13]}…" for i in shown]
+    )
+    axes.tick_params(axis="x", labelrotation=0 if len(places) <= 12 else 90)
+    axes.set(xlabel=comparison.by, ylabel="largest adhesion, mu_max (1)")
+    axes.set_title(
+        f"{title}: {'a change' if comparison.p <= 0.01 else 'no change shown'} between the "
+        f"{len(table)} groups by {comparison.by} (p = {comparison.p:.2g})",
+        loc="left",
+        fontsize=10,
+        parse_math=False,
+    )
+    axes.grid(color="0.9", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=150)

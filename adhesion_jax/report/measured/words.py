@@ -1,101 +1,36 @@
-"""The results of a measured record: a row for each curve, the printed table, the verdict."""
+"""The verdict on a measured record in words."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import pandas as pd
 
 from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
+from adhesion_jax.measured.answer import Answer
+from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.fit import EXACT, MeasuredFit
 from adhesion_jax.measured.residual import Residual
-from adhesion_jax.wording import plus_minus
-
-#: Smallest differences of BIC and the words for that evidence (Kass and Raftery 1995, J. Am. Stat.
-#: Assoc. 90).
-_EVIDENCE = ((10.0, "very strong"), (6.0, "strong"), (2.0, "positive"), (0.0, "hardly any"))
+from adhesion_jax.measured.slip import SlipErrors
+from adhesion_jax.wording import listed, plus_minus
 
 #: The residual is said to have structure if the likeness of its neighbours exceeds this number of
 #: standard deviations.
 _LIKENESS = 2.0
 
+#: Least weight at which a curve is named as part of the answer.
+LEAST_NAMED = 0.005
+
+#: Curves are told apart if their log densities differ by so many standard errors of the difference.
+_APART = 2.0
+
+#: Autocorrelation, run scatter and misfit below this are not worth a number.
+_SLIGHT = 5e-4
+
+#: A change between runs is claimed if its p is at most this.
+_SIGNIFICANT = 0.01
+
 _WIDTH = 96
-
-
-def curve_rows(
-    fits: Mapping[str, MeasuredFit], not_fitted: Mapping[str, Sequence[str]]
-) -> pd.DataFrame:
-    """One row for each curve; NaN where a quantity does not apply.
-
-    Columns: curve, rms, bic, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status,
-    then each parameter with its standard error (`_se`). `not_fitted` names the columns that a curve
-    needs and the data lack.
-    """
-    rows: list[dict[str, object]] = []
-    for name, fit in fits.items():
-        mu_max, half = float(fit.peak.adhesion), fit.quantile * fit.mu_max_se
-        row: dict[str, object] = {
-            "curve": name,
-            "rms": fit.rms,
-            "bic": fit.bic,
-            "slip_opt": float(fit.peak.slip),
-            "slip_opt_se": fit.slip_opt_se,
-            "mu_max": mu_max,
-            "mu_max_lo": mu_max - half,
-            "mu_max_hi": mu_max + half,
-            "status": f"{fit.status.name}: {' '.join(reasons(fit))}",
-        }
-        for parameter, value, error in zip(
-            fit.curve.free, fit.parameters, fit.standard_errors, strict=True
-        ):
-            row[parameter] = value
-            row[f"{parameter}_se"] = error
-        rows.append(row)
-    rows += [
-        {"curve": name, "status": f"NOT_FITTED: it needs the column {' and '.join(columns)}."}
-        for name, columns in not_fitted.items()
-    ]
-    return pd.DataFrame(rows)
-
-
-def printed_table(fits: Mapping[str, MeasuredFit]) -> str:
-    """The curves, the most likely first, aligned for a terminal."""
-    ranked = _by_bic(fits)
-    least = fits[ranked[0]].bic
-    summary, parameters = [], []
-    for name in ranked:
-        fit = fits[name]
-        low, high = _mu_max_interval(fit)
-        slip_opt = (
-            f"{plus_minus(float(fit.peak.slip), fit.slip_opt_se)}{fit.slip_unit}"
-            if fit.peak.found
-            else "no peak"
-        )
-        summary.append(
-            {
-                "curve": name,
-                "rms": f"{fit.rms:.5f}",
-                "BIC": f"{fit.bic:.1f}",
-                "above best": f"{fit.bic - least:.1f}",
-                "peak at slip": slip_opt,
-                "mu_max": f"{float(fit.peak.adhesion):.4f} [{low:.4f}, {high:.4f}]",
-                "status": fit.status.name,
-            }
-        )
-        parameters.append(
-            {
-                "curve": name,
-                "parameters ± standard errors": "  ".join(
-                    f"{parameter} {plus_minus(value, error)}"
-                    + ("" if np.isfinite(error) else " (held)")
-                    for parameter, value, error in zip(
-                        fit.curve.free, fit.parameters, fit.standard_errors, strict=True
-                    )
-                ),
-            }
-        )
-    return "\n\n".join(_aligned(pd.DataFrame(rows)) for rows in (summary, parameters))
 
 
 def verdict(
@@ -104,22 +39,30 @@ def verdict(
     fits: Mapping[str, MeasuredFit],
     not_fitted: Mapping[str, Sequence[str]],
     left: Residual,
+    answer: Answer,
+    slip: SlipErrors,
+    runs: int,
+    comparison: Comparison | None,
 ) -> str:
-    """The verdict in words: the best curve, its peak, the structure of its residual, and doubts.
+    """The verdict in words: the best curve, the peak, the noise, the residual, and doubts.
 
-    `left` is the residual of the curve with the lowest BIC.
+    `left` is the residual of the curve with the largest log density.
     """
-    ranked = _by_bic(fits)
+    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
+    best = fits[ranked[0]]
     paragraphs = [
         ("Data", _data_sentences(measured, citation, left)),
-        ("Curve", _curve_sentences(fits, ranked)),
-        ("Peak", _peak_sentences(fits[ranked[0]], left)),
-        ("Residual", _residual_sentences(fits[ranked[0]], left)),
-        ("Not to be trusted", _doubts(fits, ranked, not_fitted, left)),
+        ("Curve", _curve_sentences(fits, ranked, answer)),
+        ("Peak", _peak_sentences(answer, best, left)),
+        ("Noise", _noise_sentences(ranked[0], best, slip, runs, "time_s" in measured.table)),
+        ("Residual", _residual_sentences(best, left)),
+        *([("Runs", _run_sentences(comparison))] if comparison is not None else []),
+        ("Not to be trusted", _doubts(fits, ranked, not_fitted, answer, slip, measured)),
     ]
     return "\n".join(
         textwrap.fill(f"{title}: {' '.join(sentences)}", _WIDTH, subsequent_indent="  ")
         for title, sentences in paragraphs
+        if sentences
     )
 
 
@@ -176,49 +119,94 @@ def _data_sentences(measured: Measured, citation: str, left: Residual) -> list[s
     return [*sentences, citation] if citation else sentences
 
 
-def _curve_sentences(fits: Mapping[str, MeasuredFit], ranked: Sequence[str]) -> list[str]:
-    best = ranked[0]
+def _curve_sentences(
+    fits: Mapping[str, MeasuredFit], ranked: Sequence[str], answer: Answer
+) -> list[str]:
+    best = fits[ranked[0]]
     if len(ranked) == 1:
-        return [
-            f"{best}, rms {fits[best].rms:.4f}, BIC {fits[best].bic:.1f}; no other curve was "
-            "fitted to compare it with."
-        ]
-    gap = fits[ranked[1]].bic - fits[best].bic
-    word = next(word for least, word in _EVIDENCE if gap >= least)
+        return [f"{ranked[0]}, rms {best.rms:.4f}; no other curve was fitted to compare it with."]
+    second = fits[ranked[1]]
+    gain = best.left_out - second.left_out
+    error = float(np.sqrt(gain.size) * np.std(gain))
+    apart = gain.sum() > _APART * error
+    heavy = {name: weight for name, weight in answer.weights.items() if weight >= LEAST_NAMED}
+    by_weight = sorted(heavy, key=lambda name: -heavy[name])
+    weights = listed([f"{name} has the weight {heavy[name]:.2f}" for name in by_weight])
     return [
-        f"{best} describes the points best: its BIC is {gap:.1f} below that of {ranked[1]} (rms "
-        f"{fits[best].rms:.4f} against {fits[ranked[1]].rms:.4f}), which is {word} evidence."
+        f"{ranked[0]} predicts best the points that are left out of its fit: their log density is "
+        f"{plus_minus(float(gain.sum()), error)} above that by {ranked[1]} (rms {best.rms:.4f} "
+        f"against {second.rms:.4f}), so the points "
+        + ("speak for it." if apart else "do not tell these two apart."),
+        f"In the answer by all curves {weights}.",
     ]
 
 
-def _peak_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
-    low, high = _mu_max_interval(fit)
-    interval = f"{float(fit.peak.adhesion):.4f} (95 % interval {low:.4f} to {high:.4f})"
+def _peak_sentences(answer: Answer, fit: MeasuredFit, left: Residual) -> list[str]:
+    level, place = answer.mu_max, answer.slip_opt
+    interval = f"{level.value:.4f} (95 % interval {level.low:.4f} to {level.high:.4f})"
     unit, largest = fit.slip_unit, left.slip[-1]
-    if not fit.peak.found:
+    if np.isnan(place.value):
         return [
             f"there is none between slip 0 and {fit.slip_limit:g}{unit}; the largest adhesion "
-            f"there is {interval}, at slip {float(fit.peak.slip):g}{unit}, "
-            f"while the points end at {largest:.4g}{unit}."
+            f"there is {interval}, while the points end at {largest:.4g}{unit}."
         ]
-    slip_opt = float(fit.peak.slip)
-    reach = fit.quantile * fit.slip_opt_se
     sentences = [
-        f"adhesion {interval} at slip {slip_opt:.4g}{unit} (95 % interval {slip_opt - reach:.4g} "
-        f"to {slip_opt + reach:.4g}{unit})."
+        f"by all curves together, adhesion {interval} at slip {place.value:.4g}{unit} (95 % "
+        f"interval {place.low:.4g} to {place.high:.4g}{unit})."
     ]
-    if slip_opt > largest:
+    if place.value > largest:
         sentences.append(f"It is extrapolated: the points end at slip {largest:.4g}{unit}.")
-    elif slip_opt < left.slip[0]:
+    elif place.value < left.slip[0]:
         sentences.append(f"It is extrapolated: the points begin at slip {left.slip[0]:.4g}{unit}.")
-    elif slip_opt + reach > largest:
+    elif place.high > largest:
         sentences.append(
             f"It lies within the measured slips, but its interval reaches beyond their end at "
             f"{largest:.4g}{unit}."
         )
     else:
+        behind = int(np.sum(left.slip > place.value))
+        sentences.append(f"It lies within the measured slips, with {behind} points beyond it.")
+    return sentences
+
+
+def _noise_sentences(
+    name: str, fit: MeasuredFit, slip: SlipErrors, runs: int, in_time: bool
+) -> list[str]:
+    if fit.rms <= EXACT * float(fit.peak.adhesion):
+        return []
+    noise = fit.noise
+    found = [f"standard deviation of a point {noise.sigma:.4f}"]
+    if in_time:
+        found.append(
+            f"correlation of consecutive points of a run {noise.autocorrelation:.2f}"
+            if noise.autocorrelation > _SLIGHT
+            else "no correlation of consecutive points"
+        )
+    if runs > 1:
+        found.append(
+            f"scatter of the levels of the {runs} runs {100 * fit.run_scatter:.2g} %"
+            if fit.run_scatter > _SLIGHT
+            else f"no scatter between the levels of the {runs} runs"
+        )
+    found.append(
+        f"a smooth misfit of {100 * fit.misfit:.2g} % that {name} leaves"
+        if fit.misfit > _SLIGHT
+        else f"no smooth misfit that {name} leaves"
+    )
+    sentences = [f"{listed(found)}; the intervals include all of these."]
+    if fit.effective < 0.95 * fit.points:
         sentences.append(
-            f"It lies within the measured slips, with {left.points_behind} points beyond it."
+            f"For the largest adhesion the {fit.points} points tell as much as "
+            f"{fit.effective:.0f} independent ones would."
+        )
+    if slip.sigma > 0:
+        unit = " m/s of wheel speed" if slip.falls_with else ""
+        interval = f"95 % interval {slip.low:.2g} to {slip.high:.2g}"
+        known = "given" if slip.low == slip.high else interval
+        sentences.append(
+            f"The slip has noise of standard deviation {slip.sigma:.2g}{unit} ({known}): the "
+            "curves follow the slip that is to be expected "
+            + ("from its course in time." if in_time else "at each measured one.")
         )
     return sentences
 
@@ -230,9 +218,11 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
         f"the likeness of neighbours in slip is {left.likeness:.1f} standard deviations above that "
         "of white noise"
     )
+    seen = fit.misfit > _SLIGHT or fit.noise.autocorrelation > _SLIGHT or fit.run_scatter > _SLIGHT
     sentences = [
         f"rms {fit.rms:.4f}, where neighbouring points scatter by {left.scatter:.4f};",
-        f"structure is left ({alike})."
+        f"structure is left ({alike})"
+        + (", which the noise above accounts for." if seen else ", and no noise accounts for it.")
         if left.likeness > _LIKENESS
         else f"no structure is left that these points could show ({alike}).",
     ]
@@ -253,40 +243,49 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
     return sentences
 
 
+def _run_sentences(comparison: Comparison) -> list[str]:
+    table, by = comparison.table, comparison.by
+    order = np.argsort(table["mu_max"].to_numpy())
+    low, high = table.iloc[order[0]], table.iloc[order[-1]]
+    beyond = (
+        f" beyond the scatter of {100 * comparison.run_scatter:.2g} % between runs of one {by}"
+        if comparison.run_scatter > 0
+        else ""
+    )
+    test = (
+        f"(F = {comparison.statistic:.2f} with {comparison.differences} and "
+        f"{comparison.degrees:.0f} degrees of freedom, p = {comparison.p:.2g})"
+    )
+    return [
+        f"compared by {by}, the largest adhesion "
+        + (f"changes{beyond}" if comparison.p <= _SIGNIFICANT else f"shows no change{beyond}")
+        + f" {test}; it is from {low['mu_max']:.4f} ({by} {low[by]}) to {high['mu_max']:.4f} "
+        f"({by} {high[by]}). The form of the curve is taken as common to all."
+    ]
+
+
 def _doubts(
     fits: Mapping[str, MeasuredFit],
     ranked: Sequence[str],
     not_fitted: Mapping[str, Sequence[str]],
-    left: Residual,
+    answer: Answer,
+    slip: SlipErrors,
+    measured: Measured,
 ) -> list[str]:
-    best = fits[ranked[0]]
     doubts = []
-    if best.status is not Status.TRUSTED:
-        doubts += [f"{ranked[0]}: {sentence}" for sentence in reasons(best)]
-    tenable = [name for name in ranked if fits[name].bic - best.bic <= 10 and fits[name].peak.found]
-    if len(tenable) > 1:
-        slips = [float(fits[name].peak.slip) for name in tenable]
-        levels = [float(fits[name].peak.adhesion) for name in tenable]
+    if 0.05 < answer.without_peak < 0.95:
         doubts.append(
-            f"Curves within 10 of the best BIC ({', '.join(tenable)}) put the peak at slip "
-            f"{min(slips):.4g} to {max(slips):.4g}{best.slip_unit} and adhesion {min(levels):.4f} "
-            f"to {max(levels):.4f}: the interval of a single curve does not include this "
-            "difference."
+            f"Curves without a peak have {100 * answer.without_peak:.0f} % of the weight: whether "
+            "there is a peak is not certain."
         )
-    if left.likeness > _LIKENESS:
+    if slip.sigma == 0 and "time_s" not in measured.table:
         doubts.append(
-            "The residual has structure: the form of the curve is wrong, or a condition that it "
-            "lacks matters, and every interval is too narrow."
-        )
-    if left.lag_one > 2 / np.sqrt(left.slip.size):
-        longer = np.sqrt((1 + left.lag_one) / max(1 - left.lag_one, 1e-6))
-        doubts.append(
-            f"Consecutive points are correlated ({left.lag_one:.2f}): the standard errors are too "
-            f"small, by a factor of about {longer:.1f}."
+            "The slip is taken as exact: without the column time_s its noise cannot be estimated. "
+            "Where it is known, give it by --slip-noise."
         )
     doubts += [
         f"{name}: {' '.join(reasons(fits[name]))}"
-        for name in ranked[1:]
+        for name in ranked
         if fits[name].status is not Status.TRUSTED
     ]
     loose = {
@@ -312,23 +311,4 @@ def _doubts(
         f"{name} was not fitted: it needs the column {' and '.join(columns)}."
         for name, columns in not_fitted.items()
     ]
-    doubts.append(
-        "All standard errors assume an exact slip, and noise that is independent from point to "
-        "point and equally large everywhere."
-    )
     return doubts
-
-
-def _by_bic(fits: Mapping[str, MeasuredFit]) -> list[str]:
-    return sorted(fits, key=lambda name: fits[name].bic)
-
-
-def _mu_max_interval(fit: MeasuredFit) -> tuple[float, float]:
-    half = fit.quantile * fit.mu_max_se
-    return float(fit.peak.adhesion) - half, float(fit.peak.adhesion) + half
-
-
-def _aligned(table: pd.DataFrame) -> str:
-    # pandas can set the headings flush left, the cells only by padding them.
-    padded = table.apply(lambda column: column.str.ljust(column.str.len().max()))
-    return padded.to_string(index=False, justify="left")

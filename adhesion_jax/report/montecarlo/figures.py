@@ -1,6 +1,5 @@
-"""Figures of a Monte Carlo campaign, drawn from its tables and its stored estimates."""
+"""Figures of a Monte Carlo campaign, drawn from its tables."""
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from adhesion_jax.report.style import line_styles
-
-#: Estimates of one identifier: (identifier, columns) to a table.
-Estimates = Callable[[str, list[str]], pd.DataFrame]
 
 LABELS = {
     "c1": "$c_1$ (1)",
@@ -30,25 +26,20 @@ _SHORT = {"mu_max": r"$\mu_{max}$ (1)", "forgetting": "forgetting\nfactor (1)"}
 #: Dots per inch of a figure of many panels, which is large and takes long to write.
 _MANY_PANELS = 110
 
-#: The histogram reaches this multiple of the bound to either side of the truth.
-_WIDTHS = 6
-
-#: Number of bins of the histogram.
-_BINS = 60
+#: A share below this is rounding.
+_NONE_OUTSIDE = 1e-9
 
 
-def histogram(
-    path: Path, summary: pd.DataFrame, estimates: Estimates, blocks: Mapping[str, list[int]]
-) -> None:
+def histogram(path: Path, summary: pd.DataFrame, densities: pd.DataFrame) -> None:
     """mu_max of every identifier with truth and bound, one panel per scenario and rail.
 
-    `blocks` are the blocks of each scenario that its summary contains: the first ones after a
-    switch are left out. The share of estimates beyond the axis is written in the panel.
-    After He et al. 2018, Fig. 12 and 17.
+    `densities` has a row for each scenario, rail, identifier and bin (lower, upper, density). The
+    share of estimates beyond the axis is written in the panel. After He et al. 2018, Fig. 12, 17.
     """
     rows = summary[summary["quantity"] == "mu_max"]
     panels = list(dict.fromkeys(zip(rows["scenario"], rows["rail"], strict=True)))
     names = list(dict.fromkeys(rows["identifier"]))
+    several = len({scenario for scenario, _ in panels}) > 1
     styles = line_styles(names)
     columns = min(len(panels), 3)
     lines = -(-len(panels) // columns)
@@ -59,28 +50,23 @@ def histogram(
     truth = rows.groupby(["scenario", "rail"])["truth"].first()
     bound = rows.groupby(["scenario", "rail"])["crlb"].first()
     beyond: dict[tuple[str, str], list[str]] = {panel: [] for panel in panels}
-    for name in names:
-        every = estimates(name, ["scenario", "rail", "block", "mu_max"])
-        for panel, axis in zip(panels, axes, strict=False):
-            table = every[(every["scenario"] == panel[0]) & (every["rail"] == panel[1])]
-            values = table.loc[table["block"].isin(blocks[panel[0]]), "mu_max"].to_numpy()
-            if len(values) == 0:
-                continue
-            centre, width = truth[panel], _half_width(bound[panel], values)
-            edges = np.linspace(centre - width, centre + width, _BINS + 1)
-            density = np.histogram(values, edges)[0] / (len(values) * np.diff(edges))
-            outside = np.mean((values < edges[0]) | (values > edges[-1]))
-            if outside > 0:
-                beyond[panel].append(f"{name}: {100 * outside:.3g} %")
-            style = {key: styles[name][key] for key in ("color", "linestyle")}
-            axis.stairs(density, edges, label=name, linewidth=1.3, **style)
+    drawn = densities.groupby(["scenario", "rail", "identifier"], sort=False)
+    for key, bins in drawn:
+        scenario, rail, name = map(str, key)
+        axis = axes[panels.index((scenario, rail))]
+        edges = np.append(bins["lower"].to_numpy(), bins["upper"].iloc[-1])
+        outside = 1 - float((bins["density"] * (bins["upper"] - bins["lower"])).sum())
+        if outside > _NONE_OUTSIDE:
+            beyond[scenario, rail].append(f"{name}: {100 * outside:.3g} %")
+        style = {part: styles[name][part] for part in ("color", "linestyle")}
+        axis.stairs(bins["density"], edges, label=name, linewidth=1.3, **style)
     for panel, axis in zip(panels, axes, strict=False):
         centre, width = truth[panel], bound[panel]
         axis.axvline(centre, color="0.4", linewidth=1, label="truth")
         if np.isfinite(width):
             band = (centre - 1.96 * width, centre + 1.96 * width)
             axis.axvspan(*band, color="0.9", zorder=0, label="truth ± 1.96 × Cramér-Rao bound")
-        title = f"{panel[0]}: {panel[1]} rail" if len(blocks) > 1 else f"{panel[1]} rail"
+        title = f"{panel[0]}: {panel[1]} rail" if several else f"{panel[1]} rail"
         axis.set(title=title, xlabel=LABELS["mu_max"], ylabel="probability density (1)")
         if beyond[panel]:
             note = "\n".join(["beyond the axis", *beyond[panel]])
@@ -92,18 +78,13 @@ def histogram(
     figure.savefig(path, dpi=150)
 
 
-def _half_width(bound: float, values: np.ndarray) -> float:
-    """Half the width of a histogram: a multiple of the bound or, without one, of the spread."""
-    return _WIDTHS * max(bound if np.isfinite(bound) else float(np.std(values)), 1e-9)
-
-
-def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[str]) -> None:
+def tracking(path: Path, truth: pd.DataFrame, bands: pd.DataFrame) -> None:
     """Parameters and mu_max over the blocks: the median and the band from 5 to 95 %.
 
     One row per quantity, the last one for the error of mu_max; one column per identifier. `truth`
     has the columns block and quantities.
     """
-    shown = _shown(truth)
+    names, shown = list(dict.fromkeys(bands["identifier"])), _shown(truth)
     width, height = 2.4 * len(names) + 1.2, 2.0 * (len(shown) + 1)
     figure = Figure(figsize=(width, height))
     axes = figure.subplots(
@@ -116,13 +97,11 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
     )
     block, peak = truth["block"].to_numpy(), truth["mu_max"].to_numpy()
     for name, column in zip(names, axes.T, strict=True):
-        table = estimates(name, ["block", *shown]).groupby("block")
-        low, middle, high = (table.quantile(q) for q in (0.05, 0.5, 0.95))
         for quantity, axis in zip(shown, column[:-1], strict=True):
-            _band(axis, block, *(part[quantity].to_numpy() for part in (low, middle, high)))
+            _band(axis, block, *_of(bands, name, quantity))
             true = np.repeat(truth[quantity].to_numpy(), 2)
             axis.plot(_edges(block), true, "k--", linewidth=1, label="truth")
-        error = (100 * (part["mu_max"].to_numpy() / peak - 1) for part in (low, middle, high))
+        error = (100 * (part / peak - 1) for part in _of(bands, name, "mu_max"))
         _band(column[-1], block, *error)
         column[-1].axhline(0, color="k", linestyle="--", linewidth=1)
         column[0].set_title(name, fontsize=10)
@@ -133,6 +112,12 @@ def tracking(path: Path, truth: pd.DataFrame, estimates: Estimates, names: list[
         axis.set_ylabel(label)
     axes[0, 0].legend(fontsize=7, loc="upper right")
     figure.savefig(path, dpi=_MANY_PANELS)
+
+
+def _of(bands: pd.DataFrame, name: str, quantity: str) -> list[np.ndarray]:
+    """The lower end, the median and the upper end of the bands of a method after each block."""
+    rows = bands[(bands["identifier"] == name) & (bands["quantity"] == quantity)]
+    return [rows[column].to_numpy() for column in ("p05", "median", "p95")]
 
 
 def _label(quantity: str) -> str:
@@ -164,11 +149,10 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
     )
     seen = step * (truth["block"].to_numpy() + 1)
     for name, column in zip(names, axes.T, strict=True):
-        of_name = bands[bands["identifier"] == name]
         for quantity, axis in zip(rows, column, strict=True):
-            band = of_name[of_name["quantity"] == quantity]
-            axis.fill_between(seen, band["p05"], band["p95"], color="0.75", label="5 to 95 %")
-            axis.plot(seen, band["median"], color="#0072B2", linewidth=1.2, label="median")
+            low, middle, high = _of(bands, name, quantity)
+            axis.fill_between(seen, low, high, color="0.75", label="5 to 95 %")
+            axis.plot(seen, middle, color="#0072B2", linewidth=1.2, label="median")
             if quantity in shown:
                 true = truth[quantity].to_numpy()
                 axis.plot(seen, true, "k--", linewidth=1, label="truth", drawstyle="steps")
@@ -198,7 +182,7 @@ def _margins(width: float, height: float) -> dict[str, float]:
 def convergence(
     path: Path,
     checkpoints: pd.DataFrame,
-    estimates: Estimates,
+    bands: pd.DataFrame,
     reached: list[float],
     reached_label: str,
 ) -> None:
@@ -215,14 +199,13 @@ def convergence(
     seen = np.array(reached)
     step = 0.1 * np.min(np.diff(seen, prepend=0.0))
     for name in names:
-        table = estimates(name, ["block", *shown]).groupby("block")
-        low, middle, high = (table.quantile(q) for q in (0.05, 0.5, 0.95))
         for quantity, axis in zip(shown, axes, strict=True):
-            spread = np.array([middle[quantity] - low[quantity], high[quantity] - middle[quantity]])
+            low, middle, high = _of(bands, name, quantity)
+            spread = np.array([middle - low, high - middle])
             shift = (names.index(name) - (len(names) - 1) / 2) * step
             axis.errorbar(
                 seen + shift,
-                middle[quantity],
+                middle,
                 spread,
                 label=name,
                 markersize=3,

@@ -18,9 +18,9 @@ _WIDTH = 96
 #: Above this share of the initial slope its standard error is said to be large.
 _POORLY = 0.1
 
-#: The points are said not to follow Kiencke's curve if neighbours in slip are alike by more than
-#: this number of standard deviations.
-_LIKENESS = 2.0
+#: A slope that was given is said to be far from that of the fit above this number of standard
+#: errors.
+_FAR_OFF = 3.0
 
 #: Most resets whose time is told.
 _TOLD = 5
@@ -156,25 +156,44 @@ def _log(log: Log) -> Iterable[str]:
 
 def _slope(slope: InitialSlope, log: Log) -> Iterable[str]:
     per = f" per{log.slip_unit}" if log.slip_unit else ""
-    if slope.fit is None:
-        yield (
-            f"a0 = {number(slope.value)}{per}, as given. The methods take it as exact; where it is "
-            "wrong, every estimate is biased."
-        )
-        return
-    yield (
-        f"a0 = {plus_minus(slope.value, slope.standard_error)}{per}, that of Kiencke's curve "
-        f"fitted to {slope.samples:,} of these samples, spread evenly over the slips. The methods "
-        "know of later samples this one number; what its standard error makes of an estimate is "
-        "in the bands."
+    value, error = slope.fitted
+    fitted = (
+        f"{plus_minus(value, error)}{per}, that of Kiencke's curve fitted to {slope.samples:,} of "
+        "these samples, spread evenly over the slips."
     )
-    if slope.standard_error > _POORLY * slope.value:
+    if slope.given:
+        yield f"a0 = {number(slope.value)}{per}, as given; the methods take it as exact."
+        if abs(slope.value - value) > _FAR_OFF * error:
+            yield f"The log speaks for {fitted} Where a0 is wrong, every estimate is biased."
+    else:
         yield (
-            f"The samples hardly determine it (standard error "
-            f"{slope.standard_error / slope.value:.0%}): give it by --initial-slope if it is known."
+            f"a0 = {fitted} The methods know of later samples this one number; what its standard "
+            "error makes of an estimate is in the bands."
         )
+        if error > _POORLY * value:
+            yield (
+                f"The samples hardly determine it (standard error {error / value:.0%}): give it by "
+                "--initial-slope if it is known."
+            )
     if slope.fit.status is not Status.TRUSTED:
         yield f"Of that fit: {' '.join(reasons(slope.fit))}"
+
+
+def _form(slope: InitialSlope) -> str:
+    here, other = slope.fit.peak, slope.other.peak
+    if not (here.found and other.found):
+        return (
+            "Whether another form of the curve than Kiencke's has another peak cannot be told from "
+            "these samples: the bands contain no error of the form."
+        )
+    better = "worse" if slope.other.bic > slope.fit.bic else "better"
+    return (
+        f"All these methods have Kiencke's curve. Fitted to the samples its peak is "
+        f"{float(here.adhesion):.4f} at slip {float(here.slip):.3g}; Burckhardt's, which describes "
+        f"the samples {better}, has {float(other.adhesion):.4f} at {float(other.slip):.3g}. The "
+        f"bands allow for {slope.form['mu_max']:.1%} of mu_max by this, and for "
+        f"{slope.form['slip_opt']:.0%} of slip_opt, as a standard error."
+    )
 
 
 def _ends(log: Log, followed: Mapping[str, Followed], summary: pd.DataFrame) -> Iterable[str]:
@@ -214,13 +233,7 @@ def _resets(log: Log, one: Followed) -> str:
 def _doubts(
     slope: InitialSlope, followed: Mapping[str, Followed], summary: pd.DataFrame
 ) -> Iterable[str]:
-    if slope.left is not None and slope.left.likeness > _LIKENESS:
-        yield (
-            "The samples do not follow Kiencke's curve (the likeness of neighbours in slip is "
-            f"{slope.left.likeness:.1f} standard deviations above that of white noise): mu_max is "
-            "then biased by more than its band says, and slip_opt by much more; adhesion identify "
-            "compares other curves."
-        )
+    yield _form(slope)
     wide = {name: one.widening for name, one in followed.items() if one.widening > 1.1}
     if wide:
         least, most = min(wide.values()), max(wide.values())
@@ -228,13 +241,12 @@ def _doubts(
         yield (
             "Consecutive errors of prediction are correlated "
             f"({', '.join(f'{name} {followed[name].correlation:.2f}' for name in wide)}): the "
-            f"bands are {factor} times as wide as those of the methods, which take the noise as "
-            "independent."
+            f"noise makes the bands {factor} times as wide as those of the methods, which take it "
+            "as independent."
         )
     yield (
-        "A band holds for a rail that has not changed since the last reset, and for methods that "
-        "forget, over what they remember; it contains no error of the form of the curve and no "
-        "noise of the slip."
+        "A band holds for a rail that has not changed since the last reset or, of methods that "
+        "forget, over what they remember, and for a slip without noise."
     )
     seldom = summary[summary["trusted"] < 0.5]
     if len(seldom):

@@ -39,7 +39,7 @@ def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
 
 def accuracy_steps(identifiers: Mapping[str, Identifier], runs: int) -> int:
     """The number of times that `measure_accuracy` reports progress."""
-    return sum(progress_steps(config, identifiers) for config in _campaigns(identifiers, runs, 0))
+    return sum(map(progress_steps, _campaigns(identifiers, runs, 0)))
 
 
 def measure_accuracy(

@@ -1,0 +1,255 @@
+"""A shard: some runs of all methods of a job, a function of the job and the shard's number alone.
+
+It may be computed anywhere and in any order. What adds up is added in the order of the runs within
+a shard, and in that of the shards afterwards, so that sums are the same bit for bit whatever is
+computed where.
+"""
+
+import operator
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Array, ArrayLike, Bool, Float
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import REFERENCE, Job, shard_runs, shard_tiles
+from adhesion_jax.campaign.rows import Found, estimate_rows
+from adhesion_jax.campaign.tiles import (
+    TILE,
+    TileResult,
+    bound_tile,
+    draw_tile,
+    identify_records,
+    scenario_of,
+)
+from adhesion_jax.identifiers import Estimate, Identifier, Status
+from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics
+from adhesion_jax.metrics.counts import BINS, bins_of, share_bins_of
+from adhesion_jax.metrics.moments import Moments
+from adhesion_jax.metrics.tracking import delay_counts, tracking_statistics
+from adhesion_jax.optim.box import on_bound
+from adhesion_jax.programs import kept
+from adhesion_jax.scenarios import Options, Scenario
+
+#: Statuses that count as a failure for every method.
+_UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
+
+#: Where a quantity has no bound, this share of its true value takes its place as a scale.
+_SHARE_OF_TRUTH = 0.01
+
+#: Successive numbers times this, modulo one, are far apart.
+_GOLDEN_SECTION = 0.618033988749895
+
+
+class Sums(NamedTuple):
+    """What the runs of a job add up to."""
+
+    accuracy: Moments  # of `run_statistics`, [rows] or [rows, quantities]
+    tracking: Moments  # of `tracking_statistics`, [names, stretches]
+    delays: NDArray[np.int64]  # runs with each delay, [names, stretches, steps]
+    seconds: Moments  # of one identification, [methods]; its runs are tiles
+
+    def plus(self, other: "Sums") -> "Sums":
+        added: Sums = jax.tree.map(operator.add, self, other)
+        return added
+
+
+class Reduced(NamedTuple):
+    """What is left of the runs of a shard for tables and figures."""
+
+    sums: Sums
+    #: The places in the counts [names, blocks, counted quantities, BINS] that are not zero.
+    places: NDArray[np.int64]
+    numbers: NDArray[np.int32]
+    compile_seconds: NDArray[np.float64]  # [methods]
+
+
+class Shard(NamedTuple):
+    """What some runs add up to, and the estimates that are kept of each of them."""
+
+    reduced: Reduced
+    rows: pa.Table
+
+
+def shard(job: Job, number: int) -> Shard:
+    """The shard of this number: each run is drawn once, for all methods."""
+    config, scenario = job.config, job.scenario
+    parts: dict[str, list[Found]] = {name: [] for name in job.methods}
+    seconds, compile_seconds = [], dict.fromkeys(job.methods, 0.0)
+    bounds = []
+    for tile in shard_tiles(number):
+        if tile * TILE >= config.runs:
+            break
+        records = draw_tile(config, tile)
+        bounds.append(np.asarray(bound_tile(config, records)))
+        spent = {}
+        for name in _in_turn(job.methods, number):
+            result = identify_records(config, tile, name, job.methods[name], records)
+            parts[name].append(_found(scenario, result))
+            spent[name] = result.seconds / (TILE * len(scenario.rails))
+            compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
+        seconds.append([spent[name] for name in job.methods])
+    runs = shard_runs(job, number)
+    found = {
+        name: jax.tree.map(lambda *x: np.concatenate(x)[:runs], *of_name)
+        for name, of_name in parts.items()
+    }
+    truth = truth_of(scenario, np.concatenate(bounds)[:runs])
+    sums = Sums(
+        accuracy=_accuracy(job, found, truth, _pooled(scenario, np.asarray(records.fresh), truth)),
+        tracking=_tracking(job, found),
+        delays=np.stack([delay_counts(found[name].tracking, job.longest) for name in job.names]),
+        seconds=Moments.of({"seconds": np.array(seconds)}),
+    )
+    first = shard_tiles(number).start * TILE
+    rows = estimate_rows(
+        config.scenario, scenario, {n: found[n] for n in job.names}, first, job.kept_blocks
+    )
+    compiling = np.array([*compile_seconds.values()])
+    return Shard(Reduced(sums, *_counts(job, found), compiling), rows)
+
+
+def _in_turn(methods: Mapping[str, Identifier], number: int) -> Sequence[str]:
+    """The methods from another one on in every shard: processes then compile different ones."""
+    names = [*methods]
+    first = int(len(names) * (number * _GOLDEN_SECTION % 1))
+    return names[first:] + names[:first]
+
+
+def _found(scenario: Scenario, result: TileResult) -> Found:
+    estimate = result.estimate
+    errors = np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1))
+    names = [*estimate.values]
+    return Found(
+        values={name: np.asarray(value) for name, value in estimate.values.items()},
+        standard_errors={name: errors[..., i] for i, name in enumerate(names)},
+        on_box=_on_box(scenario, estimate),
+        status=np.asarray(estimate.status),
+        objective=np.asarray(estimate.objective),
+        kept_share=np.where(estimate.reset, 0.0, estimate.forgetting),
+        evaluations=np.asarray(estimate.evaluations),
+        tracking=result.tracking,
+    )
+
+
+def _on_box(scenario: Scenario, estimate: Estimate) -> NDArray[np.bool_]:
+    known = scenario.known
+    if not set(known.curve.free) <= set(estimate.values):  # a method without a curve
+        return np.zeros(estimate.status.shape, dtype=bool)
+    parameters = np.stack([estimate.values[name] for name in known.curve.free], axis=-1)
+    return np.asarray(_any_on_bound(parameters, known.lower, known.upper))
+
+
+@kept()
+def _any_on_bound(
+    parameters: Float[ArrayLike, "*batch p"],
+    lower: Float[ArrayLike, " p"],
+    upper: Float[ArrayLike, " p"],
+) -> Bool[Array, "*batch"]:
+    return jnp.any(on_bound(parameters, lower, upper), axis=-1)
+
+
+def truth_of(scenario: Scenario, bound: NDArray[np.float64]) -> Truth:
+    """The true values of a scenario, and the bound of each run."""
+    quantities = scenario.quantities()
+    degrees_of_freedom = np.maximum(scenario.support() - len(scenario.known.curve.free), 1)
+    return Truth(
+        names=tuple(quantities),
+        values=np.stack(list(quantities.values()), axis=-1),
+        bound=bound,
+        sigma=scenario.sigma,
+        quantile=stdtrit(degrees_of_freedom, 0.975),
+    )
+
+
+def _pooled(scenario: Scenario, fresh: NDArray[np.bool_], truth: Truth) -> Truth:
+    """The truth for a method that pools the blocks since the rail last changed.
+
+    The blocks of a rail have equal information, so that the bound of a pool of k is smaller by the
+    root of k. A block that contains the points of those before it is such a pool already.
+    """
+    fresh = fresh.sum(axis=-1)
+    points = np.zeros(len(scenario.rails))
+    for b, rail in enumerate(scenario.rails):
+        before = points[b - 1] if b > 0 and scenario.rails[b - 1] == rail else 0
+        points[b] = before + fresh[b]
+    blocks = np.maximum(points / scenario.support(), 1.0)
+    degrees_of_freedom = np.maximum(points - len(scenario.known.curve.free), 1)
+    return truth._replace(
+        bound=truth.bound / np.sqrt(blocks)[:, None], quantile=stdtrit(degrees_of_freedom, 0.975)
+    )
+
+
+def _accuracy(job: Job, found: Mapping[str, Found], truth: Truth, pool: Truth) -> Moments:
+    """The moments of every row of every table of accuracy; `pool` is for methods that pool."""
+    of_row = []
+    outcomes = {name: _outcome(job, name, found, truth.names) for name in job.names}
+    for row in job.rows:
+        whose = pool if job.methods[row.identifier].POOLS else truth
+        outcome = outcomes[row.identifier]
+        of_row.append(run_statistics(outcome, whose, row.group.blocks, row.group.switched))
+    return Moments.of({name: np.stack([r[name] for r in of_row], axis=1) for name in of_row[0]})
+
+
+def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequence[str]) -> Outcome:
+    one = found[name]
+    # A gap to the exact optimum is a failure only if the optimum is known and minimised.
+    optimum = found.get(REFERENCE, one) if job.methods[name].FITS_LAST_RECORD else one
+    return Outcome(
+        values=np.stack([one.values[q] for q in quantities], axis=-1),
+        standard_errors=np.stack([one.standard_errors[q] for q in quantities], axis=-1),
+        on_box=one.on_box,
+        unusable=np.isin(one.status, _UNUSABLE),
+        objective=one.objective,
+        optimum=optimum.objective,
+        optimum_on_box=optimum.on_box,
+        evaluations=one.evaluations,
+        delay=np.asarray(one.tracking.delay),
+    )
+
+
+def _tracking(job: Job, found: Mapping[str, Found]) -> Moments:
+    of_name = [tracking_statistics(found[name].tracking) for name in job.names]
+    return Moments.of({key: np.stack([s[key] for s in of_name], axis=1) for key in of_name[0]})
+
+
+def _counts(job: Job, found: Mapping[str, Found]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """The estimates after each block counted in bins: the places that are not zero, the numbers."""
+    centre, scale = scales(job.config.scenario, job.config.options)
+    blocks, quantities = centre.shape[0], len(job.counted)
+    every = np.arange(blocks * quantities).reshape(blocks, quantities) * (BINS + 1)
+    places, numbers = [], []
+    for place, name in enumerate(job.names):
+        one = found[name]
+        values = np.stack([one.values[q] for q in job.scenario.quantities()], axis=-1)
+        bins = bins_of(values, centre, scale)
+        if quantities > bins.shape[-1]:
+            bins = np.concatenate([bins, share_bins_of(one.kept_share)[..., None]], axis=-1)
+        count = np.bincount((bins + every).ravel(), minlength=every.size * (BINS + 1))
+        known = count.reshape(-1, BINS + 1)[:, :BINS].ravel()  # the last is of what is no number
+        there = np.flatnonzero(known)
+        places.append(there + place * known.size)
+        numbers.append(known[there].astype(np.int32))
+    return np.concatenate(places), np.concatenate(numbers)
+
+
+@lru_cache
+def scales(scenario_name: str, options: Options) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The truth and the scale about which estimates are counted, [blocks, quantities] each.
+
+    The scale is the bound of the runs of one tile, which stands for that of all.
+    """
+    config = Config(scenario_name, options=options)
+    bound = np.asarray(bound_tile(config, draw_tile(config, 0)))
+    scenario = scenario_of(scenario_name, options)
+    truth = truth_of(scenario, bound).values
+    bound = np.sqrt(np.mean(bound**2, axis=0))
+    without = np.where(truth == 0, 1.0, _SHARE_OF_TRUTH * np.abs(truth))
+    return truth, np.where(np.isfinite(bound) & (bound > 0), bound, without)

@@ -1,0 +1,14 @@
+"""`adhesion status`: how far a Monte Carlo job is, and what its finished runs tell."""
+
+from pathlib import Path
+
+import click
+
+from adhesion_jax.command_line.command import perform
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), default=Path("out/montecarlo"))
+def main(folder: Path) -> None:
+    """Say how far the job in FOLDER is, and what its finished runs tell."""
+    perform("status", folder=folder)

@@ -1,0 +1,114 @@
+"""One answer for the peak that includes the choice of the curve, weighed by cross-validation."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq
+from scipy.special import stdtr
+
+from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.measured.law import law_with_errors
+
+#: Turns in which the weights are found; the log score is concave in them, and rises with each turn.
+_TURNS = 2000
+
+#: Curves of less weight are not asked for the peak.
+_LEAST_WEIGHT = 1e-4
+
+
+class Estimate(NamedTuple):
+    """The median of a mixture, and its 95 % interval; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Answer(NamedTuple):
+    """The peak, as a mixture of what each curve says of it.
+
+    Each curve with what it misses gives a Student distribution about its own estimate; the mixture
+    has the weights by which the curves together predict best what was left out.
+    """
+
+    weights: Mapping[str, float]  # by the name of the curve, of sum 1
+    mu_max: Estimate
+    slip_opt: Estimate  # NaN if the curves without a peak have most of the weight
+    without_peak: float  # weight of the curves without a peak
+
+
+def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
+    """The one answer of several fits to the same points."""
+    usable = {
+        name: fit
+        for name, fit in fits.items()
+        if np.all(np.isfinite(fit.left_out)) and np.isfinite(fit.mu_max_se)
+    }
+    nothing = Estimate(np.nan, np.nan, np.nan)
+    if not usable:
+        return Answer(dict.fromkeys(fits, 0.0), nothing, nothing, 1.0)
+    found = stacking_weights(np.stack([fit.left_out for fit in usable.values()]))
+    weights = dict.fromkeys(fits, 0.0) | dict(zip(usable, found.tolist(), strict=True))
+    counted = [(fit, weights[name]) for name, fit in fits.items() if weights[name] > _LEAST_WEIGHT]
+    peaked = [(fit, weight) for fit, weight in counted if fit.peak.found]
+    with_peak = sum(weight for _, weight in peaked)
+    return Answer(
+        weights,
+        _mixture([(float(f.peak.adhesion), f.mu_max_se, f.degrees, w) for f, w in counted]),
+        _mixture([(float(f.peak.slip), f.slip_opt_se, f.degrees, w) for f, w in peaked])
+        if with_peak > 0.5
+        else nothing,
+        1.0 - with_peak / sum(weight for _, weight in counted),
+    )
+
+
+def stacking_weights(
+    log_density: Float[np.ndarray, "curves parts"],
+) -> Float[np.ndarray, " curves"]:
+    """The weights of the mixture that predicts best the parts that were left out.
+
+    They maximise sum_i log sum_k w_k p_ki, p_ki the density of part i by curve k fitted to all
+    others; found by expectation and maximisation. Yao et al. 2018, Bayesian Analysis 13:917-1007,
+    Eq. 4.
+    """
+    density = np.exp(log_density - log_density.max(axis=0))
+    weights = np.full(len(density), 1 / len(density))
+    for _ in range(_TURNS):
+        share = weights[:, None] * density
+        new = (share / share.sum(axis=0)).sum(axis=1) / share.shape[1]
+        if np.abs(new - weights).max() < 1e-6:
+            break
+        weights = new
+    return weights
+
+
+def band_of_answer(
+    fits: Mapping[str, MeasuredFit], answer: Answer, slip: Float[np.ndarray, " points"]
+) -> Float[np.ndarray, "points 3"]:
+    """Median and ends of the pointwise 95 % interval of the mixture of the laws."""
+    chosen = [(fits[name], w) for name, w in answer.weights.items() if w > _LEAST_WEIGHT]
+    told = [(*law_with_errors(fit.law, slip), fit.degrees, weight) for fit, weight in chosen]
+    return np.array(
+        [
+            _mixture([(law[i], error[i], degrees, weight) for law, error, degrees, weight in told])
+            for i in range(slip.size)
+        ]
+    )
+
+
+def _mixture(parts: list[tuple[float, float, float, float]]) -> Estimate:
+    """Median and 2.5 % ends of Student distributions: centre, standard error, degrees, weight."""
+    centre, error, degrees, weight = np.array(parts).T
+    error, weight = np.maximum(error, 1e-12 * np.abs(centre) + 1e-300), weight / weight.sum()
+
+    def share_below(value: float) -> float:
+        return float(weight @ stdtr(degrees, (value - centre) / error))
+
+    def at(share: float) -> float:
+        reach = 40 * error
+        low, high = float(np.min(centre - reach)), float(np.max(centre + reach))
+        return float(brentq(lambda value: share_below(value) - share, low, high, xtol=1e-14))
+
+    return Estimate(at(0.5), at(0.025), at(0.975))

@@ -1,0 +1,131 @@
+"""The tables of a measured record: the one answer, a row for each curve, the printed table."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.measured.answer import Answer, Estimate
+from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.report.measured.words import LEAST_NAMED, reasons
+from adhesion_jax.wording import listed, plus_minus
+
+
+def answer_lines(answer: Answer, fit: MeasuredFit) -> str:
+    """The peak by all curves together, for a terminal; `fit` is that of any of them."""
+    unit = fit.slip_unit
+    weights = {name: w for name, w in answer.weights.items() if w >= LEAST_NAMED}
+    ranked = sorted(weights, key=lambda name: -weights[name])
+    slip = f"{_interval(answer.slip_opt)}{unit}"
+    if np.isnan(answer.slip_opt.value):
+        slip = f"no peak between slip 0 and {fit.slip_limit:g}{unit}"
+    return "\n".join(
+        (
+            f"mu_max    {_interval(answer.mu_max)}",
+            f"slip_opt  {slip}",
+            "The peak with its 95 % interval, the choice of the curve included. Weights of the "
+            "curves by",
+            "cross-validation: " + listed([f"{name} {weights[name]:.2f}" for name in ranked]) + ".",
+        )
+    )
+
+
+def _interval(found: Estimate) -> str:
+    half = 0.5 * (found.high - found.low)
+    digits = 4 if half <= 0 else int(np.clip(1 - np.floor(np.log10(half)), 2, 7))
+    return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+
+
+def curve_rows(
+    fits: Mapping[str, MeasuredFit], not_fitted: Mapping[str, Sequence[str]], answer: Answer
+) -> pd.DataFrame:
+    """One row for each curve; NaN where a quantity does not apply.
+
+    Columns: curve, rms, bic, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status,
+    each parameter with its standard error (`_se`), then the weight in the answer, log_density (of
+    what was left out), and the noise: sigma, autocorrelation, run_scatter, misfit (both relative),
+    effective_samples. `not_fitted` names the columns that a curve needs and the data lack.
+    """
+    rows: list[dict[str, object]] = []
+    noises: dict[str, dict[str, float]] = {}
+    for name, fit in fits.items():
+        mu_max, half = float(fit.peak.adhesion), fit.quantile * fit.mu_max_se
+        row: dict[str, object] = {
+            "curve": name,
+            "rms": fit.rms,
+            "bic": fit.bic,
+            "slip_opt": float(fit.peak.slip),
+            "slip_opt_se": fit.slip_opt_se,
+            "mu_max": mu_max,
+            "mu_max_lo": mu_max - half,
+            "mu_max_hi": mu_max + half,
+            "status": f"{fit.status.name}: {' '.join(reasons(fit))}",
+        }
+        for parameter, value, error in zip(
+            fit.curve.free, fit.parameters, fit.standard_errors, strict=True
+        ):
+            row[parameter] = value
+            row[f"{parameter}_se"] = error
+        noises[name] = {
+            "weight": answer.weights[name],
+            "log_density": fit.log_density,
+            "sigma": fit.noise.sigma,
+            "autocorrelation": fit.noise.autocorrelation,
+            "run_scatter": fit.run_scatter,
+            "misfit": fit.misfit,
+            "effective_samples": fit.effective,
+        }
+        rows.append(row)
+    rows += [
+        {"curve": name, "status": f"NOT_FITTED: it needs the column {' and '.join(columns)}."}
+        for name, columns in not_fitted.items()
+    ]
+    table, noise = pd.DataFrame(rows), pd.DataFrame.from_dict(noises, orient="index")
+    return table.join(noise, on="curve")
+
+
+def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
+    """The curves, the one that predicts best first, aligned for a terminal."""
+    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
+    most = fits[ranked[0]].log_density
+    summary, parameters = [], []
+    for name in ranked:
+        fit = fits[name]
+        half = fit.quantile * fit.mu_max_se
+        low, high = float(fit.peak.adhesion) - half, float(fit.peak.adhesion) + half
+        slip_opt = (
+            f"{plus_minus(float(fit.peak.slip), fit.slip_opt_se)}{fit.slip_unit}"
+            if fit.peak.found
+            else "no peak"
+        )
+        summary.append(
+            {
+                "curve": name,
+                "rms": f"{fit.rms:.5f}",
+                "misfit": f"{100 * fit.misfit:.1f} %",
+                "log density": f"{fit.log_density - most:.1f}",
+                "weight": f"{answer.weights[name]:.2f}",
+                "peak at slip": slip_opt,
+                "mu_max": f"{float(fit.peak.adhesion):.4f} [{low:.4f}, {high:.4f}]",
+                "status": fit.status.name,
+            }
+        )
+        parameters.append(
+            {
+                "curve": name,
+                "parameters ± standard errors": "  ".join(
+                    f"{parameter} {plus_minus(value, error)}"
+                    + ("" if np.isfinite(error) else " (held)")
+                    for parameter, value, error in zip(
+                        fit.curve.free, fit.parameters, fit.standard_errors, strict=True
+                    )
+                ),
+            }
+        )
+    return "\n\n".join(_aligned(pd.DataFrame(rows)) for rows in (summary, parameters))
+
+
+def _aligned(table: pd.DataFrame) -> str:
+    # pandas can set the headings flush left, the cells only by padding them.
+    padded = table.apply(lambda column: column.str.ljust(column.str.len().max()))
+    return padded.to_string(index=False, justify="left")

@@ -1,0 +1,217 @@
+"""Shards: what they hold, that their order does not matter, and what is left of a killed job."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+
+from adhesion_jax.campaign import store
+from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Job, shard_count, shard_runs, shard_tiles
+from adhesion_jax.campaign.monte_carlo import added, campaign_of, run_campaign
+from adhesion_jax.campaign.rows import frame_of
+from adhesion_jax.campaign.shard import scales, shard
+from adhesion_jax.errors import InputError
+from adhesion_jax.metrics.counts import WIDTH
+from adhesion_jax.scenarios import Options
+
+#: Three shards, of which the last has a part of its tile.
+SMALL = Config("he2018-blocks", ("ml-exact",), Options(points=40, blocks=6), 300, seed=2)
+
+
+def test_shards_have_all_runs_once_and_grow():
+    tiles = [shard_tiles(number) for number in range(120)]
+    assert [of[0] for of in tiles] == [0, *(of[-1] + 1 for of in tiles[:-1])]
+    sizes = [len(of) for of in tiles]
+    assert sizes[0] == 1
+    assert max(sizes) == sizes[-1] == 32
+    assert sizes == sorted(sizes)
+    for runs in (1, 128, 129, 5000, 10**6):
+        job = Job.of(dataclasses.replace(SMALL, runs=runs))
+        parts = [shard_runs(job, number) for number in range(shard_count(job))]
+        assert sum(parts) == runs
+        assert min(parts) > 0
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A job, its shards, its campaign and its rows."""
+    job = Job.of(SMALL)
+    shards = [shard(job, number) for number in range(shard_count(job))]
+    rows = []
+    campaign = run_campaign(SMALL, rows.append, lambda _: None, 1)
+    return job, shards, campaign, pd.concat(rows, ignore_index=True)
+
+
+def equal(one, other):
+    return jax.tree.all(jax.tree.map(lambda a, b: np.array_equal(a, b, equal_nan=True), one, other))
+
+
+def timeless(reduced):
+    """Without what depends on the clock."""
+    return reduced._replace(sums=reduced.sums._replace(seconds=0), compile_seconds=0)
+
+
+def test_a_shard_is_the_same_whatever_was_computed_before(small):
+    job, shards, campaign, _ = small
+    for number in reversed(range(len(shards))):
+        again = shard(job, number)
+        assert equal(timeless(again.reduced), timeless(shards[number].reduced))
+        rows = frame_of(again.rows), frame_of(shards[number].rows)
+        pd.testing.assert_frame_equal(*rows, check_exact=True)
+    tables = campaign_of(job, added(job, [found.reduced for found in shards])).tables
+    for name, table in tables.items():
+        timed = [column for column in table if "seconds" in column]
+        pd.testing.assert_frame_equal(
+            table.drop(columns=timed), campaign.tables[name].drop(columns=timed), check_exact=True
+        )
+
+
+def test_bands_are_those_of_all_runs_to_half_a_bin(small):
+    _, _, campaign, rows = small
+    centre, scale = scales(SMALL.scenario, SMALL.options)
+    quantities = list(dict.fromkeys(campaign.bands["quantity"]))
+    for row in campaign.bands.itertuples():
+        of_block = rows[(rows["block"] == row.block) & (rows["identifier"] == row.identifier)]
+        assert len(of_block) == SMALL.runs
+        true = np.quantile(of_block[row.quantity], [0.05, 0.5, 0.95])
+        place = row.block, quantities.index(row.quantity)
+        half = 0.5 * WIDTH * np.hypot(scale[place], true - centre[place])
+        assert (np.abs(np.array([row.p05, row.median, row.p95]) - true) <= 1.01 * half).all()
+
+
+def test_the_histogram_is_that_of_the_estimates(small):
+    _, _, campaign, rows = small
+    wet = campaign.histogram[campaign.histogram["rail"] == "wet"]
+    lines = np.append(wet["lower"], wet["upper"].iloc[-1])
+    values = rows.loc[rows["block"] == 5, "mu_max"]  # the block of the switch (4) is left out
+    counts, found = np.histogram(values, lines)[0], wet["density"] * np.diff(lines) * len(values)
+    # A run at most stands beyond a line, for bins are a fortieth as wide.
+    assert np.abs(np.cumsum(counts) - np.cumsum(found)).max() < 3
+    assert found.sum() == pytest.approx(counts.sum(), abs=1)
+
+
+def test_rows_are_kept_around_switches_and_at_the_end():
+    config = Config("he2018-blocks", options=Options(blocks=24))  # switches at 8 and 16
+    few = Job.of(config, every_block=False).kept_blocks
+    assert few.tolist() == [*range(7, 13), *range(15, 21), 23]
+    assert Job.of(config).kept_blocks.tolist() == [*range(24)]
+    single = Job.of(Config("single"), every_block=False)
+    assert single.kept_blocks.tolist() == [0]
+
+
+def written(directory, config, resume=False):
+    """The shards that were computed to complete a folder."""
+    jobs = [Job.of(config)]
+    with store.opened(directory, jobs, resume) as folder:
+        work = store.missing(folder, jobs)
+        for unit in work:
+            store.stored(*unit)
+    return [number for _, number, _ in work]
+
+
+def contents(directory):
+    """What the shards of a folder add up to, and their rows."""
+    (job,) = store.jobs_of(store.recorded(directory))
+    folder = directory / store.FOLDER
+    numbers = range(shard_count(job))
+    parts = [timeless(store.read(folder, job, number)) for number in numbers]
+    store.write_rows(directory / "rows.parquet", folder, [job])
+    return parts, pd.read_parquet(directory / "rows.parquet")
+
+
+def same(one, other):
+    pd.testing.assert_frame_equal(one[1], other[1], check_exact=True)
+    return equal(one[0], other[0])
+
+
+def test_what_is_stored_is_what_was_computed(small, tmp_path):
+    _, shards, _, rows = small
+    assert written(tmp_path, SMALL) == [0, 1, 2]
+    parts, stored = contents(tmp_path)
+    assert equal(parts, [timeless(found.reduced) for found in shards])
+    # The order of the columns apart, which is that of several scenarios in one file.
+    pd.testing.assert_frame_equal(stored[list(rows)], rows, check_exact=True)
+    assert written(tmp_path, SMALL, resume=True) == []
+    assert written(tmp_path, SMALL) == [0, 1, 2]  # unless asked to resume, it begins again
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "gone", "empty"])
+@pytest.mark.parametrize("kind", ["npz", "parquet"])
+def test_a_damaged_shard_is_computed_again(tmp_path, damage, kind):
+    config = dataclasses.replace(SMALL, runs=200)
+    written(tmp_path, config)
+    before = contents(tmp_path)
+    path = tmp_path / store.FOLDER / f"he2018-blocks-00001.{kind}"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    if damage == "gone":
+        path.unlink()
+    else:
+        left = {"cut": content[: len(content) // 3], "flipped": content, "empty": b""}
+        path.write_bytes(left[damage])
+    assert written(tmp_path, config, resume=True) == [1]
+    assert same(contents(tmp_path), before)
+
+
+def test_runs_that_are_added_make_the_longer_job(tmp_path):
+    (tmp_path / "long").mkdir()
+    written(tmp_path / "long", SMALL)
+    (tmp_path / "short").mkdir()
+    written(tmp_path / "short", dataclasses.replace(SMALL, runs=200))
+    jobs = [Job.of(SMALL)]
+    with store.opened(tmp_path / "short", jobs, resume=True, extend=100) as folder:
+        work = store.missing(folder, jobs)
+        assert [number for _, number, _ in work] == [1, 2]  # the first was whole
+        for unit in work:
+            store.stored(*unit)
+    assert same(contents(tmp_path / "short"), contents(tmp_path / "long"))
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ({"seed": 3}, "--seed is 2 there and 3 here"),
+        ({"runs": 200}, "--runs is 300 there and 200 here"),
+        ({"scenario": "single", "options": Options(points=40)}, "--scenario is he2018-blocks"),
+        ({"options": Options(points=41, blocks=6)}, "--points is 40 there and 41 here"),
+        ({"identifiers": ("ml-exact", "ml-de")}, "--identifiers is ml-exact there and ml-exact,ml"),
+    ],
+)
+def test_another_job_is_not_resumed_and_the_difference_is_named(tmp_path, other, words):
+    with store.opened(tmp_path, [Job.of(SMALL)], resume=False) as folder:
+        (folder / "he2018-blocks-00000.npz").write_bytes(b"stands for a shard")
+    with (
+        pytest.raises(InputError, match=words),
+        store.opened(tmp_path, [Job.of(dataclasses.replace(SMALL, **other))], resume=True),
+    ):
+        pass
+    assert (tmp_path / store.FOLDER / "he2018-blocks-00000.npz").exists()
+
+
+def test_a_job_of_another_source_is_not_resumed(tmp_path, monkeypatch):
+    with store.opened(tmp_path, [Job.of(SMALL)], resume=False) as folder:
+        (folder / "he2018-blocks-00000.npz").write_bytes(b"stands for a shard")
+    monkeypatch.setattr("adhesion_jax.keeping.of_package", lambda: "other")
+    with (
+        pytest.raises(InputError, match="source of adhesion-jax is another one"),
+        store.opened(tmp_path, [Job.of(SMALL)], resume=True),
+    ):
+        pass
+
+
+def test_two_jobs_do_not_write_to_one_folder(tmp_path):
+    with (
+        store.opened(tmp_path, [Job.of(SMALL)], resume=False),
+        pytest.raises(InputError, match="is being written to by another job"),
+        store.opened(tmp_path, [Job.of(SMALL)], resume=False),
+    ):
+        pass
+    assert list(tmp_path.iterdir()) == []  # a job without a shard leaves nothing
+
+
+def test_a_folder_without_shards_is_begun_afresh(tmp_path):
+    with store.opened(tmp_path, [Job.of(SMALL)], resume=True) as folder:
+        assert len(store.missing(folder, [Job.of(SMALL)])) == 3
