@@ -43,7 +43,8 @@ def main(
         measured = read([log], columns, wheel_radius)
         if dry_run:
             return
-        (chosen,) = events_of([measured.pop()], events)
+        chosen = events_of(measured, events)
+        del measured  # nothing holds the log while curves are fitted to its events
         citation = citation_of(log)
         source = identify_chosen(chosen, CURVES if curve is None else curve, citation)
     elif curves is not None:
