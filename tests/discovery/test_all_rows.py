@@ -22,7 +22,7 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.model.noise import _half_deviance, white_noise
 from adhesion_jax.discovery.model.problem import prepare
-from adhesion_jax.discovery.usable import refuse_training_runs, usable
+from adhesion_jax.discovery.model.usable import refuse_training_runs, usable
 from adhesion_jax.effects import EFFECTS, Covariate
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.law import CorrectedLaw
