@@ -29,10 +29,10 @@ def main(
     measured = read(files, columns, wheel_radius)
     if dry_run:
         return
-    directory = output_directory(out)
     # Nothing holds the log while the curves are fitted to its events.
     logs = events_of(measured, events)
     del measured
+    directory = output_directory(out)
     with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
 
         def progress(words: str, share: float) -> None:
