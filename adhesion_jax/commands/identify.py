@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
+from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.events import events_of
@@ -33,18 +33,10 @@ def main(
     logs = events_of(measured, events)
     del measured
     directory = output_directory(out)
-    with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
-
-        def progress(words: str, share: float) -> None:
-            bar.set_description_str(words)
-            bar.update(100 * share - bar.n)
-
+    with shown() as progress:
         curves = CURVES if curve == "all" else curve
         citation = " ".join(filter(None, map(citation_of, files)))
         found = identify_chosen(logs, curves, citation, by, slip_noise, progress)
     with staged(directory, IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")
-
-
-_BAR = "{desc}: {percentage:3.0f} %|{bar}| {elapsed}<{remaining}"

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 import pandas as pd
-from tqdm import tqdm
 
-from adhesion_jax.commands.reading import BAR, read
+from adhesion_jax.commands.progress import shown
+from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES, Law
 from adhesion_jax.data.events import events_of
 from adhesion_jax.effects.saved import load_law
@@ -64,10 +64,5 @@ def main(
 
 
 def _checked(planned: Plan, measurements: int, seed: int) -> pd.DataFrame:
-    with tqdm(total=100, unit="%", bar_format=BAR, leave=False, disable=None) as bar:
-
-        def progress(words: str, share: float) -> None:
-            bar.set_description_str(words)
-            bar.update(100 * share - bar.n)
-
+    with shown() as progress:
         return check_plan(planned, measurements, seed, progress)
