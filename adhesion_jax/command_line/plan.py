@@ -105,7 +105,7 @@ class Condition(click.ParamType):
 @click.option(
     "--curves",
     type=File((), "name the curves.csv of adhesion identify"),
-    help="The curves.csv of adhesion identify: its best curve by BIC that has a peak.",
+    help="The curves.csv of adhesion identify: its best curve that has a peak.",
 )
 @click.option(
     "--law",

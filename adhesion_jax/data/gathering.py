@@ -95,6 +95,8 @@ def gather(
             left_out[one.name] = reason
             continue
         columns[one.name] = values
+    # Of a long log it would hold hundreds of megabytes that nobody uses.
+    pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
     return Gathered(
         columns,

@@ -26,8 +26,9 @@ from adhesion_jax.discovery.model.noise import shared_part, white_noise
 from adhesion_jax.discovery.model.problem import Problem, corrected, label_of, prepare
 from adhesion_jax.discovery.model.rows import bends
 from adhesion_jax.discovery.model.slip import noise_of_slip, roughness, with_slip_errors
+from adhesion_jax.discovery.model.usable import refuse_training_runs, usable
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.all_rows import on_rows, tested_on_rows
+from adhesion_jax.discovery.search.all_rows import on_rows, sure_on_rows, with_noise_of_rows
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
 from adhesion_jax.discovery.search.judgement import (
     confirmed,
@@ -91,15 +92,22 @@ def discover(
     the findings. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s if
     it is known; otherwise the noise of the slip is estimated.
 
-    Raises InputError for a base curve that is not known, or that needs a column the runs lack.
+    Raises InputError for a base curve that is not known, or that needs a column the runs lack, and
+    for test runs that are training runs.
     """
     began = time.perf_counter()
+    if test is not None:
+        refuse_training_runs(runs, test)
     import_trees()
     progress = _never_falling(progress)
     bases = _bases(runs, base)
+    runs, unusable = usable(runs)
     whole = with_run_order(runs)
     blocks = condensed(whole)
-    warnings = [*runs.warnings, *_condensing_words(whole, blocks)]
+    warnings = [*runs.warnings, *unusable, *_condensing_words(whole, blocks)]
+    if test is not None:
+        told = (words for words in test.warnings if words not in runs.warnings)
+        warnings += [f"In the test data: {words}" for words in told]
     record = blocks.record
     problem = prepare(record, calendar_of(record), runs.blocks, worth=blocks.weights)
     held_out = _held_out(problem, seed)
@@ -150,9 +158,12 @@ def discover(
     final = _precise(final)
     doubts = (*doubts, *undecided(final), *level_doubts(final, seed))
     plain = _by_least_squares(problem, alone)
-    if noise is None and not final.accepted and slip_noise is None:
-        # Without an effect the law after is the law before; only the noise is estimated better.
-        final = final._replace(fits={plain.base: with_noise_left(plain.fitted)}, base=plain.base)
+    ranges = ranges_of(problem, whole)
+    rows = None if blocks is whole else whole
+    progress("fitting all rows", 0.9)
+    plain, plain_rows = on_rows(plain, rows, ranges, white=True)
+    final, final_rows, unsure = sure_on_rows(final, rows, ranges)
+    warnings += unsure
     if final.accepted:
         same = final.setting.problem.slip_noise is None
         bare = plain if same else _by_least_squares(final.setting.problem, alone)
@@ -164,13 +175,11 @@ def discover(
             )
             line = None
             final = bare._replace(ranking=final.ranking, thresholds=final.thresholds)
-    ranges = ranges_of(problem, whole)
-    plain_rows, final_rows = plain.fitted, final.fitted
-    if blocks is not whole:
-        progress("fitting all rows", 0.9)
-        plain, plain_rows = on_rows(plain, whole, ranges, white=True)
-        final, final_rows, unsure = tested_on_rows(final, plain, plain_rows, whole, ranges)
-        warnings += unsure
+            final, final_rows = on_rows(final, rows, ranges, white=True)
+    elif final.setting.problem.slip_noise is None:
+        # Without an effect the law after is the law before; only the noise is estimated better.
+        left, final_rows = with_noise_of_rows(plain, plain_rows, rows, ranges)
+        final = final._replace(fits=left.fits, base=left.base)
     progress("measuring the errors", 0.95)
     return summarise(
         runs=whole,

@@ -109,7 +109,8 @@ class Findings(NamedTuple):
     proposals: tuple[Proposal, ...]
     dependences: tuple[Dependence, ...]
     warnings: tuple[str, ...]
-    #: One row a measured training point: run, slip, adhesion, before, after, every column.
+    #: One row a point of the search, a training row or the mean of a block of neighbouring ones:
+    #: run, slip, adhesion, before, after, every column.
     points: pd.DataFrame
     #: With a test set, one row a row of it: row, base, corrected.
     predictions: pd.DataFrame | None
@@ -127,3 +128,6 @@ class Findings(NamedTuple):
     #: error (standard error of either, from the noise within the run), mean of every column. None
     #: for blocks of one run.
     levels: pd.DataFrame | None = None
+    base_before: str = ""  # the best curve without effects, where it is another one
+    #: Sentences on columns in which much of the test data is outside the training data.
+    outside: tuple[str, ...] = ()

@@ -158,10 +158,10 @@ def _settled(
         if samples_per_run is not None:
             raise InputError("samples_per_run does not go with a log, which has runs of its own.")
         name, fit = _best_with_peak(source)
-        log = own_log(fit, source.measured, stated)
+        log = own_log(fit, source.measured, source.slip, stated)
         _refuse_strange(conditions, dict.fromkeys(log.truth.conditions, (-math.inf, math.inf)))
         truth = log.truth._replace(conditions={**log.truth.conditions, **conditions})
-        words = f"{name} as fitted to {source.measured.name}"
+        words = f"{name} as fitted to {Path(source.measured.name).name}"
         return _Settled(words, planner(truth, log.noise, log.design), log)
     words, truth = _truth(source, conditions)
     runs = Sweeps(_SAMPLES_PER_RUN if samples_per_run is None else samples_per_run)
@@ -203,7 +203,7 @@ def _refuse_strange(
 
 
 def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
-    """The best curve by BIC of those that have a peak and standard errors."""
+    """The curve that predicts best what was left out, of those with a peak and its errors."""
     fits = {
         name: fit
         for name, fit in found.fits.items()
@@ -214,7 +214,7 @@ def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
             f"No curve that was fitted to {found.measured.name} has a peak, so that there is no "
             "mu_max to plan for; plan from a named rail, as --rail common."
         )
-    name = min(fits, key=lambda name: fits[name].bic)
+    name = max(fits, key=lambda name: fits[name].log_density)
     return name, fits[name]
 
 

@@ -10,7 +10,7 @@ from adhesion_jax.errors import InputError
 
 
 def load_curve(path: Path, name: str | None = None) -> Curve:
-    """The curve of this name in a curves.csv, or the one of the least BIC that has a peak there.
+    """The curve of this name in a curves.csv, or the best by log_density that has a peak there.
 
     InputError if the file holds no such curve.
     """
@@ -20,14 +20,14 @@ def load_curve(path: Path, name: str | None = None) -> Curve:
         raise InputError(f"{path} cannot be read ({error.strerror}); name a curves.csv.") from None
     except ValueError:  # no text, or no table
         raise _no_table(path) from None
-    if not {"curve", "bic", "slip_opt_se"} <= {*table.columns}:
+    if not {"curve", "log_density", "slip_opt_se"} <= {*table.columns}:
         raise _no_table(path)
-    rows = table[table["bic"].notna() & table["curve"].isin(CURVES)]
+    rows = table[table["log_density"].notna() & table["curve"].isin(CURVES)]
     if name is None:
         rows = rows[np.isfinite(rows["slip_opt_se"])]  # empty where there is no peak
         if rows.empty:
             raise InputError(f"{path} has no curve with a peak; identify one from other data.")
-        name = str(rows.loc[rows["bic"].idxmin(), "curve"])
+        name = str(rows.loc[rows["log_density"].idxmax(), "curve"])
     row = rows[rows["curve"] == name]
     if row.empty:
         fitted = ", ".join(rows["curve"]) or "none"

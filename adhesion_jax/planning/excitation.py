@@ -5,10 +5,11 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float, Int
 
-from adhesion_jax.planning.noise import some_runs
-
 #: Largest number of samples of a log from which its information is computed.
 _MOST_SAMPLES = 200_000
+
+#: Number of samples of a piece of a single long run.
+_PIECE = 2000
 
 
 class Excitation(NamedTuple):
@@ -55,5 +56,23 @@ Design: TypeAlias = Sweeps | Again
 
 def again(slip: Float[np.ndarray, " points"], starts: Int[np.ndarray, " runs"]) -> Again:
     """The design of a log; of a long one evenly chosen runs stand for all."""
-    chosen, fewer = some_runs(slip.size, starts, _MOST_SAMPLES)
+    chosen, fewer = _some_runs(slip.size, starts)
     return Again(slip[chosen] / np.abs(slip).max(), fewer, slip.size)
+
+
+def _some_runs(
+    points: int, starts: Int[np.ndarray, " runs"]
+) -> tuple[Int[np.ndarray, " chosen"], Int[np.ndarray, " fewer"]]:
+    """Samples of whole runs, evenly chosen, if a log is long, and where they begin.
+
+    A single run is cut into pieces, which then are the runs.
+    """
+    if points <= _MOST_SAMPLES:
+        return np.arange(points), starts
+    if starts.size == 1:
+        starts = np.arange(0, points, _PIECE)
+    ends = np.append(starts[1:], points)
+    kept = slice(None, None, -(-points // _MOST_SAMPLES))
+    chosen = [np.arange(start, end) for start, end in zip(starts[kept], ends[kept], strict=True)]
+    begins = np.cumsum([0, *(run.size for run in chosen[:-1])])
+    return np.concatenate(chosen), begins

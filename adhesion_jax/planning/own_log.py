@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.curves import adhesion_of
-from adhesion_jax.data import Measured, to_record
+from adhesion_jax.data import Measured
 from adhesion_jax.data.grouping import group
 from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.measured.slip import SlipErrors
 from adhesion_jax.planning.excitation import Again, again
-from adhesion_jax.planning.noise import Noise, noise_of_record
-from adhesion_jax.planning.truth import Truth, sensitivity_of
+from adhesion_jax.planning.noise import Noise
+from adhesion_jax.planning.truth import Truth
 
 
 class OwnLog(NamedTuple):
@@ -25,35 +25,38 @@ class OwnLog(NamedTuple):
     samples: int
     runs: int
     in_time: bool  # whether the order of the samples in time is known
+    misfit: float  # what the curve misses: its root mean square over the samples, relative
 
 
-def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -> OwnLog:
-    """The fitted curve as the truth, and the noise of its residual where none is `stated`.
+def own_log(
+    fit: MeasuredFit, measured: Measured, errors: SlipErrors, stated: Mapping[str, float]
+) -> OwnLog:
+    """The fitted curve as the truth, and the noise of its fit where none is `stated`.
 
-    Parameters that the fit holds are taken as known.
+    Parameters that the fit holds are taken as known. The slips are those to be expected, and their
+    noise is the mean one by which the fit weighs its points.
     """
-    record = to_record(measured)
     free = tuple(
         name for name, held in zip(fit.curve.free, fit.held.tolist(), strict=True) if not held
     )
     curve = dataclasses.replace(fit.curve, free=free)
-    truth = Truth(curve, dict(fit.conditions), fit.slip_limit, fit.slip_unit)
+    found = Noise(
+        fit.noise.sigma,
+        fit.noise.autocorrelation,
+        fit.run_scatter,
+        float(np.sqrt(np.mean(errors.noise))),
+    )
     runs = group([measured]).run
     order = np.argsort(runs, kind="stable")
     starts = np.flatnonzero(np.diff(runs[order], prepend=-1))
-    needed = {name: record.conditions[name] for name in curve.NEEDS}
-    residual = np.asarray(record.adhesion) - np.asarray(adhesion_of(curve, record.slip, needed))
-    slip, residual = np.asarray(record.slip)[order], residual[order]
-    in_time = "time_s" in measured.table
-    found = noise_of_record(
-        residual, sensitivity_of(truth, slip), starts, stated.get("slip_noise", 0.0), in_time
-    )
+    slip = errors.slip[order]
     return OwnLog(
-        truth,
+        Truth(curve, dict(fit.conditions), fit.slip_limit, fit.slip_unit),
         found._replace(**stated),
         again(slip, starts),
         float(np.abs(slip).max()),
         slip.size,
         starts.size,
-        in_time,
+        "time_s" in measured.table,
+        fit.misfit,
     )

@@ -11,8 +11,8 @@ from adhesion_jax.planning.truth import PeakOfTruth, Truth, peak_of, sensitivity
 
 #: Relative standard errors of slip_opt above which the errors of the peak are rough, since the
 #: bound is that of small errors, and of any quantity above which it is not determined. In simulated
-#: measurements on nine curves and rails mu_max scattered as the bound says, within 5 %, up to an
-#: error of slip_opt of 5 %, and within 14 % up to 12 %; beyond that fits without a peak are many.
+#: measurements on five curves and rails mu_max scattered as the bound says within 5 % up to an
+#: error of slip_opt of 5 %, and within 10 % up to 10 %; beyond that many fits find no peak.
 ROUGH, UNDETERMINED = 0.1, 1.0
 
 #: Fewest samples that are considered, since the noise must be seen as well, and most.

@@ -13,7 +13,7 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.speed import Speed
 from adhesion_jax.errors import InputError
 from adhesion_jax.planning.excitation import Again, Sweeps, again
-from adhesion_jax.planning.noise import Noise, information_under, noise_of_record
+from adhesion_jax.planning.noise import Noise, information_under
 from adhesion_jax.planning.plan import (
     ROUGH,
     plan_of,
@@ -168,27 +168,6 @@ def test_sweeps_divide_the_samples_into_runs_from_zero_to_the_largest_slip():
         excitation = Sweeps(200)(samples)
         assert (excitation.runs, excitation.share.size) == (runs, size)
         assert (excitation.share[0], excitation.share[-1]) == (0.0, 1.0)
-
-
-@pytest.mark.parametrize("name", ["white", "scattered runs"])
-def test_the_noise_of_a_record_is_found(name):
-    """From the residual of 24 simulated runs; bounds of about four standard errors."""
-    truth, generator = NOISES[name], np.random.default_rng(5)
-    runs, points = 24, 300
-    slip = np.tile(np.linspace(0.0, 0.4, points), runs)
-    sensitivity = sensitivity_of(COMMON, slip)
-    _, slope, level = by_differences(slip[:points])
-    root = np.linalg.cholesky(covariance(truth, slope, level) + 1e-15 * np.eye(points))
-    residual = (generator.standard_normal((runs, points)) @ root.T).ravel()
-    found = noise_of_record(residual, sensitivity, points * np.arange(runs), 0.0, True)
-    assert found.sigma == pytest.approx(truth.sigma, rel=0.06)
-    assert found.autocorrelation == pytest.approx(truth.autocorrelation, abs=0.05)
-    if truth.run_scatter:
-        assert 0.5 < found.run_scatter / truth.run_scatter < 1.7
-    else:
-        assert found.run_scatter < 0.004
-    unordered = noise_of_record(residual, sensitivity, points * np.arange(runs), 0.0, False)
-    assert unordered.autocorrelation == 0
 
 
 @pytest.mark.thorough

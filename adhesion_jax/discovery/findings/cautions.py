@@ -81,25 +81,42 @@ _NARROW: Mapping[str, float] = {
 }
 
 
-def extrapolated(state: Selection, law: CorrectedLaw, test: RunSet | None) -> tuple[str, ...]:
-    """Sentences on columns of the effects that leave their training range in the test data."""
+def extrapolated(
+    state: Selection, law: CorrectedLaw, runs: RunSet, test: RunSet | None
+) -> list[tuple[float, str]]:
+    """The share of test points outside the training range, and a sentence on it, largest first.
+
+    Of the columns of the effects, and of the slip if many points lie beyond the largest.
+    """
     if test is None:
-        return ()
+        return []
     record = condensed(test).record
     whole = conditions_of(record, law.calendar)
     inside = np.asarray(record.mask)
     used = {name for effect in state.accepted for name in effect.covariates}
-    sentences = []
+    found = []
     for name in sorted(used & set(law.ranges) & set(whole)):
         low, high = law.ranges[name]
         share = float(np.mean((whole[name][inside] < low) | (whole[name][inside] > high)))
-        if share > 0:
-            sentences.append(
+        found.append(
+            (
+                share,
                 f"{100 * share:.2g} % of the test points have {name} outside {low:.4g} to "
                 f"{high:.4g}, where its effect was found: there the correction keeps "
-                "its value at the edge."
+                "its value at the edge.",
             )
-    return tuple(sentences)
+        )
+    largest = float(np.abs(runs.whole.slip).max())
+    share = float(np.mean(np.abs(test.whole.slip) > largest))
+    if share > rules.FEW_OUTSIDE:
+        found.append(
+            (
+                share,
+                f"{100 * share:.2g} % of the test points have a larger slip than any training "
+                f"point ({largest:.4g}): there the curve is extrapolated.",
+            )
+        )
+    return sorted((one for one in found if one[0] > 0), reverse=True)
 
 
 def noise_words(state: Selection) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.model.rows import Ranges, predicted
 from adhesion_jax.discovery.model.slip import NoisySlip
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
@@ -81,6 +82,7 @@ def summarise(
     noise = final_rows.setting.noise
     level = float(np.mean(runs.whole.adhesion**2))
     floor = float(np.sqrt(noise.sigma**2 + noise.run_scatter**2 * level))
+    outside = extrapolated(final, law, runs, test)
     entries = library_of(final.setting.problem)
     alike = likenesses(final, entries)
     effects = _found(final, final_rows, validation)
@@ -105,7 +107,7 @@ def summarise(
         (
             *warnings,
             *noise_words(final),
-            *extrapolated(final, law, test),
+            *(sentence for _, sentence in outside),
             absent(runs),
         ),
         _points(blocks, before, after),
@@ -117,6 +119,8 @@ def summarise(
         tuple(doubts),
         opinion,
         None if runs.blocks else _levels(runs, before, after, noise),
+        "" if plain.base == final.base else plain.base,
+        tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
     )
 
 

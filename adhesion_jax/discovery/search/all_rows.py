@@ -10,13 +10,15 @@ from adhesion_jax.discovery.search.state import Selection, all_but, refreshed, s
 
 
 def on_rows(
-    state: Selection, runs: RunSet, ranges: Ranges, white: bool = False
+    state: Selection, runs: RunSet | None, ranges: Ranges, white: bool = False
 ) -> tuple[Selection, Fitted]:
-    """The state fitted to all rows, and its fit there.
+    """The state fitted to all rows, and its fit there; if there are no other rows (None): as it is.
 
     If the slip is noisy, the parameters of the search stay: AR(1) noise, under which the rows are
     fitted, does not know how the errors of the slip are correlated.
     """
+    if runs is None:
+        return state, state.fitted
     noisy = state.setting.problem.slip_noise is not None
     found = (
         seen_by_rows(state.fitted, runs, ranges)
@@ -28,39 +30,41 @@ def on_rows(
     return state._replace(fits=fits, accepted=accepted), found.rows
 
 
-def tested_on_rows(
-    state: Selection, plain: Selection, plain_rows: Fitted, runs: RunSet, ranges: Ranges
+def sure_on_rows(
+    state: Selection, runs: RunSet | None, ranges: Ranges
 ) -> tuple[Selection, Fitted, list[str]]:
-    """The state fitted to all rows without the effects that are not sure there, and why.
-
-    `plain` is the curve without effects, and `plain_rows` its fit to all rows: if no effect is
-    left, it is the law after as well.
-    """
+    """`on_rows` of the state without the effects that are not sure there, and why they are not."""
     words: list[str] = []
-    while state.accepted:
+    while True:
         found, rows = on_rows(state, runs, ranges)
         number, p = least_sure(found, rows)
         if p <= rules.SIGNIFICANT:
             return found, rows, words
         words.append(
-            f"{found.accepted[number].name} was found in blocks of rows, but in all rows its "
-            f"strength differs from run to run by so much that it may be zero (p = {p:.2g}); it is "
-            "not counted as an effect."
+            f"{found.accepted[number].name} was found, but its strength differs from run to run by "
+            f"so much that it may be zero (p = {p:.2g}); it is not counted as an effect."
         )
         state = without(state, all_but(state.accepted, number))
-    if state.setting.problem.slip_noise is not None:
-        return (*on_rows(state, runs, ranges), words)
-    # The noise alone is estimated better than by least squares.
-    bare = seen_by_rows(with_noise_left(plain.fitted), runs, ranges)
-    left = state._replace(fits={plain.base: bare.blocks}, base=plain.base)
-    return left, plain_rows._replace(setting=bare.rows.setting), words
+
+
+def with_noise_of_rows(
+    plain: Selection, of_rows: Fitted, runs: RunSet | None, ranges: Ranges
+) -> tuple[Selection, Fitted]:
+    """The curve alone, fitted by least squares, and its fit `of_rows`, with the noise it leaves."""
+    left = with_noise_left(plain.fitted)
+    if runs is None:
+        return plain._replace(fits={plain.base: left}), left
+    bare = seen_by_rows(left, runs, ranges)
+    return plain._replace(fits={plain.base: bare.blocks}), of_rows._replace(
+        setting=bare.rows.setting
+    )
 
 
 def least_sure(state: Selection, fitted: Fitted) -> tuple[int, float]:
-    """The accepted effect of largest p (`p_of`) in a fit of the state, and that p."""
+    """The accepted effect of largest p (`p_of`) in a fit of the state, and that p; 0 for none."""
     slots = slots_of(state.accepted)
     p = [
         p_of(fitted, [slot for slot, place in enumerate(slots) if place[0] == number])
         for number in range(len(state.accepted))
     ]
-    return int(np.argmax(p)), max(p)
+    return (int(np.argmax(p)), max(p)) if p else (0, 0.0)

@@ -116,9 +116,9 @@ SURE_ERRORS_OF_COLUMN = 1.645
 #: less. By hand, from a prototype of the search.
 LEAST_SHARE_OF_LOSS = 0.003
 
-#: A gain above this is enough, whatever its share of the loss: the more rows, the smaller the
-#: effect that they make sure. What was found in blocks of rows is tested on all rows. Convention:
-#: half a chi-square of one degree of freedom, p = 6e-5.
+#: A gain above this is enough, whatever its share of the loss: the more rows, the smaller an effect
+#: they make sure. What is found is tested on all rows (`all_rows`). Convention: half a chi-square
+#: of one degree of freedom, p = 6e-5.
 LEAST_GAIN = 8.0
 
 #: Length of a stretch of a log of one run, in neighbouring blocks. An effect is accepted only if
@@ -282,6 +282,18 @@ PROPOSED_COSINE = 0.6
 
 #: Number of causes from which a measurement is proposed to separate an effect. By hand.
 PROPOSED_RIVALS = 2
+
+#: Test points with a slip beyond that of every training point are warned of above this share. By
+#: hand.
+FEW_OUTSIDE = 0.01
+
+#: The verdict says that test data are outside the training range above this share of their points.
+#: By hand.
+MUCH_OUTSIDE = 0.2
+
+#: The verdict says that the error on test data is larger than on training runs left out if even the
+#: lower end of its interval exceeds that by this factor. By hand.
+UNLIKE_TRAINING = 2.0
 
 #: The autocorrelation of the noise is reported above this. By hand.
 REPORTED_AUTOCORRELATION = 0.05

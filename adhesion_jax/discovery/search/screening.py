@@ -27,6 +27,9 @@ _FLIPS = 1999
 #: Number of top entries projected out of the residual before the null distribution is drawn.
 _PROJECTED = 5
 
+#: Largest number of probes that are held at a time.
+_TOGETHER = 600
+
 #: A form of an entry: the name of the entry, the kind of effect, the part of the curve it acts on.
 Form = tuple[str, type, str]
 
@@ -135,56 +138,115 @@ def screen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> tuple[Score, 
         for start in entry.starts
         if has_room(fitted.effects, start)
     ]
+    if not starts:
+        return ()
+    groups = _groups(starts)
+    seen = [_seen(fitted, group) for group in groups[:1]]
+    # Of many probes some at a time are held, and worked out anew where they are needed again.
+    best: list[_Best] = []
+    for number, group in enumerate(groups):
+        best = _best_of([*best, *_firsts(seen[0] if number == 0 else _seen(fitted, group))])
+    residual = left = seen[0].residual
+    block = np.concatenate([one.block for one in best], axis=1)
+    if block.size:
+        left = residual - block @ np.linalg.lstsq(block, residual, rcond=1e-3)[0]
+    signs: np.ndarray | None = None
+    largest = np.full(_FLIPS, -np.inf)
+    found: list[tuple[tuple[Entry, Effect], float]] = []
+    for number, group in enumerate(groups):
+        one = seen[0] if number == 0 else _seen(fitted, group)
+        noise = _split_scores(one.flat, left, fitted.setting)
+        excess = _excess(one.blocks, one.parts, noise)
+        observed = _as_normal(*_statistics(one.blocks, one.parts, excess, *_observed(one.parts)))
+        if signs is None:
+            shape = (noise.levels.size, _FLIPS)
+            signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=shape)
+        flipped = (noise.level @ signs, noise.within @ signs, float((noise.levels**2).sum()))
+        statistic, freedom = _statistics(one.blocks, one.parts, excess, *flipped)
+        # Among blocks of equal degrees of freedom the largest statistic has the largest deviate.
+        alike = [freedom[:, 0] == k for k in np.unique(freedom)]
+        tops = [_as_normal(statistic[some].max(axis=0), freedom[some][0]) for some in alike]
+        largest = np.max([largest, *tops], axis=0)
+        tested = zip(group, observed[:, 0], one.blocks, strict=True)
+        found += [(start, float(z)) for start, z, block in tested if block.size]
+    needed = float(np.quantile(largest, 1 - rules.SIGNIFICANT))
+    scores: dict[Form, Score] = {}
+    for (entry, start), z in found:
+        p = (1 + np.sum(largest >= z)) / (1 + _FLIPS)
+        score = Score(entry, start, z, float(p), needed)
+        if score.form not in scores or scores[score.form].z < z:
+            scores[score.form] = score
+    return tuple(sorted(scores.values(), key=lambda score: -score.z))
+
+
+_Start = tuple[Entry, Effect]
+
+
+def _groups(starts: Sequence[_Start]) -> list[list[_Start]]:
+    """The starts in groups of a bounded number of probes."""
+    groups: list[list[_Start]] = [[]]
+    count = 0
+    for one in starts:
+        count += len(one[1].STRENGTHS)
+        if count > _TOGETHER:
+            groups.append([])
+            count = len(one[1].STRENGTHS)
+        groups[-1].append(one)
+    return groups
+
+
+class _Seen(NamedTuple):
+    """The probes of some starts against a residual."""
+
+    starts: Sequence[_Start]
+    flat: np.ndarray  # [points, probes]
+    residual: np.ndarray  # [points]
+    blocks: list[np.ndarray]  # [starts]: the testable probes of each
+    parts: "_SplitScores"
+
+
+def _seen(fitted: Fitted, starts: Sequence[_Start]) -> _Seen:
     probes, owner = [], []
     for place, (_, start) in enumerate(starts):
         for strength in start.STRENGTHS:
             others = {name: 0.0 for name in start.STRENGTHS if name != strength}
             probes.append(dataclasses.replace(start, **others))
             owner.append(place)
-    if not probes:
-        return ()
-    setting = fitted.setting
     testable, flat, residual = directions_of(fitted, probes)
-
     owners = np.array(owner)
     blocks = [np.flatnonzero((owners == place) & testable) for place in range(len(starts))]
-    parts = _split_scores(flat, residual, setting)
-    unscaled = np.ones(len(blocks))
-    first = _as_normal(*_statistics(blocks, parts, unscaled, *_observed(parts)))[:, 0]
-    block = flat[:, np.concatenate([blocks[place] for place in _best_starts(starts, first)])]
-    left = residual
-    if block.size:
-        left = residual - block @ np.linalg.lstsq(block, residual, rcond=1e-3)[0]
-    noise = _split_scores(flat, left, setting)
-    excess = _excess(blocks, parts, noise)
-    observed = _as_normal(*_statistics(blocks, parts, excess, *_observed(parts)))[:, 0]
-    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(noise.levels.size, _FLIPS))
-    flipped = (noise.level @ signs, noise.within @ signs, float((noise.levels**2).sum()))
-    statistic, freedom = _statistics(blocks, parts, excess, *flipped)
-    # Among blocks of equal degrees of freedom the largest statistic has the largest deviate.
-    alike = [freedom[:, 0] == k for k in np.unique(freedom)]
-    tops = [_as_normal(statistic[some].max(axis=0), freedom[some][0]) for some in alike]
-    largest = np.max(tops, axis=0)
-    needed = float(np.quantile(largest, 1 - rules.SIGNIFICANT))
-    scores: dict[Form, Score] = {}
-    for (entry, start), z, block in zip(starts, observed, blocks, strict=True):
-        if not block.size:
-            continue
-        p = (1 + np.sum(largest >= z)) / (1 + _FLIPS)
-        score = Score(entry, start, float(z), float(p), needed)
-        if score.form not in scores or scores[score.form].z < z:
-            scores[score.form] = score
-    return tuple(sorted(scores.values(), key=lambda score: -score.z))
+    return _Seen(starts, flat, residual, blocks, _split_scores(flat, residual, fitted.setting))
 
 
-def _best_starts(starts: Sequence[tuple[Entry, Effect]], observed: np.ndarray) -> Sequence[int]:
-    """The places in `starts` of the best start of each of the best entries."""
+class _Best(NamedTuple):
+    """The best start of an entry: its name, z, and probes [points, probes]."""
+
+    name: str
+    z: float
+    block: np.ndarray
+
+
+def _firsts(seen: _Seen) -> list[_Best]:
+    """The best starts of the best entries."""
+    unscaled = np.ones(len(seen.blocks))
+    statistics = _statistics(seen.blocks, seen.parts, unscaled, *_observed(seen.parts))
+    z = _as_normal(*statistics)[:, 0]
     chosen: dict[str, int] = {}
-    for place in np.argsort(-observed, kind="stable"):
-        chosen.setdefault(starts[place][0].name, int(place))
+    for place in np.argsort(-z, kind="stable"):
+        chosen.setdefault(seen.starts[place][0].name, int(place))
         if len(chosen) == _PROJECTED:
             break
-    return list(chosen.values())
+    return [
+        _Best(name, float(z[place]), seen.flat[:, seen.blocks[place]])
+        for name, place in chosen.items()
+    ]
+
+
+def _best_of(candidates: Sequence[_Best]) -> list[_Best]:
+    best: dict[str, _Best] = {}
+    for one in sorted(candidates, key=lambda one: -one.z):
+        best.setdefault(one.name, one)
+    return list(best.values())[:_PROJECTED]
 
 
 class _SplitScores(NamedTuple):

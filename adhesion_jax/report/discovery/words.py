@@ -177,7 +177,21 @@ def verdict(findings: Findings) -> str:
             f"{_strongest(findings)}.",
             _error_alone(findings),
         ]
-    return " ".join([*sentences, *_in_noise(findings)])
+    return " ".join([*sentences, *_in_noise(findings), *_unlike(findings)])
+
+
+def _unlike(findings: Findings) -> list[str]:
+    """Sentences on test data that are unlike the training data."""
+    sentences = [one_line(sentence) for sentence in findings.outside]
+    if findings.test is not None:
+        usual, now = findings.validation.after.value, findings.test.after
+        if now.low > rules.UNLIKE_TRAINING * usual > 0:
+            sentences.append(
+                f"On the test set the error is {number(now.value / usual)} times that of training "
+                f"{kind_of_run(findings)}s left out ({error(usual)}): the test data are unlike the "
+                "training data, or something acts in them that did not act there."
+            )
+    return sentences
 
 
 def _axes(findings: Findings) -> str:
@@ -310,9 +324,10 @@ def _change(findings: Findings) -> str:
             f"{error_in_brackets(after)}, so that the correction is of no use there; {floor}"
         )
     removed = percent_in_brackets(_held_out(findings).removed)
+    alone = f" (of {findings.base_before}, the best curve alone)" if findings.base_before else ""
     return (
-        f"{start} falls from {error(before.value)} to {error_in_brackets(after)}, which removes "
-        f"{removed} of the squared error; {floor}"
+        f"{start} falls from {error(before.value)}{alone} to {error_in_brackets(after)}, which "
+        f"removes {removed} of the squared error; {floor}"
     )
 
 

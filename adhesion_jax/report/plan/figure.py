@@ -68,8 +68,11 @@ def _map(axes: Axes, plan: Plan, errors: Float[np.ndarray, "slips numbers"]) -> 
     lines = axes.contour(*place, shown, levels, colors="0.15", linewidths=0.9, linestyles="solid")
     axes.clabel(lines, fmt=lambda level: f"{round(100 * 10**level, 2):g} %", fontsize=9)
     axes.set(xscale="log", yscale="log", xlabel="number of samples")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    for axis, steps in (
+        (axes.xaxis, (1.0, 2.0, 5.0)),
+        (axes.yaxis, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)),
+    ):
+        axis.set_major_locator(LogLocator(subs=steps))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
         axis.set_minor_formatter(NullFormatter())
 

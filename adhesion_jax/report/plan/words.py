@@ -89,6 +89,8 @@ def told(
     for place, name in enumerate(QUANTITIES):
         parts.append(f"\nRelative standard error of {name} (%)\n{_table(plan, place)}")
     parts += ["", *map(_filled, _remarks(plan))]
+    if log is not None and log.misfit > 0:
+        parts.append(_filled(_misfit_sentence(log)))
     if present is not None:
         parts += ["", *map(_filled, _present_sentences(plan, present))]
     if wanted is not None:
@@ -130,7 +132,7 @@ def _noise_sentences(noise: Noise, log: OwnLog | None) -> str:
             " The log has no column time_s, so that neighbouring samples are taken as independent."
         )
     else:
-        found = " What was not stated is estimated from what the curve leaves of the log."
+        found = " What was not stated is that of the fit to the log."
     parts = [
         f"standard deviation {number(noise.sigma)} in adhesion",
         f"correlation {number(noise.autocorrelation)} from sample to sample"
@@ -144,6 +146,13 @@ def _noise_sentences(noise: Noise, log: OwnLog | None) -> str:
         else "an exact slip",
     ]
     return f"Noise: {listed(parts)}.{found}"
+
+
+def _misfit_sentence(log: OwnLog) -> str:
+    return (
+        f"The curve misses {per_cent(log.misfit)} % of the adhesion of this log. That is no part "
+        "of the plan: the intervals of adhesion identify contain it and are wider."
+    )
 
 
 def _excitation_sentences(plan: Plan, log: OwnLog | None) -> str:
