@@ -14,7 +14,7 @@ KNOWN = catalogue()
 
 
 @click.command()
-@click.argument("file", type=File(KNOWN.data, f"name {FILES}"))
+@click.argument("files", type=File(KNOWN.data, f"name {FILES}"), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
@@ -44,11 +44,12 @@ KNOWN = catalogue()
     show_default=True,
 )
 def main(**asked: Any) -> None:
-    """Fit adhesion curves to the measured points of FILE and say what they are worth.
+    """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
-    FILE is a .csv, .csv.gz, .txt, .tsv or .parquet file of slip (or the speeds of wheel and train)
-    and adhesion (or force and load), in columns that are recognised by their names and units or
-    named by --column; --dry-run shows how it is understood. Or it is the name of a data set that
-    ships with the package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
+    FILES are one or more .csv, .csv.gz, .txt, .tsv or .parquet files of slip (or the speeds of
+    wheel and train) and adhesion (or force and load), in columns that are recognised by their names
+    and units or named by --column; --dry-run shows how they are understood. Or the name of a data
+    set that ships with the package: eurosprinter. (roller-rig has one slip and no curve: adhesion
+    discover.)
     """
     perform("identify", **asked)

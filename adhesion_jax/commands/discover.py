@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
-from adhesion_jax.commands.reading import BAR, read
+from adhesion_jax.commands.progress import shown
+from adhesion_jax.commands.reading import read
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.runs import matching, to_runs
 from adhesion_jax.discovery.engine import discover
@@ -49,12 +49,7 @@ def main(
     used = " ".join(filter(None, (log.sentence for log in logs)))
     if used:
         click.echo(f"{textwrap.fill(used, 96)}\n")
-    with tqdm(total=100, unit="%", bar_format=BAR, leave=False) as bar:
-
-        def progress(words: str, share: float) -> None:
-            bar.set_description_str(words)
-            bar.update(100 * share - bar.n)
-
+    with shown() as progress:
         runs = to_runs([log.points for log in logs])
         test = matching(runs, to_runs([log.points for log in judging])) if judging else None
         findings = discover(

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
+from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.events import events_of
@@ -15,7 +15,7 @@ from adhesion_jax.library.reading import citation_of
 
 
 def main(
-    file: str,
+    files: tuple[str, ...],
     curve: str,
     events: bool | None,
     by: str | None,
@@ -25,24 +25,18 @@ def main(
     wheel_radius: float | None,
     dry_run: bool,
 ) -> None:
-    """Write what the measured points of a file, or of a set that ships, say of a curve, or all."""
-    measured = read([file], columns, wheel_radius)
+    """Write what the measured points of files, or of sets that ship, say of a curve, or all."""
+    measured = read(files, columns, wheel_radius)
     if dry_run:
         return
     directory = output_directory(out)
     # Nothing holds the log while the curves are fitted to its events.
-    (log,) = events_of([measured.pop()], events)
-    with tqdm(total=100, unit="%", bar_format=_BAR, leave=False) as bar:
-
-        def progress(words: str, share: float) -> None:
-            bar.set_description_str(words)
-            bar.update(100 * share - bar.n)
-
+    logs = events_of(measured, events)
+    del measured
+    with shown() as progress:
         curves = CURVES if curve == "all" else curve
-        found = identify_chosen(log, curves, citation_of(file), by, slip_noise, progress)
+        citation = " ".join(filter(None, map(citation_of, files)))
+        found = identify_chosen(logs, curves, citation, by, slip_noise, progress)
     with staged(directory, IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")
-
-
-_BAR = "{desc}: {percentage:3.0f} %|{bar}| {elapsed}<{remaining}"

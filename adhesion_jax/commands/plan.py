@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 import pandas as pd
-from tqdm import tqdm
 
-from adhesion_jax.commands.reading import BAR, read
+from adhesion_jax.commands.progress import shown
+from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES, Law
 from adhesion_jax.data.events import events_of
 from adhesion_jax.effects.saved import load_law
@@ -43,7 +43,8 @@ def main(
         measured = read([log], columns, wheel_radius)
         if dry_run:
             return
-        (chosen,) = events_of([measured.pop()], events)
+        chosen = events_of(measured, events)
+        del measured  # nothing holds the log while curves are fitted to its events
         citation = citation_of(log)
         source = identify_chosen(chosen, CURVES if curve is None else curve, citation)
     elif curves is not None:
@@ -63,10 +64,5 @@ def main(
 
 
 def _checked(planned: Plan, measurements: int, seed: int) -> pd.DataFrame:
-    with tqdm(total=100, unit="%", bar_format=BAR, leave=False, disable=None) as bar:
-
-        def progress(words: str, share: float) -> None:
-            bar.set_description_str(words)
-            bar.update(100 * share - bar.n)
-
+    with shown() as progress:
         return check_plan(planned, measurements, seed, progress)

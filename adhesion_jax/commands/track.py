@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
-from adhesion_jax.commands.reading import BAR, read
+from adhesion_jax.commands.progress import shown
+from adhesion_jax.commands.reading import read
 from adhesion_jax.files import output_directory, staged
 from adhesion_jax.library.track import METHODS, TRACK_FILES, track
 
@@ -26,15 +26,13 @@ def main(
     if dry_run:
         return
     output_directory(out)
-    with tqdm(
-        total=100, unit="%", desc="following", bar_format=BAR, leave=False, disable=None
-    ) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.update(100 * done / total - bar.n)
-
+    with shown() as progress:
         found = track(
-            measured, identifiers or METHODS, initial_slope, events=events, report=progress
+            measured,
+            identifiers or METHODS,
+            initial_slope,
+            events=events,
+            report=lambda done, total: progress("following", done / total),
         )
     with staged(out, TRACK_FILES) as stage:
         found.write(stage)

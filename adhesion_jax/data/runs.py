@@ -157,6 +157,25 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     )
 
 
+def as_one(files: Sequence[Measured]) -> Measured:
+    """Measured tables as one, with the columns that all have and the runs of all (`group`)."""
+    if len(files) == 1:
+        return files[0]
+    _refuse_two_kinds(files)
+    table, incomplete = _joined(files)
+    grouping = group(files)
+    names = np.array(grouping.names, dtype=object)
+    return Measured(
+        ", ".join(file.name for file in files),
+        table.assign(run=names[grouping.run]),
+        files[0].slip,
+        tuple(str(name) for name in table if name not in {*COLUMNS, *LABELS}),
+        tuple(dict.fromkeys([*incomplete, *(name for file in files for name in file.left_out)])),
+        pd.concat([file.understood for file in files], ignore_index=True),
+        tuple(note for file in files for note in file.notes),
+    )
+
+
 def matching(runs: RunSet, test: RunSet) -> RunSet:
     """The runs of `test` with the conditions of `runs` and no others, the axles by its codes.
 

@@ -26,6 +26,7 @@ from adhesion_jax.discovery.model.noise import shared_part, white_noise
 from adhesion_jax.discovery.model.problem import Problem, corrected, label_of, prepare
 from adhesion_jax.discovery.model.rows import bends
 from adhesion_jax.discovery.model.slip import noise_of_slip, roughness, with_slip_errors
+from adhesion_jax.discovery.model.usable import refuse_training_runs, usable
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.all_rows import on_rows, sure_on_rows, with_noise_of_rows
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
@@ -43,7 +44,6 @@ from adhesion_jax.discovery.search.second_opinion import import_trees, second_op
 from adhesion_jax.discovery.search.selection import search, search_columns
 from adhesion_jax.discovery.search.state import Selection, parts_of, refreshed, settled
 from adhesion_jax.discovery.types import Doubt, Findings, Opinion
-from adhesion_jax.discovery.usable import refuse_training_runs, usable
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.wave import Wave
 from adhesion_jax.errors import InputError

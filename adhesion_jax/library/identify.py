@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.curves import CURVES, Curve
-from adhesion_jax.data import Measured, check_curve, to_record
-from adhesion_jax.data.events import Chosen, Events, events_of
+from adhesion_jax.data import Measured, as_one, check_curve, to_record
+from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.grouping import group
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
-from adhesion_jax.library.reading import Data, citation_of, measured_of
+from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
 from adhesion_jax.library.results import of_numbers, text_html
 from adhesion_jax.measured.answer import Answer, answered
 from adhesion_jax.measured.comparison import MOST_GROUPS, Comparison, compared
@@ -50,8 +50,7 @@ class Identification:
     """
 
     measured: Measured  # the points, with the columns that were derived
-    events: Events | None  # slip events that the points were cut out of; None where all were used
-    used: str  # which rows of a log are used, and why
+    logs: Sequence[Chosen]  # the rows that were used of each table, and the slip events they are
     citation: str  # of a set that ships
     fits: Mapping[str, MeasuredFit]  # by the name of the curve
     not_fitted: Mapping[str, Sequence[str]]  # curve to the columns it needs and the points lack
@@ -111,7 +110,7 @@ class Identification:
         """In words: the best curve, the noise, what is left over, and what not to trust."""
         return verdict(
             self.measured,
-            " ".join(filter(None, (self.used, self.citation))),
+            " ".join(filter(None, (*(log.sentence for log in self.logs), self.citation))),
             self.fits,
             self.not_fitted,
             self.residuals[self.best],
@@ -130,7 +129,7 @@ class Identification:
         title = Path(self.measured.name).name
         draw = in_double_precision(draw_measured)
         draw(path / "curves.png", title, self.fits, self.residuals, self.answer)
-        draw_events(path, [Chosen(self.measured, self.events, self.used)])
+        draw_events(path, self.logs)
         if self.comparison is not None:
             write_table(path / "runs.csv", self.comparison.table)
             draw_comparison(path / "runs.png", title, self.comparison)
@@ -145,7 +144,7 @@ class Identification:
 
 
 def identify(
-    data: Data,
+    data: Data | Sequence[Data],
     curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES),
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
@@ -157,35 +156,36 @@ def identify(
     """Fit adhesion curves to measured points under the noise that the points show.
 
     `data` has a row a point, with the columns slip_ratio (or slip_velocity_mps) and adhesion (or
-    tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units. `columns`
-    says which columns these are where they have other names or units, as in {"speed": "v [km/h]"},
-    and `wheel_radius` is in m, for a slip from the rotation of the wheel. Runs are told by a column
-    run, or by gaps in time_s; with time_s, the points of a run are in their order. Of a long log
-    only its slip events are used, as runs (`data.events`), unless `events` is False; with True a
-    short one is cut as well. `curves` are names of CURVES, or curves of your own by name. `by` is a
-    column whose groups of runs are compared: did the rail change between them? (`run` compares the
-    runs themselves.) `slip_noise` is the standard deviation of the noise of the wheel speed in m/s
-    (of the slip, where there is no vehicle speed), 0 for an exact slip; by default it is estimated
-    where there is time_s. `progress` is called with words and the share done. InputError names all
-    that is wrong with the data. Source: restricted maximum likelihood, Patterson and Thompson 1971;
-    the weights of the curves by stacking, Yao et al. 2018.
+    tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units; several
+    tables are taken together. `columns` says which columns these are where they have other names or
+    units, as in {"speed": "v [km/h]"}, and `wheel_radius` is in m, for a slip from the rotation of
+    the wheel. Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run
+    are in their order. Of a long log only its slip events are used, as runs (`data.events`), unless
+    `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
+    of your own by name. `by` is a column whose groups of runs are compared: did the rail change
+    between them? (`run` compares the runs themselves.) `slip_noise` is the standard deviation of
+    the noise of the wheel speed in m/s (of the slip, where there is no vehicle speed), 0 for an
+    exact slip; by default it is estimated where there is time_s. `progress` is called with words
+    and the share done. InputError names all that is wrong with the data. Source: restricted maximum
+    likelihood, Patterson and Thompson 1971; the weights of the curves by stacking, Yao et al. 2018.
     """
-    (log,) = events_of([measured_of(data, columns, wheel_radius)], events)
-    return identify_chosen(log, curves, citation_of(data), by, slip_noise, progress)
+    logs = events_of(all_of(data, columns, wheel_radius), events)
+    citation = " ".join(filter(None, map(citation_of, parts_of(data))))
+    return identify_chosen(logs, curves, citation, by, slip_noise, progress)
 
 
 @in_double_precision
 def identify_chosen(
-    log: Chosen,
+    logs: Sequence[Chosen],
     curves: str | Sequence[str] | Mapping[str, Curve],
     citation: str,
     by: str | None = None,
     slip_noise: float | None = None,
     progress: Callable[[str, float], None] = silent,
 ) -> Identification:
-    """The same of rows that were read and chosen before, of a set with this citation."""
+    """The same of rows that were read and chosen before, of sets with this citation."""
     chosen = _curves(curves)
-    points = log.points
+    points = as_one([log.points for log in logs])
     check_curve(points)
     record = to_record(points)
     lacking = {name: missing_columns(curve, record.conditions) for name, curve in chosen.items()}
@@ -204,8 +204,7 @@ def identify_chosen(
     residuals = {name: residual_structure(fit, record) for name, fit in fits.items()}
     identified = Identification(
         points,
-        log.events,
-        log.sentence,
+        logs,
         citation,
         fits,
         not_fitted,

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from adhesion_jax.curves import CURVES
+from adhesion_jax.curves import CURVES, Peak
 from adhesion_jax.measured.fit import MeasuredFit
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.log import Log
@@ -20,26 +20,25 @@ _CELLS, _OF_A_CELL = 60, 40
 #: A standard error above this share of the slope is taken as this share: the slope is positive.
 _WIDEST = 0.8
 
-#: The form of the curve that the methods have, and another one.
-_FORM, _OTHER = "kiencke", "burckhardt"
+#: The form of the curve that the methods have.
+_FORM = "kiencke"
 
 
 class InitialSlope(NamedTuple):
     """Adhesion per slip near slip 0, a0 of Kiencke's curve, and what a log says of that curve.
 
     `form` has the standard error that the form of the curve makes, relative to mu_max and to
-    slip_opt: sqrt(w) d, d the relative difference of the peak of Burckhardt's curve from that of
-    Kiencke's, both fitted to the log, and w its weight by BIC, 1/(1 + exp(half the difference)).
-    Source of the weights: Kass and Raftery 1995, J. Am. Stat. Assoc. 90:773-795.
+    slip_opt: the difference of the peak of the fitted curve with what it misses (`measured.fit`)
+    from that of the curve alone. It is zero where the curve misses nothing.
     """
 
     value: float
     standard_error: float  # 0 where it was given
     given: bool
     fit: MeasuredFit  # of Kiencke's curve, a0 among what is fitted
-    other: MeasuredFit  # of Burckhardt's
+    alone: Peak  # of the fitted curve, without what it misses
     form: Mapping[str, float]
-    samples: int  # that they were fitted to
+    samples: int  # that it was fitted to
 
     @property
     def fitted(self) -> tuple[float, float]:
@@ -71,26 +70,21 @@ def initial_slope(log: Log, given: float | None = None) -> InitialSlope:
     slip, adhesion = jnp.asarray(log.slip[chosen]), jnp.asarray(log.adhesion[chosen])
     every = jnp.ones(chosen.size, dtype=bool)
     record = Record(slip, adhesion, every, every, {})
-    curves = {name: CURVES[name] for name in (_FORM, _OTHER)}
-    one_run = np.zeros(chosen.size, dtype=int)
-    fits = fit_curves(curves, record, one_run, log.slip_is_velocity, slip_noise=0.0).curves
-    fit, other = fits[_FORM], fits[_OTHER]
-    found = InitialSlope(0.0, 0.0, given is not None, fit, other, _form(fit, other), chosen.size)
+    one_run, curve = np.zeros(chosen.size, dtype=int), {_FORM: CURVES[_FORM]}
+    fits = fit_curves(curve, record, one_run, log.slip_is_velocity, slip_noise=0.0).curves
+    fit = fits[_FORM]
+    alone = fit.curve.peak(fit.conditions, fit.slip_limit)
+    found = InitialSlope(0.0, 0.0, given is not None, fit, alone, _form(fit, alone), chosen.size)
     value, error = found.fitted if given is None else (given, 0.0)
     return found._replace(value=value, standard_error=error)
 
 
-def _form(fit: MeasuredFit, other: MeasuredFit) -> dict[str, float]:
-    if not (fit.peak.found and other.peak.found):
+def _form(fit: MeasuredFit, alone: Peak) -> dict[str, float]:
+    if not (fit.peak.found and alone.found):
         return {"mu_max": 0.0, "slip_opt": 0.0}
-    weight = 1 / (1 + np.exp(np.clip((other.bic - fit.bic) / 2, -700, 700)))
-    pairs = {
-        "mu_max": (fit.peak.adhesion, other.peak.adhesion),
-        "slip_opt": (fit.peak.slip, other.peak.slip),
-    }
     return {
-        name: float(np.sqrt(weight) * abs(float(second) / float(first) - 1))
-        for name, (first, second) in pairs.items()
+        "mu_max": abs(float(fit.peak.adhesion) / float(alone.adhesion) - 1),
+        "slip_opt": abs(float(fit.peak.slip) / float(alone.slip) - 1),
     }
 
 

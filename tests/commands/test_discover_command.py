@@ -35,7 +35,8 @@ def refusal(arguments, out, capsys, monkeypatch):
         started(monkeypatch, out, *arguments)
     assert ended.value.code == 2
     said = capsys.readouterr()
-    assert said.out == ""
+    # Nothing is printed but how the columns are understood, where that much can be said.
+    assert said.out == "" or said.out.split("\n")[0].endswith(" are used.")
     # Progress is drawn and wiped by carriage returns.
     sentence = said.err.split("\r")[-1]
     assert sentence.startswith("error: ")
@@ -77,7 +78,7 @@ def back_in_time(table):
     [
         (lambda table: table.drop(columns="adhesion"), "adhesion"),
         (lambda table: table.drop(columns=["slip_ratio", "slip_velocity_mps"]), "slip_ratio"),
-        (lambda table: table.assign(slip_ratio=np.nan), "row 2 of column slip_ratio has no value"),
+        (lambda table: table.assign(slip_ratio=np.nan), "no row has a value in slip_ratio and"),
         (back_in_time, "time_s decreases in row 52"),
         (lambda table: table.head(3), "3 points"),
         (lambda table: table.assign(adhesion=-table["adhesion"]), "other sign"),

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from adhesion_jax.data import as_one
 from adhesion_jax.data.events import HOLD_S, LEAD_S, LONG, events_of
 from adhesion_jax.data.reading import to_measured
 from adhesion_jax.errors import InputError
@@ -238,3 +239,33 @@ def test_a_log_without_an_event_is_not_used_where_another_has_one():
     assert found.sentence.endswith(" idle.csv has no slip event: not used.")
     with pytest.raises(InputError, match=r"idle.csv has no slip event: its slip nowhere"):
         events_of([idle, idle])
+
+
+def test_the_unit_of_the_columns_makes_no_difference():
+    table = log()
+    wheel = table["vehicle_speed_mps"] * (1 + table["slip_ratio"])
+    export = pd.DataFrame(
+        {
+            "t [ms]": 1000 * table["time_s"],
+            "v [km/h]": 3.6 * table["vehicle_speed_mps"],
+            "wheel speed [km/h]": 3.6 * wheel,
+            "axle force [kN]": 200 * table["adhesion"],
+            "axle load [kN]": 200.0,
+        }
+    )
+    there, found = cut(table).events.table, cut(export).events.table
+    pd.testing.assert_frame_equal(found, there, check_exact=False, rtol=1e-6)
+
+
+def test_the_events_of_several_files_are_runs_of_their_own():
+    parts = [to_measured(f"{name}.csv", log(seed)) for seed, name in enumerate("ab")]
+    logs = events_of(parts)
+    whole = as_one([one.points for one in logs])
+    assert whole.name == "a.csv, b.csv"
+    runs = whole.table["run"].unique()
+    assert list(runs) == [f"{name}.csv:{event}" for name in "ab" for event in range(1, 5)]
+    assert len(whole.table) == sum(len(one.points.table) for one in logs)
+    second = whole.table[whole.table["run"] == "b.csv:2"]
+    times = logs[1].events.table.loc[1, ["start_s", "end_s"]]
+    assert list(second["time_s"].iloc[[0, -1]]) == list(times)
+    assert as_one(parts[:1]) is parts[0]

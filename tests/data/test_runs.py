@@ -1,10 +1,11 @@
+import gzip
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax.data import SHIPPED, matching, read_runs
+from adhesion_jax.data import SHIPPED, matching, read_runs, runs
 from adhesion_jax.errors import InputError
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"

@@ -90,7 +90,7 @@ def _pieces(runs: RunSet) -> Iterator[_Piece]:
             # The last group is filled up with runs in which nothing counts.
             group = np.resize(some[at : at + count], count)
             there = np.arange(count) < some.size - at
-            held, _ = places(begins[group], stops[group] - begins[group], points)
+            held, _ = places(begins[group], stops[group] - begins[group], int(points))
             inside = (held >= starts[group][:, None]) & there[:, None]
             inside[:, 1:] &= np.diff(held, axis=1) > 0
             linked = inside & (held > runs.starts[numbers[group]][:, None])

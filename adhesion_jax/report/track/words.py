@@ -22,6 +22,9 @@ _POORLY = 0.1
 #: errors.
 _FAR_OFF = 3.0
 
+#: Errors of the form below this share are not spoken of.
+_NO_FORM = 5e-4
+
 #: Most resets whose time is told.
 _TOLD = 5
 
@@ -180,17 +183,18 @@ def _slope(slope: InitialSlope, log: Log) -> Iterable[str]:
 
 
 def _form(slope: InitialSlope) -> str:
-    here, other = slope.fit.peak, slope.other.peak
-    if not (here.found and other.found):
+    alone, whole = slope.alone, slope.fit.peak
+    if not (alone.found and whole.found):
         return (
-            "Whether another form of the curve than Kiencke's has another peak cannot be told from "
-            "these samples: the bands contain no error of the form."
+            "All these methods have Kiencke's curve, which has no peak when it is fitted to the "
+            "samples: the bands contain no error of its form."
         )
-    better = "worse" if slope.other.bic > slope.fit.bic else "better"
+    if slope.form["mu_max"] < _NO_FORM and slope.form["slip_opt"] < _NO_FORM:
+        return "All these methods have Kiencke's curve, which describes the samples."
     return (
-        f"All these methods have Kiencke's curve. Fitted to the samples its peak is "
-        f"{float(here.adhesion):.4f} at slip {float(here.slip):.3g}; Burckhardt's, which describes "
-        f"the samples {better}, has {float(other.adhesion):.4f} at {float(other.slip):.3g}. The "
+        "All these methods have Kiencke's curve. Fitted to the samples it has its peak at "
+        f"{float(alone.adhesion):.4f} and slip {float(alone.slip):.3g}; with what it misses of "
+        f"them, the peak is at {float(whole.adhesion):.4f} and slip {float(whole.slip):.3g}. The "
         f"bands allow for {slope.form['mu_max']:.1%} of mu_max by this, and for "
         f"{slope.form['slip_opt']:.0%} of slip_opt, as a standard error."
     )
@@ -234,6 +238,12 @@ def _doubts(
     slope: InitialSlope, followed: Mapping[str, Followed], summary: pd.DataFrame
 ) -> Iterable[str]:
     yield _form(slope)
+    resets = [name for name, one in followed.items() if one.resets]
+    if resets and not slope.given:
+        yield (
+            f"{listed(resets)} gave up the past, as where the rail has changed: a0 is then that of "
+            "all rails together, and where their slopes differ every estimate is biased."
+        )
     wide = {name: one.widening for name, one in followed.items() if one.widening > 1.1}
     if wide:
         least, most = min(wide.values()), max(wide.values())
