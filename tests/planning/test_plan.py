@@ -188,6 +188,7 @@ def law_with_speed():
     return CorrectedLaw(curve, (speed,), ranges, Calendar("time_s", 0.0, 1.0))
 
 
+@pytest.mark.thorough
 def test_a_law_with_effects_is_planned_at_its_conditions():
     """What takes a share of the adhesion makes the same noise larger by as much."""
 
