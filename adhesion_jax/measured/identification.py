@@ -84,7 +84,8 @@ def _fitted(
 ) -> Fits:
     progress("search", 0.0)
     begun = starts(curves, record._replace(slip=jnp.asarray(errors.slip)))
-    points = arranged(record, run, errors)
+    needed = {name for curve in curves.values() for name in curve.NEEDS}
+    points = arranged(record, run, errors, needed)
     found = {}
     for done, (name, curve) in enumerate(curves.items()):
         progress(name, done / len(curves))

@@ -175,9 +175,7 @@ def estimated(found: Products, allowed: Allowed, floor: float, near: RunNoise | 
         return np.where(np.isfinite(loss), loss, np.inf), variance
 
     def search(low: np.ndarray, high: np.ndarray, shape: tuple[int, int, int]) -> tuple:
-        axes = [
-            np.unique(np.linspace(a, b, n)) for a, b, n in zip(low, high, shape, strict=True)
-        ]
+        axes = [np.unique(np.linspace(a, b, n)) for a, b, n in zip(low, high, shape, strict=True)]
         first, second = (axis.ravel() for axis in np.meshgrid(*axes[:2], indexing="ij"))
         best = (np.inf, np.zeros(3), 1.0)
         for begin in range(0, first.size, batch):

@@ -1,6 +1,6 @@
 """The points of a measured record, run by run, and their sums of products for one curve."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -43,17 +43,20 @@ class Points(NamedTuple):
         return self.part.size
 
 
-def arranged(record: Record, run: Int[np.ndarray, " points"], errors: SlipErrors) -> Points:
-    """The points by run; a single run in parts: stretches in time, or every twelfth in slip."""
+def arranged(
+    record: Record, run: Int[np.ndarray, " points"], errors: SlipErrors, needed: Iterable[str]
+) -> Points:
+    """The points by run, with the `needed` conditions.
+
+    A single run in parts: stretches in time, or every twelfth point in slip.
+    """
     ordered, several = "time_s" in record.conditions, bool(run.max() > 0)
     slip, points = np.asarray(errors.slip), run.size
     if not several:
         parts = min(_PARTS, points)
         run = np.arange(points) * parts // points
         if not ordered:
-            part, run = run * 0, run * 0
-            part[np.argsort(np.abs(slip), kind="stable")] = np.arange(points) % parts
-            run = part
+            run[np.argsort(np.abs(slip), kind="stable")] = np.arange(points) % parts
     in_order = bool(np.all(run[1:] >= run[:-1]))
     order = slice(None) if in_order else np.argsort(run, kind="stable")
     starts = np.append(0, np.cumsum(np.bincount(run)))
@@ -61,9 +64,9 @@ def arranged(record: Record, run: Int[np.ndarray, " points"], errors: SlipErrors
     return Points(
         slip[order],
         np.asarray(record.adhesion)[order],
-        {name: np.asarray(column)[order] for name, column in record.conditions.items()},
-        errors.unknown[order],
-        errors.noise[order],
+        {name: np.asarray(record.conditions[name])[order] for name in needed},
+        errors.unknown[order] if errors.sigma else errors.unknown,
+        errors.noise[order] if errors.sigma else errors.noise,
         starts,
         np.arange(runs) * min(runs, _MOST_PARTS) // runs,
         ordered,

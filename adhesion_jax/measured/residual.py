@@ -13,6 +13,9 @@ from adhesion_jax.records import Record
 #: reaches this share of its largest value at the points.
 _SHOULDER = 0.9
 
+#: Largest number of points at which it is looked for.
+_MOST_POINTS = 50_000
+
 #: Fewest points beyond the peak for which a slope is given.
 _SLOPE_POINTS = 8
 
@@ -20,7 +23,8 @@ _SLOPE_POINTS = 8
 class Residual(NamedTuple):
     """Measured adhesion minus the curve, in order of the size of slip, with tests for structure.
 
-    Curves are odd: both signs of a braking point (negative slip) are turned.
+    Curves are odd: both signs of a braking point (negative slip) are turned. Of a long record so
+    many points as are of use, evenly chosen in slip.
     """
 
     slip: Float[np.ndarray, " points"]  # |slip|, rising
@@ -42,14 +46,13 @@ class Residual(NamedTuple):
 
 def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
     """The residual of one fit."""
-    measured_slip = np.asarray(record.slip)
-    size = np.abs(measured_slip)
-    side = np.where(measured_slip < 0, -1.0, 1.0)
-    folded = side * np.asarray(record.adhesion)
-    needed = {name: record.conditions[name] for name in fit.curve.NEEDS}
-    left = folded - side * np.asarray(adhesion_of(fit.curve, record.slip, needed))
-    order = np.argsort(size, kind="stable")
-    slip, adhesion, residual = size[order], folded[order], left[order]
+    order = np.argsort(np.abs(np.asarray(record.slip)), kind="stable")
+    order = order[:: -(-order.size // _MOST_POINTS)]
+    signed = np.asarray(record.slip)[order]
+    slip, side = np.abs(signed), np.where(signed < 0, -1.0, 1.0)
+    adhesion = side * np.asarray(record.adhesion)[order]
+    needed = {name: np.asarray(record.conditions[name])[order] for name in fit.curve.NEEDS}
+    residual = adhesion - side * np.asarray(adhesion_of(fit.curve, signed, needed))
 
     points = slip.size
     centred = residual - residual.mean()
@@ -66,7 +69,7 @@ def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
     return Residual(
         slip,
         adhesion,
-        side[order] < 0,
+        side < 0,
         residual,
         float(np.sqrt(np.mean(np.diff(adhesion) ** 2) / 2)),
         float((2 - ratio) / deviation),

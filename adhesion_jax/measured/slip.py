@@ -38,7 +38,8 @@ class SlipErrors(NamedTuple):
 
 def exact(record: Record) -> SlipErrors:
     slip = np.asarray(record.slip)
-    return SlipErrors(slip, np.zeros(slip.size), np.zeros(slip.size), 0.0, 0.0, 0.0, "")
+    nothing = np.broadcast_to(0.0, slip.shape)
+    return SlipErrors(slip, nothing, nothing, 0.0, 0.0, 0.0, "")
 
 
 def likely_errors(

@@ -82,7 +82,7 @@ class Dense:
 @pytest.fixture(scope="module")
 def small():
     record, run = record_of_runs(5, 24, 0.6, 0.05, 4)
-    points = arranged(record, run, exact(record))
+    points = arranged(record, run, exact(record), ())
     span = points_module.Span(0.3, 0.06, 0.15)
     theta, stretch = parameters_at(TRUTH, SHARE), stretch_at(TRUTH, SHARE)
     found, squares = products(points, TRUTH, theta, stretch, span, np.ones(points.slip.size))
@@ -183,7 +183,7 @@ def test_an_exact_slip_is_not_called_noisy():
 
 
 def quick_fit(record, run, start):
-    return fitted(TRUTH, start, arranged(record, run, exact(record)), False)
+    return fitted(TRUTH, start, arranged(record, run, exact(record), ()), False)
 
 
 def start_without_noise():

@@ -48,7 +48,7 @@ def draw_measured(
     for rank, name in enumerate(ranked):
         _curve(above, name, fits[name], answer.weights[name], grid, rank)
     above.set_title(
-        f"{title}: {left.slip.size} points; the one answer with 95 % intervals, and the curves",
+        f"{title}: {best.points} points; the one answer with 95 % intervals, and the curves",
         loc="left",
         parse_math=False,  # a file may have dollars in its name
     )

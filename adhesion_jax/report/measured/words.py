@@ -51,9 +51,9 @@ def verdict(
     ranked = sorted(fits, key=lambda name: -fits[name].log_density)
     best = fits[ranked[0]]
     paragraphs = [
-        ("Data", _data_sentences(measured, citation, left)),
+        ("Data", _data_sentences(measured, citation)),
         ("Curve", _curve_sentences(fits, ranked, answer)),
-        ("Peak", _peak_sentences(answer, best, left)),
+        ("Peak", _peak_sentences(answer, best, measured)),
         ("Noise", _noise_sentences(ranked[0], best, slip, runs, "time_s" in measured.table)),
         ("Residual", _residual_sentences(best, left)),
         *([("Runs", _run_sentences(comparison))] if comparison is not None else []),
@@ -98,12 +98,13 @@ def reasons(fit: MeasuredFit) -> list[str]:
     return sentences or [Status.TRUSTED.sentence]
 
 
-def _data_sentences(measured: Measured, citation: str, left: Residual) -> list[str]:
+def _data_sentences(measured: Measured, citation: str) -> list[str]:
     unit = " m/s" if measured.slip == "slip_velocity_mps" else ""
-    braking = int(left.braking.sum())
+    slip = measured.table[measured.slip]
+    braking = int((slip < 0).sum())
     sentences = [
-        f"{measured.name} has {left.slip.size} points with slip between {left.slip[0]:.4g} and "
-        f"{left.slip[-1]:.4g}{unit}"
+        f"{measured.name} has {len(slip)} points with slip between {slip.abs().min():.4g} and "
+        f"{slip.abs().max():.4g}{unit}"
         + (
             f", {braking} of them braking (with both signs turned, since curves are odd)."
             if braking
@@ -141,10 +142,11 @@ def _curve_sentences(
     ]
 
 
-def _peak_sentences(answer: Answer, fit: MeasuredFit, left: Residual) -> list[str]:
+def _peak_sentences(answer: Answer, fit: MeasuredFit, measured: Measured) -> list[str]:
+    slip = measured.table[measured.slip].abs()
     level, place = answer.mu_max, answer.slip_opt
     interval = f"{level.value:.4f} (95 % interval {level.low:.4f} to {level.high:.4f})"
-    unit, largest = fit.slip_unit, left.slip[-1]
+    unit, largest = fit.slip_unit, float(slip.max())
     if np.isnan(place.value):
         return [
             f"there is none between slip 0 and {fit.slip_limit:g}{unit}; the largest adhesion "
@@ -156,15 +158,15 @@ def _peak_sentences(answer: Answer, fit: MeasuredFit, left: Residual) -> list[st
     ]
     if place.value > largest:
         sentences.append(f"It is extrapolated: the points end at slip {largest:.4g}{unit}.")
-    elif place.value < left.slip[0]:
-        sentences.append(f"It is extrapolated: the points begin at slip {left.slip[0]:.4g}{unit}.")
+    elif place.value < slip.min():
+        sentences.append(f"It is extrapolated: the points begin at slip {slip.min():.4g}{unit}.")
     elif place.high > largest:
         sentences.append(
             f"It lies within the measured slips, but its interval reaches beyond their end at "
             f"{largest:.4g}{unit}."
         )
     else:
-        behind = int(np.sum(left.slip > place.value))
+        behind = int((slip > place.value).sum())
         sentences.append(f"It lies within the measured slips, with {behind} points beyond it.")
     return sentences
 
