@@ -62,7 +62,9 @@ def compared(fit: MeasuredFit, labels: pd.Series, by: str) -> Comparison:
     levels, errors = about @ level, about @ of_groups @ about.T
     mu_max = float(fit.peak.adhesion)
     half = fit.quantile
-    se = mu_max * np.sqrt(np.diagonal(errors) + (fit.mu_max_se / mu_max) ** 2)
+    # Of these runs, not of further ones: their scatter is no part of the error of their mean.
+    common = max((fit.mu_max_se / mu_max) ** 2 - fit.run_scatter**2 / runs, 0.0)
+    se = mu_max * np.sqrt(np.diagonal(errors) + common)
     height = mu_max * (1 + levels)
     table = pd.DataFrame(
         {
