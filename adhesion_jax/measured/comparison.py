@@ -14,6 +14,9 @@ from adhesion_jax.measured.noise import MISFITS, normal_equations, without_corre
 #: Largest number of groups that are compared.
 MOST_GROUPS = 1000
 
+#: A change between groups is claimed if its p is at most this.
+_SIGNIFICANT = 0.01
+
 #: Places along the variance of the runs within their groups.
 _PLACES = 400
 
@@ -28,6 +31,10 @@ class Comparison(NamedTuple):
     degrees: float  # of freedom of the noise
     p: float
     run_scatter: float  # of the runs of a group, relative; 0 where a group is a single run
+
+    @property
+    def changed(self) -> bool:
+        return self.p <= _SIGNIFICANT
 
 
 def compared(fit: MeasuredFit, labels: pd.Series, by: str) -> Comparison:
