@@ -14,6 +14,9 @@ from adhesion_jax.measured.noise import MISFITS, normal_equations, without_corre
 #: Largest number of groups that are compared.
 MOST_GROUPS = 1000
 
+#: A change between groups is claimed if its p is at most this.
+_SIGNIFICANT = 0.01
+
 #: Places along the variance of the runs within their groups.
 _PLACES = 400
 
@@ -28,6 +31,10 @@ class Comparison(NamedTuple):
     degrees: float  # of freedom of the noise
     p: float
     run_scatter: float  # of the runs of a group, relative; 0 where a group is a single run
+
+    @property
+    def changed(self) -> bool:
+        return self.p <= _SIGNIFICANT
 
 
 def compared(fit: MeasuredFit, labels: pd.Series, by: str) -> Comparison:
@@ -62,7 +69,9 @@ def compared(fit: MeasuredFit, labels: pd.Series, by: str) -> Comparison:
     levels, errors = about @ level, about @ of_groups @ about.T
     mu_max = float(fit.peak.adhesion)
     half = fit.quantile
-    se = mu_max * np.sqrt(np.diagonal(errors) + (fit.mu_max_se / mu_max) ** 2)
+    # Of these runs, not of further ones: their scatter is no part of the error of their mean.
+    common = max((fit.mu_max_se / mu_max) ** 2 - fit.run_scatter**2 / runs, 0.0)
+    se = mu_max * np.sqrt(np.diagonal(errors) + common)
     height = mu_max * (1 + levels)
     table = pd.DataFrame(
         {

@@ -213,7 +213,7 @@ def draw_comparison(path: Path, title: str, comparison: Comparison) -> None:
     axes.tick_params(axis="x", labelrotation=0 if len(places) <= 12 else 90)
     axes.set(xlabel=comparison.by, ylabel="largest adhesion, mu_max (1)")
     axes.set_title(
-        f"{title}: {'a change' if comparison.p <= 0.01 else 'no change shown'} between the "
+        f"{title}: {'a change' if comparison.changed else 'no change shown'} between the "
         f"{len(table)} groups by {comparison.by} (p = {comparison.p:.2g})",
         loc="left",
         fontsize=10,

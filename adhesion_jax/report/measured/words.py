@@ -27,9 +27,6 @@ _APART = 2.0
 #: Autocorrelation, run scatter and misfit below this are not worth a number.
 _SLIGHT = 5e-4
 
-#: A change between runs is claimed if its p is at most this.
-_SIGNIFICANT = 0.01
-
 _WIDTH = 96
 
 
@@ -260,7 +257,7 @@ def _run_sentences(comparison: Comparison) -> list[str]:
     )
     return [
         f"compared by {by}, the largest adhesion "
-        + (f"changes{beyond}" if comparison.p <= _SIGNIFICANT else f"shows no change{beyond}")
+        + (f"changes{beyond}" if comparison.changed else f"shows no change{beyond}")
         + f" {test}; it is from {low['mu_max']:.4f} ({by} {low[by]}) to {high['mu_max']:.4f} "
         f"({by} {high[by]}). The form of the curve is taken as common to all."
     ]
