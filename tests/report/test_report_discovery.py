@@ -303,6 +303,23 @@ def test_a_correction_that_helps_nothing_unseen_is_not_praised():
     assert "removes" not in words
 
 
+def test_test_data_unlike_the_training_data_are_told():
+    findings = two_effects()
+    assert "unlike" not in verdict(findings)
+    usual = findings.validation.after.value
+    far = findings.test._replace(after=Interval(34 * usual, 30 * usual, 38 * usual))
+    outside = "40 % of the test points have a larger slip than any training point (0.1)."
+    words = verdict(findings._replace(test=far, outside=(outside,)))
+    assert words.endswith("or something acts in them that did not act there.")
+    assert f"{outside} On the test set the error is 34" in words
+    assert "times that of training runs left out" in words
+
+
+def test_the_verdict_names_the_curve_of_the_error_before():
+    words = verdict(two_effects()._replace(base_before="exponential"))
+    assert "falls from 0.01588 (of exponential, the best curve alone) to 0.01031" in words
+
+
 def test_blocks_of_one_run_are_called_blocks():
     findings = null()
     cut = findings.points.assign(run="block " + (findings.points["run"] + 1).astype(str))
