@@ -29,10 +29,10 @@ def main(
     measured = read(files, columns, wheel_radius)
     if dry_run:
         return
-    directory = output_directory(out)
     # Nothing holds the log while the curves are fitted to its events.
     logs = events_of(measured, events)
     del measured
+    directory = output_directory(out)
     with shown() as progress:
         curves = CURVES if curve == "all" else curve
         citation = " ".join(filter(None, map(citation_of, files)))

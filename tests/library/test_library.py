@@ -15,6 +15,7 @@ import pytest
 import adhesion_jax as aj
 from adhesion_jax import library
 from adhesion_jax.identifiers.riv import RefinedInstruments
+from adhesion_jax.library.reading import measured_of
 
 FRAME = pd.read_csv(aj.SHIPPED["eurosprinter"].path)
 RIG = pd.read_csv(aj.SHIPPED["roller-rig"].path)
@@ -73,6 +74,34 @@ def test_a_frame_says_what_its_file_says(found):
     odd = FRAME.assign(**{"Unnamed: 0": 1.0, "adhesion": FRAME["adhesion"].astype(str)})
     odd = odd.set_index(np.arange(len(FRAME))[::-1])
     pd.testing.assert_frame_equal(found.table, aj.identify(odd, CURVES).table)
+
+
+def test_columns_are_told_as_the_command_is_told():
+    shown = pd.DataFrame(
+        {
+            "v": 3.6 * FRAME["vehicle_speed_mps"],
+            "Schlupf": 100 * FRAME["slip_ratio"],
+            "F [kN]": 1e-3 * FRAME["adhesion"] * FRAME["normal_load_N"],
+            "Radlast [kN]": 1e-3 * FRAME["normal_load_N"],
+        }
+    )
+    said = {"speed": "v [km/h]", "slip": "Schlupf [%]", "wheel_force": "F [kN]"}
+    measured = measured_of(shown, said)
+    for name in ("slip_ratio", "adhesion", "normal_load_N", "vehicle_speed_mps"):
+        np.testing.assert_allclose(measured.table[name], FRAME[name], rtol=1e-12)
+    assert measured.understood["column"].tolist()[:4] == [*shown]
+    with pytest.raises(aj.InputError, match="whether the slip in column Schlupf is a ratio"):
+        aj.identify(shown, columns={name: said[name] for name in ("speed", "wheel_force")})
+    with pytest.raises(aj.InputError, match=r"whether column F .kN. is the wheel force"):
+        aj.discover(shown, columns={name: said[name] for name in ("speed", "slip")})
+
+
+@pytest.mark.thorough
+def test_points_without_a_peak_have_an_answer_in_words():
+    slip = 0.1 * np.abs(np.sin(np.arange(2000) / 40)) + 1e-3
+    noise = np.random.default_rng(0).normal(0, 0.005, slip.size)
+    frame = pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * slip / (0.02 + slip) + noise})
+    assert "no peak between slip 0 and 1" in repr(aj.identify(frame, "kiencke"))
 
 
 def test_a_curve_by_a_name_of_ones_own(found):

@@ -447,7 +447,8 @@ def test_a_log_is_cut_into_its_events_and_drawn(tmp_path):
     asked = [file, "--curve", "burckhardt", "--out", str(out)]
     result = CliRunner().invoke(main, asked, catch_exceptions=False)
     assert result.exit_code == 0
-    assert "2 slip events cut out of a log of 20 min are runs" in " ".join(result.output.split())
+    said = " ".join(result.output.split())
+    assert "2 slip events cut out of log.parquet (20 min) are runs" in said
     assert {path.name for path in out.iterdir()} == FILES | {"events.png"}
     told = " ".join((out / "verdict.txt").read_text().split())
     assert "of 12,000 rows with a slip are used" in told.split("Curve:")[0]

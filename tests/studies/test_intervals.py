@@ -6,6 +6,7 @@ import pytest
 from scipy.stats import binom
 
 from adhesion_jax.report.studies.intervals import coverage_text, draw_coverage
+from adhesion_jax.runtime import silent
 from adhesion_jax.studies.intervals.coverage import (
     KNOWN_CELLS,
     UNKNOWN_CELLS,
@@ -67,7 +68,7 @@ def test_rates_count_what_is_held(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", KNOWN_CELLS, ids=lambda cell: cell.noise)
 def test_the_intervals_hold_the_truth_in_every_noise(cell):
-    rows = coverage_study([cell], 60, lambda words: None)
+    rows = coverage_study([cell], 60, silent)
     # Fewer or more than this happens once in ten thousand if coverage is 95 %.
     low, high = binom.ppf([1e-4, 1 - 1e-4], 60, 0.95)
     assert low <= rows["mu_max_held"].sum() <= high
@@ -75,5 +76,5 @@ def test_the_intervals_hold_the_truth_in_every_noise(cell):
 
 @pytest.mark.slow
 def test_the_intervals_hold_the_truth_of_curves_that_are_not_offered():
-    rows = coverage_study(UNKNOWN_CELLS, 10, lambda words: None)
+    rows = coverage_study(UNKNOWN_CELLS, 10, silent)
     assert rows["mu_max_held"].sum() >= binom.ppf(1e-4, len(rows), 0.90)

@@ -32,6 +32,8 @@ def answer_lines(answer: Answer, fit: MeasuredFit) -> str:
 
 def _interval(found: Estimate) -> str:
     half = 0.5 * (found.high - found.low)
+    if np.isnan(half):
+        return "not known"
     digits = 4 if half <= 0 else int(np.clip(1 - np.floor(np.log10(half)), 2, 7))
     return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
 
