@@ -114,6 +114,7 @@ def checked(cells: pd.DataFrame, measurements: int) -> str:
             plus_minus(ratio, error)
             for ratio, error in zip(cells["ratio"], cells["ratio_se"], strict=True)
         ],
+        "bias (standard errors)": cells["bias"].map("{:+.2f}".format),
         "fits without a peak": cells["failed"].astype(str),
     }
     table = pd.DataFrame(shown).to_string(index=False)
@@ -216,6 +217,12 @@ def _remarks(plan: Plan) -> list[str]:
         "reaches that weights the samples by this noise. Errors of the slip are taken to the first "
         "order, and that the curve is of the right form is assumed."
     )
+    if plan.planner.noise.slip_noise > 0:
+        remarks.append(
+            "A fit that takes the noisy slip as exact is biased beside this, for the mean of a "
+            "bent curve is not the curve of the mean; --check shows by how much. adhesion identify "
+            "corrects for it where it knows the noise."
+        )
     return remarks
 
 
