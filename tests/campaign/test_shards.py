@@ -13,6 +13,7 @@ from adhesion_jax.campaign.job import Job, shard_count, shard_runs, shard_tiles
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, run_campaign
 from adhesion_jax.campaign.rows import frame_of
 from adhesion_jax.campaign.shard import scales, shard
+from adhesion_jax.commands import status
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.counts import WIDTH
 from adhesion_jax.scenarios import Options
@@ -200,6 +201,21 @@ def test_a_job_of_another_source_is_not_resumed(tmp_path, monkeypatch):
         store.opened(tmp_path, [Job.of(SMALL)], resume=True),
     ):
         pass
+
+
+def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
+    with pytest.raises(InputError, match="holds no job"):
+        status.main(tmp_path)
+    jobs = [Job.of(SMALL)]
+    with store.opened(tmp_path, jobs, resume=False) as folder:
+        store.stored(jobs[0], 1, folder)  # any shard will do
+        status.main(tmp_path)
+        told = capsys.readouterr().out
+        assert "he2018-blocks: 128 of 300 runs are finished (43%)" in told
+        assert "summary: mu_max over 128 runs" in told
+        assert "a job is computing" in told
+    status.main(tmp_path)
+    assert "no job is computing in this folder; the same command" in capsys.readouterr().out
 
 
 def test_two_jobs_do_not_write_to_one_folder(tmp_path):
