@@ -131,11 +131,14 @@ def test_p_of_one_strength_is_that_of_students_t(fitted):
 
 
 def test_an_effect_that_rests_on_one_run_is_not_sure(fitted):
-    """All that speaks for it is the gradient of one run: its strength may be zero."""
+    """Without that run its strength would be zero: of R runs t is the root of (R - 1)/R."""
+    place = fitted.places.index(max(fitted.places))
+    strength = fitted.values[fitted.places[place]]
     gradient = np.zeros_like(fitted.gradient)
-    gradient[3] = 1e3
-    alone = fitted._replace(gradient=gradient)
-    assert p_of(alone, [0]) > 0.05
+    gradient[3] = strength * fitted.hessian.sum(0)[:, place]
+    count = len(fitted.loss)
+    expected = 2 * stats.t.sf(np.sqrt((count - 1) / count), count - 1)
+    assert p_of(fitted._replace(gradient=gradient), [0]) == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_mean_of_moving_slip_is_less_than_the_curve_by_its_bend(fitted):
