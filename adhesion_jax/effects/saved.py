@@ -10,7 +10,7 @@ from typing import Any
 
 import equinox as eqx
 
-from adhesion_jax.curves import BASES, Curve
+from adhesion_jax.curves import BASES, Curve, Parameter
 from adhesion_jax.effects import KINDS, kind_of
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
@@ -64,9 +64,9 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         kinds = [KINDS[effect.pop("name")] for effect in effects]
         column, start, end = (saved["calendar"][name] for name in Calendar._fields)
         return CorrectedLaw(
-            known(**_finite(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)),
+            known(**_numbers(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)),
             tuple(
-                kind(**_finite(kind.PARAMETERS, effect))
+                kind(**_numbers(kind.PARAMETERS, effect))
                 for kind, effect in zip(kinds, effects, strict=True)
             ),
             {name: _range(*ends) for name, ends in saved["ranges"].items()},
@@ -74,7 +74,7 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         )
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise _no_law(source) from None
 
 
@@ -98,10 +98,12 @@ def _no_law(source: str) -> InputError:
     return InputError(f"{source} is not a law saved by experiments.discover; name its law.json.")
 
 
-def _finite(parameters: Iterable[str], fields: dict[str, Any]) -> dict[str, Any]:
-    """The fields; the parameters must be finite numbers, because Python's JSON accepts NaN."""
-    if not all(math.isfinite(fields[name]) for name in parameters if name in fields):
-        raise ValueError
+def _numbers(parameters: Mapping[str, Parameter], fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields; a parameter is finite, for Python's JSON accepts NaN, and a width not zero."""
+    for name in parameters.keys() & fields.keys():
+        positive = parameters[name].lower > 0
+        if not math.isfinite(fields[name]) or (positive and not fields[name] > 0):
+            raise ValueError
     return fields
 
 

@@ -79,3 +79,19 @@ def test_a_newer_format_is_refused(tmp_path):
 def test_a_format_that_is_none_is_no_law(tmp_path, written):
     with pytest.raises(InputError, match="is not a law saved by"):
         load_law(saved(tmp_path, format=written))
+
+
+def test_a_law_nested_too_deeply_is_no_law(tmp_path):
+    path = tmp_path / "law.json"
+    path.write_text('{"law":' * 100_000 + "1" + "}" * 100_000)
+    with pytest.raises(InputError, match="is not a law saved by"):
+        load_law(path)
+
+
+def test_an_effect_of_width_zero_is_no_effect(tmp_path):
+    step = {"name": "threshold", "k": 0.1, "centre": 50.0, "width": 0.0, "reference": 60.0}
+    path = saved(tmp_path, effects=[{**step, "column": "relative_humidity_pct"}])
+    with pytest.raises(InputError, match="is not a law saved by"):
+        load_law(path)
+    path = saved(tmp_path, effects=[{**step, "width": 5.0, "column": "relative_humidity_pct"}])
+    assert float(load_law(path).effects[0].width) == 5.0

@@ -354,6 +354,7 @@ def test_the_baseline_of_the_repository_holds_every_identifier():
         (lambda text: text.replace(",128.0,", ",0,", 1), "row 2, column runs is not above 0"),
         (lambda text: text + text.splitlines()[1] + "\n", "repeats an earlier row"),
         (lambda _: "", "is empty"),
+        (lambda text: text.splitlines()[0] + "\n", "has a header and no rows"),
     ],
 )
 def test_a_spoilt_baseline_is_refused_in_a_sentence(tmp_path, baseline, spoil, words):

@@ -37,6 +37,8 @@ def read_baseline(path: Path) -> pd.DataFrame:
     missing = [name for name in COLUMNS if name not in cells]
     if missing:
         raise InputError(f"{path} has no column {missing[0]}; {_REMEDY}.")
+    if cells.empty:
+        raise InputError(f"{path} has a header and no rows; {_REMEDY}.")
     table = pd.DataFrame({name: cells[name].fillna("").astype(str) for name in KEYS})
     for name in COLUMNS[len(KEYS) :]:
         text = cells[name].fillna("").astype(str).str.strip()
