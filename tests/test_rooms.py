@@ -27,7 +27,7 @@ STOREYS = (
     ("__main__",),
 )
 #: The same within the discovery.
-DISCOVERY = ("types", "usable", "model", "search", "findings", "engine")
+DISCOVERY = ("types", "model", "search", "findings", "engine")
 
 HEIGHT = {room: height for height, storey in enumerate(STOREYS) for room in storey}
 

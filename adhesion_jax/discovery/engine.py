@@ -26,7 +26,7 @@ from adhesion_jax.discovery.model.noise import shared_part, white_noise
 from adhesion_jax.discovery.model.problem import Problem, corrected, label_of, prepare
 from adhesion_jax.discovery.model.rows import bends
 from adhesion_jax.discovery.model.slip import noise_of_slip, roughness, with_slip_errors
-from adhesion_jax.discovery.model.usable import refuse_training_runs, usable
+from adhesion_jax.discovery.model.training_runs import refuse_training_runs
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.all_rows import on_rows, sure_on_rows, with_noise_of_rows
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
@@ -101,10 +101,9 @@ def discover(
     import_trees()
     progress = _never_falling(progress)
     bases = _bases(runs, base)
-    runs, unusable = usable(runs)
     whole = with_run_order(runs)
     blocks = condensed(whole)
-    warnings = [*runs.warnings, *unusable, *_condensing_words(whole, blocks)]
+    warnings = [*runs.warnings, *_condensing_words(whole, blocks)]
     if test is not None:
         told = (words for words in test.warnings if words not in runs.warnings)
         warnings += [f"In the test data: {words}" for words in told]

@@ -22,7 +22,7 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.model.noise import _half_deviance, white_noise
 from adhesion_jax.discovery.model.problem import prepare
-from adhesion_jax.discovery.model.usable import refuse_training_runs, usable
+from adhesion_jax.discovery.model.training_runs import refuse_training_runs
 from adhesion_jax.effects import EFFECTS, Covariate
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.law import CorrectedLaw
@@ -42,7 +42,7 @@ def fitted(runs):
     problem = prepare(record, calendar_of(record), runs.blocks)
     adhesion = np.asarray(problem.data.adhesion)
     white = Setting(problem, white_noise(problem.points, 0.02), adhesion)
-    alone = min(starts_under(white, "burckhardt"), key=lambda start: start.total)
+    alone = min(starts_under(white, ["burckhardt"]), key=lambda start: start.total)
     line = Covariate(0.0, 60.0, 20.0, column="relative_humidity_pct", acts_on="level")
     found = likeliest(white, "burckhardt", alone.base_values.tolist(), (line,))
     return fit_model(found.setting, found.base, found.base_values.tolist(), found.effects)
@@ -166,15 +166,6 @@ def test_test_runs_that_are_training_runs_are_refused(runs):
     both = runs_of(pd.concat([campaign.test, campaign.train.query("run == run.min()")]))
     with pytest.raises(InputError, match="1 of the 8 runs of the test data is in the training"):
         refuse_training_runs(runs, both)
-
-
-def test_columns_of_no_measurable_size_are_left_out():
-    table = simulate(seed=2, **SIZE).train
-    ramp = np.linspace(-1, 1, len(table))
-    found, words = usable(runs_of(table.assign(huge=1e300 * ramp, tiny=1e-200 * ramp, wear=ramp)))
-    assert {"huge", "tiny"} & {*found.whole.conditions} == set()
-    assert "wear" in found.covariates
-    assert "columns huge and tiny are left out" in words[0]
 
 
 def long_campaign(seed, size, r, rows_a_run=10_000, count=30, sigma=0.01):

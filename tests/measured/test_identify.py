@@ -396,7 +396,7 @@ def test_the_search_on_some_points_is_polished_on_all():
     [
         (["eurosprinter", "--curve", "burkhardt"], "--curve burkhardt is not known; name one of"),
         (["eurosprinter", "--out", "/proc/none"], "--out /proc/none cannot be written to"),
-        ([], "Missing argument 'FILE'"),
+        ([], "Missing argument 'FILES...'"),
     ],
 )
 def test_the_command_refuses_in_one_sentence(arguments, says, monkeypatch, capsys):
