@@ -9,8 +9,6 @@ from collections.abc import Iterator, Sequence
 from io import BufferedIOBase
 from typing import NamedTuple
 
-from charset_normalizer import from_bytes
-
 from adhesion_jax.data.cells import MISSING, decimal_mark, numbers_in
 from adhesion_jax.data.units import known
 from adhesion_jax.errors import InputError
@@ -78,6 +76,8 @@ def encoding_of(stream: BufferedIOBase, path: str) -> str:
     if not strange and not left:
         return "utf-8"
     if b"\0" not in (strange or left):
+        from charset_normalizer import from_bytes  # which few files need
+
         best = from_bytes(strange or left, cp_isolation=_ONE_BYTE).best()
         if best is not None:
             return str(best.encoding)

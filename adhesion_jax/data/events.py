@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.ndimage import uniform_filter1d
-from scipy.stats import theilslopes
+import scipy
 
 from adhesion_jax.data.derived import SLOWEST
 from adhesion_jax.data.reading import Measured
@@ -202,7 +201,9 @@ def _averaged(measured: Measured) -> _Averaged:
     hold = HOLD_ROWS if step == 0 else max(HOLD_ROWS, round(HOLD_S / step))
     lag = 1 if step == 0 else max(1, round(LAG_S / step))
     for begin, end in zip(first, stop, strict=True):
-        uniform_filter1d(raw[begin:end], window, output=slip[begin:end], mode="nearest")
+        scipy.ndimage.uniform_filter1d(
+            raw[begin:end], window, output=slip[begin:end], mode="nearest"
+        )
     return _Averaged(time, speed, slip, first, stop, window, hold, lag)
 
 
@@ -256,7 +257,9 @@ def _noise(log: _Averaged) -> SlipNoise:
     square = np.array([(_NORMAL * np.median(change[one])) ** 2 / 2 for one in classes])
     if not classes or np.ptp(centre) == 0:
         return SlipNoise(median, constant, 0.0)
-    return SlipNoise(median, constant, max(float(theilslopes(square, centre).slope), 0.0) ** 0.5)
+    return SlipNoise(
+        median, constant, max(float(scipy.stats.theilslopes(square, centre).slope), 0.0) ** 0.5
+    )
 
 
 def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
@@ -297,7 +300,7 @@ def _events(
     for number, (begin, end) in enumerate(zip(first, stop, strict=True), 1):
         slip = log.slip[begin:end]
         largest = float(slip[np.argmax(np.abs(slip - noise.median))])
-        level = uniform_filter1d(adhesion[begin:end], log.window, mode="nearest")
+        level = scipy.ndimage.uniform_filter1d(adhesion[begin:end], log.window, mode="nearest")
         rows.append(
             (
                 str(number),

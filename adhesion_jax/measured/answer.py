@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import brentq
 from scipy.special import stdtr
 
 from adhesion_jax.measured.fit import MeasuredFit
@@ -109,6 +109,8 @@ def _mixture(parts: list[tuple[float, float, float, float]]) -> Estimate:
     def at(share: float) -> float:
         reach = 40 * error
         low, high = float(np.min(centre - reach)), float(np.max(centre + reach))
-        return float(brentq(lambda value: share_below(value) - share, low, high, xtol=1e-14))
+        return float(
+            scipy.optimize.brentq(lambda value: share_below(value) - share, low, high, xtol=1e-14)
+        )
 
     return Estimate(at(0.5), at(0.025), at(0.975))

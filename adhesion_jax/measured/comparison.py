@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import scipy
 from jaxtyping import Float
 from scipy.linalg import helmert
-from scipy.stats import f as f_distribution
 
 from adhesion_jax.measured.fit import MeasuredFit
 from adhesion_jax.measured.noise import MISFITS, normal_equations, without_correlation
@@ -83,7 +83,7 @@ def compared(fit: MeasuredFit, labels: pd.Series, by: str) -> Comparison:
             "mu_max_hi": height + half * se,
         }
     )
-    p = float(f_distribution.sf(statistic, count - 1, degrees))
+    p = float(scipy.stats.f.sf(statistic, count - 1, degrees))
     return Comparison(by, table, statistic, count - 1, degrees, p, float(np.sqrt(variance)))
 
 
