@@ -148,8 +148,8 @@ def _telling(
     return used, (
         f"Between the slip events the {'slip' if speed is None else 'slip velocity'} scatters by "
         f"{noise:.2g}{' m/s' if speed is not None else ''} around its mean over {_WINDOW_S:g} s: "
-        f"the methods are given the "
-        f"{used.size:,} samples of the events ({used.size / time.size:.2%} of the log) in which it "
+        f"the methods are given the {used.size:,} samples of the events "
+        f"({100 * used.size / time.size:.2f} % of the log) in which it "
         f"exceeds {_NOISES:g} times that, for nearer to zero the noise of the slip looks like a "
         "curve."
     )

@@ -116,7 +116,7 @@ def _log(figure: SubFigure, title: str, events: Events) -> None:
             color=BEFORE,
             fontweight="bold",
         )
-    count, share = len(table), f"{events.share:.2%}"
+    count, share = len(table), f"{100 * events.share:.2f} %"
     figure.suptitle(
         f"{title}: {count} slip event{'s' if count > 1 else ''}, {share} of {events.rows:,} rows; "
         "bands reach from the smallest to the largest value",

@@ -51,7 +51,7 @@ def test_what_is_said_of_the_locomotive(told):
     assert "Elektrische Bahnen" in output
     # Kiencke's curve of adhesion identify: a0 = 175 +- 19, peak .3037 +- .0024.
     assert "a0 = 175 ± 19" in output
-    assert "standard error 11%" in output
+    assert "standard error 11 %" in output
     riv = next(line for line in told[1].splitlines() if line.startswith("riv "))
     assert float(riv.split()[1]) == pytest.approx(0.3037, abs=0.003)
     assert "TRUSTED" in riv

@@ -103,8 +103,8 @@ def printed_summary(summary: pd.DataFrame) -> str:
             "slip_opt": _estimates(summary, "slip_opt"),
             "status": summary["status"],
             "resets": summary["resets"].astype(str),
-            "skipped": [f"{share:.1%}" for share in summary["skipped"]],
-            "trusted": [f"{share:.1%}" for share in summary["trusted"]],
+            "skipped": [f"{100 * share:.1f} %" for share in summary["skipped"]],
+            "trusted": [f"{100 * share:.1f} %" for share in summary["trusted"]],
             "ns per sample": [f"{time:.0f}" for time in summary["ns_per_sample"]],
         }
     )
@@ -175,8 +175,8 @@ def _slope(slope: InitialSlope, log: Log) -> Iterable[str]:
         )
         if error > _POORLY * value:
             yield (
-                f"The samples hardly determine it (standard error {error / value:.0%}): give it by "
-                "--initial-slope if it is known."
+                "The samples hardly determine it (standard error "
+                f"{100 * error / value:.0f} %): give it by --initial-slope if it is known."
             )
     if slope.fit.status is not Status.TRUSTED:
         yield f"Of that fit: {' '.join(reasons(slope.fit))}"
@@ -195,8 +195,8 @@ def _form(slope: InitialSlope) -> str:
         "All these methods have Kiencke's curve. Fitted to the samples it has its peak at "
         f"{float(alone.adhesion):.4f} and slip {float(alone.slip):.3g}; with what it misses of "
         f"them, the peak is at {float(whole.adhesion):.4f} and slip {float(whole.slip):.3g}. The "
-        f"bands allow for {slope.form['mu_max']:.1%} of mu_max by this, and for "
-        f"{slope.form['slip_opt']:.0%} of slip_opt, as a standard error."
+        f"bands allow for {100 * slope.form['mu_max']:.1f} % of mu_max by this, and for "
+        f"{100 * slope.form['slip_opt']:.0f} % of slip_opt, as a standard error."
     )
 
 
