@@ -41,7 +41,7 @@ def draw_coverage(path: Path, rates: pd.DataFrame) -> None:
     names = [f"{truth}, {noise}" for truth, noise in places]
     left.set_yticks(list(places.values()), names)
     left.set(xlabel="share of intervals that hold the truth (1)", xlim=(None, 1.005))
-    right.set(xlabel="median width (known curve in white noise = 1)", xscale="log")
+    right.set(xlabel="median width over that\nof known, white (1)", xscale="log")
     ticks = [0.5, 1, 2, 3, 5, 10]
     right.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     right.minorticks_off()
