@@ -24,22 +24,22 @@ RUNS = 5000
 
 
 def begun(out, *more, limit=None):
-    """A job on its way."""
-
-    def limited():
-        if limit is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
+    """A job on its way; its files may have no more than `limit` bytes."""
     command = (sys.executable, "-m", "experiments.montecarlo", *JOB, "--runs", RUNS, "--out", out)
-    return subprocess.Popen(
+    # A process that is started where Ctrl-C is ignored ignores it too.
+    answer = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    job = subprocess.Popen(
         [*map(str, command), *map(str, more)],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
         cwd=Path(__file__).parents[2],
-        preexec_fn=limited,
         start_new_session=True,
     )
+    signal.signal(signal.SIGINT, answer)
+    if limit is not None:
+        resource.prlimit(job.pid, resource.RLIMIT_FSIZE, (limit, limit))
+    return job
 
 
 def ended(job):

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import condensed
+from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.engine import discover, with_run_order
 from adhesion_jax.discovery.model import rows
 from adhesion_jax.discovery.model.bases import starts_under
@@ -213,15 +214,15 @@ def test_an_effect_of_a_twentieth_of_the_noise_is_found_in_many_rows(r):
 
 @pytest.mark.thorough
 def test_blocks_find_what_the_rows_would():
-    """5,000 rows and the same as 1,250 blocks: the same effect, of the same strength."""
+    """5,000 rows and the same as at most 1,250 blocks: the same effect, of the same strength."""
     campaign = simulate(["humidity"], seed=4, runs=36, points=200)
     whole = runs_of(campaign.train)
     found = discover(whole)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(condensed, "__defaults__", (1_250,))
+        patch.setattr(engine, "condensed", lambda runs: condensed(runs, 1_250))
         fewer = discover(whole)
     assert [effect.name for effect in fewer.effects] == [effect.name for effect in found.effects]
-    assert any("blocks of 4 to 5 neighbouring rows" in words for words in fewer.warnings)
+    assert any("neighbouring rows, by their means" in words for words in fewer.warnings)
     assert fewer.train.after.value == pytest.approx(found.train.after.value, rel=0.01)
     assert len(fewer.points) < 1_400
     jax.clear_caches()

@@ -222,8 +222,8 @@ def one_time(table):
 
 
 def odd_stamps_and_columns(table):
-    """Two stamps alike, since an age, and columns of the largest and the smallest numbers."""
-    time = 1e15 + table["time_s"].to_numpy()
+    """Two stamps alike, since decades, and columns of the largest and the smallest numbers."""
+    time = 1e9 + table["time_s"].to_numpy()
     time[5] = time[4]
     wave = np.sin(np.arange(len(table)))
     return table.assign(time_s=time, huge=1e100 * wave, tiny=1e-100 * wave)
