@@ -1,14 +1,14 @@
 """A Monte Carlo campaign: every identifier on the same runs, and tables of what they add up to."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.executor import mapped
+from adhesion_jax.campaign.executor import Engine, Processes, Work
 from adhesion_jax.campaign.job import Job, shard_count, shard_tiles
 from adhesion_jax.campaign.rows import frame_of
 from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
@@ -80,17 +80,22 @@ def run_campaign(
                     progress(config.scenario)
             yield found.reduced
 
-    with mapped(shard, work, processes(work, workers)) as results:
+    with suited(Processes(workers), work).mapped(shard, work) as results:
         return campaign_of(job, added(job, reduced()))
 
 
-def processes(work: Sequence[tuple[Any, ...]], workers: int) -> int:
-    """The number of processes for units that begin with a job; for one it makes programs ready."""
-    if len(work) > _FEW_SHARDS and workers > 1:
-        return min(workers, len(work))
+def suited(engine: Engine, work: Work) -> Engine:
+    """The engine for units that begin with a job; this process, with its programs ready, for few.
+
+    More processes than units are not asked for.
+    """
+    if not isinstance(engine, Processes):
+        return engine
+    if len(work) > _FEW_SHARDS and engine.workers > 1:
+        return Processes(min(engine.workers, len(work)))
     for job, *_ in work:
         make_ready(job.config, [*job.methods.values()])
-    return 1
+    return Processes(1)
 
 
 def added(job: Job, parts: Iterable[Reduced]) -> Totals:

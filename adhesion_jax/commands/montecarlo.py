@@ -14,10 +14,11 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax import runtime
+from adhesion_jax.campaign.cluster import engine_of
 from adhesion_jax.campaign.config import Config, main_job
-from adhesion_jax.campaign.executor import mapped, terminable
+from adhesion_jax.campaign.executor import Engine, terminable
 from adhesion_jax.campaign.job import Job, shard_count, shard_runs
-from adhesion_jax.campaign.monte_carlo import Campaign, added, campaign_of, processes
+from adhesion_jax.campaign.monte_carlo import Campaign, added, campaign_of, suited
 from adhesion_jax.campaign.store import missing, opened, read, recorded, stored, write_rows
 from adhesion_jax.campaign.tiles import draw_tile
 from adhesion_jax.errors import InputError
@@ -52,6 +53,8 @@ def main(
     keep: str,
     resume: bool,
     extend: int,
+    cluster: str | None = None,
+    shared_folder: bool = False,
     **options: object,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
@@ -64,11 +67,12 @@ def main(
     began = time.perf_counter()
     with (
         terminable(),
+        engine_of(CORES, cluster, shared_folder) as engine,
         writing_to(directory),
         opened(directory, jobs, resume or extend > 0, extend) as folder,
         staged(directory, OWN_FILES, folder) as stage,
     ):
-        _compute(jobs, folder)
+        _compute(jobs, folder, engine)
         campaigns = [_read(job, folder) for job in jobs]
         write_rows(stage / "runs.parquet", folder, jobs)
         tables = _joined([campaign.tables for campaign in campaigns])
@@ -115,17 +119,19 @@ def _extended(directory: Path, extend: int) -> int:
     return int(before["runs"]) + extend
 
 
-def _compute(jobs: Sequence[Job], folder: Path) -> None:
+def _compute(jobs: Sequence[Job], folder: Path, engine: Engine) -> None:
     """All shards that are not there; what is finished stays, however this ends."""
-    work = missing(folder, jobs)
+    work = [(job, number) for job, number, _ in missing(folder, jobs)]
     every = sum(job.config.runs for job in jobs)
-    left = sum(shard_runs(job, number) for job, number, _ in work)
+    left = sum(shard_runs(job, number) for job, number in work)
     done = every - left
     with tqdm(total=every, initial=done, desc="compiling", unit="run") as bar:
         try:
-            with mapped(stored, work, processes(work, CORES)) as results:
-                for (job, _, _), runs in zip(work, results, strict=True):
-                    bar.set_description(job.config.scenario)
+            engine = suited(engine, work)
+            with engine.mapped(stored, work, folder) as results:
+                for (job, _), runs in zip(work, results, strict=True):
+                    bar.set_description(job.config.scenario, refresh=False)
+                    bar.set_postfix_str(f"workers: {engine.workers}", refresh=False)
                     bar.update(runs)
         except BaseException:
             there = every - sum(shard_runs(job, n) for job, n, _ in missing(folder, jobs))
