@@ -14,7 +14,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -54,6 +54,9 @@ _LOCALLY = {
     "distributed.worker.profile.enabled": False,
 }
 
+#: Ctrl-C is for this process, which ends its workers; a terminal sends it to them, too.
+_IGNORE_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+
 
 class _Setting(NamedTuple):
     """What a worker is prepared for."""
@@ -84,7 +87,7 @@ def engine_of(workers: int, cluster: str | None, shared: bool = False) -> Iterat
         yield Processes(workers)
         return
     local = int(cluster.removeprefix(LOCAL)) if cluster.startswith(LOCAL) else None
-    with _joined(cluster) if local is None else _started(local) as client:
+    with _quiet(), _joined(cluster) if local is None else _started(local) as client:
         setting = _Setting(
             versions(),
             plugins.used(),
@@ -96,6 +99,14 @@ def engine_of(workers: int, cluster: str | None, shared: bool = False) -> Iterat
         yield engine
 
 
+def _quiet() -> AbstractContextManager[None]:
+    """No words of dask about connections that are lost and workers that are replaced."""
+    quiet: AbstractContextManager[None] = _distributed().utils.silence_logging_cmgr(
+        logging.CRITICAL
+    )
+    return quiet
+
+
 @contextmanager
 def _started(workers: int) -> Iterator[Any]:
     """A client of a cluster of this machine, whose processes end with it."""
@@ -104,13 +115,13 @@ def _started(workers: int) -> Iterator[Any]:
 
     with (
         TemporaryDirectory(prefix="adhesion_jax-") as folder,
-        dask.config.set(_LOCALLY),
+        dask.config.set({**_LOCALLY, "temporary-directory": folder}),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             memory_limit=0,
-            dashboard_address=None,
-            local_directory=folder,
+            dashboard_address="127.0.0.1:0",
+            preload=_IGNORE_CTRL_C,
             silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,

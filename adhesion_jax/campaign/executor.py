@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Thread
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from adhesion_jax import keeping, plugins, programs, runtime
 from adhesion_jax.errors import WorkerError
@@ -29,6 +29,7 @@ TRIES = 3
 AHEAD = 16
 
 
+@runtime_checkable
 class Engine(Protocol):
     """What computes the units of a campaign: `Processes`, or a cluster (`cluster.engine_of`)."""
 
