@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.executor import mapped
-from adhesion_jax.campaign.job import Job, shard_count, shard_tiles
+from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.rows import frame_of
 from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
 from adhesion_jax.campaign.tiles import TILE, make_ready
@@ -70,12 +70,12 @@ def run_campaign(
     the configuration are looked up in `identifiers`.
     """
     job = Job.of(config, identifiers)
-    work = [(job, number) for number in range(shard_count(job))]
+    work = [(job, number) for number in range(job.shards)]
 
     def reduced() -> Iterable[Reduced]:
         for (_, number), found in zip(work, results, strict=True):
             keep(frame_of(found.rows))
-            for tile in shard_tiles(number):
+            for tile in job.tiles_of(number):
                 if tile * TILE < config.runs:
                     progress(config.scenario)
             yield found.reduced

@@ -9,10 +9,10 @@ import pytest
 
 from adhesion_jax.campaign import store
 from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.job import Job, shard_count, shard_runs, shard_tiles
+from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, run_campaign
 from adhesion_jax.campaign.rows import frame_of
-from adhesion_jax.campaign.shard import scales, shard
+from adhesion_jax.campaign.shard import content, reduced_of, scales, shard
 from adhesion_jax.commands import status
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.counts import WIDTH
@@ -23,7 +23,8 @@ SMALL = Config("he2018-blocks", ("ml-exact",), Options(points=40, blocks=6), 300
 
 
 def test_shards_have_all_runs_once_and_grow():
-    tiles = [shard_tiles(number) for number in range(120)]
+    job = Job.of(SMALL)
+    tiles = [job.tiles_of(number) for number in range(120)]
     assert [of[0] for of in tiles] == [0, *(of[-1] + 1 for of in tiles[:-1])]
     sizes = [len(of) for of in tiles]
     assert sizes[0] == 1
@@ -31,7 +32,7 @@ def test_shards_have_all_runs_once_and_grow():
     assert sizes == sorted(sizes)
     for runs in (1, 128, 129, 5000, 10**6):
         job = Job.of(dataclasses.replace(SMALL, runs=runs))
-        parts = [shard_runs(job, number) for number in range(shard_count(job))]
+        parts = [job.runs_of(number) for number in range(job.shards)]
         assert sum(parts) == runs
         assert min(parts) > 0
 
@@ -40,7 +41,7 @@ def test_shards_have_all_runs_once_and_grow():
 def small():
     """A job, its shards, its campaign and its rows."""
     job = Job.of(SMALL)
-    shards = [shard(job, number) for number in range(shard_count(job))]
+    shards = [shard(job, number) for number in range(job.shards)]
     rows = []
     campaign = run_campaign(SMALL, rows.append, lambda _: None, 1)
     return job, shards, campaign, pd.concat(rows, ignore_index=True)
@@ -106,19 +107,19 @@ def test_rows_are_kept_around_switches_and_at_the_end():
 def written(directory, config, resume=False):
     """The shards that were computed to complete a folder."""
     jobs = [Job.of(config)]
-    with store.opened(directory, jobs, resume) as folder:
+    with store.opened(directory, "montecarlo", jobs, resume) as folder:
         work = store.missing(folder, jobs)
         for unit in work:
-            store.stored(*unit)
-    return [number for _, number, _ in work]
+            store.stored(content, folder, *unit)
+    return [number for _, number in work]
 
 
 def contents(directory):
     """What the shards of a folder add up to, and their rows."""
-    (job,) = store.jobs_of(store.recorded(directory))
+    job = Job.recorded(store.recorded(directory)["jobs"][0])
     folder = directory / store.FOLDER
-    numbers = range(shard_count(job))
-    parts = [timeless(store.read(folder, job, number)) for number in numbers]
+    parts = [timeless(reduced_of(one)) for one in store.read_all(folder, job.name, job.shards)]
+    assert len(parts) == job.shards
     store.write_rows(directory / "rows.parquet", folder, [job])
     return parts, pd.read_parquet(directory / "rows.parquet")
 
@@ -163,11 +164,11 @@ def test_runs_that_are_added_make_the_longer_job(tmp_path):
     (tmp_path / "short").mkdir()
     written(tmp_path / "short", dataclasses.replace(SMALL, runs=200))
     jobs = [Job.of(SMALL)]
-    with store.opened(tmp_path / "short", jobs, resume=True, extend=100) as folder:
+    with store.opened(tmp_path / "short", "montecarlo", jobs, resume=True, extend=100) as folder:
         work = store.missing(folder, jobs)
-        assert [number for _, number, _ in work] == [1, 2]  # the first was whole
+        assert [number for _, number in work] == [1, 2]  # the first was whole
         for unit in work:
-            store.stored(*unit)
+            store.stored(content, folder, *unit)
     assert same(contents(tmp_path / "short"), contents(tmp_path / "long"))
 
 
@@ -176,29 +177,34 @@ def test_runs_that_are_added_make_the_longer_job(tmp_path):
     [
         ({"seed": 3}, "--seed is 2 there and 3 here"),
         ({"runs": 200}, "--runs is 300 there and 200 here"),
-        ({"scenario": "single", "options": Options(points=40)}, "--scenario is he2018-blocks"),
+        (
+            {"scenario": "single", "options": Options(points=40)},
+            "what is computed is he2018-blocks",
+        ),
         ({"options": Options(points=41, blocks=6)}, "--points is 40 there and 41 here"),
         ({"identifiers": ("ml-exact", "ml-de")}, "--identifiers is ml-exact there and ml-exact,ml"),
     ],
 )
 def test_another_job_is_not_resumed_and_the_difference_is_named(tmp_path, other, words):
-    with store.opened(tmp_path, [Job.of(SMALL)], resume=False) as folder:
+    with store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False) as folder:
         (folder / "he2018-blocks-00000.npz").write_bytes(b"stands for a shard")
     with (
         pytest.raises(InputError, match=words),
-        store.opened(tmp_path, [Job.of(dataclasses.replace(SMALL, **other))], resume=True),
+        store.opened(
+            tmp_path, "montecarlo", [Job.of(dataclasses.replace(SMALL, **other))], resume=True
+        ),
     ):
         pass
     assert (tmp_path / store.FOLDER / "he2018-blocks-00000.npz").exists()
 
 
 def test_a_job_of_another_source_is_not_resumed(tmp_path, monkeypatch):
-    with store.opened(tmp_path, [Job.of(SMALL)], resume=False) as folder:
+    with store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False) as folder:
         (folder / "he2018-blocks-00000.npz").write_bytes(b"stands for a shard")
     monkeypatch.setattr("adhesion_jax.keeping.of_package", lambda: "other")
     with (
         pytest.raises(InputError, match="source of adhesion-jax is another one"),
-        store.opened(tmp_path, [Job.of(SMALL)], resume=True),
+        store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=True),
     ):
         pass
 
@@ -207,8 +213,8 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
     with pytest.raises(InputError, match="holds no job"):
         status.main(tmp_path)
     jobs = [Job.of(SMALL)]
-    with store.opened(tmp_path, jobs, resume=False) as folder:
-        store.stored(jobs[0], 1, folder)  # any shard will do
+    with store.opened(tmp_path, "montecarlo", jobs, resume=False) as folder:
+        store.stored(content, folder, jobs[0], 1)  # any shard will do
         status.main(tmp_path)
         told = capsys.readouterr().out
         assert "he2018-blocks: 128 of 300 runs are finished (43%)" in told
@@ -220,14 +226,14 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
 
 def test_two_jobs_do_not_write_to_one_folder(tmp_path):
     with (
-        store.opened(tmp_path, [Job.of(SMALL)], resume=False),
+        store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False),
         pytest.raises(InputError, match="is being written to by another job"),
-        store.opened(tmp_path, [Job.of(SMALL)], resume=False),
+        store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False),
     ):
         pass
     assert list(tmp_path.iterdir()) == []  # a job without a shard leaves nothing
 
 
 def test_a_folder_without_shards_is_begun_afresh(tmp_path):
-    with store.opened(tmp_path, [Job.of(SMALL)], resume=True) as folder:
+    with store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=True) as folder:
         assert len(store.missing(folder, [Job.of(SMALL)])) == 3

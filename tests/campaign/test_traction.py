@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.campaign.keys import noise_keys
-from adhesion_jax.campaign.traction import judge, planned
+from adhesion_jax.campaign.traction import job_of, judge
 from adhesion_jax.metrics.closed_loop import FIGURES, by_segment, figures, whole
 from adhesion_jax.studies.claims.traction import plant_of
 from adhesion_jax.traction.loop import run
@@ -15,30 +15,30 @@ from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import with_parts
 
 
-def plan_of(runs, duration=0.3, seed=0):
+def job(runs, duration=0.3, seed=0):
     system = SYSTEMS["hxd1f"]._replace(duration=duration)
     cases = with_parts(system.cases(system.step), "full-dimension", "constant-slip", "barrier")
-    return planned(system, cases, plant_of(system), runs, seed)
+    return job_of("hxd1f", system, cases, plant_of(system), runs, seed)
 
 
-def judged(runs, workers=1, seed=0):
-    plan, told = plan_of(runs, seed=seed), []
-    found = judge(plan, told.append, workers)
-    assert len(told) == len(plan.units)
+def judged_in_memory(runs, workers=1, seed=0):
+    asked, told = job(runs, seed=seed), []
+    found = judge(asked, told.append, workers)
+    assert len(told) == asked.shards
     return found
 
 
 @pytest.fixture(scope="module")
 def few():
-    return judged(40)
+    return judged_in_memory(40)
 
 
 @pytest.mark.slow
 def test_runs_have_their_numbers_from_seed_and_run_alone(few):
     # 3 runs are in a tile of 32, 40 in one of 64: the first three are the same to the bit.
-    three, again = judged(3), judged(3)
+    three, again = judged_in_memory(3), judged_in_memory(3)
     pd.testing.assert_frame_equal(three.metrics, again.metrics, check_exact=True)
-    other = judged(3, seed=1)
+    other = judged_in_memory(3, seed=1)
     noisy = three.metrics["noise"] == "yes"
     assert (three.metrics["utilisation"] != other.metrics["utilisation"])[noisy].any()
     quiet = few.metrics["noise"] == "none"
@@ -49,12 +49,14 @@ def test_runs_have_their_numbers_from_seed_and_run_alone(few):
 
 @pytest.mark.thorough
 def test_processes_give_the_numbers_of_one(few):
-    pd.testing.assert_frame_equal(few.metrics, judged(40, workers=2).metrics, check_exact=True)
+    pd.testing.assert_frame_equal(
+        few.metrics, judged_in_memory(40, workers=2).metrics, check_exact=True
+    )
 
 
 @pytest.mark.thorough
 def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
-    twenty = judged(20).metrics
+    twenty = judged_in_memory(20).metrics
     noisy = (twenty["noise"] == "yes") & (twenty["segment"] == "dry")
     one, many = twenty[noisy].iloc[0], few.metrics[noisy].iloc[0]
     for name in ("utilisation", "tracking_rms", "adhesion_rms"):
@@ -66,12 +68,12 @@ def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
 
 @pytest.mark.thorough
 def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
-    plan, runs = plan_of(40), 40
-    unit = next(unit for unit in plan.units if unit.runs is not None)
-    (loop,), grid = unit.loops, unit.grid
+    runs = 40
+    asked = job(runs)
+    (loop,), (grid,) = asked.noisy, asked.grids
     one = jax.jit(lambda key: run(loop, grid, key))
     found = []
-    for key in noise_keys(0, plan.cases[0].scenario, jnp.arange(runs)):
+    for key in noise_keys(0, asked.cases[0].scenario, jnp.arange(runs)):
         totals = one(key)
         dry = jax.tree.map(lambda values: values[:1], by_segment(totals))
         parts = [figures(part, grid.sample_period) for part in (dry, whole(totals))]
@@ -102,7 +104,7 @@ def test_a_train_stands_coasts_or_runs_away_under_eq_8():
     cases = [
         case for case in system.cases(system.step) if case.method in (stands, coasts, runs_away)
     ]
-    found = judge(planned(system, cases, plant_of(system)), lambda _: None, 1)
+    found = judge(job_of("fang2018", system, cases, plant_of(system)), lambda _: None, 1)
     status = found.metrics.set_index(["method", "segment"])["status"]
     assert status[stands, "1"] == status[stands, "all"] == "the train never moves"
     assert status[coasts, "1"] == status[coasts, "all"] == "regular"

@@ -1,0 +1,79 @@
+"""What all commands share whose work is divided into shards."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from adhesion_jax.campaign.executor import mapped, terminable
+from adhesion_jax.campaign.store import Content, J, Job, missing, opened, recorded, stored
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import refuse_folders, staged, writing_to
+
+
+def extended(directory: Path, extend: int) -> int:
+    """The number of runs of the job in a folder, and as many more as asked."""
+    before = recorded(directory)
+    if before is None:
+        raise InputError(
+            f"--extend adds runs to a job, and --out {directory} holds none; name its folder."
+        )
+    return int(before["runs"]) + extend
+
+
+@contextmanager
+def opened_for(
+    command: str,
+    jobs: Sequence[Job],
+    directory: Path,
+    own: Sequence[str],
+    resume: bool,
+    extend: int = 0,
+) -> Iterator[tuple[Path, Path]]:
+    """The folder of the shards of a command, and one for its results, whose names are `own`."""
+    refuse_folders(directory, own)
+    with (
+        terminable(),
+        writing_to(directory),
+        opened(directory, command, jobs, resume or extend > 0, extend) as folder,
+        staged(directory, own, folder) as stage,
+    ):
+        yield folder, stage
+
+
+def compute(
+    content: Callable[[J, int], Content],
+    jobs: Sequence[J],
+    folder: Path,
+    processes: Callable[[Sequence[tuple[J, int]]], int],
+    unit: str = "run",
+) -> None:
+    """All shards that are not there; what is finished stays, however this ends.
+
+    `processes` is given the work, and says by how many processes it is to be done.
+    """
+    work = missing(folder, jobs)
+    every = _runs((job, number) for job in jobs for number in range(job.shards))
+    with tqdm(total=every, initial=every - _runs(work), desc="compiling", unit=unit) as bar:
+        try:
+            with mapped(partial(stored, content, folder), work, processes(work)) as results:
+                for (job, _), runs in zip(work, results, strict=True):
+                    bar.set_description(job.name)
+                    bar.update(runs)
+        except BaseException:
+            there = every - _runs(missing(folder, jobs))
+            bar.close()
+            if there:
+                click.echo(
+                    f"{there} of {every} {unit}s are finished and stay in {folder}; the same "
+                    "command with --resume computes the others.",
+                    err=True,
+                )
+            raise
+
+
+def _runs(work: Iterator[tuple[Job, int]] | Sequence[tuple[Job, int]]) -> int:
+    return sum(job.runs_of(number) for job, number in work)
