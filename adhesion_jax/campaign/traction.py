@@ -245,7 +245,7 @@ def _rows(case: Named, noise: str, first: int, figures: Figures) -> pa.Table:
         "noise": words(none, [noise]),
         "run": pa.array(np.repeat(np.arange(first, first + runs), len(segments))),
         "segment": words(np.tile(np.arange(len(segments)), runs), segments),
-        **{name: pa.array(np.ascontiguousarray(of).ravel()) for name, of in figures.items()},
+        **{name: pa.array(np.ascontiguousarray(figures[name]).ravel()) for name in FIGURES},
     }
     return pa.table(columns)
 
