@@ -20,6 +20,7 @@ from scipy.special import stdtrit
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.job import REFERENCE, Job
+from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import Found, estimate_rows
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.campaign.tiles import (
@@ -37,6 +38,7 @@ from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import delay_counts, tracking_statistics
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.programs import kept
+from adhesion_jax.runtime import silent
 from adhesion_jax.scenarios import Options, Scenario
 
 #: Statuses that count as a failure for every method.
@@ -82,7 +84,7 @@ class Shard(NamedTuple):
     rows: pa.Table
 
 
-def shard(job: Job, number: int) -> Shard:
+def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
     """The shard of this number: each run is drawn once, for all methods."""
     config, scenario = job.config, job.scenario
     parts: dict[str, list[Found]] = {name: [] for name in job.methods}
@@ -91,10 +93,13 @@ def shard(job: Job, number: int) -> Shard:
     for tile in job.tiles_of(number):
         if tile * TILE >= config.runs:
             break
+        done = (tile - job.tiles_of(number).start) * TILE
+        tell(done, f"noise of {config.scenario}")
         records = draw_tile(config, tile)
         bounds.append(np.asarray(bound_tile(config, records)))
         spent = {}
         for name in _in_turn(job.methods, number):
+            tell(done, f"{name} on {config.scenario}")
             result = identify_records(config, tile, name, job.methods[name], records)
             parts[name].append(_found(scenario, result))
             spent[name] = result.seconds / (TILE * len(scenario.rails))
@@ -259,9 +264,9 @@ def scales(scenario_name: str, options: Options) -> tuple[NDArray[np.float64], N
     return truth, np.where(np.isfinite(bound) & (bound > 0), bound, without)
 
 
-def content(job: Job, number: int) -> Content:
+def content(job: Job, number: int, tell: Tell = silent) -> Content:
     """What is stored of a shard."""
-    found = shard(job, number)
+    found = shard(job, number, tell)
     sums = found.reduced.sums
     arrays: dict[str, NDArray[Any]] = {
         "delays": sums.delays,

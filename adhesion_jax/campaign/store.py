@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
+from adhesion_jax.campaign.notes import PARTIAL, Tell, noting
 from adhesion_jax.campaign.rows import row_schema
 from adhesion_jax.errors import InputError
 
@@ -31,9 +32,6 @@ FOLDER = "shards"
 
 _JOB = "job.json"
 _LOCK = ".lock"
-
-#: What begins with this is not complete yet, or was left by a job that was killed.
-_PARTIAL = ".partial-"
 
 #: Number of characters of a value that are told where two jobs differ.
 _TOLD = 60
@@ -96,7 +94,7 @@ def opened(
         with FileLock(folder / _LOCK, timeout=1):
             try:
                 before, asked = recorded(directory), record_of(command, jobs)
-                _clear(folder, _PARTIAL)
+                _clear(folder, PARTIAL)
                 if before is None or not resume:
                     _clear(folder, "")
                 else:
@@ -104,7 +102,7 @@ def opened(
                 _write(folder / _JOB, (json.dumps(asked, indent=2) + "\n").encode())
                 yield folder
             finally:
-                _clear(folder, _PARTIAL)
+                _clear(folder, PARTIAL)
                 if not any(folder.glob("*.npz")):
                     shutil.rmtree(folder, ignore_errors=True)
     except Timeout:
@@ -194,9 +192,10 @@ def missing(folder: Path, jobs: Sequence[J]) -> list[tuple[J, int]]:
     ]
 
 
-def stored(content: Callable[[J, int], Content], folder: Path, job: J, number: int) -> int:
+def stored(content: Callable[[J, int, Tell], Content], folder: Path, job: J, number: int) -> int:
     """Compute the content of a shard and store it; the number of its runs."""
-    arrays, table = content(job, number)
+    with noting(folder, f"{job.name}-{number}") as tell:
+        arrays, table = content(job, number, tell)
     sums, rows = _paths(folder, job.name, number)
     sink = pa.BufferOutputStream()
     with _writer(sink, table.schema) as writer:
@@ -267,6 +266,6 @@ def _paths(folder: Path, name: str, number: int) -> tuple[Path, Path]:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    partly = path.with_name(f"{_PARTIAL}{path.name}")
+    partly = path.with_name(f"{PARTIAL}{path.name}")
     partly.write_bytes(content)
     os.replace(partly, path)

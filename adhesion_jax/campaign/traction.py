@@ -20,11 +20,12 @@ from adhesion_jax import programs
 from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
 from adhesion_jax.campaign.keys import noise_keys
+from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import FIGURES, Totals
 from adhesion_jax.metrics.moments import KnownMoments
-from adhesion_jax.runtime import CORES
+from adhesion_jax.runtime import CORES, silent
 from adhesion_jax.traction.loop import Loop, Timing, Trace, check, first_row, run, timing, trace
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
@@ -192,9 +193,10 @@ def processes(work: Sequence[object], workers: int) -> int:
     return max(min(workers, len(work)), 1)
 
 
-def content(job: Job, number: int) -> Content:
+def content(job: Job, number: int, tell: Tell = silent) -> Content:
     """What is stored of a shard: sums of the figures, and the figures of every run."""
     cases = job.cases_of(number)
+    tell(0, job.cases[cases[0]].method)
     if number < len(job.quiet):
         _, loops, grid = job.quiet[number]
         found = _computed(loops, grid, job.seed, "", range(len(loops)), drawn=True)

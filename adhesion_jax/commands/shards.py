@@ -4,14 +4,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from threading import Event, Thread
 
 import click
 from tqdm import tqdm
 
 from adhesion_jax.campaign.executor import mapped, terminable
+from adhesion_jax.campaign.notes import Tell, notes
 from adhesion_jax.campaign.store import Content, J, Job, missing, opened, recorded, stored
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import refuse_folders, staged, writing_to
+
+#: Seconds from one look at what is being computed to the next.
+_PAUSE = 0.5
 
 
 def extended(directory: Path, extend: int) -> int:
@@ -45,7 +50,7 @@ def opened_for(
 
 
 def compute(
-    content: Callable[[J, int], Content],
+    content: Callable[[J, int, Tell], Content],
     jobs: Sequence[J],
     folder: Path,
     processes: Callable[[Sequence[tuple[J, int]]], int],
@@ -57,12 +62,14 @@ def compute(
     """
     work = missing(folder, jobs)
     every = _runs((job, number) for job in jobs for number in range(job.shards))
-    with tqdm(total=every, initial=every - _runs(work), desc="compiling", unit=unit) as bar:
+    with tqdm(total=every, initial=every - _runs(work), unit=unit) as bar:
         try:
-            with mapped(partial(stored, content, folder), work, processes(work)) as results:
-                for (job, _), runs in zip(work, results, strict=True):
-                    bar.set_description(job.name)
-                    bar.update(runs)
+            with (
+                _watched(bar, folder) as finish,
+                mapped(partial(stored, content, folder), work, processes(work)) as results,
+            ):
+                for runs in results:
+                    finish(runs)
         except BaseException:
             there = every - _runs(missing(folder, jobs))
             bar.close()
@@ -73,6 +80,39 @@ def compute(
                     err=True,
                 )
             raise
+
+
+@contextmanager
+def _watched(bar: tqdm, folder: Path) -> Iterator[Callable[[int], None]]:
+    """Show what goes on in a folder, and how many runs are done; takes the runs of each shard."""
+    finished, ended = bar.n, Event()
+
+    def finish(runs: int) -> None:
+        nonlocal finished
+        finished += runs
+
+    def show() -> None:
+        now = notes(folder)
+        words = dict.fromkeys(words for _, words in now)
+        bar.set_description(", ".join(words) or "starting", refresh=False)
+        # A shard that is finished counts when those before it are, too: until then nothing moves.
+        bar.update(max(finished + sum(runs for runs, _ in now) - bar.n, 0))
+        bar.refresh()
+
+    def watch() -> None:
+        while not ended.wait(_PAUSE):
+            show()
+
+    show()
+    watcher = Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield finish
+    finally:
+        ended.set()
+        watcher.join()
+        bar.set_description(refresh=False)
+        bar.update(max(finished - bar.n, 0))
 
 
 def _runs(work: Iterator[tuple[Job, int]] | Sequence[tuple[Job, int]]) -> int:

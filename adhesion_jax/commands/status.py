@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from adhesion_jax.campaign.identity import surroundings
+from adhesion_jax.campaign.notes import notes
 from adhesion_jax.campaign.store import FOLDER, is_locked, read_all, recorded, runs_in
 from adhesion_jax.commands import montecarlo, traction
 from adhesion_jax.errors import InputError
@@ -35,7 +36,8 @@ def main(folder: Path) -> None:
         if runs:
             _tell(record["command"], job, shards, runs)
     if computing:
-        click.echo("\na job is computing in this folder")
+        now = "".join(f"\n  {words}" for _, words in notes(shards))
+        click.echo(f"\na job is computing in this folder{':' if now else ''}{now}")
     elif not whole:
         click.echo("\nno job is computing in this folder; the same command with --resume goes on")
 

@@ -11,10 +11,13 @@ from adhesion_jax.campaign import store
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, run_campaign
+from adhesion_jax.campaign.notes import notes, noting
 from adhesion_jax.campaign.rows import frame_of
 from adhesion_jax.campaign.shard import content, reduced_of, scales, shard
-from adhesion_jax.commands import status
+from adhesion_jax.commands import montecarlo, status
+from adhesion_jax.commands.shards import opened_for
 from adhesion_jax.errors import InputError
+from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.metrics.counts import WIDTH
 from adhesion_jax.scenarios import Options
 
@@ -35,6 +38,16 @@ def test_shards_have_all_runs_once_and_grow():
         parts = [job.runs_of(number) for number in range(job.shards)]
         assert sum(parts) == runs
         assert min(parts) > 0
+
+
+def test_runs_of_many_blocks_are_in_smaller_shards():
+    sizes = {name: Job.of(Config(name)).most_tiles for name in ("single", "he2018-blocks", "drift")}
+    assert sizes == {"single": 32, "he2018-blocks": 32, "drift": 4}
+    longer = Job.of(Config("he2018-blocks", options=Options(blocks=300)))
+    assert longer.most_tiles == 1
+    # It is the scenario alone that decides, so that a job has the shards of a longer one.
+    few, many = (Job.of(Config("drift", runs=runs)) for runs in (10, 10**6))
+    assert [few.tiles_of(n) for n in range(60)] == [many.tiles_of(n) for n in range(60)]
 
 
 @pytest.fixture(scope="module")
@@ -222,6 +235,63 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
         assert "a job is computing" in told
     status.main(tmp_path)
     assert "no job is computing in this folder; the same command" in capsys.readouterr().out
+
+
+def test_a_job_with_methods_of_the_users_own_is_told(tmp_path, monkeypatch, capsys):
+    own = {**IDENTIFIERS, "mine": IDENTIFIERS["ml-exact"]}
+    job = Job.of(dataclasses.replace(SMALL, identifiers=("mine",)), own)
+    with store.opened(tmp_path, "montecarlo", [job], resume=False) as folder:
+        store.stored(content, folder, job, 0)
+    monkeypatch.setattr("adhesion_jax.keeping.of_outside", lambda: "not read here")
+    status.main(tmp_path)
+    told = capsys.readouterr().out
+    assert "128 of 300 runs" in told
+    assert "mine" in told.split("summary")[1]
+
+
+def test_of_a_job_of_another_version_only_its_progress_is_told(tmp_path, monkeypatch, capsys):
+    written(tmp_path, SMALL)
+    monkeypatch.setattr("adhesion_jax.keeping.of_package", lambda: "other")
+    status.main(tmp_path)
+    told = capsys.readouterr().out
+    assert "300 of 300 runs are finished" in told
+    assert "tables cannot be told here: the source of adhesion-jax is another one" in told
+    assert "summary" not in told
+
+
+def test_notes_tell_what_goes_on_and_pass_with_the_shard(tmp_path):
+    with noting(tmp_path, "a-1") as tell, noting(tmp_path, "b-2") as other:
+        tell(0, "one")
+        other(7, "other words")
+        assert notes(tmp_path) == [(0, "one"), (7, "other words")]
+        tell(5, "two")
+        tell(6, "two")  # too soon for the same words
+        assert notes(tmp_path)[0] == (5, "two")
+        (tmp_path / ".partial-note-c").write_text("half")
+        assert len(notes(tmp_path)) == 2
+    (tmp_path / ".partial-note-c").unlink()
+    assert list(tmp_path.iterdir()) == []
+    with noting(tmp_path / "gone", "a") as tell:  # a note that cannot be written is left out
+        tell(1, "one")
+
+
+def test_a_shard_tells_its_runs_tile_by_tile():
+    job, told = Job.of(dataclasses.replace(SMALL, runs=5000)), []
+    number = next(n for n in range(99) if len(job.tiles_of(n)) == 2)
+    content(job, number, lambda runs, words: told.append((runs, words)))
+    words = ("noise of he2018-blocks", "ml-exact on he2018-blocks")
+    assert told == [(runs, one) for runs in (0, 128) for one in words]
+
+
+def test_a_folder_in_the_place_of_a_result_is_refused_before_anything_is_removed(tmp_path):
+    written(tmp_path, SMALL)
+    (tmp_path / "summary.csv").mkdir()
+    with (
+        pytest.raises(InputError, match=r"has a folder summary\.csv"),
+        opened_for("montecarlo", [Job.of(SMALL)], tmp_path, montecarlo.OWN_FILES, resume=False),
+    ):
+        pass
+    assert len([*(tmp_path / store.FOLDER).glob("*.npz")]) == 3
 
 
 def test_two_jobs_do_not_write_to_one_folder(tmp_path):

@@ -6,8 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from adhesion_jax.campaign import store
 from adhesion_jax.campaign.keys import noise_keys
-from adhesion_jax.campaign.traction import job_of, judge
+from adhesion_jax.campaign.traction import content, job_of, judge, judged
+from adhesion_jax.commands import status
+from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.closed_loop import FIGURES, by_segment, figures, whole
 from adhesion_jax.studies.claims.traction import plant_of
 from adhesion_jax.traction.loop import run
@@ -91,6 +94,81 @@ def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
             assert rows[f"{name}_se"].iloc[row] == expected, name
     # The other rails begin at 5 and at 10 s.
     assert rows["status"].tolist() == ["regular", "not reached", "not reached", "regular"]
+
+
+def contents(folder, asked):
+    """What is stored of all shards, the times apart, and the rows."""
+    found = []
+    for number in range(asked.shards):
+        arrays = store.read(folder, asked.name, number)
+        found.append({key: x for key, x in arrays.items() if "seconds" not in key})
+        found.append(store.rows_of(folder, asked.name, number).to_pandas())
+    return found
+
+
+def assert_same(one, other):
+    assert len(one) == len(other)
+    for a, b in zip(one, other, strict=True):
+        assert [*a] == [*b]
+        for key in a:
+            np.testing.assert_array_equal(np.asarray(a[key]), np.asarray(b[key]), err_msg=key)
+
+
+def complete(directory, asked, resume=False, extend=0):
+    """Complete a folder; the numbers of the shards that were computed."""
+    with store.opened(directory, "traction", [asked], resume, extend) as folder:
+        work = store.missing(folder, [asked])
+        for unit in reversed(work):
+            store.stored(content, folder, *unit)
+        return [number for _, number in work], contents(folder, asked)
+
+
+@pytest.mark.thorough
+def test_shards_are_resumed_and_extended_bit_for_bit(tmp_path, few, capsys):
+    for name in ("whole", "resumed"):
+        (tmp_path / name).mkdir()
+    computed, whole = complete(tmp_path / "whole", job(300))
+    assert computed == [0, 1, 2]
+    # Forty runs, of which a file is damaged, and then 260 more.
+    folder = tmp_path / "resumed" / store.FOLDER
+    assert complete(tmp_path / "resumed", job(40))[0] == [0, 1]
+    stored = [store.read(folder, "hxd1f", number) for number in range(2)]
+    pd.testing.assert_frame_equal(judged(job(40), stored).metrics, few.metrics, check_exact=True)
+    (folder / "hxd1f-00000.npz").write_bytes(b"damaged")
+    status.main(tmp_path / "resumed")
+    told = capsys.readouterr().out
+    assert "hxd1f: 40 of 41 runs are finished" in told
+    assert "barrier" in told
+    computed, extended = complete(tmp_path / "resumed", job(300), resume=True, extend=260)
+    assert computed == [0, 1, 2]  # the second had forty runs of 256
+    assert_same(extended, whole)
+    with pytest.raises(InputError, match="--seed is 0 there and 1 here"):
+        complete(tmp_path / "resumed", job(300, seed=1), resume=True)
+    with pytest.raises(InputError, match="settings of the system is another one"):
+        complete(tmp_path / "resumed", job(300, duration=0.2), resume=True)
+    with (
+        pytest.raises(InputError, match="the command is traction there and montecarlo here"),
+        store.opened(tmp_path / "resumed", "montecarlo", [job(300)], resume=True),
+    ):
+        pass
+
+
+def test_shards_have_every_run_of_every_case_once():
+    system = SYSTEMS["hxd1f"]
+    asked = job_of("hxd1f", system, system.cases(system.step), plant_of(system), 600)
+    first = len(asked.quiet)
+    assert sum(map(asked.runs_of, range(first))) == len(asked.cases)
+    runs = {}
+    for number in range(first, asked.shards):
+        (case,) = asked.cases_of(number)
+        numbers = asked.noisy_runs(number)
+        assert 0 < asked.runs_of(number) <= len(numbers)
+        runs.setdefault(case, []).extend(numbers[: asked.runs_of(number)])
+    assert runs == {case: [*range(600)] for case in range(len(asked.cases))}
+    # A job of more runs has the same shards, and more.
+    more = asked._replace(runs=6000)
+    every = range(first, first + 2 * len(asked.cases))
+    assert [more.noisy_runs(n) for n in every] == [asked.noisy_runs(n) for n in every]
 
 
 @pytest.mark.slow
