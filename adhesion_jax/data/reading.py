@@ -143,10 +143,10 @@ def _measured(
     kept[rows.kept] = derived.used
     index = pd.Index(row_of if kept.all() else np.flatnonzero(kept) + sheet.first_row)
     table = pd.DataFrame(numbers, index=index, copy=False)
-    for name, text in read.labels.items():
-        table[name] = text[kept].set_axis(index)
+    for name, labels in read.labels.items():
+        table[name] = labels if kept.all() else labels[kept]
     if faults := [
-        *range_faults({name: numbers[name] for name in derived.sources}, {}, index.to_numpy()),
+        *range_faults({name: numbers[name] for name in derived.sources}, {}, index),
         *label_faults({name: table[name] for name in read.labels}),
         *time_faults(table, taken["time_s"].column if "time_s" in taken else "time_s"),
     ]:
