@@ -55,7 +55,7 @@ def gather(
                 chunks[one.name].append(_labels(cells))
                 continue
             if one.stamp:
-                ticks, text = stamps(cells)
+                ticks, text = stamps(cells, one.stamp)
                 if origin is None:
                     first = pyarrow.compute.min(ticks).as_py()
                     origin = 0 if one.stamp == TIME_OF_DAY else first
