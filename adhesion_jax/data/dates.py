@@ -32,7 +32,5 @@ def with_dates_joined(sheet: Sheet) -> Sheet:
             cells[both] = pyarrow.compute.binary_join_element_wise(*trimmed, " ")
             yield cells, share
 
-    columns = tuple(
-        both if name == date else name for name in sheet.columns if name != clock
-    )
+    columns = tuple(both if name == date else name for name in sheet.columns if name != clock)
     return sheet._replace(columns=columns, stamps=stamps, blocks=blocks)

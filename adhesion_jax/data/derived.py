@@ -182,7 +182,9 @@ def _adhesion(columns: Columns) -> tuple[np.ndarray, str]:
     force, wheels = next((force, wheels) for force, _, wheels in _BODIES if force in columns)
     load, others = next((load, others) for _, load, others in _BODIES if load in columns)
     of_wheel = columns[force] / (wheels or of_locomotive)
-    return of_wheel / (columns[load] / (others or of_locomotive)), f"{force} / {load}, for one wheel"
+    return of_wheel / (
+        columns[load] / (others or of_locomotive)
+    ), f"{force} / {load}, for one wheel"
 
 
 def _check_speeds(wheel: np.ndarray, train: np.ndarray) -> None:

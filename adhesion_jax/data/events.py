@@ -348,9 +348,9 @@ def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
     return (
         f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
         f"({_duration(seconds)}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
-        f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event begins where "
-        f"the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s before and "
-        f"after it belong to it.{slow}"
+        f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event "
+        f"begins where the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s "
+        f"before and after it belong to it.{slow}"
     )
 
 
