@@ -96,7 +96,7 @@ def gather(
                 labels[one.name].add(cells)
                 continue
             if one.stamp:
-                ticks, text = stamps(cells)
+                ticks, text = stamps(cells, one.stamp)
                 if origin is None:
                     first = pyarrow.compute.min(ticks).as_py()
                     origin = 0 if one.stamp == TIME_OF_DAY else first

@@ -9,10 +9,12 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.derived import SLOW, SOURCES, derive, needed
 from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
 from adhesion_jax.data.gaps import without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
+from adhesion_jax.data.plausible import speed_warnings
 from adhesion_jax.data.schema import label_faults, range_faults, time_faults, unusual
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
@@ -108,6 +110,7 @@ def _measured(
     wheel_radius: float | None,
     progress: Progress,
 ) -> Measured:
+    sheet = with_dates_joined(sheet)
     found = understand(sheet, columns or {})
     names_needed, missing = needed({one.name for one in found.taken} | {*found.constants})
     if missing:
@@ -151,7 +154,7 @@ def _measured(
     if faults := [
         *range_faults({name: numbers[name] for name in derived.sources}, {}, index),
         *label_faults({name: table[name] for name in read.labels}),
-        *time_faults(table, taken["time_s"].column if "time_s" in taken else "time_s"),
+        *time_faults(table, _column_of(taken, "time_s")),
     ]:
         raise _refusal(sheet, faults)
     for name, source in derived.sources.items():
@@ -169,6 +172,7 @@ def _measured(
             *rows.notes,
             *derived.notes,
             *unusual(numbers, taken),
+            *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
         ),
     )
 
@@ -190,6 +194,11 @@ def _understood(one: Taken, numbers: Mapping[str, np.ndarray]) -> tuple[object, 
     lowest = np.min(values, where=~missing, initial=np.inf)
     highest = np.max(values, where=~missing, initial=-np.inf)
     return one.column, one.name, one.stamp or one.unit, lowest, highest, missing.mean()
+
+
+def _column_of(taken: Mapping[str, Taken], name: str) -> str:
+    """What the file calls a quantity, or its name where it is in no column of the file."""
+    return taken[name].column if name in taken else name
 
 
 def _keep(columns: dict[str, np.ndarray], rows: np.ndarray) -> None:
