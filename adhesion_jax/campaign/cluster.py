@@ -186,14 +186,13 @@ class _Cluster:
     client: Any
     setting: bytes
     shared: bool
-    count: int = 0
-    counted: float = 0.0  # when
+    workers: int = 0  # when they were counted
+    counted: float = -_COUNTED_FOR
 
-    @property
-    def workers(self) -> int:
+    def _count(self) -> int:
         if time.monotonic() > self.counted + _COUNTED_FOR:
-            self.count, self.counted = len(self.client.nthreads()), time.monotonic()
-        return self.count
+            self.workers, self.counted = len(self.client.nthreads()), time.monotonic()
+        return self.workers
 
     def prepare(self) -> None:
         """Prepare the workers that are there; InputError where one cannot serve."""
@@ -203,7 +202,7 @@ class _Cluster:
             )
             for worker in self.client.nthreads()
         }
-        others = 0
+        others, self.workers = 0, len(begun)
         for worker, future in begun.items():
             try:
                 others += future.result() != programs.processor()
@@ -246,13 +245,13 @@ class _Cluster:
         place: Path | None,
     ) -> Iterator[T]:
         """The results in the order of the work."""
-        name = f"{function.__name__}-{uuid4().hex}"  # units of one name wait at the scheduler
+        name = f"unit-{uuid4().hex}"  # those of one name wait at the scheduler
         completed = _distributed().as_completed(loop=self.client.loop)
         left = deque(range(len(work)))
         found: dict[int, Any] = {}
         for number in range(len(work)):
             while number not in found:
-                while left and left[0] < number + AHEAD * max(self.workers, 1):
+                while left and left[0] < number + AHEAD * max(self._count(), 1):
                     unit = left.popleft()
                     future = self.client.submit(
                         _done,

@@ -84,7 +84,8 @@ def mapped(function: Callable[..., T], work: Work, workers: int) -> Iterator[Ite
     place of one that dies and tries its unit again; WorkerError where that has failed as often as
     it is tried. No process outlives this one, however it ends.
     """
-    if workers == 1:
+    workers = min(workers, len(work))
+    if workers <= 1:
         yield (function(*unit) for unit in work)
         return
     team: list[_Member] = []

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.executor import Engine, Processes, Work
-from adhesion_jax.campaign.job import Job, shard_count, shard_tiles
+from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.rows import frame_of
 from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
 from adhesion_jax.campaign.tiles import TILE, make_ready
@@ -70,12 +70,12 @@ def run_campaign(
     the configuration are looked up in `identifiers`.
     """
     job = Job.of(config, identifiers)
-    work = [(job, number) for number in range(shard_count(job))]
+    work = [(job, number) for number in range(job.shards)]
 
     def reduced() -> Iterable[Reduced]:
         for (_, number), found in zip(work, results, strict=True):
             keep(frame_of(found.rows))
-            for tile in shard_tiles(number):
+            for tile in job.tiles_of(number):
                 if tile * TILE < config.runs:
                     progress(config.scenario)
             yield found.reduced
@@ -85,14 +85,12 @@ def run_campaign(
 
 
 def suited(engine: Engine, work: Work) -> Engine:
-    """The engine for units that begin with a job; this process, with its programs ready, for few.
+    """The engine for units that begin with a job: for few it is this process, made ready for them.
 
-    More processes than units are not asked for.
+    A cluster is what it is: it has begun already.
     """
-    if not isinstance(engine, Processes):
+    if not isinstance(engine, Processes) or (engine.workers > 1 and len(work) > _FEW_SHARDS):
         return engine
-    if len(work) > _FEW_SHARDS and engine.workers > 1:
-        return Processes(min(engine.workers, len(work)))
     for job, *_ in work:
         make_ready(job.config, [*job.methods.values()])
     return Processes(1)
