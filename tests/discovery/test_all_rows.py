@@ -214,7 +214,7 @@ def test_an_effect_of_a_twentieth_of_the_noise_is_found_in_many_rows(r):
 
 @pytest.mark.thorough
 def test_blocks_find_what_the_rows_would():
-    """5,000 rows and the same as 1,250 blocks: the same effect, to a tenth of its standard error."""
+    """5,000 rows and the same as 1,250 blocks: the same effect, well within its error."""
     campaign = simulate(["humidity"], seed=4, runs=36, points=200)
     whole = runs_of(campaign.train)
     found = discover(whole)
