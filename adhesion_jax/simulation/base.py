@@ -68,7 +68,8 @@ def _refitted(
     def residual(values: Float[Array, " free"]) -> Float[Array, " rows"]:
         return jnp.ravel(with_free_values(law, values)(slip, conditions) - adhesion)
 
-    found = levenberg_marquardt.fit(residual, free_values(law), *box, _STEPS)
+    lower, upper = box
+    found = levenberg_marquardt.fit(residual, free_values(law), lower, upper, _STEPS)
     return found.x, found.objective
 
 
