@@ -102,7 +102,7 @@ def gather(
         columns,
         labels,
         first_row - sheet.first_row,
-        tuple(faults.values()),
+        tuple(dict.fromkeys(faults.values())),
         left_out,
         str(pd.Timestamp(origin)) if dated and origin is not None else "",
     )
