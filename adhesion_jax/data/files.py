@@ -30,6 +30,9 @@ _SAVED_INDEX = re.compile(r"|Unnamed: \d+|__index_level_\d+__")
 _BLOCK_BYTES = 1 << 23
 _BLOCK_ROWS = 1 << 17
 
+#: Bytes of each column of a parquet file that are read at a time.
+_STREAM_BYTES = 1 << 20
+
 #: How many cells of a column of text show whether it holds stamps.
 _SHOWN = 200
 
@@ -100,7 +103,8 @@ def _arrow(column: pd.Series) -> pyarrow.Array:
 
 def _parquet(path: Path) -> Sheet:
     with _whole_parquet(path):
-        file = pyarrow.parquet.ParquetFile(path)
+        # Read as a stream: by default the whole file is in memory until its last row is read.
+        file = pyarrow.parquet.ParquetFile(path, buffer_size=_STREAM_BYTES, pre_buffer=False)
         schema = file.schema_arrow
         _refuse_duplicates(str(path), schema.names)
         places = _named([" ".join(name.split()) for name in schema.names])
