@@ -96,6 +96,7 @@ class Findings(NamedTuple):
     base: str
     base_parameters: pd.DataFrame  # parameter, unit, before, before_se, after, after_se
     law: CorrectedLaw  # base and effects, fitted to all runs
+    law_before: CorrectedLaw  # the best curve without effects, fitted to all runs
     noise_floor: float
     noise: Mapping[str, float]  # sigma, autocorrelation, run_scatter
     train: Errors

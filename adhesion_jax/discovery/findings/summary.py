@@ -92,6 +92,7 @@ def summarise(
         final.base,
         _base_parameters(plain, plain_rows, final, final_rows),
         law,
+        bare,
         floor,
         _noise(noise),
         train,
