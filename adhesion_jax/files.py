@@ -36,6 +36,16 @@ def output_directory(path: Path) -> Path:
     return path
 
 
+def refuse_folders(directory: Path, own: Sequence[str]) -> None:
+    """InputError where a folder has the name of a file that a command may write."""
+    for name in own:
+        if (directory / name).is_dir():
+            raise InputError(
+                f"--out {directory} has a folder {name} where a file of that name belongs; "
+                "move it or name another folder."
+            )
+
+
 @contextmanager
 def writing_to(directory: Path) -> Iterator[None]:
     """InputError instead of an error of the operating system that says that this cannot be."""
@@ -60,12 +70,7 @@ def staged(directory: Path, own: Sequence[str], beside: Path | None = None) -> I
     directory, or in another one on its disk, `beside`. Raises InputError if a folder has one of the
     names, or if the directory cannot be written to.
     """
-    for name in own:
-        if (directory / name).is_dir():
-            raise InputError(
-                f"--out {directory} has a folder {name} where a file of that name belongs; "
-                "move it or name another folder."
-            )
+    refuse_folders(directory, own)
     with (
         writing_to(directory),
         tempfile.TemporaryDirectory(dir=beside or directory, prefix=".partial-") as folder,

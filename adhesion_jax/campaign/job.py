@@ -7,19 +7,17 @@ its number alone.
 """
 
 from collections.abc import Mapping
-from hashlib import sha256
-from importlib.metadata import version
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from adhesion_jax import keeping, programs, runtime
 from adhesion_jax.campaign.config import Config, choose_identifiers
+from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
 from adhesion_jax.campaign.tiles import TILE, scenario_of
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
-from adhesion_jax.scenarios import Group, Scenario
+from adhesion_jax.scenarios import Group, Options, Scenario
 
 #: The method with whose objective every other is compared.
 REFERENCE = "ml-exact"
@@ -27,6 +25,12 @@ REFERENCE = "ml-exact"
 #: So many shards have one tile, as many have two, then four, up to the largest.
 _ALIKE = 16
 _LARGEST = 32
+
+#: Tiles of a shard times blocks of a run are at most this, one tile apart.
+_MOST_BLOCKS = 512
+
+#: What the settings of a method are recorded under, before its name.
+_SETTINGS = "settings of "
 
 #: Blocks after a switch whose estimates are kept for every run.
 _AFTER_SWITCH = 5
@@ -44,7 +48,7 @@ class Job(NamedTuple):
     """A configuration and its methods by name, of which `names` are reported."""
 
     config: Config
-    methods: Mapping[str, Identifier]
+    methods: Mapping[str, Any]  # an `Identifier` each; None where shards are only read
     names: tuple[str, ...]
     every_block: bool  # whether the estimates of all blocks are kept, or of a few
 
@@ -111,49 +115,70 @@ class Job(NamedTuple):
         near = {b + j for b in starts for j in range(-1, _AFTER_SWITCH)}
         return np.array(sorted(b for b in near | {len(rails) - 1} if b < len(rails)))
 
+    @property
+    def name(self) -> str:
+        return self.config.scenario
 
-def shard_tiles(number: int) -> range:
-    """The tiles of the shard of this number."""
-    size, first = 1, 0
-    while size < _LARGEST and number >= _ALIKE:
-        first, number, size = first + _ALIKE * size, number - _ALIKE, 2 * size
-    return range(first + number * size, first + (number + 1) * size)
+    @property
+    def runs(self) -> int:
+        return self.config.runs
 
+    @property
+    def shards(self) -> int:
+        """The number of shards that have all the runs."""
+        number = 0
+        while self.tiles_of(number).start * TILE < self.runs:
+            number += 1
+        return number
 
-def shard_runs(job: Job, number: int) -> int:
-    """The number of runs of a shard: the last one has what remains."""
-    tiles = shard_tiles(number)
-    return min(tiles.stop * TILE, job.config.runs) - tiles.start * TILE
+    def tiles_of(self, shard: int) -> range:
+        """The tiles of the shard of this number."""
+        size, first = 1, 0
+        while size < self.most_tiles and shard >= _ALIKE:
+            first, shard, size = first + _ALIKE * size, shard - _ALIKE, 2 * size
+        return range(first + shard * size, first + (shard + 1) * size)
 
+    def runs_of(self, shard: int) -> int:
+        """The number of runs of a shard: the last one has what remains."""
+        tiles = self.tiles_of(shard)
+        return min(tiles.stop * TILE, self.runs) - tiles.start * TILE
 
-def shard_count(job: Job) -> int:
-    """The number of shards that have all the runs of a job."""
-    number = 0
-    while shard_tiles(number).start * TILE < job.config.runs:
-        number += 1
-    return number
+    @property
+    def most_tiles(self) -> int:
+        """The number of tiles of the largest shards, a power of two.
 
+        Runs of many blocks have fewer runs in a shard, so that it takes as much memory.
+        """
+        blocks = max(len(self.scenario.rails), 1)
+        return 2 ** int(np.log2(max(min(_LARGEST, _MOST_BLOCKS // blocks), 1)))
 
-def description(job: Job) -> Mapping[str, str]:
-    """All that the numbers of a job depend on, the number of its runs apart, by its name."""
-    config = job.config
-    return {
-        "--scenario": config.scenario,
-        **{f"--{name.replace('_', '-')}": str(value) for name, value in config.options.items()},
-        "--seed": str(config.seed),
-        "--identifiers": ",".join(job.names),
-        "--keep": "all" if job.every_block else "checkpoints",
-        **{f"settings of {name}": _settings(method) for name, method in job.methods.items()},
-        "source of adhesion-jax": keeping.of_package(),
-        "source of your own files": keeping.of_outside(),
-        **{f"version of {name}": version(name) for name in runtime.PACKAGES},
-        "kind of processor or settings of jax": programs.digest(),
-    }
+    @property
+    def record(self) -> Mapping[str, Any]:
+        """What the job is, in the words of JSON, the number of its runs apart."""
+        config = self.config
+        depends = {
+            "--scenario": config.scenario,
+            **{f"--{name.replace('_', '-')}": str(value) for name, value in config.options.items()},
+            "--seed": str(config.seed),
+            "--identifiers": ",".join(self.names),
+            "--keep": "all" if self.every_block else "checkpoints",
+            **{f"{_SETTINGS}{name}": settings_of(one) for name, one in self.methods.items()},
+            **surroundings(),
+            **own_files(),
+        }
+        return {"options": dict(config.options), "depends on": depends}
 
-
-def _settings(method: Identifier) -> str:
-    leaves, form = jax.tree.flatten(method)
-    content = sha256(programs.told(form) or type(method).__qualname__.encode())
-    for leaf in map(np.asarray, leaves):
-        content.update(f"{leaf.dtype} {leaf.shape}".encode() + leaf.tobytes())
-    return content.hexdigest()
+    @staticmethod
+    def recorded(record: Mapping[str, Any]) -> "Job":
+        """The job of a record, for reading its shards: it has the names of its methods alone."""
+        told = record["depends on"]
+        names = tuple(told["--identifiers"].split(","))
+        config = Config(
+            told["--scenario"],
+            names,
+            Options(**record["options"]),
+            record["runs"],
+            int(told["--seed"]),
+        )
+        methods = [key.removeprefix(_SETTINGS) for key in told if key.startswith(_SETTINGS)]
+        return Job(config, dict.fromkeys(methods), names, told["--keep"] == "all")

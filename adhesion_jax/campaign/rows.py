@@ -11,9 +11,6 @@ from adhesion_jax.identifiers import Status
 from adhesion_jax.metrics.tracking import Tracking
 from adhesion_jax.scenarios import Scenario
 
-#: Columns of words; each has a few different ones in millions of rows.
-WORDS = ("scenario", "identifier", "rail", "status")
-
 
 class Found(NamedTuple):
     """The estimates of a method, arrays [runs, blocks], and what was seen on the way."""
@@ -73,14 +70,14 @@ def estimate_rows(
 
 def frame_of(rows: pa.Table) -> pd.DataFrame:
     """The rows as a data frame."""
-    plain = pa.schema([(f.name, pa.string() if f.name in WORDS else f.type) for f in rows.schema])
-    return rows.cast(plain).to_pandas()
+    types = [pa.string() if pa.types.is_dictionary(f.type) else f.type for f in rows.schema]
+    return rows.cast(pa.schema(zip(rows.schema.names, types, strict=True))).to_pandas()
 
 
 def row_schema(parts: Sequence[pa.Schema]) -> pa.Schema:
-    """The columns of the rows of several scenarios; what one has alone is empty in the others."""
+    """The columns of the rows of several jobs; what one has alone is empty in the others."""
     names = dict.fromkeys(name for part in parts for name in part.names)
-    last = ("status", "objective", "forgetting", "evaluations")
+    last = [name for name in ("status", "objective", "forgetting", "evaluations") if name in names]
     ordered = [
         *(name for name in names if not name.endswith("_se") and name not in last),
         *(name for name in names if name.endswith("_se")),

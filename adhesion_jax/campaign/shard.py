@@ -8,7 +8,7 @@ computed where.
 import operator
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.job import REFERENCE, Job, shard_runs, shard_tiles
+from adhesion_jax.campaign.job import REFERENCE, Job
+from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import Found, estimate_rows
+from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.campaign.tiles import (
     TILE,
     TileResult,
@@ -36,6 +38,7 @@ from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import delay_counts, tracking_statistics
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.programs import kept
+from adhesion_jax.runtime import silent
 from adhesion_jax.scenarios import Options, Scenario
 
 #: Statuses that count as a failure for every method.
@@ -43,6 +46,9 @@ _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
 
 #: Where a quantity has no bound, this share of its true value takes its place as a scale.
 _SHARE_OF_TRUTH = 0.01
+
+#: The moments among the sums of a shard.
+_MOMENTS = ("accuracy", "tracking", "seconds")
 
 #: Successive numbers times this, modulo one, are far apart.
 _GOLDEN_SECTION = 0.618033988749895
@@ -78,25 +84,28 @@ class Shard(NamedTuple):
     rows: pa.Table
 
 
-def shard(job: Job, number: int) -> Shard:
+def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
     """The shard of this number: each run is drawn once, for all methods."""
     config, scenario = job.config, job.scenario
     parts: dict[str, list[Found]] = {name: [] for name in job.methods}
     seconds, compile_seconds = [], dict.fromkeys(job.methods, 0.0)
     bounds = []
-    for tile in shard_tiles(number):
+    for tile in job.tiles_of(number):
         if tile * TILE >= config.runs:
             break
+        done = (tile - job.tiles_of(number).start) * TILE
+        tell(done, f"noise of {config.scenario}")
         records = draw_tile(config, tile)
         bounds.append(np.asarray(bound_tile(config, records)))
         spent = {}
         for name in _in_turn(job.methods, number):
+            tell(done, f"{name} on {config.scenario}")
             result = identify_records(config, tile, name, job.methods[name], records)
             parts[name].append(_found(scenario, result))
             spent[name] = result.seconds / (TILE * len(scenario.rails))
             compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
         seconds.append([spent[name] for name in job.methods])
-    runs = shard_runs(job, number)
+    runs = job.runs_of(number)
     found = {
         name: jax.tree.map(lambda *x: np.concatenate(x)[:runs], *of_name)
         for name, of_name in parts.items()
@@ -108,7 +117,7 @@ def shard(job: Job, number: int) -> Shard:
         delays=np.stack([delay_counts(found[name].tracking, job.longest) for name in job.names]),
         seconds=Moments.of({"seconds": np.array(seconds)}),
     )
-    first = shard_tiles(number).start * TILE
+    first = job.tiles_of(number).start * TILE
     rows = estimate_rows(
         config.scenario, scenario, {n: found[n] for n in job.names}, first, job.kept_blocks
     )
@@ -253,3 +262,43 @@ def scales(scenario_name: str, options: Options) -> tuple[NDArray[np.float64], N
     bound = np.sqrt(np.mean(bound**2, axis=0))
     without = np.where(truth == 0, 1.0, _SHARE_OF_TRUTH * np.abs(truth))
     return truth, np.where(np.isfinite(bound) & (bound > 0), bound, without)
+
+
+def content(job: Job, number: int, tell: Tell = silent) -> Content:
+    """What is stored of a shard."""
+    found = shard(job, number, tell)
+    sums = found.reduced.sums
+    arrays: dict[str, NDArray[Any]] = {
+        "delays": sums.delays,
+        "places": found.reduced.places,
+        "numbers": found.reduced.numbers,
+        "compile_seconds": found.reduced.compile_seconds,
+    }
+    for name in _MOMENTS:
+        moments: Moments = getattr(sums, name)
+        arrays[f"{name} runs"] = np.array(moments.runs)
+        for key in moments.total:
+            arrays[f"{name} total {key}"] = moments.total[key]
+            arrays[f"{name} square {key}"] = moments.total_square[key]
+    return Content(arrays, found.rows)
+
+
+def reduced_of(arrays: Arrays) -> Reduced:
+    """What the runs of a shard add up to, from what is stored of it."""
+    moments = {}
+    for name in _MOMENTS:
+        parts = {
+            kind: {
+                key.removeprefix(f"{name} {kind} "): value
+                for key, value in arrays.items()
+                if key.startswith(f"{name} {kind} ")
+            }
+            for kind in ("total", "square")
+        }
+        moments[name] = Moments(int(arrays[f"{name} runs"]), parts["total"], parts["square"])
+    return Reduced(
+        Sums(**moments, delays=arrays["delays"]),
+        arrays["places"],
+        arrays["numbers"],
+        arrays["compile_seconds"],
+    )

@@ -1,6 +1,7 @@
 """Shards on disk: each is there whole or not at all, whatever ended the process that computed it.
 
-A shard has two files, its rows (parquet) and what the runs add up to (npz). The second gets its
+A shard is a part of a job that one process computes, a function of the job and of its number
+alone. It has two files, its rows (parquet) and what the runs add up to (npz). The second gets its
 name last and holds the checksum of the first: a shard is there if both agree. `job.json` says what
 was computed. The folder is locked while a job computes.
 """
@@ -9,25 +10,22 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 from zipfile import BadZipFile
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
+from numpy.typing import NDArray
 
-from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.job import Job, description, shard_count, shard_runs
-from adhesion_jax.campaign.rows import WORDS, row_schema
-from adhesion_jax.campaign.shard import Reduced, Sums, shard
+from adhesion_jax.campaign.notes import PARTIAL, Tell, noting
+from adhesion_jax.campaign.rows import row_schema
 from adhesion_jax.errors import InputError
-from adhesion_jax.metrics.moments import Moments
-from adhesion_jax.scenarios import Options
 
 #: The folder of the shards within that of the results.
 FOLDER = "shards"
@@ -35,21 +33,56 @@ FOLDER = "shards"
 _JOB = "job.json"
 _LOCK = ".lock"
 
-#: What begins with this is not complete yet, or was left by a job that was killed.
-_PARTIAL = ".partial-"
-
 #: Number of characters of a value that are told where two jobs differ.
 _TOLD = 60
 
-#: The moments among the sums of a shard.
-_MOMENTS = ("accuracy", "tracking", "seconds")
+#: The number of runs of a shard and the checksum of its rows, among its arrays.
+_RUNS, _ROWS = "runs", "checksum of the rows"
+
+#: Numbers by name.
+Arrays = Mapping[str, NDArray[Any]]
+
+
+@runtime_checkable
+class Job(Protocol):
+    """What is computed in shards: what has to be known of it here."""
+
+    @property
+    def name(self) -> str:
+        """The word that the names of its files begin with."""
+
+    @property
+    def runs(self) -> int:
+        """As many as were asked for."""
+
+    @property
+    def shards(self) -> int:
+        """The number of shards that have all the runs."""
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        """What it is, in the words of JSON: what all numbers depend on is under "depends on"."""
+
+    def runs_of(self, number: int) -> int:
+        """The number of runs of a shard."""
+
+
+class Content(NamedTuple):
+    """What is stored of a shard: what its runs add up to, and a row for each that is kept."""
+
+    arrays: Arrays
+    rows: pa.Table
+
+
+#: A kind of job.
+J = TypeVar("J", bound=Job)
 
 
 @contextmanager
 def opened(
-    directory: Path, jobs: Sequence[Job], resume: bool, extend: int = 0
+    directory: Path, command: str, jobs: Sequence[Job], resume: bool, extend: int = 0
 ) -> Iterator[Path]:
-    """The folder of the shards of some jobs, of this process alone.
+    """The folder of the shards of some jobs of a command, of this process alone.
 
     What an earlier job has left is removed or, if asked, resumed: InputError if that was another
     job, or if another process computes in the folder. The runs are `extend` more than the earlier
@@ -60,18 +93,16 @@ def opened(
     try:
         with FileLock(folder / _LOCK, timeout=1):
             try:
-                before = recorded(directory)
-                _clear(folder, _PARTIAL)
+                before, asked = recorded(directory), record_of(command, jobs)
+                _clear(folder, PARTIAL)
                 if before is None or not resume:
                     _clear(folder, "")
                 else:
-                    asked = record_of(jobs)
                     _refuse_other(directory, before, {**asked, "runs": asked["runs"] - extend})
-                text = json.dumps(record_of(jobs), indent=2) + "\n"
-                _write(folder / _JOB, text.encode())
+                _write(folder / _JOB, (json.dumps(asked, indent=2) + "\n").encode())
                 yield folder
             finally:
-                _clear(folder, _PARTIAL)
+                _clear(folder, PARTIAL)
                 if not any(folder.glob("*.npz")):
                     shutil.rmtree(folder, ignore_errors=True)
     except Timeout:
@@ -91,30 +122,21 @@ def _clear(folder: Path, prefix: str) -> None:
                 path.unlink()
 
 
-def record_of(jobs: Sequence[Job]) -> Mapping[str, Any]:
-    """What jobs are, in the words of JSON."""
+def record_of(command: str, jobs: Sequence[Job]) -> Mapping[str, Any]:
+    """What the jobs of a command are, in the words of JSON."""
     return {
-        "runs": jobs[0].config.runs,
+        "command": command,
+        "runs": jobs[0].runs,
         "jobs": [
-            {"options": dict(job.config.options), "depends on": description(job)} for job in jobs
+            {
+                "name": job.name,
+                "shards": job.shards,
+                "runs": sum(job.runs_of(number) for number in range(job.shards)),
+                **job.record,
+            }
+            for job in jobs
         ],
     }
-
-
-def jobs_of(record: Mapping[str, Any]) -> list[Job]:
-    """The jobs of a record, in the package and with the libraries as they are now."""
-    jobs = []
-    for one in record["jobs"]:
-        told = one["depends on"]
-        config = Config(
-            told["--scenario"],
-            tuple(told["--identifiers"].split(",")),
-            Options(**one["options"]),
-            record["runs"],
-            int(told["--seed"]),
-        )
-        jobs.append(Job.of(config, every_block=told["--keep"] == "all"))
-    return jobs
 
 
 def recorded(directory: Path) -> Mapping[str, Any] | None:
@@ -150,122 +172,100 @@ def _refuse_other(directory: Path, before: Mapping[str, Any], asked: Mapping[str
 
 
 def _flat_record(record: Mapping[str, Any]) -> dict[str, Any]:
-    scenarios = ",".join(job["depends on"]["--scenario"] for job in record["jobs"])
-    flat = {"--scenario": scenarios}
+    """All that two jobs may differ in, by what a user calls it."""
+    flat = {"the command": record.get("command")}
+    flat["what is computed"] = ",".join(job.get("name", "?") for job in record["jobs"])
+    several = len(record["jobs"]) > 1
     for job in record["jobs"]:
-        told = dict(job["depends on"])
-        name = told.pop("--scenario")
-        several = len(record["jobs"]) > 1
-        flat |= {f"{key} of {name}" if several else key: value for key, value in told.items()}
+        for key, value in job["depends on"].items():
+            flat[f"{key} of {job['name']}" if several else key] = value
     return {**flat, "--runs": record["runs"]}
 
 
-def missing(folder: Path, jobs: Sequence[Job]) -> list[tuple[Job, int, Path]]:
-    """The shards that are not there, or not whole, as units of work."""
+def missing(folder: Path, jobs: Sequence[J]) -> list[tuple[J, int]]:
+    """The shards that are not there, not whole, or have other runs: jobs and numbers."""
     return [
-        (job, number, folder)
+        (job, number)
         for job in jobs
-        for number in range(shard_count(job))
-        if read(folder, job, number) is None
+        for number in range(job.shards)
+        if (found := read(folder, job.name, number)) is None or found[_RUNS] != job.runs_of(number)
     ]
 
 
-def stored(job: Job, number: int, folder: Path) -> int:
-    """Compute a shard and store it; the number of its runs."""
-    found = shard(job, number)
-    sums, rows = _paths(folder, job, number)
+def stored(content: Callable[[J, int, Tell], Content], job: J, number: int, folder: Path) -> int:
+    """Compute the content of a shard and store it; the number of its runs."""
+    with noting(folder, f"{job.name}-{number}") as tell:
+        arrays, table = content(job, number, tell)
+    sums, rows = _paths(folder, job.name, number)
     sink = pa.BufferOutputStream()
-    with _writer(sink, found.rows.schema) as writer:
-        writer.write_table(found.rows)
-    content = sink.getvalue().to_pybytes()
-    _write(rows, content)
-    stream = io.BytesIO()
-    runs = shard_runs(job, number)
-    digest = np.frombuffer(sha256(content).digest(), dtype=np.uint8)
-    np.savez(stream, runs=runs, rows=digest, **_arrays(found.reduced))
+    with _writer(sink, table.schema) as writer:
+        writer.write_table(table)
+    written = sink.getvalue().to_pybytes()
+    _write(rows, written)
+    stream, runs = io.BytesIO(), job.runs_of(number)
+    checksum = np.frombuffer(sha256(written).digest(), dtype=np.uint8)
+    every: dict[str, Any] = {**arrays, _RUNS: np.array(runs), _ROWS: checksum}
+    np.savez(stream, **every)
     _write(sums, stream.getvalue())
     return runs
 
 
-def read(folder: Path, job: Job, number: int) -> Reduced | None:
-    """What a shard adds up to; None if it is not there, not whole or has other runs."""
-    sums, rows = _paths(folder, job, number)
+def read(folder: Path, name: str, number: int) -> Arrays | None:
+    """The arrays of a shard of the job of this name; None if it is not there or not whole."""
+    sums, rows = _paths(folder, name, number)
     try:
         with np.load(io.BytesIO(sums.read_bytes())) as stored:  # an archive with checksums
-            arrays = {name: stored[name] for name in stored.files}
-        digest = sha256(rows.read_bytes()).digest()
-        if arrays["runs"] != shard_runs(job, number) or arrays["rows"].tobytes() != digest:
-            return None
-        return _reduced(arrays)
+            arrays = {key: stored[key] for key in stored.files}
+        return arrays if arrays[_ROWS].tobytes() == sha256(rows.read_bytes()).digest() else None
     except (OSError, BadZipFile, ValueError, KeyError, EOFError):
         return None
 
 
+def read_all(folder: Path, name: str, shards: int) -> Iterator[Arrays]:
+    """The arrays of those of the first shards of a job that are there, in their order."""
+    every = (read(folder, name, number) for number in range(shards))
+    return (arrays for arrays in every if arrays is not None)
+
+
+def runs_in(arrays: Arrays) -> int:
+    """The number of runs of a shard that was read."""
+    return int(arrays[_RUNS])
+
+
+def rows_of(folder: Path, name: str, number: int) -> pa.Table:
+    """The rows of a shard."""
+    _, path = _paths(folder, name, number)
+    words = [field.name for field in pq.read_schema(path) if field.type == pa.string()]
+    return pq.read_table(path, read_dictionary=words)
+
+
 def write_rows(path: Path, folder: Path, jobs: Sequence[Job]) -> None:
     """The rows of all shards in one file, a row group a shard."""
-    shards = [(job, number) for job in jobs for number in range(shard_count(job))]
-    first = [pq.read_table(_paths(folder, job, 0)[1], read_dictionary=[*WORDS]) for job in jobs]
-    schema = row_schema([rows.schema for rows in first])
+    schema = row_schema([rows_of(folder, job.name, 0).schema for job in jobs])
     with _writer(path, schema) as writer:
-        for job, number in shards:
-            rows = pq.read_table(_paths(folder, job, number)[1], read_dictionary=[*WORDS])
-            for field in schema:
-                if field.name not in rows.column_names:
-                    rows = rows.append_column(field, pa.nulls(len(rows), field.type))
-            writer.write_table(rows.select(schema.names))
+        for job in jobs:
+            for number in range(job.shards):
+                rows = rows_of(folder, job.name, number)
+                for field in schema:
+                    if field.name not in rows.column_names:
+                        rows = rows.append_column(field, pa.nulls(len(rows), field.type))
+                writer.write_table(rows.select(schema.names))
 
 
 def _writer(where: Any, schema: pa.Schema) -> pq.ParquetWriter:
     """Numbers hardly repeat, words do: only these are worth a dictionary."""
+    words = [field.name for field in schema if pa.types.is_dictionary(field.type)]
     return pq.ParquetWriter(
-        where, schema, compression="zstd", use_dictionary=[*WORDS], store_schema=False
+        where, schema, compression="zstd", use_dictionary=words, store_schema=False
     )
 
 
-def _paths(folder: Path, job: Job, number: int) -> tuple[Path, Path]:
-    name = f"{job.config.scenario}-{number:05}"
-    return folder / f"{name}.npz", folder / f"{name}.parquet"
+def _paths(folder: Path, name: str, number: int) -> tuple[Path, Path]:
+    return folder / f"{name}-{number:05}.npz", folder / f"{name}-{number:05}.parquet"
 
 
 def _write(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    partly = path.with_name(f"{_PARTIAL}{path.name}")
+    partly = path.with_name(f"{PARTIAL}{path.name}")
     partly.write_bytes(content)
     os.replace(partly, path)
-
-
-def _arrays(reduced: Reduced) -> dict[str, Any]:
-    """The parts of what a shard adds up to, by name."""
-    arrays: dict[str, Any] = {
-        "delays": reduced.sums.delays,
-        "places": reduced.places,
-        "numbers": reduced.numbers,
-        "compile_seconds": reduced.compile_seconds,
-    }
-    for name in _MOMENTS:
-        moments: Moments = getattr(reduced.sums, name)
-        arrays[f"{name} runs"] = moments.runs
-        for key in moments.total:
-            arrays[f"{name} total {key}"] = moments.total[key]
-            arrays[f"{name} square {key}"] = moments.total_square[key]
-    return arrays
-
-
-def _reduced(arrays: Mapping[str, Any]) -> Reduced:
-    moments = {}
-    for name in _MOMENTS:
-        parts = {
-            kind: {
-                key.removeprefix(f"{name} {kind} "): value
-                for key, value in arrays.items()
-                if key.startswith(f"{name} {kind} ")
-            }
-            for kind in ("total", "square")
-        }
-        moments[name] = Moments(int(arrays[f"{name} runs"]), parts["total"], parts["square"])
-    return Reduced(
-        Sums(**moments, delays=arrays["delays"]),
-        arrays["places"],
-        arrays["numbers"],
-        arrays["compile_seconds"],
-    )

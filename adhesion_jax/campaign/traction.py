@@ -1,8 +1,12 @@
-"""The cases of a traction system: each once without noise, and drawn, and many times with noise."""
+"""The cases of a traction system: each once without noise, and drawn, and many times with noise.
+
+The runs are divided into shards. The first shards have the cases without noise, those of one form
+together; in each of those that follow are some noisy runs of one case, the cases by turns.
+"""
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -10,25 +14,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from adhesion_jax import programs
 from adhesion_jax.campaign.executor import mapped
+from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
 from adhesion_jax.campaign.keys import noise_keys
+from adhesion_jax.campaign.notes import Tell
+from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import FIGURES, Totals
 from adhesion_jax.metrics.moments import KnownMoments
-from adhesion_jax.runtime import CORES
-from adhesion_jax.traction.loop import Loop, Timing, Trace, check, run, timing, trace
+from adhesion_jax.runtime import CORES, silent
+from adhesion_jax.traction.loop import Loop, Timing, Trace, check, first_row, run, timing, trace
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
 
-#: The number of runs of a tile is a multiple of this: with fewer runs the calls at each step take
-#: longer than the work. No loop has a matrix product or a sum over runs, so that a run gives the
-#: same bits whatever runs beside it.
+#: The number of runs that a program computes side by side is a multiple of this: with fewer the
+#: calls at each step take longer than the work. No loop has a matrix product or a sum over runs, so
+#: that a run gives the same bits whatever runs beside it.
 _LEAST = 32
 
-#: Largest number of runs of a tile: with more the states leave the cache.
-_MOST = 512
+#: Number of runs of a shard with noise: with more the states leave the cache.
+_SHARD = 256
 
 #: Largest number of rows of a run that is drawn.
 _ROWS = 3000
@@ -46,6 +54,12 @@ _STATUSES = {
     "ran_away": "slip runs away",
 }
 
+#: The leaves of the traces of a shard are stored under this and their number.
+_TRACE = "trace "
+
+#: The fields of the moments that are stored.
+_SUMS = ("known", "total", "total_square")
+
 Figures = Mapping[str, np.ndarray]  # by name: [runs, segments, of which the last is the whole run]
 
 
@@ -59,118 +73,269 @@ class Judged(NamedTuple):
     steps: int  # number of steps of the plant, in all runs
 
 
-class Unit(NamedTuple):
-    """Work of one process: cases of one form without noise, or some noisy runs of a case."""
+class Named(NamedTuple):
+    """What the rows of a case are called."""
+
+    scenario: str
+    method: str
+    segments: Sequence[str]
+
+
+class Alike(NamedTuple):
+    """Cases of one form, which one program runs side by side, without noise."""
 
     cases: tuple[int, ...]  # by their numbers
     loops: tuple[Loop, ...]
     grid: Timing
-    seed: int
-    scenario: str
-    runs: range | None
 
 
-class Plan(NamedTuple):
-    """The units of work for the cases of a system, and the number of runs with noise of each."""
+class Job(NamedTuple):
+    """The cases of a system on a plant, and the number of runs of each with noise."""
 
-    cases: Sequence[Case]
-    units: Sequence[Unit]
+    name: str
+    asked: Mapping[str, str]  # the options of the command that tell what runs
+    cases: tuple[Named, ...]
+    quiet: tuple[Alike, ...]
+    noisy: tuple[Loop, ...]  # of each case
+    grids: tuple[Timing, ...]  # of each case
     runs: int
+    seed: int
+
+    @property
+    def shards(self) -> int:
+        return len(self.quiet) + -(-self.runs // _SHARD) * len(self.cases)
+
+    def runs_of(self, shard: int) -> int:
+        if shard < len(self.quiet):
+            return len(self.quiet[shard].cases)
+        return min(_SHARD, self.runs - self.noisy_runs(shard).start)
+
+    def cases_of(self, shard: int) -> tuple[int, ...]:
+        """The numbers of the cases that run in a shard."""
+        if shard < len(self.quiet):
+            return self.quiet[shard].cases
+        return ((shard - len(self.quiet)) % len(self.cases),)
+
+    def noisy_runs(self, shard: int) -> range:
+        """The numbers of the runs that are computed in a shard with noise.
+
+        The program of all of them has the same number of runs, so that the last ones may be beyond
+        those asked for.
+        """
+        first = (shard - len(self.quiet)) // len(self.cases) * _SHARD
+        return range(first, first + min(-(-self.runs // _LEAST) * _LEAST, _SHARD))
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        depends = {
+            **self.asked,
+            "--seed": str(self.seed),
+            "settings of the system": settings_of((self.quiet, self.noisy, self.grids)),
+            **surroundings(),
+            **own_files(),
+        }
+        return {
+            "cases": [case._asdict() for case in self.cases],
+            "in shards": [self.cases_of(number) for number in range(len(self.quiet))],
+            "depends on": depends,
+        }
 
 
-class _Result(NamedTuple):
-    figures: Figures
-    trace: Trace | None  # [cases, rows, ...]
-    seconds: float
-    compile_seconds: float
-
-
-def planned(
-    system: System, cases: Sequence[Case], plant: Plant, runs: int = 0, seed: int = 0
-) -> Plan:
+def job_of(
+    name: str,
+    system: System,
+    cases: Sequence[Case],
+    plant: Plant,
+    runs: int = 0,
+    seed: int = 0,
+    asked: Mapping[str, str] | None = None,
+) -> Job:
     """Every case once without noise, those of one form together, and some runs with noise.
 
     Raises InputError if a seeker and a controller do not go together, or a case has no grid of
     steps.
     """
     alike: dict[tuple[object, Timing], list[tuple[int, Loop]]] = defaultdict(list)
-    noisy = []
+    noisy, grids = [], []
     for number, case in enumerate(cases):
         loop = built(system, case, plant)
         check(loop)
         grid = timing(loop, system.step, system.control_period or system.step, system.duration)
         alike[_form(loop), grid].append((number, loop))
-        for tile in _tiles(runs):
-            disturbed = (built(system, case, plant, noisy=True),)
-            noisy.append(Unit((number,), disturbed, grid, seed, case.scenario, tile))
+        noisy.append(built(system, case, plant, noisy=True))
+        grids.append(grid)
     quiet = []
     for (_, grid), members in alike.items():
         numbers, loops = zip(*members, strict=True)
-        quiet.append(Unit(numbers, loops, grid, seed, "", None))
-    return Plan(cases, [*quiet, *noisy], runs)
+        quiet.append(Alike(numbers, loops, grid))
+    named = tuple(Named(case.scenario, case.method, tuple(case.segments)) for case in cases)
+    return Job(name, asked or {}, named, tuple(quiet), tuple(noisy), tuple(grids), runs, seed)
 
 
-def judge(plan: Plan, progress: Callable[[str], None], workers: int = CORES) -> Judged:
-    """The figures of every case, without noise and over its runs with noise.
+def judge(job: Job, progress: Callable[[str], None], workers: int = CORES) -> Judged:
+    """The figures of every case, without noise and over its runs with noise, in memory.
 
-    `progress` is given the method of a unit of work whenever one is done.
+    `progress` is given the method of a shard whenever one is done.
     """
-    traces: dict[int, Trace] = {}
+    work = [(job, number) for number in range(job.shards)]
+
+    def parts() -> Iterable[Arrays]:
+        for (_, number), found in zip(work, results, strict=True):
+            progress(job.cases[job.cases_of(number)[0]].method)
+            yield found.arrays
+
+    with mapped(content, work, workers) as results:
+        return judged(job, parts())
+
+
+def content(job: Job, number: int, tell: Tell = silent) -> Content:
+    """What is stored of a shard: sums of the figures, and the figures of every run."""
+    cases = job.cases_of(number)
+    tell(0, job.cases[cases[0]].method)
+    if number < len(job.quiet):
+        _, loops, grid = job.quiet[number]
+        found = _computed(loops, grid, job.seed, "", range(len(loops)), drawn=True)
+        parts = [
+            {name: figure[lane : lane + 1] for name, figure in found.figures.items()}
+            for lane in range(len(loops))
+        ]
+        noise, first = QUIET, 0
+    else:
+        (case,), numbers = cases, job.noisy_runs(number)
+        scenario, grid = job.cases[case].scenario, job.grids[case]
+        found = _computed((job.noisy[case],), grid, job.seed, scenario, numbers, drawn=False)
+        parts = [{name: figure[: job.runs_of(number)] for name, figure in found.figures.items()}]
+        noise, first = NOISY, numbers.start
+    moments = [KnownMoments.of(figures) for figures in parts]
+    sums = {
+        kind: np.stack(
+            [np.stack([getattr(one, kind)[name] for name in FIGURES]) for one in moments]
+        )
+        for kind in _SUMS
+    }
+    arrays = {
+        **{_TRACE + str(place): leaf for place, leaf in enumerate(jax.tree.leaves(found.trace))},
+        **sums,
+        "cases": np.array(cases),
+        "noisy": np.array(noise == NOISY),
+        "summed runs": np.array(moments[0].runs),
+        "steps": np.array(found.runs * _steps(grid)),
+        "seconds": np.array(found.seconds),
+        "compile_seconds": np.array(found.compile_seconds),
+    }
+    rows = [_rows(job.cases[case], noise, first, of) for case, of in zip(cases, parts, strict=True)]
+    return Content(arrays, pa.concat_tables(rows).unify_dictionaries())
+
+
+def _rows(case: Named, noise: str, first: int, figures: Figures) -> pa.Table:
+    """The figures of every run and segment; `first` is the number of the first run."""
+    segments = [*case.segments, WHOLE]
+    runs = len(next(iter(figures.values())))
+
+    def words(places: np.ndarray, known: Sequence[str]) -> pa.Array:
+        return pa.DictionaryArray.from_arrays(places.astype(np.int32), [*known])
+
+    none = np.zeros(runs * len(segments))
+    columns = {
+        "scenario": words(none, [case.scenario]),
+        "method": words(none, [case.method]),
+        "noise": words(none, [noise]),
+        "run": pa.array(np.repeat(np.arange(first, first + runs), len(segments))),
+        "segment": words(np.tile(np.arange(len(segments)), runs), segments),
+        **{name: pa.array(np.ascontiguousarray(figures[name]).ravel()) for name in FIGURES},
+    }
+    return pa.table(columns)
+
+
+class Tally(NamedTuple):
+    """What some shards add up to."""
+
+    moments: Mapping[tuple[int, str], KnownMoments]  # by number of the case, and noise
+    traces: Mapping[int, Sequence[np.ndarray]]  # the leaves of each case
+    seconds: float
+    compile_seconds: float
+    steps: int
+
+
+def added(parts: Iterable[Arrays]) -> Tally:
+    """What shards add up to, in the order in which they are given."""
     tally: dict[tuple[int, str], KnownMoments] = {}
+    traces: dict[int, list[np.ndarray]] = {}
     seconds = compile_seconds = 0.0
     steps = 0
-    work = [(unit,) for unit in plan.units]
-    with mapped(_judged, work, min(workers, len(work))) as results:
-        for unit, result in zip(plan.units, results, strict=True):
-            seconds += result.seconds
-            compile_seconds += result.compile_seconds
-            steps += len(next(iter(result.figures.values()))) * _steps(unit.grid)
-            if unit.runs is None:
-                for lane, case in enumerate(unit.cases):
-                    tally[case, QUIET] = _moments(result.figures, slice(lane, lane + 1))
-                    traces[case] = jax.tree.map(lambda x, i=lane: x[i], result.trace)
-            else:
-                part = _moments(result.figures, slice(0, plan.runs - unit.runs.start))
-                key = unit.cases[0], NOISY
-                tally[key] = tally[key].plus(part) if key in tally else part
-            progress(plan.cases[unit.cases[0]].method)
-    metrics = pd.concat(
+    for part in parts:
+        noise = NOISY if part["noisy"] else QUIET
+        leaves = [part[f"{_TRACE}{n}"] for n in range(sum(key.startswith(_TRACE) for key in part))]
+        for lane, case in enumerate(part["cases"].tolist()):
+            sums = [dict(zip(FIGURES, part[kind][lane], strict=True)) for kind in _SUMS]
+            moments = KnownMoments(int(part["summed runs"]), *sums)
+            key = case, noise
+            tally[key] = tally[key].plus(moments) if key in tally else moments
+            if leaves:
+                traces[case] = [leaf[lane] for leaf in leaves]
+        seconds += float(part["seconds"])
+        compile_seconds += float(part["compile_seconds"])
+        steps += int(part["steps"])
+    return Tally(tally, traces, seconds, compile_seconds, steps)
+
+
+def judged(job: Job, parts: Iterable[Arrays]) -> Judged:
+    """The results of a job from what is stored of all its shards."""
+    tally = added(parts)
+    forms = {
+        case: jax.tree.structure(jax.eval_shape(lambda of=alike: first_row(of.loops[0], of.grid)))
+        for alike in job.quiet
+        for case in alike.cases
+    }
+    return Judged(
+        metrics_of(job.cases, tally),
+        [jax.tree.unflatten(forms[case], tally.traces[case]) for case in range(len(job.cases))],
+        tally.seconds,
+        tally.compile_seconds,
+        tally.steps,
+    )
+
+
+def metrics_of(cases: Sequence[Named], tally: Tally) -> pd.DataFrame:
+    """A row for each case, segment and noise of which there are runs."""
+    return pd.concat(
         [
-            _rows(case, noise, tally[number, noise])
-            for number, case in enumerate(plan.cases)
+            _metrics(case, noise, tally.moments[number, noise])
+            for number, case in enumerate(cases)
             for noise in (QUIET, NOISY)
-            if (number, noise) in tally
+            if (number, noise) in tally.moments
         ],
         ignore_index=True,
     )
-    in_order = [traces[number] for number in range(len(plan.cases))]
-    return Judged(metrics, in_order, seconds, compile_seconds, steps)
-
-
-def _tiles(runs: int) -> list[range]:
-    """Tiles of equal size, of which the last may go beyond the runs."""
-    size = min(-(-runs // _LEAST) * _LEAST, _MOST)
-    return [range(first, first + size) for first in range(0, runs, size or 1)]
 
 
 def _steps(grid: Timing) -> int:
     return grid.samples * grid.sample * grid.control
 
 
-def _judged(unit: Unit) -> _Result:
-    drawn = unit.runs is None
-    numbers = range(len(unit.loops)) if unit.runs is None else unit.runs
-    keys = noise_keys(unit.seed, unit.scenario, jnp.asarray(numbers))
-    stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *unit.loops)
+class _Result(NamedTuple):
+    figures: Figures
+    trace: Trace | None  # [loops, rows, ...]
+    runs: int
+    seconds: float
+    compile_seconds: float
+
+
+def _computed(
+    loops: Sequence[Loop], grid: Timing, seed: int, scenario: str, numbers: range, drawn: bool
+) -> _Result:
+    """Some loops, each with the noise of its number, or one with that of many; drawn or not."""
+    keys = noise_keys(seed, scenario, jnp.asarray(numbers))
+    stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
     began = time.perf_counter()
     form = jax.tree.structure((stacked, keys))
-    compiled = _compiled(form, _kinds((stacked, keys)), unit.grid, drawn)
+    compiled = _compiled(form, _kinds((stacked, keys)), grid, drawn)
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
     found = jax.block_until_ready(compiled(jax.tree.leaves((stacked, keys))))
     seconds = time.process_time() - began
     figures, rows = jax.tree.map(np.asarray, found)
-    return _Result(figures, rows, seconds, compile_seconds)
+    return _Result(figures, rows, len(numbers), seconds, compile_seconds)
 
 
 def _form(loop: Loop) -> object:
@@ -228,11 +393,7 @@ def _figures(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
     return {name: jnp.concatenate([1.0 * part[name] for part in found]) for name in FIGURES}
 
 
-def _moments(figures: Figures, runs: slice) -> KnownMoments:
-    return KnownMoments.of({name: figure[runs] for name, figure in figures.items()})
-
-
-def _rows(case: Case, noise: str, moments: KnownMoments) -> pd.DataFrame:
+def _metrics(case: Named, noise: str, moments: KnownMoments) -> pd.DataFrame:
     """A row for each segment and one for the whole run: metrics and their standard errors."""
     columns: dict[str, Any] = {
         "scenario": case.scenario,

@@ -6,7 +6,15 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.command import (
+    SEED,
+    File,
+    FiniteRange,
+    Folder,
+    Name,
+    perform,
+    with_cluster,
+)
 
 KNOWN = catalogue()
 
@@ -39,6 +47,19 @@ KNOWN = catalogue()
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
 @click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes (one for each core); the results do not depend on their number.",
+)
+@with_cluster
+@click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
+@click.option(
+    "--extend",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Add so many runs with noise to the job in the folder.",
+)
 @click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
 def main(system: str, plant: str | None, out: Path | None, **asked: Any) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.

@@ -5,29 +5,25 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import jax
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from adhesion_jax import runtime
+from adhesion_jax.campaign.cluster import engine_of
 from adhesion_jax.campaign.config import Config, main_job
-from adhesion_jax.campaign.executor import mapped, terminable
-from adhesion_jax.campaign.job import Job, shard_count, shard_runs
-from adhesion_jax.campaign.monte_carlo import Campaign, added, campaign_of, processes
-from adhesion_jax.campaign.store import missing, opened, read, recorded, stored, write_rows
+from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.monte_carlo import Campaign, added, campaign_of, suited
+from adhesion_jax.campaign.shard import content, reduced_of
+from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.campaign.tiles import draw_tile
-from adhesion_jax.errors import InputError
-from adhesion_jax.files import (
-    output_directory,
-    staged,
-    write_metadata,
-    write_table,
-    writing_to,
-)
+from adhesion_jax.commands.shards import compute, extended, opened_for
+from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import Status
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, tracking_text
@@ -52,24 +48,24 @@ def main(
     keep: str,
     resume: bool,
     extend: int,
+    cluster: str | None = None,
+    shared_folder: bool = False,
     **options: object,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
     directory = output_directory(out)
     if extend:
-        runs = _extended(directory, extend)
+        runs = extended(directory, extend)
     asked = Config(identifiers=identifiers, options=Options(**options), runs=runs, seed=seed)
     parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
     jobs = [Job.of(config, every_block=keep == "all") for config in parts]
     began = time.perf_counter()
     with (
-        terminable(),
-        writing_to(directory),
-        opened(directory, jobs, resume or extend > 0, extend) as folder,
-        staged(directory, OWN_FILES, folder) as stage,
+        engine_of(CORES, cluster, shared_folder) as engine,
+        opened_for("montecarlo", jobs, directory, OWN_FILES, resume, extend) as (folder, stage),
     ):
-        _compute(jobs, folder)
-        campaigns = [_read(job, folder) for job in jobs]
+        compute(content, jobs, folder, partial(suited, engine))
+        campaigns = [read_campaign(job, folder) for job in jobs]
         write_rows(stage / "runs.parquet", folder, jobs)
         tables = _joined([campaign.tables for campaign in campaigns])
         for name, table in tables.items():
@@ -105,44 +101,15 @@ def tell(tables: Mapping[str, pd.DataFrame], runs: int, scenarios: Sequence[str]
         click.echo(tracking_text(tables["tracking"]))
 
 
-def _extended(directory: Path, extend: int) -> int:
-    """The number of runs of the job in a folder, and as many more as asked."""
-    before = recorded(directory)
-    if before is None:
-        raise InputError(
-            f"--extend adds runs to a job, and --out {directory} holds none; name its folder."
-        )
-    return int(before["runs"]) + extend
+def tell_stored(record: Mapping[str, Any], folder: Path, runs: int) -> None:
+    """Print the tables of those shards that are there of the job of a record."""
+    job = Job.recorded(record)
+    tell(read_campaign(job, folder).tables, runs, [job.name])
 
 
-def _compute(jobs: Sequence[Job], folder: Path) -> None:
-    """All shards that are not there; what is finished stays, however this ends."""
-    work = missing(folder, jobs)
-    every = sum(job.config.runs for job in jobs)
-    left = sum(shard_runs(job, number) for job, number, _ in work)
-    done = every - left
-    with tqdm(total=every, initial=done, desc="compiling", unit="run") as bar:
-        try:
-            with mapped(stored, work, processes(work, CORES)) as results:
-                for (job, _, _), runs in zip(work, results, strict=True):
-                    bar.set_description(job.config.scenario)
-                    bar.update(runs)
-        except BaseException:
-            there = every - sum(shard_runs(job, n) for job, n, _ in missing(folder, jobs))
-            bar.close()
-            if there:
-                click.echo(
-                    f"{there} of {every} runs are finished and stay in {folder}; the same command "
-                    "with --resume computes the others.",
-                    err=True,
-                )
-            raise
-
-
-def _read(job: Job, folder: Path) -> Campaign:
-    """The campaign of a job whose shards are all there."""
-    shards = (read(folder, job, number) for number in range(shard_count(job)))
-    return campaign_of(job, added(job, (found for found in shards if found is not None)))
+def read_campaign(job: Job, folder: Path) -> Campaign:
+    """The campaign of those shards of a job that are there."""
+    return campaign_of(job, added(job, map(reduced_of, read_all(folder, job.name, job.shards))))
 
 
 def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:

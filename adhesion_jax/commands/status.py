@@ -1,46 +1,61 @@
-"""How far a Monte Carlo job is, and what its finished runs tell."""
+"""How far a job in shards is, and what its finished runs tell."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
-from adhesion_jax.campaign.job import shard_count, shard_runs
-from adhesion_jax.campaign.monte_carlo import added, campaign_of
-from adhesion_jax.campaign.store import FOLDER, is_locked, jobs_of, read, record_of, recorded
-from adhesion_jax.commands.montecarlo import tell
+from adhesion_jax.campaign.identity import surroundings
+from adhesion_jax.campaign.notes import notes
+from adhesion_jax.campaign.store import FOLDER, is_locked, read_all, recorded, runs_in
+from adhesion_jax.commands import montecarlo, traction
 from adhesion_jax.errors import InputError
+
+#: By command: what prints the tables of a job, from its record, the shards and their runs.
+_TELL: Mapping[str, Callable[[Mapping[str, Any], Path, int], None]] = {
+    "montecarlo": montecarlo.tell_stored,
+    "traction": traction.tell_stored,
+}
 
 
 def main(folder: Path) -> None:
     """Say how far the job in a folder is, and what its finished runs tell."""
     record = recorded(folder)
-    if record is None:
+    if record is None or record.get("command") not in _TELL:
         raise InputError(
-            f"{folder} holds no job; name the folder that adhesion montecarlo writes to (--out)."
-        )
-    try:
-        jobs = jobs_of(record)
-        same = record_of(jobs) == record
-    except (InputError, KeyError):  # it has names that are not known here
-        same = False
-    if not same:
-        raise InputError(
-            f"The job in {folder} was computed by another version of the package or of a library, "
-            "or with methods of your own; its shards cannot be read by this one."
+            f"{folder} holds no job; name the folder (--out) of a command with --resume."
         )
     computing, whole = is_locked(folder), True
-    for job in jobs:
-        numbers = range(shard_count(job))
-        there = {n: found for n in numbers if (found := read(folder / FOLDER, job, n)) is not None}
-        runs = sum(shard_runs(job, number) for number in there)
-        share = runs / job.config.runs
-        whole &= runs == job.config.runs
-        click.echo(
-            f"{job.config.scenario}: {runs} of {job.config.runs} runs are finished ({share:.0%})"
-        )
-        if there:
-            tell(campaign_of(job, added(job, there.values())).tables, runs, [job.config.scenario])
+    shards = folder / FOLDER
+    for job in record["jobs"]:
+        runs = sum(map(runs_in, read_all(shards, job["name"], job["shards"])))
+        whole &= runs == job["runs"]
+        share = runs / job["runs"]
+        click.echo(f"{job['name']}: {runs} of {job['runs']} runs are finished ({share:.0%})")
+        if runs:
+            _tell(record["command"], job, shards, runs)
     if computing:
-        click.echo("\na job is computing in this folder")
+        now = "".join(f"\n  {words}" for _, words in notes(shards))
+        click.echo(f"\na job is computing in this folder{':' if now else ''}{now}")
     elif not whole:
         click.echo("\nno job is computing in this folder; the same command with --resume goes on")
+
+
+def _tell(command: str, job: Mapping[str, Any], shards: Path, runs: int) -> None:
+    """What the finished runs of a job tell, or why that cannot be said here.
+
+    Files of the user's own are not needed for it, and not run: a folder may be that of another.
+    """
+    now = surroundings()
+    other = [name for name, value in now.items() if job["depends on"].get(name) != value]
+    if other:
+        click.echo(
+            f"Its tables cannot be told here: the {other[0]} is another one than where it was "
+            "computed."
+        )
+        return
+    try:
+        _TELL[command](job, shards, runs)
+    except InputError as refusal:  # a scenario of the user's own
+        click.echo(f"Its tables cannot be told here: {refusal}")

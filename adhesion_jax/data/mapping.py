@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, UNDECIDED
 from adhesion_jax.data.naming import QUANTITIES, goes, named, plain
+from adhesion_jax.data.stamps import ORDERS
 from adhesion_jax.data.units import conversion, known
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
@@ -127,16 +128,18 @@ def _checked(one: Said) -> Said:
         if one.unit:
             raise InputError(f"{one.quantity} is a label and has no unit; leave {one.unit} out.")
         return one
+    if one.quantity == "time_s" and one.unit in ORDERS:
+        return one
     wanted = COLUMNS[one.quantity]
     what = f"column {one.column}" if one.column else f"{one.quantity} = {one.constant:g}"
     if one.unit and not known(one.unit):
         raise InputError(
-            f"The unit {one.unit} of {what} is not known; write one of {wanted.plain}, such as "
-            f"{wanted.unit}."
+            f"The unit {one.unit} of {what} is not known; write a unit of {wanted.plain}, such "
+            f"as {wanted.unit}."
         )
     if one.unit and not goes(one.unit, one.quantity):
         raise InputError(
-            f"The unit {one.unit} of {what} is none of {wanted.plain}; write one such as "
+            f"The unit {one.unit} of {what} is no unit of {wanted.plain}; write one such as "
             f"{wanted.unit}."
         )
     if one.constant is None:

@@ -186,6 +186,11 @@ def trace(loop: Loop, grid: Timing, key: PRNGKeyArray, every: int = 1) -> tuple[
     return state.totals, rows
 
 
+def first_row(loop: Loop, grid: Timing) -> Trace:
+    """The first row of the trace of a run."""
+    return _seen(loop, grid, _start(loop, grid))
+
+
 def _advanced(
     loop: Loop, grid: Timing, key: PRNGKeyArray, state: _State, first: Int[Array, ""], count: int
 ) -> _State:

@@ -9,12 +9,15 @@ import pytest
 
 from adhesion_jax.campaign import store
 from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.job import Job, shard_count, shard_runs, shard_tiles
+from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, run_campaign
+from adhesion_jax.campaign.notes import notes, noting
 from adhesion_jax.campaign.rows import frame_of
-from adhesion_jax.campaign.shard import scales, shard
-from adhesion_jax.commands import status
+from adhesion_jax.campaign.shard import content, reduced_of, scales, shard
+from adhesion_jax.commands import montecarlo, status
+from adhesion_jax.commands.shards import opened_for
 from adhesion_jax.errors import InputError
+from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.metrics.counts import WIDTH
 from adhesion_jax.scenarios import Options
 
@@ -23,7 +26,8 @@ SMALL = Config("he2018-blocks", ("ml-exact",), Options(points=40, blocks=6), 300
 
 
 def test_shards_have_all_runs_once_and_grow():
-    tiles = [shard_tiles(number) for number in range(120)]
+    job = Job.of(SMALL)
+    tiles = [job.tiles_of(number) for number in range(120)]
     assert [of[0] for of in tiles] == [0, *(of[-1] + 1 for of in tiles[:-1])]
     sizes = [len(of) for of in tiles]
     assert sizes[0] == 1
@@ -31,16 +35,26 @@ def test_shards_have_all_runs_once_and_grow():
     assert sizes == sorted(sizes)
     for runs in (1, 128, 129, 5000, 10**6):
         job = Job.of(dataclasses.replace(SMALL, runs=runs))
-        parts = [shard_runs(job, number) for number in range(shard_count(job))]
+        parts = [job.runs_of(number) for number in range(job.shards)]
         assert sum(parts) == runs
         assert min(parts) > 0
+
+
+def test_runs_of_many_blocks_are_in_smaller_shards():
+    sizes = {name: Job.of(Config(name)).most_tiles for name in ("single", "he2018-blocks", "drift")}
+    assert sizes == {"single": 32, "he2018-blocks": 32, "drift": 4}
+    longer = Job.of(Config("he2018-blocks", options=Options(blocks=300)))
+    assert longer.most_tiles == 1
+    # It is the scenario alone that decides, so that a job has the shards of a longer one.
+    few, many = (Job.of(Config("drift", runs=runs)) for runs in (10, 10**6))
+    assert [few.tiles_of(n) for n in range(60)] == [many.tiles_of(n) for n in range(60)]
 
 
 @pytest.fixture(scope="module")
 def small():
     """A job, its shards, its campaign and its rows."""
     job = Job.of(SMALL)
-    shards = [shard(job, number) for number in range(shard_count(job))]
+    shards = [shard(job, number) for number in range(job.shards)]
     rows = []
     campaign = run_campaign(SMALL, rows.append, lambda _: None, 1)
     return job, shards, campaign, pd.concat(rows, ignore_index=True)
@@ -106,19 +120,19 @@ def test_rows_are_kept_around_switches_and_at_the_end():
 def written(directory, config, resume=False):
     """The shards that were computed to complete a folder."""
     jobs = [Job.of(config)]
-    with store.opened(directory, jobs, resume) as folder:
+    with store.opened(directory, "montecarlo", jobs, resume) as folder:
         work = store.missing(folder, jobs)
         for unit in work:
-            store.stored(*unit)
-    return [number for _, number, _ in work]
+            store.stored(content, *unit, folder)
+    return [number for _, number in work]
 
 
 def contents(directory):
     """What the shards of a folder add up to, and their rows."""
-    (job,) = store.jobs_of(store.recorded(directory))
+    job = Job.recorded(store.recorded(directory)["jobs"][0])
     folder = directory / store.FOLDER
-    numbers = range(shard_count(job))
-    parts = [timeless(store.read(folder, job, number)) for number in numbers]
+    parts = [timeless(reduced_of(one)) for one in store.read_all(folder, job.name, job.shards)]
+    assert len(parts) == job.shards
     store.write_rows(directory / "rows.parquet", folder, [job])
     return parts, pd.read_parquet(directory / "rows.parquet")
 
@@ -163,11 +177,11 @@ def test_runs_that_are_added_make_the_longer_job(tmp_path):
     (tmp_path / "short").mkdir()
     written(tmp_path / "short", dataclasses.replace(SMALL, runs=200))
     jobs = [Job.of(SMALL)]
-    with store.opened(tmp_path / "short", jobs, resume=True, extend=100) as folder:
+    with store.opened(tmp_path / "short", "montecarlo", jobs, resume=True, extend=100) as folder:
         work = store.missing(folder, jobs)
-        assert [number for _, number, _ in work] == [1, 2]  # the first was whole
+        assert [number for _, number in work] == [1, 2]  # the first was whole
         for unit in work:
-            store.stored(*unit)
+            store.stored(content, *unit, folder)
     assert same(contents(tmp_path / "short"), contents(tmp_path / "long"))
 
 
@@ -176,29 +190,34 @@ def test_runs_that_are_added_make_the_longer_job(tmp_path):
     [
         ({"seed": 3}, "--seed is 2 there and 3 here"),
         ({"runs": 200}, "--runs is 300 there and 200 here"),
-        ({"scenario": "single", "options": Options(points=40)}, "--scenario is he2018-blocks"),
+        (
+            {"scenario": "single", "options": Options(points=40)},
+            "what is computed is he2018-blocks",
+        ),
         ({"options": Options(points=41, blocks=6)}, "--points is 40 there and 41 here"),
         ({"identifiers": ("ml-exact", "ml-de")}, "--identifiers is ml-exact there and ml-exact,ml"),
     ],
 )
 def test_another_job_is_not_resumed_and_the_difference_is_named(tmp_path, other, words):
-    with store.opened(tmp_path, [Job.of(SMALL)], resume=False) as folder:
+    with store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False) as folder:
         (folder / "he2018-blocks-00000.npz").write_bytes(b"stands for a shard")
     with (
         pytest.raises(InputError, match=words),
-        store.opened(tmp_path, [Job.of(dataclasses.replace(SMALL, **other))], resume=True),
+        store.opened(
+            tmp_path, "montecarlo", [Job.of(dataclasses.replace(SMALL, **other))], resume=True
+        ),
     ):
         pass
     assert (tmp_path / store.FOLDER / "he2018-blocks-00000.npz").exists()
 
 
 def test_a_job_of_another_source_is_not_resumed(tmp_path, monkeypatch):
-    with store.opened(tmp_path, [Job.of(SMALL)], resume=False) as folder:
+    with store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False) as folder:
         (folder / "he2018-blocks-00000.npz").write_bytes(b"stands for a shard")
     monkeypatch.setattr("adhesion_jax.keeping.of_package", lambda: "other")
     with (
         pytest.raises(InputError, match="source of adhesion-jax is another one"),
-        store.opened(tmp_path, [Job.of(SMALL)], resume=True),
+        store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=True),
     ):
         pass
 
@@ -207,8 +226,8 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
     with pytest.raises(InputError, match="holds no job"):
         status.main(tmp_path)
     jobs = [Job.of(SMALL)]
-    with store.opened(tmp_path, jobs, resume=False) as folder:
-        store.stored(jobs[0], 1, folder)  # any shard will do
+    with store.opened(tmp_path, "montecarlo", jobs, resume=False) as folder:
+        store.stored(content, jobs[0], 1, folder)  # any shard will do
         status.main(tmp_path)
         told = capsys.readouterr().out
         assert "he2018-blocks: 128 of 300 runs are finished (43%)" in told
@@ -218,16 +237,73 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
     assert "no job is computing in this folder; the same command" in capsys.readouterr().out
 
 
+def test_a_job_with_methods_of_the_users_own_is_told(tmp_path, monkeypatch, capsys):
+    own = {**IDENTIFIERS, "mine": IDENTIFIERS["ml-exact"]}
+    job = Job.of(dataclasses.replace(SMALL, identifiers=("mine",)), own)
+    with store.opened(tmp_path, "montecarlo", [job], resume=False) as folder:
+        store.stored(content, job, 0, folder)
+    monkeypatch.setattr("adhesion_jax.keeping.of_outside", lambda: "not read here")
+    status.main(tmp_path)
+    told = capsys.readouterr().out
+    assert "128 of 300 runs" in told
+    assert "mine" in told.split("summary")[1]
+
+
+def test_of_a_job_of_another_version_only_its_progress_is_told(tmp_path, monkeypatch, capsys):
+    written(tmp_path, SMALL)
+    monkeypatch.setattr("adhesion_jax.keeping.of_package", lambda: "other")
+    status.main(tmp_path)
+    told = capsys.readouterr().out
+    assert "300 of 300 runs are finished" in told
+    assert "tables cannot be told here: the source of adhesion-jax is another one" in told
+    assert "summary" not in told
+
+
+def test_notes_tell_what_goes_on_and_pass_with_the_shard(tmp_path):
+    with noting(tmp_path, "a-1") as tell, noting(tmp_path, "b-2") as other:
+        tell(0, "one")
+        other(7, "other words")
+        assert notes(tmp_path) == [(0, "one"), (7, "other words")]
+        tell(5, "two")
+        tell(6, "two")  # too soon for the same words
+        assert notes(tmp_path)[0] == (5, "two")
+        (tmp_path / ".partial-note-c").write_text("half")
+        assert len(notes(tmp_path)) == 2
+    (tmp_path / ".partial-note-c").unlink()
+    assert list(tmp_path.iterdir()) == []
+    with noting(tmp_path / "gone", "a") as tell:  # a note that cannot be written is left out
+        tell(1, "one")
+
+
+def test_a_shard_tells_its_runs_tile_by_tile():
+    job, told = Job.of(dataclasses.replace(SMALL, runs=5000)), []
+    number = next(n for n in range(99) if len(job.tiles_of(n)) == 2)
+    content(job, number, lambda runs, words: told.append((runs, words)))
+    words = ("noise of he2018-blocks", "ml-exact on he2018-blocks")
+    assert told == [(runs, one) for runs in (0, 128) for one in words]
+
+
+def test_a_folder_in_the_place_of_a_result_is_refused_before_anything_is_removed(tmp_path):
+    written(tmp_path, SMALL)
+    (tmp_path / "summary.csv").mkdir()
+    with (
+        pytest.raises(InputError, match=r"has a folder summary\.csv"),
+        opened_for("montecarlo", [Job.of(SMALL)], tmp_path, montecarlo.OWN_FILES, resume=False),
+    ):
+        pass
+    assert len([*(tmp_path / store.FOLDER).glob("*.npz")]) == 3
+
+
 def test_two_jobs_do_not_write_to_one_folder(tmp_path):
     with (
-        store.opened(tmp_path, [Job.of(SMALL)], resume=False),
+        store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False),
         pytest.raises(InputError, match="is being written to by another job"),
-        store.opened(tmp_path, [Job.of(SMALL)], resume=False),
+        store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=False),
     ):
         pass
     assert list(tmp_path.iterdir()) == []  # a job without a shard leaves nothing
 
 
 def test_a_folder_without_shards_is_begun_afresh(tmp_path):
-    with store.opened(tmp_path, [Job.of(SMALL)], resume=True) as folder:
+    with store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=True) as folder:
         assert len(store.missing(folder, [Job.of(SMALL)])) == 3

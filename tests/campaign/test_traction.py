@@ -6,8 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from adhesion_jax.campaign import store
 from adhesion_jax.campaign.keys import noise_keys
-from adhesion_jax.campaign.traction import judge, planned
+from adhesion_jax.campaign.traction import content, job_of, judge, judged
+from adhesion_jax.commands import status
+from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.closed_loop import FIGURES, by_segment, figures, whole
 from adhesion_jax.studies.claims.traction import plant_of
 from adhesion_jax.traction.loop import run
@@ -15,30 +18,30 @@ from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import with_parts
 
 
-def plan_of(runs, duration=0.3, seed=0):
+def job(runs, duration=0.3, seed=0):
     system = SYSTEMS["hxd1f"]._replace(duration=duration)
     cases = with_parts(system.cases(system.step), "full-dimension", "constant-slip", "barrier")
-    return planned(system, cases, plant_of(system), runs, seed)
+    return job_of("hxd1f", system, cases, plant_of(system), runs, seed)
 
 
-def judged(runs, workers=1, seed=0):
-    plan, told = plan_of(runs, seed=seed), []
-    found = judge(plan, told.append, workers)
-    assert len(told) == len(plan.units)
+def judged_in_memory(runs, workers=1, seed=0):
+    asked, told = job(runs, seed=seed), []
+    found = judge(asked, told.append, workers)
+    assert len(told) == asked.shards
     return found
 
 
 @pytest.fixture(scope="module")
 def few():
-    return judged(40)
+    return judged_in_memory(40)
 
 
 @pytest.mark.slow
 def test_runs_have_their_numbers_from_seed_and_run_alone(few):
     # 3 runs are in a tile of 32, 40 in one of 64: the first three are the same to the bit.
-    three, again = judged(3), judged(3)
+    three, again = judged_in_memory(3), judged_in_memory(3)
     pd.testing.assert_frame_equal(three.metrics, again.metrics, check_exact=True)
-    other = judged(3, seed=1)
+    other = judged_in_memory(3, seed=1)
     noisy = three.metrics["noise"] == "yes"
     assert (three.metrics["utilisation"] != other.metrics["utilisation"])[noisy].any()
     quiet = few.metrics["noise"] == "none"
@@ -49,12 +52,14 @@ def test_runs_have_their_numbers_from_seed_and_run_alone(few):
 
 @pytest.mark.thorough
 def test_processes_give_the_numbers_of_one(few):
-    pd.testing.assert_frame_equal(few.metrics, judged(40, workers=2).metrics, check_exact=True)
+    pd.testing.assert_frame_equal(
+        few.metrics, judged_in_memory(40, workers=2).metrics, check_exact=True
+    )
 
 
 @pytest.mark.thorough
 def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
-    twenty = judged(20).metrics
+    twenty = judged_in_memory(20).metrics
     noisy = (twenty["noise"] == "yes") & (twenty["segment"] == "dry")
     one, many = twenty[noisy].iloc[0], few.metrics[noisy].iloc[0]
     for name in ("utilisation", "tracking_rms", "adhesion_rms"):
@@ -66,12 +71,12 @@ def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
 
 @pytest.mark.thorough
 def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
-    plan, runs = plan_of(40), 40
-    unit = next(unit for unit in plan.units if unit.runs is not None)
-    (loop,), grid = unit.loops, unit.grid
+    runs = 40
+    asked = job(runs)
+    (loop,), (grid,) = asked.noisy, asked.grids
     one = jax.jit(lambda key: run(loop, grid, key))
     found = []
-    for key in noise_keys(0, plan.cases[0].scenario, jnp.arange(runs)):
+    for key in noise_keys(0, asked.cases[0].scenario, jnp.arange(runs)):
         totals = one(key)
         dry = jax.tree.map(lambda values: values[:1], by_segment(totals))
         parts = [figures(part, grid.sample_period) for part in (dry, whole(totals))]
@@ -91,6 +96,81 @@ def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
     assert rows["status"].tolist() == ["regular", "not reached", "not reached", "regular"]
 
 
+def contents(folder, asked):
+    """What is stored of all shards, the times apart, and the rows."""
+    found = []
+    for number in range(asked.shards):
+        arrays = store.read(folder, asked.name, number)
+        found.append({key: x for key, x in arrays.items() if "seconds" not in key})
+        found.append(store.rows_of(folder, asked.name, number).to_pandas())
+    return found
+
+
+def assert_same(one, other):
+    assert len(one) == len(other)
+    for a, b in zip(one, other, strict=True):
+        assert [*a] == [*b]
+        for key in a:
+            np.testing.assert_array_equal(np.asarray(a[key]), np.asarray(b[key]), err_msg=key)
+
+
+def complete(directory, asked, resume=False, extend=0):
+    """Complete a folder; the numbers of the shards that were computed."""
+    with store.opened(directory, "traction", [asked], resume, extend) as folder:
+        work = store.missing(folder, [asked])
+        for unit in reversed(work):
+            store.stored(content, *unit, folder)
+        return [number for _, number in work], contents(folder, asked)
+
+
+@pytest.mark.thorough
+def test_shards_are_resumed_and_extended_bit_for_bit(tmp_path, few, capsys):
+    for name in ("whole", "resumed"):
+        (tmp_path / name).mkdir()
+    computed, whole = complete(tmp_path / "whole", job(300))
+    assert computed == [0, 1, 2]
+    # Forty runs, of which a file is damaged, and then 260 more.
+    folder = tmp_path / "resumed" / store.FOLDER
+    assert complete(tmp_path / "resumed", job(40))[0] == [0, 1]
+    stored = [store.read(folder, "hxd1f", number) for number in range(2)]
+    pd.testing.assert_frame_equal(judged(job(40), stored).metrics, few.metrics, check_exact=True)
+    (folder / "hxd1f-00000.npz").write_bytes(b"damaged")
+    status.main(tmp_path / "resumed")
+    told = capsys.readouterr().out
+    assert "hxd1f: 40 of 41 runs are finished" in told
+    assert "barrier" in told
+    computed, extended = complete(tmp_path / "resumed", job(300), resume=True, extend=260)
+    assert computed == [0, 1, 2]  # the second had forty runs of 256
+    assert_same(extended, whole)
+    with pytest.raises(InputError, match="--seed is 0 there and 1 here"):
+        complete(tmp_path / "resumed", job(300, seed=1), resume=True)
+    with pytest.raises(InputError, match="settings of the system is another one"):
+        complete(tmp_path / "resumed", job(300, duration=0.2), resume=True)
+    with (
+        pytest.raises(InputError, match="the command is traction there and montecarlo here"),
+        store.opened(tmp_path / "resumed", "montecarlo", [job(300)], resume=True),
+    ):
+        pass
+
+
+def test_shards_have_every_run_of_every_case_once():
+    system = SYSTEMS["hxd1f"]
+    asked = job_of("hxd1f", system, system.cases(system.step), plant_of(system), 600)
+    first = len(asked.quiet)
+    assert sum(map(asked.runs_of, range(first))) == len(asked.cases)
+    runs = {}
+    for number in range(first, asked.shards):
+        (case,) = asked.cases_of(number)
+        numbers = asked.noisy_runs(number)
+        assert 0 < asked.runs_of(number) <= len(numbers)
+        runs.setdefault(case, []).extend(numbers[: asked.runs_of(number)])
+    assert runs == {case: [*range(600)] for case in range(len(asked.cases))}
+    # A job of more runs has the same shards, and more.
+    more = asked._replace(runs=6000)
+    every = range(first, first + 2 * len(asked.cases))
+    assert [more.noisy_runs(n) for n in every] == [asked.noisy_runs(n) for n in every]
+
+
 @pytest.mark.slow
 def test_a_train_stands_coasts_or_runs_away_under_eq_8():
     stands, coasts, runs_away = (
@@ -102,7 +182,7 @@ def test_a_train_stands_coasts_or_runs_away_under_eq_8():
     cases = [
         case for case in system.cases(system.step) if case.method in (stands, coasts, runs_away)
     ]
-    found = judge(planned(system, cases, plant_of(system)), lambda _: None, 1)
+    found = judge(job_of("fang2018", system, cases, plant_of(system)), lambda _: None, 1)
     status = found.metrics.set_index(["method", "segment"])["status"]
     assert status[stands, "1"] == status[stands, "all"] == "the train never moves"
     assert status[coasts, "1"] == status[coasts, "all"] == "regular"

@@ -89,7 +89,7 @@ CASES = {
     ),
     "unit of another kind": Case(
         text(log()),
-        ("The unit kN of column v [km/h] is none of",),
+        ("The unit kN of column v [km/h] is no unit of",),
         columns={"speed": "v [km/h] [kN]"},
     ),
     "mapping to a column that is not there": Case(
@@ -123,6 +123,15 @@ CASES = {
         ("log.csv", "whether column F [kN] is the wheel force, axle force or locomotive force"),
         columns={},
     ),
+    "load of the locomotive and force of an axle": Case(
+        text(log()),
+        ("log.csv", "only by the number of driven axles", '--column "driven_axles=4"'),
+        columns={"axle_force": "F [kN]", "locomotive_load": "800 kN"},
+    ),
+    "load of the locomotive and number of axles": Case(
+        text(log()),
+        columns={"axle_force": "F [kN]", "locomotive_load": "800 kN", "driven_axles": 4},
+    ),
     "slip without a unit": Case(
         text(log().rename(columns={"slip [%]": "Schlupf"})),
         ("log.csv", "whether the slip in column Schlupf is a ratio or in per cent"),
@@ -133,14 +142,17 @@ CASES = {
     ),
     "the header again within": Case(
         lines(lambda rows: rows.insert(30, rows[0])),
-        ("log.csv", "row 31 of column t [s] has the text 't [s]'"),
+        ("log.csv cannot be used: row 31 is the header again (leave that row out).",),
     ),
     "no header": Case(lines(lambda rows: rows.pop(0)), ("log.csv has numbers in row 1",)),
     "a column twice": Case(
         text(log()).replace("v [km/h]", "t [s]", 1), ("log.csv has the column t [s] twice",)
     ),
     "a line of the logger above the header": Case(
-        "Logger 3000\n" + text(log()),
+        "Logger 3000\n" + text(log()), notes="names of columns in row 2"
+    ),
+    "a line above numbers without a header": Case(
+        "Logger 3000\n" + "\n".join(text(log()).splitlines()[1:]),
         ("log.csv has 4 cells in row 2 where its header has 1;", "lines above the header"),
     ),
     # Separators and rows.
@@ -165,7 +177,7 @@ CASES = {
     "tabs": Case(text(log(), sep="\t"), name="log.txt", notes="tabs"),
     "quoted numbers": Case(text(log().astype(str), quoting=1)),
     "a quotation mark that is not closed": Case(
-        lines(lambda rows: rows.__setitem__(8, '"' + rows[8])), ("log.csv", "after row 8")
+        lines(lambda rows: rows.__setitem__(8, '"' + rows[8])), ("log.csv", "from row 9 on")
     ),
     "sep=;": Case("sep=;\n" + german(log())),
     # Characters.
@@ -194,7 +206,7 @@ CASES = {
     ),
     "days and months that could be either": Case(
         text(log().assign(**{"t [s]": "03/04/2026 08:00:00"})),
-        ("log.csv", "row 2 of column t [s] has the text '03/04/2026 08:00:00'"),
+        ("log.csv", "whether the dates in column t [s] are", '"time=t [s] [day/month/year]"'),
     ),
     # Values.
     "a thousand or one and a bit": Case(
@@ -204,6 +216,11 @@ CASES = {
     "slip in per cent that is none": Case(
         text(log().rename(columns={"slip [%]": "slip_ratio"})),
         ("log.csv", "column slip_ratio has", "outside -1.5 to 1.5", "per cent"),
+    ),
+    "wheel in km/h and train in m/s": Case(
+        text(log().assign(v_Rad=37.0, v=10.0).drop(columns="slip [%]")),
+        ("log.csv", "the wheel is 3.7 times as fast as the train", "km/h were taken for m/s"),
+        columns={**SAID, "wheel_speed": "v_Rad [m/s]", "vehicle_speed": "v [m/s]"},
     ),
     "always at rest": Case(
         text(log().assign(**{"v [km/h]": 0.1, "v_Rad [km/h]": 0.2}).drop(columns="slip [%]")),

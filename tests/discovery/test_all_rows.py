@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import condensed
 from adhesion_jax.discovery import engine
-from adhesion_jax.discovery.engine import discover, with_run_order
+from adhesion_jax.discovery.engine import discover
 from adhesion_jax.discovery.model import rows
 from adhesion_jax.discovery.model.bases import starts_under
 from adhesion_jax.discovery.model.fitting import (
@@ -33,7 +33,7 @@ from adhesion_jax.simulation.simulator import simulate
 
 @pytest.fixture(scope="module")
 def runs():
-    return with_run_order(runs_of(simulate(["humidity"], seed=4, **SIZE).train))
+    return runs_of(simulate(["humidity"], seed=4, **SIZE).train)
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_a_mean_of_moving_slip_is_less_than_the_curve_by_its_bend(fitted):
     """With the variance v of the slip within a block the mean is mu + mu'' v/2 to second order."""
     slip = np.tile(np.linspace(0.0, 0.15, 9000), 2)
     table = pd.DataFrame({"run": np.repeat([0, 1], 9000), "slip_ratio": slip, "adhesion": slip})
-    runs = with_run_order(runs_of(table))
+    runs = runs_of(table)
     blocks = condensed(runs, 100)
     curve = BASES["burckhardt"]
     bare = fitted._replace(effects=())
@@ -200,11 +200,22 @@ def long_campaign(seed, size, r, rows_a_run=10_000, count=30, sigma=0.01):
     return runs_of(table.drop(columns=["curve", "noise"]))
 
 
+def check_bounds(found):
+    """Those parameters of effects of the catalogue are told that stand at a bound, and no other."""
+    for effect in found.effects:
+        for name, described in EFFECTS[effect.name].PARAMETERS.items():
+            if name in effect.parameters:
+                value = effect.parameters[name].value
+                at = value in (described.lower, described.upper)
+                assert at == (name in effect.at_bound), name
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("r", [0.0, 0.5])
 def test_an_effect_of_a_twentieth_of_the_noise_is_found_in_many_rows(r):
     found = discover(long_campaign(0, 0.05, r))
     assert "humidity" in {name for effect in found.effects for name in effect.candidates}
+    check_bounds(found)
     assert found.noise["sigma"] == pytest.approx(0.01, rel=0.01)
     assert found.noise["autocorrelation"] == pytest.approx(r, abs=0.01)
     assert found.train.after.value < found.train.before.value
@@ -214,7 +225,7 @@ def test_an_effect_of_a_twentieth_of_the_noise_is_found_in_many_rows(r):
 
 @pytest.mark.thorough
 def test_blocks_find_what_the_rows_would():
-    """5,000 rows and the same as at most 1,250 blocks: the same effect, of the same strength."""
+    """5,000 rows and the same as 1,250 blocks: the same effect, well within its error."""
     campaign = simulate(["humidity"], seed=4, runs=36, points=200)
     whole = runs_of(campaign.train)
     found = discover(whole)
@@ -223,6 +234,15 @@ def test_blocks_find_what_the_rows_would():
         fewer = discover(whole)
     assert [effect.name for effect in fewer.effects] == [effect.name for effect in found.effects]
     assert any("neighbouring rows, by their means" in words for words in fewer.warnings)
-    assert fewer.train.after.value == pytest.approx(found.train.after.value, rel=0.01)
-    assert len(fewer.points) < 1_400
+    assert len(fewer.points) == pytest.approx(1_250, rel=0.02)
+    check_bounds(found)
+    assert fewer.train.after.value == pytest.approx(found.train.after.value, rel=1e-4)
+    for name, value in found.noise.items():
+        assert fewer.noise[name] == pytest.approx(value, rel=1e-3)
+    for one, other in zip(found.effects, fewer.effects, strict=True):
+        for name, (value, low, high) in one.parameters.items():
+            error = (high - low) / (2 * 1.96)
+            again = other.parameters[name]
+            assert abs(again.value - value) < 0.2 * error, name
+            assert again.high - again.low == pytest.approx(high - low, rel=0.02)
     jax.clear_caches()

@@ -97,17 +97,22 @@ def reasons(fit: MeasuredFit) -> list[str]:
 
 def _data_sentences(measured: Measured, citation: str) -> list[str]:
     unit = " m/s" if measured.slip == "slip_velocity_mps" else ""
-    slip = measured.table[measured.slip]
-    braking = int((slip < 0).sum())
+    slip, adhesion = measured.table[measured.slip], measured.table["adhesion"]
+    braking = int(((slip < 0) & (adhesion < 0)).sum())
+    apart = int((slip * adhesion < 0).sum())
     sentences = [
-        f"{measured.name} has {len(slip)} points with slip between {slip.abs().min():.4g} and "
-        f"{slip.abs().max():.4g}{unit}"
+        f"{measured.name} {'have' if ', ' in measured.name else 'has'} {len(slip)} points with "
+        f"slip between {slip.abs().min():.4g} and {slip.abs().max():.4g}{unit}"
         + (
             f", {braking} of them braking (with both signs turned, since curves are odd)."
             if braking
             else "."
         )
     ]
+    if apart:
+        sentences.append(
+            f"In {apart} of them slip and adhesion have opposite signs, as noise makes near zero."
+        )
     if measured.covariates:
         sentences.append(f"Further numeric columns: {', '.join(measured.covariates)}.")
     if measured.left_out:
@@ -129,13 +134,13 @@ def _curve_sentences(
     apart = gain.sum() > _APART * error
     heavy = {name: weight for name, weight in answer.weights.items() if weight >= LEAST_NAMED}
     by_weight = sorted(heavy, key=lambda name: -heavy[name])
-    weights = listed([f"{name} has the weight {heavy[name]:.2f}" for name in by_weight])
+    weights = listed([f"{name} {heavy[name]:.2f}" for name in by_weight])
     return [
         f"{ranked[0]} predicts best the points that are left out of its fit: their log density is "
         f"{plus_minus(float(gain.sum()), error)} above that by {ranked[1]} (rms {best.rms:.4f} "
         f"against {second.rms:.4f}), so the points "
         + ("speak for it." if apart else "do not tell these two apart."),
-        f"In the answer by all curves {weights}.",
+        f"The weights in the answer by all curves, after the same density: {weights}.",
     ]
 
 

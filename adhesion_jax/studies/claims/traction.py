@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import pandas as pd
 
-from adhesion_jax.campaign.traction import WHOLE, judge, planned
+from adhesion_jax.campaign.traction import WHOLE, job_of, judge
 from adhesion_jax.traction.loop import Trace
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped
@@ -50,10 +50,10 @@ def quiet_runs(
     system: System, cases: Sequence[Case], plant: Plant, progress: Callable[[str], None]
 ) -> Quiet:
     """Each case once, on a plant that control knows exactly."""
-    judged = judge(planned(system, cases, plant), progress)
+    judged = judge(job_of("claims", system, cases, plant), progress)
     return Quiet(cases, plant, judged.metrics, judged.traces)
 
 
 def quiet_units(system: System) -> int:
     """How often `quiet_runs` of all cases of a system reports progress."""
-    return len(planned(system, system.cases(system.step), plant_of(system)).units)
+    return job_of("claims", system, system.cases(system.step), plant_of(system)).shards
