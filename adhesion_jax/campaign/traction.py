@@ -184,13 +184,8 @@ def judge(job: Job, progress: Callable[[str], None], workers: int = CORES) -> Ju
             progress(job.cases[job.cases_of(number)[0]].method)
             yield found.arrays
 
-    with mapped(content, work, processes(work, workers)) as results:
+    with mapped(content, work, min(workers, len(work))) as results:
         return judged(job, parts())
-
-
-def processes(work: Sequence[object], workers: int) -> int:
-    """The number of processes for some shards."""
-    return max(min(workers, len(work)), 1)
 
 
 def content(job: Job, number: int, tell: Tell = silent) -> Content:

@@ -82,6 +82,11 @@ def compute(
             raise
 
 
+def at_most(workers: int) -> Callable[[Sequence[object]], int]:
+    """As many processes as asked, or one for each piece of work."""
+    return lambda work: max(min(workers, len(work)), 1)
+
+
 @contextmanager
 def _watched(bar: tqdm, folder: Path) -> Iterator[Callable[[int], None]]:
     """Show what goes on in a folder, and how many runs are done; takes the runs of each shard."""
@@ -96,8 +101,8 @@ def _watched(bar: tqdm, folder: Path) -> Iterator[Callable[[int], None]]:
         words = dict.fromkeys(words for _, words in now)
         bar.set_description(", ".join(words) or "starting", refresh=False)
         # A shard that is finished counts when those before it are, too: until then nothing moves.
-        bar.update(max(finished + sum(runs for runs, _ in now) - bar.n, 0))
-        bar.refresh()
+        if not bar.update(max(finished + sum(runs for runs, _ in now) - bar.n, 0)):
+            bar.refresh()
 
     def watch() -> None:
         while not ended.wait(_PAUSE):

@@ -18,9 +18,8 @@ from adhesion_jax.campaign.traction import (
     job_of,
     judged,
     metrics_of,
-    processes,
 )
-from adhesion_jax.commands.shards import compute, extended, opened_for
+from adhesion_jax.commands.shards import at_most, compute, extended, opened_for
 from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.report.traction import SUBJECTS
@@ -87,7 +86,7 @@ def main(
     job = job_of(name, system, cases, plant.plant, runs, seed, asked)
     directory = output_directory(out)
     with opened_for("traction", [job], directory, OWN_FILES, resume, extend) as (folder, stage):
-        compute(content, [job], folder, lambda work: processes(work, workers or runtime.CORES))
+        compute(content, [job], folder, at_most(workers or runtime.CORES))
         found = judged(job, read_all(folder, job.name, job.shards))
         write_rows(stage / "runs.parquet", folder, [job])
         table = subject.table(found.metrics)
@@ -138,13 +137,13 @@ def main(
     )
 
 
-def tell_stored(record: Mapping[str, Any], folder: Path, runs: int) -> None:
+def tell_stored(record: Mapping[str, Any], folder: Path) -> None:
     """Print the figures of those runs that are there of the job of a record."""
     cases = [Named(**case) for case in record["cases"]]
     metrics = metrics_of(cases, added(read_all(folder, record["name"], record["shards"])))
     shown = metrics[metrics["segment"] == WHOLE]
     columns = ["scenario", "method", "noise", *_TOLD, "status"]
-    click.echo(f"\nfigures over the whole run, means over {runs} runs")
+    click.echo("\nmeans over the finished runs, of the whole run each")
     click.echo(_aligned(shown[columns]))
 
 
