@@ -11,6 +11,15 @@ def number(value: float) -> str:
     return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
+def percent(share: float) -> str:
+    """A share from 0 to 1 in per cent, with two digits of it, or of what it lacks to all."""
+    value = 100 * share
+    least = min(value, 100 - value)
+    decimals = max(0, 1 - math.floor(math.log10(least))) if least > 0 else 0
+    written = f"{value:.{decimals}f}"
+    return f"{written.rstrip('0').rstrip('.') if decimals else written} %"
+
+
 def plus_minus(value: float, standard_error: float) -> str:
     """`value ± error`, rounded to two digits of the error.
 

@@ -4,7 +4,6 @@ import tempfile
 from pathlib import Path
 
 from adhesion_jax.data import read_runs
-from adhesion_jax.discovery.engine import with_run_order
 from adhesion_jax.discovery.model.problem import prepare
 from adhesion_jax.effects.conditions import calendar_of
 
@@ -22,5 +21,5 @@ def runs_of(table):
 
 def problem_of(table):
     runs = runs_of(table)
-    record = with_run_order(runs).record
+    record = runs.record
     return prepare(record, calendar_of(record), runs.blocks)

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from adhesion_jax.wording import listed, number, plus_minus
+from adhesion_jax.wording import listed, number, percent, plus_minus
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,17 @@ def test_numbers_have_four_digits_and_lists_an_and():
     assert listed(["a"]) == "a"
     assert listed(["a", "b", "c"]) == "a, b and c"
     assert listed(["a", "b"], "or") == "a or b"
+
+
+def test_a_share_has_two_digits_of_itself_or_of_what_it_lacks_to_all():
+    shares = [0.0, 1.0, 0.2, 0.05, 0.0344, 0.000123, 0.123, 0.9997]
+    assert [percent(share) for share in shares] == [
+        "0 %",
+        "100 %",
+        "20 %",
+        "5 %",
+        "3.4 %",
+        "0.012 %",
+        "12 %",
+        "99.97 %",
+    ]

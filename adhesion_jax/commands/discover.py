@@ -52,6 +52,9 @@ def main(
     with shown() as progress:
         runs = to_runs([log.points for log in logs])
         test = matching(runs, to_runs([log.points for log in judging])) if judging else None
+        # Events alone are drawn in the end: the rows of other logs are held by the runs.
+        del judging
+        logs = [log for log in logs if log.events is not None]
         findings = discover(
             runs,
             test,

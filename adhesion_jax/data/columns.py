@@ -212,6 +212,15 @@ COLUMNS: Mapping[str, Column] = {
         "a load is positive",
         usual=(2000.0, 1e7),
     ),
+    "driven_axles": Column(
+        "1",
+        1.0,
+        32.0,
+        "number of driven axles of the locomotive",
+        "driven_axles",
+        ("number of driven axles", "treibachsen", "angetriebene achsen", "anzahl treibachsen"),
+        "give the number of axles that have a motor",
+    ),
     "temperature_C": Column(
         "degree C",
         -80.0,

@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adhesion_jax.data.gaps import of_rows
+from adhesion_jax.data.plausible import radius_warnings, wrong_unit
 from adhesion_jax.errors import InputError
+from adhesion_jax.wording import percent
 
 #: Below this speed of the train, in m/s, a slip ratio is not computed: the difference of two
 #: measured speeds would be divided by almost nothing.
@@ -15,12 +17,14 @@ SLOWEST = 0.5
 #: What is said of a train that is slower.
 SLOW = f"slower than {SLOWEST:g} m/s, where no slip ratio can be computed,"
 
-#: Force, the load of the same body, and the wheels of the body (0: not known).
+#: Force, the load of the same body, and the wheels of the body; those of a locomotive are told by
+#: its driven axles.
 _BODIES = (
     ("tangential_force_N", "normal_load_N", 1),
     ("axle_force_N", "axle_load_N", 2),
     ("locomotive_force_N", "locomotive_load_N", 0),
 )
+_AXLES = "driven_axles"
 
 #: The rolling radius is found from rows whose adhesion is at most this share of the largest, of
 #: which there must be so many; within a smaller share the wheel counts as coasting.
@@ -43,6 +47,10 @@ _ADHESION = (
     *((force, load) for force, load, _ in _BODIES),
     ("tangential_force_N", "axle_load_N"),
     ("axle_force_N", "normal_load_N"),
+    ("tangential_force_N", "locomotive_load_N", _AXLES),
+    ("axle_force_N", "locomotive_load_N", _AXLES),
+    ("locomotive_force_N", "normal_load_N", _AXLES),
+    ("locomotive_force_N", "axle_load_N", _AXLES),
 )
 _NO_SLIP = (
     "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with wheel_speed_mps or "
@@ -83,6 +91,12 @@ def needed(names: Set[str]) -> tuple[list[str], list[str]]:
         way = next((way for way in ways if names >= {*way}), None)
         if way is not None:
             found += way
+        elif asked := [way for way in ways if way[-1] == _AXLES and names >= {*way[:-1]}]:
+            force, load, _ = asked[0]
+            missing.append(
+                f"{force} and {load} go together only by the number of driven axles of the "
+                'locomotive (say it, as by --column "driven_axles=4")'
+            )
         elif alone := sorted(names & {one for way in ways for one in way}):
             missing.append(f"{clause}, {' and '.join(alone)} alone will not do")
         else:
@@ -95,8 +109,9 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
 
     They are changed in place, for copies of the columns of a whole log do not fit in memory.
 
-        adhesion = force / load, of the same body; an axle has two wheels
-        normal load = axle load / 2
+        adhesion = force / load, of the same body; an axle has two wheels, a locomotive two for
+            each driven axle
+        normal load = axle load / 2, or locomotive load / 2 / driven axles
         circumferential speed = radius x angular speed of the wheel
         slip velocity = circumferential speed - vehicle speed
         slip ratio = slip velocity / vehicle speed, for vehicle speeds of SLOWEST and more
@@ -116,6 +131,9 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         add("adhesion", *_adhesion(columns))
     if "normal_load_N" not in columns and "axle_load_N" in columns:
         add("normal_load_N", columns["axle_load_N"] / 2, "axle_load_N / 2")
+    if "normal_load_N" not in columns and {"locomotive_load_N", _AXLES} <= {*columns}:
+        load = columns["locomotive_load_N"] / (2 * columns[_AXLES])
+        add("normal_load_N", load, "locomotive_load_N / (2 x driven_axles)")
     speed = columns.get("vehicle_speed_mps")
     without_slip = not {"slip_ratio", "slip_velocity_mps"} & {*columns}
     if without_slip and "wheel_speed_mps" not in columns:
@@ -127,12 +145,14 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
                 f"The rolling radius of the wheel is {found.metres:.5f} ± "
                 f"{found.standard_error:.2g} m (standard error), the train speed over the rotation "
                 "at adhesion 0, from "
-                f"{found.rows:,} rows of at most {_LOW:.0%} of the largest adhesion."
+                f"{found.rows:,} rows of at most {percent(_LOW)} of the largest adhesion."
             )
+            notes += radius_warnings(found.metres)
         add("wheel_speed_mps", wheel_radius * rotation, f"{wheel_radius:.5g} m x rotation")
     elif wheel_radius is not None:
         notes.append("The wheel radius is not used: no slip had to be computed from a rotation.")
     if without_slip:
+        _check_speeds(columns["wheel_speed_mps"], columns["vehicle_speed_mps"])
         add(
             "slip_velocity_mps",
             columns["wheel_speed_mps"] - columns["vehicle_speed_mps"],
@@ -148,7 +168,7 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         add("vehicle_speed_mps", _speed(columns), "slip velocity / slip ratio")
     # Before the next column is made: those of a long log fill the memory.
     spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
-    for name in (*spent, "axle_load_N", "locomotive_load_N"):
+    for name in (*spent, "axle_load_N", "locomotive_load_N", _AXLES):
         columns.pop(name, None)
         sources.pop(name, None)
     return Derived(used, sources, tuple(notes))
@@ -158,9 +178,25 @@ def _adhesion(columns: Columns) -> tuple[np.ndarray, str]:
     for force, load, _ in _BODIES:
         if force in columns and load in columns:
             return columns[force] / columns[load], f"{force} / {load}"
+    of_locomotive = 2 * columns[_AXLES] if _AXLES in columns else np.nan
     force, wheels = next((force, wheels) for force, _, wheels in _BODIES if force in columns)
     load, others = next((load, others) for _, load, others in _BODIES if load in columns)
-    return columns[force] / wheels / (columns[load] / others), f"{force} / {load}, for one wheel"
+    of_wheel = columns[force] / (wheels or of_locomotive)
+    return of_wheel / (
+        columns[load] / (others or of_locomotive)
+    ), f"{force} / {load}, for one wheel"
+
+
+def _check_speeds(wheel: np.ndarray, train: np.ndarray) -> None:
+    """InputError where one of the two speeds is km/h and the other m/s throughout."""
+    fast = train >= SLOWEST
+    factor = float(np.median(wheel[fast] / train[fast])) if fast.any() else 1.0
+    if wrong := wrong_unit(factor):
+        raise InputError(
+            f"the wheel is {factor:.2g} times as fast as the train in half of the rows, as if in "
+            f"one of the two columns {wrong} (say the units of both, as by --column "
+            '"wheel_speed=COLUMN [km/h]")'
+        )
 
 
 def _speed(columns: Columns) -> np.ndarray:
@@ -191,7 +227,7 @@ def rolling_radius(rotation: np.ndarray, speed: np.ndarray, adhesion: np.ndarray
     if np.count_nonzero(size[low] <= _COASTING * largest) < _FEWEST:
         raise InputError(
             "the wheel radius cannot be identified, because fewer than "
-            f"{_FEWEST} rows have an adhesion of at most {_COASTING:.0%} of the largest (give "
+            f"{_FEWEST} rows have an adhesion of at most {percent(_COASTING)} of the largest (give "
             "--wheel-radius in metres, or a log in which the wheel coasts)"
         )
     ratio, level = speed[low] / rotation[low], adhesion[low]

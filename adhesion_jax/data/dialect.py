@@ -44,8 +44,8 @@ class Dialect(NamedTuple):
     mark: str | None  # the decimal mark, where the first rows show one
     names: tuple[str, ...]
     units: tuple[str, ...]  # of the row under the header, empty without one
-    above: int  # rows above the first row of data
-    told: bool  # whether the first of them is `sep=;`, which tells the separator
+    skipped: int  # lines above the header, such as `sep=;` or what a logger says of itself
+    above: int  # lines above the first row of data
     quoted: bool  # whether a cell in the first rows is quoted
     rows: tuple[tuple[str, ...], ...]
 
@@ -110,15 +110,19 @@ def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
     text = text.removeprefix("\ufeff")
     if not text.strip() and not cut:
         raise InputError(f"{path} is empty; it needs a header and one row a point.")
-    above = 0
+    skipped = 0
     separator = None
     told = re.match(r"sep=(.)\r?\n", text)
     if told:
-        above, separator, text = 1, told[1], text[told.end() :]
+        skipped, separator, text = 1, told[1], text[told.end() :]
     if cut:
         text = text[: text.rfind("\n") + 1] or text
     separator = separator or _separator(text)
     rows = _rows(text, separator, path)
+    header = _header(rows)
+    # A quoted cell may go on in the next line.
+    skipped += sum(1 + sum(cell.count("\n") for cell in row) for row in rows[:header])
+    rows, above = rows[header:], skipped
     names = tuple(" ".join(name.split()) for name in rows[0])
     if not any(names):
         raise InputError(
@@ -151,9 +155,32 @@ def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
                 f"{path} has two headers, in rows {above} and {above + 1} (its second row holds "
                 f"{listed([cell.strip() for cell in below[:3]])}); leave one of them."
             )
-    data = tuple(tuple(row) for row in rows[above - bool(told) :] if len(row) == len(names))
+    first = above - skipped
+    data = tuple(tuple(row) for row in rows[first:] if len(row) == len(names))
     mark = decimal_mark(itertools.chain.from_iterable(data))
-    return Dialect(encoding, separator, mark, names, units, above, bool(told), '"' in text, data)
+    return Dialect(encoding, separator, mark, names, units, skipped, above, '"' in text, data)
+
+
+def _header(rows: Sequence[Sequence[str]]) -> int:
+    """The place of the header: 0, or that of the first row that must be it, as below a preamble.
+
+    The first row is none where it has fewer or more cells than most rows, no name for most of them,
+    or a number among them. Another one is where all its cells are text and one of the next two rows
+    holds numbers, in as many cells.
+    """
+    usual = Counter(map(len, rows)).most_common(1)[0][0]
+
+    def may_be(row: Sequence[str]) -> bool:
+        return len(row) == usual and sum(map(bool, row)) > usual / 2 and not numbers_in(row)
+
+    if usual < 2 or may_be(rows[0]):
+        return 0
+    for place in range(1, len(rows) - 1):
+        below = rows[place + 1 : place + 3]
+        same = all(len(row) == usual for row in below)
+        if same and may_be(rows[place]) and any(numbers_in(row) for row in below):
+            return place
+    return 0
 
 
 def _are_names(below: Sequence[str], data: Sequence[str]) -> bool:
@@ -166,7 +193,8 @@ def _separator(text: str) -> str:
     """The separator by which most rows have as many cells as the header, or as each other."""
 
     def likeness(separator: str) -> tuple[int, int, int]:
-        counts = [len(row) for row in _parsed(text, separator)]
+        rows = _parsed(text, separator)
+        counts = [len(row) for row in rows[_header(rows) :]]
         usual, many = Counter(counts).most_common(1)[0]
         alike = counts.count(counts[0]) if counts[0] > 1 else 0
         return alike, many if usual > 1 else 0, counts[0]

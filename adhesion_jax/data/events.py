@@ -11,7 +11,7 @@ import scipy
 from adhesion_jax.data.derived import SLOWEST
 from adhesion_jax.data.reading import Measured
 from adhesion_jax.errors import InputError
-from adhesion_jax.wording import listed
+from adhesion_jax.wording import listed, percent
 
 #: Fewest rows of a table whose events are cut out without being asked for.
 LONG = 10_000
@@ -169,7 +169,7 @@ def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
     first, stop = _spans(log, noise, least)
     share = float(np.sum(stop - first)) / len(table)
     if wanted is None and share > MOST:
-        return Chosen(measured, None, _all(table, f"{share:.0%} of them lie in slip events"))
+        return Chosen(measured, None, _all(table, f"{percent(share)} of them lie in slip events"))
     usual = _usual_noise(log, noise)
     if wanted is None and usual > least:
         return Chosen(measured, None, _all(table, f"slip scatters by {usual:.2g} all along"))
@@ -348,9 +348,9 @@ def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
     return (
         f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
         f"({_duration(seconds)}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
-        f"{events.rows:,} rows with a slip are used ({events.share:.2%}). An event begins where "
-        f"the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s before and "
-        f"after it belong to it.{slow}"
+        f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event "
+        f"begins where the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s "
+        f"before and after it belong to it.{slow}"
     )
 
 

@@ -16,7 +16,7 @@ import pyarrow.parquet
 
 from adhesion_jax.data.cells import MISSING, is_text
 from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, encoding_of
-from adhesion_jax.data.stamps import TIME_OF_DAY, form_of
+from adhesion_jax.data.stamps import A_DATE, TIME_OF_DAY, form_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
@@ -29,6 +29,9 @@ _SAVED_INDEX = re.compile(r"|Unnamed: \d+|__index_level_\d+__")
 #: Bytes of text, and rows of other tables, that are read at a time.
 _BLOCK_BYTES = 1 << 23
 _BLOCK_ROWS = 1 << 17
+
+#: Bytes of each column of a parquet file that are read at a time.
+_STREAM_BYTES = 1 << 20
 
 #: How many cells of a column of text show whether it holds stamps.
 _SHOWN = 200
@@ -100,7 +103,8 @@ def _arrow(column: pd.Series) -> pyarrow.Array:
 
 def _parquet(path: Path) -> Sheet:
     with _whole_parquet(path):
-        file = pyarrow.parquet.ParquetFile(path)
+        # Read as a stream: by default the whole file is in memory until its last row is read.
+        file = pyarrow.parquet.ParquetFile(path, buffer_size=_STREAM_BYTES, pre_buffer=False)
         schema = file.schema_arrow
         _refuse_duplicates(str(path), schema.names)
         places = _named([" ".join(name.split()) for name in schema.names])
@@ -166,13 +170,12 @@ def _text_blocks(
     ragged: list[pyarrow.csv.InvalidRow] = []
 
     def note(row: pyarrow.csv.InvalidRow) -> str:
-        if len(ragged) < 2 and not (row.number == 1 and row.text.startswith("sep=")):
+        if len(ragged) < 2:
             ragged.append(row)
         return "skip"
 
     keys = [str(place) for place in range(len(dialect.names))]
-    # The row `sep=;` has two cells: beside a header of more it is no row to the reader.
-    above = dialect.above - (dialect.told and len(keys) != 2)
+    above = dialect.above - dialect.skipped
     size = max(path.stat().st_size, 1)
     with _opened(path) as (stream, raw):
         try:
@@ -180,6 +183,7 @@ def _text_blocks(
                 pyarrow.PythonFile(stream, "r"),
                 pyarrow.csv.ReadOptions(
                     column_names=keys,
+                    skip_rows=dialect.skipped,
                     use_threads=False,  # with threads the rows of faults have no numbers
                     block_size=_BLOCK_BYTES,
                     encoding=dialect.encoding.removesuffix("-sig"),
@@ -249,8 +253,9 @@ def _format(dialect: Dialect) -> str:
     encoding = {"utf-8": "", "utf-8-sig": ""}.get(dialect.encoding, f"{dialect.encoding} text, ")
     mark = {",": ", decimal commas", ".": ", decimal points"}.get(dialect.mark or "", "")
     units = f", units in row {dialect.above}" if dialect.units else ""
+    header = f", names of columns in row {dialect.skipped + 1}" if dialect.skipped else ""
     separator = SEPARATORS.get(dialect.separator, dialect.separator)
-    return f"{encoding}cells separated by {separator}{mark}{units}"
+    return f"{encoding}cells separated by {separator}{mark}{header}{units}"
 
 
 @contextmanager
@@ -279,6 +284,8 @@ def _form(cells: pyarrow.Array) -> str:
         return "a date and time"
     if pyarrow.types.is_time(kind):
         return TIME_OF_DAY
+    if pyarrow.types.is_date(kind):
+        return A_DATE
     return form_of([cell or "" for cell in cells.to_pylist()]) if is_text(kind) else ""
 
 

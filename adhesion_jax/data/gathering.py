@@ -22,23 +22,64 @@ _SHOWN = 1000
 #: Numbers beyond this size cannot be squared and summed.
 _LARGEST = 1e100
 
+#: Room for more rows that a full column is given, as a share of those that it has.
+_MORE = 0.125
+
 
 class Gathered(NamedTuple):
     """The columns of a sheet by the names they are taken as, [rows]; NaN where one is empty."""
 
     numbers: dict[str, np.ndarray]
-    labels: dict[str, pd.Series]
+    labels: dict[str, pd.Categorical]
     rows: int
     faults: tuple[str, ...]  # clauses on cells of known columns that are text
     left_out: dict[str, str]  # column of its own name to the clause why it is none of numbers
     origin: str  # from when a time counts that was given by dates, empty otherwise
 
 
+class _Column:
+    """A column that grows: a list of its blocks, joined at the end, would take twice its memory."""
+
+    def __init__(self, kind: type = float) -> None:
+        self.room: np.ndarray = np.empty(0, kind)
+        self.size = 0
+
+    def add(self, block: np.ndarray) -> None:
+        end = self.size + block.size
+        if end > self.room.size:
+            self.room.resize(max(end, int((1 + _MORE) * self.room.size)), refcheck=False)
+        self.room[self.size : end] = block
+        self.size = end
+
+    def whole(self) -> np.ndarray:
+        self.room.resize(self.size, refcheck=False)
+        return self.room
+
+
+class _Labels:
+    """Labels as they come, each held once, and a number a row in the place of the text."""
+
+    def __init__(self) -> None:
+        self.codes = _Column(np.int32)
+        self.names: dict[str, int] = {}
+
+    def add(self, cells: pyarrow.Array) -> None:
+        encoded = _text(cells).dictionary_encode()
+        numbers = [
+            self.names.setdefault(name, len(self.names)) for name in encoded.dictionary.to_pylist()
+        ]
+        self.codes.add(np.array(numbers, np.int32)[encoded.indices.to_numpy()])
+
+    def whole(self) -> pd.Categorical:
+        return pd.Categorical.from_codes(self.codes.whole(), pd.Index([*self.names], dtype="str"))
+
+
 def gather(
     sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float], None]
 ) -> Gathered:
     """Reads all cells of the columns that are taken; `progress` is told the share of the file."""
-    chunks: dict[str, list] = {one.name: [] for one in taken}
+    columns = {one.name: _Column() for one in taken if one.name not in LABELS}
+    labels = {one.name: _Labels() for one in taken if one.name in LABELS}
     faults: dict[str, str] = {}
     left_out: dict[str, str] = {}
     origin: int | None = None
@@ -52,10 +93,10 @@ def gather(
             if one.name in left_out:
                 continue
             if one.name in LABELS:
-                chunks[one.name].append(_labels(cells))
+                labels[one.name].add(cells)
                 continue
             if one.stamp:
-                ticks, text = stamps(cells)
+                ticks, text = stamps(cells, one.stamp)
                 if origin is None:
                     first = pyarrow.compute.min(ticks).as_py()
                     origin = 0 if one.stamp == TIME_OF_DAY else first
@@ -73,34 +114,28 @@ def gather(
                 left_out[one.name] = (
                     f"row {first_row + text} has the text '{shown(cells[text].as_py())}'"
                 )
-                del chunks[one.name]
+                del columns[one.name]
                 continue
-            chunks[one.name].append(values)
+            columns[one.name].add(values)
         first_row += len(next(iter(block.values()), ()))
         progress("reading", share)
-    columns: dict[str, np.ndarray] = {}
-    labels: dict[str, pd.Series] = {}
+    numbers_of: dict[str, np.ndarray] = {}
     for one in taken:
-        parts = chunks.pop(one.name, None)
-        if parts is None:
+        if one.name not in columns:
             continue
-        if one.name in LABELS:
-            text = pyarrow.chunked_array(parts, pyarrow.string())
-            labels[one.name] = pd.Series(text.to_pandas(), dtype="str")
-            continue
-        values = np.concatenate([np.empty(0), *parts])
+        values = columns[one.name].whole()
         if one.stamp == TIME_OF_DAY:
             values = unwrapped(values)
         if one.name not in COLUMNS and (reason := _unfit(values, sheet.first_row)):
             left_out[one.name] = reason
             continue
-        columns[one.name] = values
+        numbers_of[one.name] = values
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
     return Gathered(
-        columns,
-        labels,
+        numbers_of,
+        {name: label.whole() for name, label in labels.items()},
         first_row - sheet.first_row,
         tuple(faults.values()),
         left_out,
@@ -128,7 +163,7 @@ def _mark(sheet: Sheet, taken: Sequence[Taken], block: Block, first_row: int) ->
     return found
 
 
-def _labels(cells: pyarrow.Array) -> pyarrow.Array:
+def _text(cells: pyarrow.Array) -> pyarrow.Array:
     """Labels as text, empty where there is none."""
     compute = pyarrow.compute
     if pyarrow.types.is_floating(cells.type):

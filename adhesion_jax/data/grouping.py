@@ -40,7 +40,7 @@ def group(files: Sequence[Measured]) -> Grouping:
     runs: list[np.ndarray] = []
     all_names: list[str] = []
     for file, (codes, names) in zip(files, parts, strict=True):
-        runs.append(codes + len(all_names))
+        runs.append(codes.astype(np.int32) + np.int32(len(all_names)))
         all_names += [f"{file.name}:{name}" if in_files[name] > 1 else name for name in names]
     return Grouping(np.concatenate(runs), tuple(all_names))
 
@@ -56,7 +56,9 @@ def in_blocks(grouping: Grouping) -> Grouping:
     wanted = max(points // _BLOCK_POINTS, min(_FEWEST_BLOCKS, points // 2))
     count = min(wanted, _MOST_BLOCKS)
     names = tuple(f"block {number}" for number in range(1, count + 1))
-    return Grouping(np.arange(points) * count // points, names, blocks=True)
+    ends = -(-np.arange(1, count + 1) * points // count)
+    run = np.repeat(np.arange(count, dtype=np.int32), np.diff(ends, prepend=0))
+    return Grouping(run, names, blocks=True)
 
 
 def places(starts: np.ndarray, lengths: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,7 +84,7 @@ def _runs_of(table: pd.DataFrame) -> tuple[np.ndarray, Sequence[str]]:
     # Stamps may be coarser than the samples: a step of zero is no measure of the usual one.
     usual = float(np.median(forward)) if forward.size else 0.0
     gap = steps > max(_STEPS * usual, _PAUSE)
-    codes = np.concatenate([[0], np.cumsum(gap)])
+    codes = np.concatenate([[0], np.cumsum(gap, dtype=np.int32)])
     return codes, [str(number) for number in range(1, int(codes[-1]) + 2)]
 
 

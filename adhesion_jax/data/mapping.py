@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, UNDECIDED
 from adhesion_jax.data.naming import QUANTITIES, goes, named, plain
+from adhesion_jax.data.stamps import ORDERS
 from adhesion_jax.data.units import conversion, known
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
@@ -126,6 +127,8 @@ def _checked(one: Said) -> Said:
     if one.quantity in LABELS:
         if one.unit:
             raise InputError(f"{one.quantity} is a label and has no unit; leave {one.unit} out.")
+        return one
+    if one.quantity == "time_s" and one.unit in ORDERS:
         return one
     wanted = COLUMNS[one.quantity]
     what = f"column {one.column}" if one.column else f"{one.quantity} = {one.constant:g}"

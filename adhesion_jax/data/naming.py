@@ -16,7 +16,7 @@ from adhesion_jax.wording import listed
 
 #: Quantities without a dimension that are ratios wherever no unit is given. A slip is not among
 #: them, for 1.2 is a possible slip in per cent as well as a possible ratio.
-_RATIOS = ("adhesion", "sanding")
+_RATIOS = ("adhesion", "sanding", "driven_axles")
 
 #: `v [km/h]` and `rH (%)`.
 _BRACKETS = re.compile(r"(.*?)\s*[\[(<{]\s*([^\[\](){}<>]*?)\s*[\])>}]\s*")

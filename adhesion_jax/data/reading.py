@@ -9,10 +9,12 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.derived import SLOW, SOURCES, derive, needed
 from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
 from adhesion_jax.data.gaps import without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
+from adhesion_jax.data.plausible import speed_warnings
 from adhesion_jax.data.schema import label_faults, range_faults, time_faults, unusual
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
@@ -22,6 +24,9 @@ from adhesion_jax.wording import listed
 
 #: A curve has up to five parameters; with fewer points its errors could not be estimated.
 POINTS = 10
+
+#: The first rows that nearly always hold enough different slips: to count all takes seconds.
+_SOME = 10_000
 
 Progress = Callable[[str, float], None]
 
@@ -105,6 +110,7 @@ def _measured(
     wheel_radius: float | None,
     progress: Progress,
 ) -> Measured:
+    sheet = with_dates_joined(sheet)
     found = understand(sheet, columns or {})
     names_needed, missing = needed({one.name for one in found.taken} | {*found.constants})
     if missing:
@@ -143,12 +149,12 @@ def _measured(
     kept[rows.kept] = derived.used
     index = pd.Index(row_of if kept.all() else np.flatnonzero(kept) + sheet.first_row)
     table = pd.DataFrame(numbers, index=index, copy=False)
-    for name, text in read.labels.items():
-        table[name] = text[kept].set_axis(index)
+    for name, labels in read.labels.items():
+        table[name] = labels if kept.all() else labels[kept]
     if faults := [
-        *range_faults({name: numbers[name] for name in derived.sources}, {}, index.to_numpy()),
+        *range_faults({name: numbers[name] for name in derived.sources}, {}, index),
         *label_faults({name: table[name] for name in read.labels}),
-        *time_faults(table, taken["time_s"].column if "time_s" in taken else "time_s"),
+        *time_faults(table, _column_of(taken, "time_s")),
     ]:
         raise _refusal(sheet, faults)
     for name, source in derived.sources.items():
@@ -166,6 +172,7 @@ def _measured(
             *rows.notes,
             *derived.notes,
             *unusual(numbers, taken),
+            *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
         ),
     )
 
@@ -187,6 +194,11 @@ def _understood(one: Taken, numbers: Mapping[str, np.ndarray]) -> tuple[object, 
     lowest = np.min(values, where=~missing, initial=np.inf)
     highest = np.max(values, where=~missing, initial=-np.inf)
     return one.column, one.name, one.stamp or one.unit, lowest, highest, missing.mean()
+
+
+def _column_of(taken: Mapping[str, Taken], name: str) -> str:
+    """What the file calls a quantity, or its name where it is in no column of the file."""
+    return taken[name].column if name in taken else name
 
 
 def _keep(columns: dict[str, np.ndarray], rows: np.ndarray) -> None:
@@ -225,7 +237,9 @@ def _format_notes(sheet: Sheet, found: Understanding, read: Gathered) -> list[st
 def check_curve(measured: Measured) -> None:
     """Raises InputError if no curve can be identified although every cell is valid."""
     slip = measured.table[measured.slip]
-    different = slip.abs().nunique()
+    different = slip[:_SOME].abs().nunique()
+    if different < POINTS // 2:
+        different = slip.abs().nunique()
     if len(slip) < POINTS:
         faults: Sequence[str] = [too_few(len(slip))]
     elif different < POINTS // 2:

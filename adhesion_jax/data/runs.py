@@ -12,6 +12,7 @@ import pandas as pd
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_all, too_few
+from adhesion_jax.data.schema import steps_in_runs
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.wording import listed
@@ -71,10 +72,19 @@ class RunSet(NamedTuple):
         """
         held, inside = self.layout
         mask = jnp.asarray(inside)
-        whole = self.whole
-        conditions = {name: jnp.asarray(rows[held]) for name, rows in whole.conditions.items()}
-        slip, adhesion = jnp.asarray(whole.slip[held]), jnp.asarray(whole.adhesion[held])
-        return Record(slip, adhesion, mask, mask, conditions)
+        slip, adhesion = jnp.asarray(self.whole.slip[held]), jnp.asarray(self.whole.adhesion[held])
+        return Record(slip, adhesion, mask, mask, self.conditions_at(held))
+
+    def conditions_at(self, held: np.ndarray) -> dict[str, jnp.ndarray]:
+        """The conditions of the rows in those places of `whole`, and the order of their runs.
+
+        The order is that of the names of the runs where they are numbers, else that in which the
+        runs stand. It is the condition `run_order`, and computed here since a column of it would
+        repeat one number a run.
+        """
+        conditions = {name: jnp.asarray(rows[held]) for name, rows in self.whole.conditions.items()}
+        run = np.searchsorted(self.starts, held, side="right") - 1
+        return conditions | {"run_order": jnp.asarray(_numbered(self.names)[run])}
 
     @property
     def rows(self) -> np.ndarray:
@@ -94,6 +104,13 @@ class RunSet(NamedTuple):
         if self.blocks and "time_s" in self.whole.conditions:
             held, inside = with_history(held, inside)
         return held, inside
+
+
+def _numbered(names: Sequence[str]) -> np.ndarray:
+    try:
+        return np.array([float(name) for name in names])
+    except ValueError:
+        return np.arange(len(names), dtype=float)
 
 
 def read_runs(paths: Sequence[Path]) -> RunSet:
@@ -239,8 +256,21 @@ def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
     shared = [name for name in names if all(name in table for table in tables)]
     if len(tables) == 1:
         return tables[0], []
-    joined = pd.concat([table[shared] for table in tables], ignore_index=True)
-    return joined, [name for name in names if name not in {*shared, "run"}]
+    # The runs of all tables are told apart by `group`.
+    joined = {
+        name: _one_after_the_other([table[name] for table in tables])
+        for name in shared
+        if name != "run"
+    }
+    lacking = [name for name in names if name not in {*shared, "run"}]
+    return pd.DataFrame(joined, copy=False), lacking
+
+
+def _one_after_the_other(parts: Sequence[pd.Series]) -> np.ndarray | pd.Categorical:
+    """The values of columns of one name, those of labels with the labels of all."""
+    if isinstance(parts[0].dtype, pd.CategoricalDtype):
+        return pd.api.types.union_categoricals([*parts])
+    return np.concatenate([part.to_numpy() for part in parts])
 
 
 def _refuse_useless(
@@ -331,7 +361,7 @@ def _slip_warnings(slip: str) -> Iterable[str]:
 def _time_warnings(table: pd.DataFrame, grouping: Grouping) -> Iterable[str]:
     if "time_s" not in table:
         return
-    equal = int((table["time_s"].groupby(grouping.run).diff() == 0).sum())
+    equal = int((steps_in_runs(table["time_s"].to_numpy(), grouping.run) == 0).sum())
     if equal:
         yield (
             f"In time_s {equal} {'row has' if equal == 1 else 'rows have'} the time of the row "

@@ -23,7 +23,7 @@ def shown(written: object) -> str:
 
 
 def range_faults(
-    columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken], row_of: np.ndarray | range
+    columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken], row_of: range | pd.Index
 ) -> Sequence[str]:
     """The first value of each known column that is infinite or out of range; NaN is no fault.
 
@@ -84,14 +84,27 @@ def label_faults(table: Mapping[str, pd.Series]) -> Sequence[str]:
     return faults
 
 
+def steps_in_runs(time: np.ndarray, run: np.ndarray) -> np.ndarray:
+    """The time of each row less that of the row before in its run; NaN without one, [rows].
+
+    `run` has the number of the run of each row.
+    """
+    order = None if (run[1:] >= run[:-1]).all() else np.argsort(run, kind="stable")
+    if order is not None:
+        time, run = time[order], run[order]
+    steps = np.diff(time, prepend=np.nan)
+    steps[1:][run[1:] != run[:-1]] = np.nan
+    if order is not None:
+        steps[order] = steps.copy()
+    return steps
+
+
 def time_faults(table: pd.DataFrame, column: str) -> Sequence[str]:
     """The first row at which time, which is in this column, runs backwards within a run."""
     if "time_s" not in table:
         return []
-    if "run" in table:
-        back = (table["time_s"].groupby(table["run"]).diff() < 0).to_numpy()
-    else:
-        back = np.diff(table["time_s"].to_numpy(), prepend=-np.inf) < 0
+    run = pd.factorize(table["run"])[0] if "run" in table else np.zeros(len(table), np.int8)
+    back = steps_in_runs(table["time_s"].to_numpy(), run) < 0
     if not back.any():
         return []
     row = table.index[int(back.argmax())]

@@ -15,12 +15,30 @@ _ZONE = r"\s*(Z|[+-]\d{2}:?\d{2})"
 #: The form of a stamp that says no day.
 TIME_OF_DAY = "a time of day"
 
-#: Form of a stamp to the pattern of it.
+#: The form of a day without a time, year first.
+A_DATE = "a date"
+
+#: What follows the form of a date where it goes on with a time.
+AND_TIME = " and time"
+
+#: Dates of which the first number may be the day or the month, and the two ways to read them.
+EITHER = "day/month/year or month/day/year"
+ORDERS = ("day/month/year", "month/day/year")
+
+#: Form of a date to the pattern of it; what is written with slashes has one of three forms.
+_SLASHES = "slashes"
+_DATES = {
+    A_DATE: r"\d{4}-\d{2}-\d{2}",
+    "day.month.year": r"\d{1,2}\.\d{1,2}\.\d{2,4}",
+    _SLASHES: r"\d{1,2}/\d{1,2}/\d{4}",
+}
 _FORMS = {
-    "a date and time": re.compile(rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]\s*{_CLOCK}({_ZONE})?"),
-    "day.month.year and time": re.compile(rf"\d{{1,2}}\.\d{{1,2}}\.\d{{2,4}}[T ,]\s*{_CLOCK}"),
-    "day/month/year and time": re.compile(rf"\d{{1,2}}/\d{{1,2}}/\d{{4}}[T ,]\s*{_CLOCK}"),
     TIME_OF_DAY: re.compile(_CLOCK),
+    **{form: re.compile(date) for form, date in _DATES.items()},
+    **{
+        form + AND_TIME: re.compile(rf"{date}[T ,]\s*{_CLOCK}({_ZONE})?")
+        for form, date in _DATES.items()
+    },
 }
 
 #: From what is written to year-month-day and a time with a decimal point, step by step.
@@ -33,6 +51,7 @@ _STEPS = (
     (r" (\d):", r" 0\1:"),
     (r"(:\d\d:\d\d)[,:](\d+)", r"\1.\2"),
 )
+_MONTH_FIRST = (r"^(\d{1,2})/(\d{1,2})/", r"\2/\1/")
 
 _DAY = 86400.0
 
@@ -45,20 +64,31 @@ class Stamps(NamedTuple):
 
 
 def form_of(cells: Sequence[str]) -> str:
-    """In which form cells hold a date with time, or a time of day; empty where they hold none.
+    """In which form cells hold dates, times of day or both; empty where they hold none.
 
-    Dates such as 03/04/2026, of which the first number may be the month, are none.
+    Of dates such as 03/04/2026 the form is that of EITHER as long as both numbers are at most 12.
     """
     written = [cell.strip() for cell in cells if cell.strip()]
     for form, pattern in _FORMS.items():
         if written and all(pattern.fullmatch(cell) for cell in written):
-            if form.startswith("day/") and all(int(cell.split("/")[0]) <= 12 for cell in written):
-                return ""
-            return form
+            return form.replace(_SLASHES, _order(written)) if _order(written) else ""
     return ""
 
 
-def stamps(cells: pyarrow.Array) -> Stamps:
+def _order(dates: Sequence[str]) -> str:
+    """Whether the day or the month comes first in dates with slashes; empty where neither can."""
+    numbers = [[int(part) for part in date.split("/")[:2]] for date in dates if "/" in date]
+    largest = [max(part) for part in zip(*numbers, strict=True)] or [0, 0]
+    possible = [order for order, month in zip(ORDERS, largest[::-1], strict=True) if month <= 12]
+    return EITHER if len(possible) == 2 else "".join(possible)
+
+
+def is_date(form: str) -> bool:
+    """Whether stamps of this form have a day and no time."""
+    return form not in ("", TIME_OF_DAY) and not form.endswith(AND_TIME)
+
+
+def stamps(cells: pyarrow.Array, form: str = "") -> Stamps:
     """The cells, text of a form of `form_of` or stamps of their own kind, as nanoseconds."""
     kind = cells.type
     if pyarrow.types.is_timestamp(kind):
@@ -69,6 +99,8 @@ def stamps(cells: pyarrow.Array) -> Stamps:
     compute = pyarrow.compute
     text = compute.utf8_trim_whitespace(cells)
     text = compute.if_else(compute.equal(text, ""), pyarrow.scalar(None, text.type), text)
+    if form.startswith(ORDERS[1]):
+        text = compute.replace_substring_regex(text, *_MONTH_FIRST)
     shown = text.drop_null()[:1].to_pylist()
     # The steps that the first cell needs, for each takes as long as all the rest; then all of them.
     for steps in ([step for step in _STEPS if shown and re.search(step[0], shown[0])], _STEPS):

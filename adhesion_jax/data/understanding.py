@@ -7,6 +7,7 @@ from adhesion_jax.data.columns import COLUMNS, LABELS, UNDECIDED
 from adhesion_jax.data.files import Sheet
 from adhesion_jax.data.mapping import Said, said
 from adhesion_jax.data.naming import Guess, guess
+from adhesion_jax.data.stamps import EITHER, ORDERS
 from adhesion_jax.data.units import Conversion, conversion
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
@@ -100,7 +101,12 @@ def _taken(sheet: Sheet, name: str, quantity: str, unit: str) -> Taken:
     if quantity in LABELS:
         return Taken(name, quantity, "")
     if name in sheet.stamps and quantity == "time_s":
-        return Taken(name, quantity, "", stamp=sheet.stamps[name])
+        return Taken(name, quantity, "", stamp=_ordered(sheet, name, unit))
+    if unit in ORDERS:
+        raise InputError(
+            f"{sheet.name} cannot be used: the column {name} is said to hold dates of {unit}, but "
+            "its first rows hold none."
+        )
     found = conversion(unit, COLUMNS[quantity].unit)
     if found is None:
         raise InputError(
@@ -108,6 +114,25 @@ def _taken(sheet: Sheet, name: str, quantity: str, unit: str) -> Taken:
             f"{COLUMNS[quantity].plain} (write one such as {COLUMNS[quantity].unit})."
         )
     return Taken(name, quantity, unit, found)
+
+
+def _ordered(sheet: Sheet, name: str, said: str) -> str:
+    """The form of the stamps of a column, with what is said of the order of day and month."""
+    form = sheet.stamps[name]
+    if said in ORDERS and form.startswith(EITHER):
+        return form.replace(EITHER, said)
+    if said in ORDERS and not form.startswith(said):
+        raise InputError(
+            f"{sheet.name} cannot be used: the column {name} is said to hold dates of {said}, but "
+            f"its first rows have the form {form}."
+        )
+    if form.startswith(EITHER):
+        answers = listed([f'--column "time={name} [{order}]"' for order in ORDERS], "or")
+        raise InputError(
+            f"{sheet.name} cannot be used: its first rows do not tell whether the dates in column "
+            f"{name} are {EITHER} (please say so by {answers})."
+        )
+    return form
 
 
 def _as_said(sheet: Sheet, one: Said, found: Guess) -> Taken:

@@ -101,9 +101,8 @@ def discover(
     import_trees()
     progress = _never_falling(progress)
     bases = _bases(runs, base)
-    whole = with_run_order(runs)
-    blocks = condensed(whole)
-    warnings = [*runs.warnings, *_condensing_words(whole, blocks)]
+    blocks = condensed(runs)
+    warnings = [*runs.warnings, *_condensing_words(runs, blocks)]
     if test is not None:
         told = (words for words in test.warnings if words not in runs.warnings)
         warnings += [f"In the test data: {words}" for words in told]
@@ -112,10 +111,10 @@ def discover(
     held_out = _held_out(problem, seed)
     progress("fitting the base curves", 0.02)
     alone, fits = _started(problem, held_out, bases)
-    for turn in range(_TURNS_OF_BLOCKS if blocks is not whole else 0):
+    for turn in range(_TURNS_OF_BLOCKS if blocks is not runs else 0):
         progress("fitting the base curves", 0.02 + 0.02 * turn)
         best = min(fits.values(), key=bic)
-        adhesion = blocks.whole.adhesion - bends(best, whole, blocks)
+        adhesion = blocks.whole.adhesion - bends(best, runs, blocks)
         record = blocks._replace(whole=blocks.whole._replace(adhesion=adhesion)).record
         problem = prepare(
             record, problem.calendar, runs.blocks, worth=blocks.weights, shared=_shared(best)
@@ -157,8 +156,8 @@ def discover(
     final = _precise(final)
     doubts = (*doubts, *undecided(final), *level_doubts(final, seed))
     plain = _by_least_squares(problem, alone)
-    ranges = ranges_of(problem, whole)
-    rows = None if blocks is whole else whole
+    ranges = ranges_of(problem, runs)
+    rows = None if blocks is runs else runs
     progress("fitting all rows", 0.9)
     plain, plain_rows = on_rows(plain, rows, ranges, white=True)
     final, final_rows, unsure = sure_on_rows(final, rows, ranges)
@@ -181,9 +180,9 @@ def discover(
         final = final._replace(fits=left.fits, base=left.base)
     progress("measuring the errors", 0.95)
     return summarise(
-        runs=whole,
+        runs=runs,
         blocks=blocks,
-        test=None if test is None else with_run_order(test),
+        test=test,
         plain=plain,
         slip_noise=noise,
         final=final,
@@ -265,16 +264,6 @@ def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
             f"--base {base} needs the column {' and '.join(missing)}; add it or name another curve."
         )
     return (base,)
-
-
-def with_run_order(runs: RunSet) -> RunSet:
-    """The runs with their order as a condition: by their numbers, if their names are some."""
-    try:
-        order = np.array([float(name) for name in runs.names])
-    except ValueError:
-        order = np.arange(len(runs.names), dtype=float)
-    conditions = {**runs.whole.conditions, "run_order": np.repeat(order, runs.lengths)}
-    return runs._replace(whole=runs.whole._replace(conditions=conditions))
 
 
 def _condensing_words(runs: RunSet, blocks: RunSet) -> list[str]:

@@ -23,7 +23,7 @@ from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
 from adhesion_jax.identifiers.riv import riv
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.identifiers.rls_slope import rls_slope
-from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
+from adhesion_jax.optim import jaxopt_solvers, levenberg_marquardt, optimistix_solvers
 
 IDENTIFIERS: Mapping[str, Identifier] = {
     "ml-exact": ExactMaximumLikelihood(),
@@ -33,6 +33,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "ml-de-eq17": ml_de_eq17,
     "ml-de-he2018": ml_de_he2018,
     "ml-de-robust": ml_de_robust,
+    "lm": GradientLeastSquares(levenberg_marquardt.fit, steps=50),
     "lm-jaxopt": GradientLeastSquares(jaxopt_solvers.levenberg_marquardt, steps=50),
     "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton, steps=20),
     "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt, steps=50),

@@ -167,7 +167,8 @@ def identify(
     the noise of the wheel speed in m/s (of the slip, where there is no vehicle speed), 0 for an
     exact slip; by default it is estimated where there is time_s. `progress` is called with words
     and the share done. InputError names all that is wrong with the data. Source: restricted maximum
-    likelihood, Patterson and Thompson 1971; the weights of the curves by stacking, Yao et al. 2018.
+    likelihood, Patterson and Thompson 1971; the weights of the curves by pseudo Bayes factors,
+    Geisser and Eddy 1979.
     """
     logs = events_of(all_of(data, columns, wheel_radius), events)
     citation = " ".join(filter(None, map(citation_of, parts_of(data))))

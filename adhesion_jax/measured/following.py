@@ -34,6 +34,21 @@ _START_ADHESION, _START_SHARE = 0.3, 0.1
 #: The box: a peak at a slip down to this share of the largest one, and down to this adhesion.
 _LEAST_SHARE, _LEAST_ADHESION = 0.005, 0.01
 
+#: What is told after each sample (`_chunk`).
+_TOLD = (
+    "mu_max",
+    "mu_max_se",
+    "mu_max_by_slope",
+    "slip_opt",
+    "slip_opt_se",
+    "slip_opt_by_slope",
+    "status",
+    "changed",
+    "reset",
+    "resets",
+    "skipped",
+)
+
 #: The relative standard errors of a curve whose form is right.
 NO_FORM = {"mu_max": 0.0, "slip_opt": 0.0}
 
@@ -127,7 +142,6 @@ def _follow(
     form: Mapping[str, float],
     report: Callable[[int], object],
 ) -> Followed:
-    columns = (log.slip[log.used], log.adhesion[log.used], np.ones(log.used.size, bool), log.starts)
     checkpoints = np.unique(np.linspace(0, log.used.size - 1, CHECKPOINTS).astype(int))
     structure = jax.tree.structure(jax.eval_shape(_carried, method, known))
     leaves = _begun(method, known)
@@ -135,18 +149,20 @@ def _follow(
     seconds = 0.0
     for begin in range(0, log.used.size, CHUNK):
         carry = jax.tree.unflatten(structure, leaves)
-        arguments = (
-            method,
-            known,
-            carry,
-            *(_filled(one[begin : begin + CHUNK]) for one in columns),
+        chosen = log.used[begin : begin + CHUNK]
+        columns = (
+            log.slip[chosen],
+            log.adhesion[chosen],
+            np.ones(chosen.size, bool),
+            log.starts[begin : begin + CHUNK],
         )
+        arguments = (method, known, carry, *map(_filled, columns))
         _chunk.ready(*arguments)  # loaded or compiled before the clock runs
         clock = perf_counter()
         leaves, more = jax.block_until_ready(_chunk(*arguments))
         seconds += perf_counter() - clock
-        count = min(CHUNK, log.used.size - begin)
-        made = {name: np.asarray(column)[:count] for name, column in more.items()}
+        count = chosen.size
+        made = dict(zip(_TOLD, np.asarray(more)[:count].T, strict=True))
         told.append(_rows({"sample": begin + np.arange(count), **made}, checkpoints))
         report(count)
 
@@ -203,7 +219,7 @@ def _table(
             "mu_max_se": error("mu_max"),
             "slip_opt": rows["slip_opt"],
             "slip_opt_se": error("slip_opt"),
-            "reset": rows["reset"],
+            "reset": rows["reset"] > 0,
             **{name: rows[name].astype(int) for name in ("status", "resets", "skipped")},
         }
     )
@@ -231,17 +247,17 @@ def _chunk(
     adhesion: Float[Array, " samples"],
     fresh: Bool[Array, " samples"],
     starts: Bool[Array, " samples"],
-) -> tuple[list[Array], dict[str, Array]]:
-    """The leaves of what is carried, and what is told after each sample, arrays [samples].
+) -> tuple[list[Array], Float[Array, "samples told"]]:
+    """The leaves of what is carried, and what is told after each sample, in the order of _TOLD.
 
-    The first lane has the initial slope itself, the others, if any, lie one standard error of it
+    It is one array, since the loop takes longer with one for each. The first lane has the initial slope itself, the others, if any, lie one standard error of it
     below and above: `_by_slope` is half their difference.
     """
     first = jax.tree.map(lambda leaf: leaf[0], known)
 
     def step(
         carry: tuple[State, _Tally], sample: tuple[Array, ...]
-    ) -> tuple[tuple[State, _Tally], dict[str, Array]]:
+    ) -> tuple[tuple[State, _Tally], Float[Array, " told"]]:
         (state, tally), (slip, adhesion, fresh, start) = carry, sample
         predicted = _prediction(first.curve, jax.vmap(method.estimate)(state), slip)
         record = Record(slip[None], adhesion[None], fresh[None], fresh[None], {})
@@ -249,7 +265,7 @@ def _chunk(
         now = jax.vmap(method.estimate)(state)
         after = _counted(tally, now, adhesion - predicted, start)
         tally = jax.tree.map(lambda new, old: jnp.where(fresh, new, old), after, tally)
-        return (state, tally), {
+        told = {
             **_value("mu_max", now),
             **_value("slip_opt", now),
             "status": now.status[0],
@@ -258,6 +274,7 @@ def _chunk(
             "resets": tally.resets,
             "skipped": tally.skipped,
         }
+        return (state, tally), jnp.stack([jnp.asarray(told[name], float) for name in _TOLD])
 
     carry, told = jax.lax.scan(step, carry, (slip, adhesion, fresh, starts))
     return jax.tree.leaves(carry), told

@@ -123,6 +123,15 @@ CASES = {
         ("log.csv", "whether column F [kN] is the wheel force, axle force or locomotive force"),
         columns={},
     ),
+    "load of the locomotive and force of an axle": Case(
+        text(log()),
+        ("log.csv", "only by the number of driven axles", '--column "driven_axles=4"'),
+        columns={"axle_force": "F [kN]", "locomotive_load": "800 kN"},
+    ),
+    "load of the locomotive and number of axles": Case(
+        text(log()),
+        columns={"axle_force": "F [kN]", "locomotive_load": "800 kN", "driven_axles": 4},
+    ),
     "slip without a unit": Case(
         text(log().rename(columns={"slip [%]": "Schlupf"})),
         ("log.csv", "whether the slip in column Schlupf is a ratio or in per cent"),
@@ -140,7 +149,10 @@ CASES = {
         text(log()).replace("v [km/h]", "t [s]", 1), ("log.csv has the column t [s] twice",)
     ),
     "a line of the logger above the header": Case(
-        "Logger 3000\n" + text(log()),
+        "Logger 3000\n" + text(log()), notes="names of columns in row 2"
+    ),
+    "a line above numbers without a header": Case(
+        "Logger 3000\n" + "\n".join(text(log()).splitlines()[1:]),
         ("log.csv has 4 cells in row 2 where its header has 1;", "lines above the header"),
     ),
     # Separators and rows.
@@ -194,7 +206,7 @@ CASES = {
     ),
     "days and months that could be either": Case(
         text(log().assign(**{"t [s]": "03/04/2026 08:00:00"})),
-        ("log.csv", "row 2 of column t [s] has the text '03/04/2026 08:00:00'"),
+        ("log.csv", "whether the dates in column t [s] are", '"time=t [s] [day/month/year]"'),
     ),
     # Values.
     "a thousand or one and a bit": Case(
@@ -204,6 +216,11 @@ CASES = {
     "slip in per cent that is none": Case(
         text(log().rename(columns={"slip [%]": "slip_ratio"})),
         ("log.csv", "column slip_ratio has", "outside -1.5 to 1.5", "per cent"),
+    ),
+    "wheel in km/h and train in m/s": Case(
+        text(log().assign(v_Rad=37.0, v=10.0).drop(columns="slip [%]")),
+        ("log.csv", "the wheel is 3.7 times as fast as the train", "km/h were taken for m/s"),
+        columns={**SAID, "wheel_speed": "v_Rad [m/s]", "vehicle_speed": "v [m/s]"},
     ),
     "always at rest": Case(
         text(log().assign(**{"v [km/h]": 0.1, "v_Rad [km/h]": 0.2}).drop(columns="slip [%]")),

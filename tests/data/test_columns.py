@@ -187,9 +187,106 @@ def test_a_stamp_is_the_same_however_it_is_written(written):
 
 
 def test_what_is_no_stamp_is_told_by_its_place():
-    assert form_of(["03/04/2026 08:00:00"]) == ""  # the third of April, or the fourth of March
+    assert form_of(["13/04/2026 08:00:00", "03/13/2026 08:00:00"]) == ""
     assert form_of(["7", "8"]) == form_of(["", ""]) == ""
     assert stamps(pyarrow.array(["08:00:00", "", "soon"])).text == 2
+
+
+@pytest.mark.parametrize(
+    ("written", "form"),
+    [
+        (["03/04/2026 08:00", "13/04/2026 08:00"], "day/month/year and time"),
+        (["03/04/2026 08:00", "03/13/2026 08:00"], "month/day/year and time"),
+        (["03/04/2026 08:00"], "day/month/year or month/day/year and time"),
+        (["03/04/2026"], "day/month/year or month/day/year"),
+        (["3.4.2026", ""], "day.month.year"),
+        (["2026-04-03"], "a date"),
+        (["8:00:00"], "a time of day"),
+    ],
+)
+def test_stamps_have_a_form(written, form):
+    assert form_of(written) == form
+
+
+def stamped(first, day):
+    """A table with its dates in one column and the times of day in another."""
+    table = good()
+    at = pd.Timestamp(first) + pd.to_timedelta(0.5 * np.arange(len(table)), unit="s")
+    table.insert(0, "Datum", at.strftime(day))
+    table.insert(1, "Zeit", at.strftime("%H:%M:%S.%f"))
+    return table
+
+
+@pytest.mark.parametrize("day", ["%d.%m.%Y", "%Y-%m-%d", "%d/%m/%Y", "%m/%d/%Y"])
+def test_a_date_and_a_time_in_two_columns_are_one_stamp(day, tmp_path):
+    table = stamped("2026-11-24 23:59:50", day)
+    table.to_csv(tmp_path / "a.csv", index=False, sep=";")
+    found = read_measured(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.table["time_s"], 0.5 * np.arange(40))
+    assert "The time counts from 2026-11-24 23:59:50." in found.notes
+    assert found.understood["column"][0] == "Datum Zeit"
+    assert not {"Datum", "Zeit"} & {*found.left_out}
+
+
+def test_dates_and_times_of_a_data_frame_are_one_stamp():
+    at = pd.Timestamp("2026-11-24 23:59:50") + pd.to_timedelta(np.arange(40), unit="s")
+    table = good().assign(day=at.date, clock=at.time)
+    np.testing.assert_array_equal(to_measured("log", table).table["time_s"], np.arange(40))
+
+
+def test_dates_that_could_be_two_are_asked_for_and_read_as_said(tmp_path):
+    path = tmp_path / "a.csv"
+    stamped("2026-04-03 23:59:50", "%d/%m/%Y").to_csv(path, index=False)
+    with pytest.raises(InputError, match="whether the dates in column Datum Zeit are day/month/"):
+        read_measured(path)
+    by_day = read_measured(path, {"time": "Datum Zeit [day/month/year]"})
+    assert by_day.table["time_s"].iloc[-1] == 19.5
+    by_month = read_measured(path, {"time": "Datum Zeit [month/day/year]"})
+    assert by_month.table["time_s"].iloc[-1] == 19.5 + 30 * 86400  # from March to April
+    stamped("2026-04-13 08:00:00", "%d/%m/%Y").to_csv(path, index=False)
+    with pytest.raises(InputError, match="have the form day/month/year and time"):
+        read_measured(path, {"time": "Datum Zeit [month/day/year]"})
+    with pytest.raises(InputError, match="slip_ratio is said to hold dates"):
+        read_measured(path, {"time": "slip_ratio [month/day/year]"})
+
+
+def test_a_day_alone_is_no_time(tmp_path):
+    stamped("2026-11-24 08:00:00", "%d.%m.%Y").drop(columns="Zeit").to_csv(tmp_path / "a.csv")
+    found = read_measured(tmp_path / "a.csv")
+    assert "time_s" not in found.table
+    assert found.left_out == ("Datum",)
+
+
+PREAMBLES = {
+    "a line": "Logger 3000\n",
+    "lines, cells and a blank line": "Logger 3000\nSerial;4711;x\n\nStart: 24.11.2026 08:00\n",
+    "empty cells": "Measurement 5;;\n;;\n",
+    "a cell over two lines": '"first\nsecond"\n',
+    "sep=;": "sep=;\nLogger 3000\n",
+}
+
+
+@pytest.mark.parametrize("above", PREAMBLES)
+@pytest.mark.parametrize("units", ["", "s;m/s;-;-\n"])
+def test_lines_above_the_header_are_passed_over(above, units, tmp_path):
+    path = tmp_path / "a.csv"
+    table = good().round(6)
+    table.insert(0, "v [km/h]" if not units else "v", 36.0 if not units else 10.0)
+    table.insert(0, "t [s]" if not units else "t", 0.5 * np.arange(40))
+    if units:
+        table = table.rename(columns={"slip_ratio": "slip"})
+    header, rows = table.to_csv(index=False, sep=";", decimal=",").split("\n", 1)
+    preamble = PREAMBLES[above].replace(";;", ";;;")
+    path.write_text(preamble + header + "\n" + units + rows)
+    found = read_measured(path)
+    np.testing.assert_allclose(found.table["vehicle_speed_mps"], 10.0)
+    np.testing.assert_allclose(found.table["adhesion"], table["adhesion"], rtol=1e-12)
+    first = preamble.count("\n") + 2 + bool(units)
+    assert found.table.index[0] == first
+    assert any(f"names of columns in row {preamble.count(chr(10)) + 1}" in x for x in found.notes)
+    path.write_text(path.read_text() + "1;2;3;4;5\n")
+    with pytest.raises(InputError, match=f"has 5 cells in row {first + 40} "):
+        read_measured(path)
 
 
 def test_a_time_of_day_goes_on_past_midnight(tmp_path):

@@ -114,8 +114,54 @@ def test_adhesion_is_force_over_load_of_the_same_wheels(force, load, wheels):
     assert not {"axle_force_N", "axle_load_N", "locomotive_force_N"} & {*found}
 
 
-def test_force_and_load_of_bodies_that_differ_are_refused():
-    table = good_with_slip().rename(columns={"adhesion": "locomotive_force_N"})
-    table["axle_load_N"] = 2e5
-    with pytest.raises(InputError, match="axle_load_N and locomotive_force_N alone will not do"):
+@pytest.mark.parametrize(
+    ("force", "load", "factor"),
+    [
+        ("tangential_force_N", "locomotive_load_N", 8.0),
+        ("axle_force_N", "locomotive_load_N", 4.0),
+        ("locomotive_force_N", "axle_load_N", 1 / 4.0),
+        ("locomotive_force_N", "normal_load_N", 1 / 8.0),
+    ],
+)
+def test_force_and_load_of_two_bodies_go_together_by_the_driven_axles(force, load, factor):
+    table = pd.DataFrame({"slip_ratio": np.linspace(0.01, 0.1, 20), force: 2e4, load: 2e5})
+    with pytest.raises(InputError, match="by the number of driven axles"):
         to_measured("log", table)
+    found = to_measured("log", table.assign(driven_axles=4)).table
+    np.testing.assert_allclose(found["adhesion"], 0.1 * factor)
+    assert "driven_axles" not in found
+    wheels = {"locomotive_load_N": 8, "axle_load_N": 2, "normal_load_N": 1}[load]
+    np.testing.assert_allclose(found["normal_load_N"], 2e5 / wheels)
+
+
+def checked(table):
+    return [note for note in to_measured("log", table).notes if note.startswith("Check")]
+
+
+def test_a_speed_of_another_unit_is_told_by_distance_acceleration_and_braking():
+    chance = np.random.default_rng(3)
+    table = trip(noise=0.01).assign(slip_ratio=0.01).drop(columns="wheel_rotation_radps")
+    speed = table["vehicle_speed_mps"]
+    wrong = table.assign(vehicle_speed_mps=3.6 * speed)
+    others = {
+        "positions tell": {"position_m": (100 - np.cumsum(0.02 * speed)).round(1)},
+        "acceleration tells": {
+            "acceleration_mps2": 0.2 * np.cos(table["time_s"] / 20) + chance.normal(0, 0.1, 6000)
+        },
+    }
+    for words, column in others.items():
+        (said,) = checked(wrong.assign(**column))
+        assert "as if km/h were taken for m/s" in said
+        assert words in said
+        assert not checked(table.assign(**column))
+    # 4 m/s and 2 s: 1.6 m/s^2 at most, and 5.8 m/s^2 if it is taken for 3.6 times as much.
+    hard = table.assign(vehicle_speed_mps=12 + 4 * np.sin(table["time_s"] / 2.5))
+    assert not checked(hard)
+    (said,) = checked(hard.assign(vehicle_speed_mps=3.6 * hard["vehicle_speed_mps"]))
+    assert "no train does" in said
+
+
+def test_a_radius_of_no_rail_wheel_is_said():
+    assert not checked(trip())
+    (said,) = checked(trip().assign(vehicle_speed_mps=lambda one: 3.6 * one["vehicle_speed_mps"]))
+    assert "a rolling radius of 2.07 m is unusual" in said

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import SHIPPED, matching, read_runs, runs
+from adhesion_jax.data.schema import steps_in_runs
 from adhesion_jax.errors import InputError
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"
@@ -53,7 +54,8 @@ def test_runs_stand_side_by_side_padded_with_their_last_row(tmp_path):
     record = found.record
     np.testing.assert_array_equal(record.mask, found.rows >= 0)
     np.testing.assert_array_equal(record.fresh, record.mask)
-    assert {*record.conditions} == {"time_s", "vehicle_speed_mps", "slip_velocity_mps", "wear"}
+    conditions = {"time_s", "vehicle_speed_mps", "slip_velocity_mps", "wear", "run_order"}
+    assert {*record.conditions} == conditions
     np.testing.assert_array_equal(record.conditions["wear"][1], [36, 49, 64, 81, 81, 81])
     np.testing.assert_allclose(record.slip[2, 4:], table["slip_ratio"].iloc[14], rtol=1e-15)
     np.testing.assert_allclose(
@@ -354,3 +356,37 @@ def test_a_practice_set_is_read_whole():
     assert train.covariates == ("rail_age_days",)
     assert train.warnings == test.warnings == ()
     assert matching(train, test).names == test.names
+
+
+def test_the_order_of_runs_is_that_of_their_numbers(tmp_path):
+    table = good(12).assign(run=[7, 3] * 6)
+    order = np.asarray(read_runs([written(tmp_path, table)]).record.conditions["run_order"])
+    np.testing.assert_array_equal(order, np.repeat([[7.0], [3.0]], 6, axis=1))
+    named = good(12).assign(run=["late", "early"] * 6)
+    order = np.asarray(read_runs([written(tmp_path, named)]).record.conditions["run_order"])
+    np.testing.assert_array_equal(order, np.repeat([[0.0], [1.0]], 6, axis=1))
+
+
+def test_labels_of_several_files_are_those_of_all(tmp_path):
+    """Each file holds its labels by numbers of its own: 1 of the second is not 1 of the first."""
+    tables = [good(12).assign(axle=["b", "a"] * 6), good(12).assign(axle=["c", "b"] * 6)]
+    paths = [tmp_path / f"{number}.csv" for number in range(2)]
+    for table, path in zip(tables, paths, strict=True):
+        table.to_csv(path, index=False)
+    found = read_runs(paths)
+    assert found.axles == ("a", "b", "c")
+    expected = [1.0, 0.0] * 6 + [2.0, 1.0] * 6
+    np.testing.assert_array_equal(found.whole.conditions["axle"], expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_in_time_are_those_within_each_run(seed):
+    draw = np.random.default_rng(seed)
+    run = draw.integers(0, 3, 40) if seed else np.sort(draw.integers(0, 3, 40))
+    time = draw.normal(size=40)
+    expected = np.full(40, np.nan)
+    for row in range(40):
+        before = np.flatnonzero(run[:row] == run[row])
+        if before.size:
+            expected[row] = time[row] - time[before[-1]]
+    np.testing.assert_array_equal(steps_in_runs(time, run), expected)

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import condensed
 from adhesion_jax.discovery import engine
-from adhesion_jax.discovery.engine import discover, with_run_order
+from adhesion_jax.discovery.engine import discover
 from adhesion_jax.discovery.model import rows
 from adhesion_jax.discovery.model.bases import starts_under
 from adhesion_jax.discovery.model.fitting import (
@@ -33,7 +33,7 @@ from adhesion_jax.simulation.simulator import simulate
 
 @pytest.fixture(scope="module")
 def runs():
-    return with_run_order(runs_of(simulate(["humidity"], seed=4, **SIZE).train))
+    return runs_of(simulate(["humidity"], seed=4, **SIZE).train)
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_a_mean_of_moving_slip_is_less_than_the_curve_by_its_bend(fitted):
     """With the variance v of the slip within a block the mean is mu + mu'' v/2 to second order."""
     slip = np.tile(np.linspace(0.0, 0.15, 9000), 2)
     table = pd.DataFrame({"run": np.repeat([0, 1], 9000), "slip_ratio": slip, "adhesion": slip})
-    runs = with_run_order(runs_of(table))
+    runs = runs_of(table)
     blocks = condensed(runs, 100)
     curve = BASES["burckhardt"]
     bare = fitted._replace(effects=())

@@ -10,11 +10,12 @@ import pytest
 from lanes import lanes
 from truth import nist
 
-from adhesion_jax.optim import jaxopt_solvers, optimistix_solvers
+from adhesion_jax.optim import jaxopt_solvers, levenberg_marquardt, optimistix_solvers
 from adhesion_jax.optim.box import Unbounded, on_bound
 from adhesion_jax.optim.least_squares import finish
 
 SOLVERS = {
+    "lm": levenberg_marquardt.fit,
     "lm-jaxopt": jaxopt_solvers.levenberg_marquardt,
     "gn-jaxopt": jaxopt_solvers.gauss_newton,
     "lm-optimistix": optimistix_solvers.levenberg_marquardt,
@@ -114,7 +115,7 @@ def test_the_record_of_nist_problems_is_whole():
     cases = {(s, n, k) for s in SOLVERS for n in nist.MODELS for k in (1, 2)}
     assert set(RECORDED) == cases
     assert set(RECORDED.values()) <= {"solved", "right", "failed"}
-    for solver in ("lm-jaxopt", "lm-optimistix"):
+    for solver in ("lm", "lm-jaxopt", "lm-optimistix"):
         assert sum(RECORDED[c] != "failed" for c in cases if c[0] == solver) >= 50
 
 
@@ -157,7 +158,7 @@ def test_the_box_is_respected_where_the_optimum_lies_outside(solver):
         assert float(result.objective) <= min(scan) * (1 + 1e-3)
 
 
-@pytest.mark.parametrize("solver", ["lm-jaxopt", "lm-optimistix"])
+@pytest.mark.parametrize("solver", ["lm", "lm-jaxopt", "lm-optimistix"])
 def test_levenberg_marquardt_reaches_an_optimum_on_a_face(solver):
     target = rise(jnp.array([0.8, 6.0]))
     result = solve(solver, lambda x: rise(x) - target, [0.35, 10.0], [0.1, 1.0], [0.6, 50.0])

@@ -1,7 +1,7 @@
 """The findings of a finished search: effects with intervals, errors, and cautions."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -80,7 +80,7 @@ def summarise(
         tested = _errors(test, test_before, test_after, seed)
         predictions = _predictions(test.places, test_before, test_after)
     noise = final_rows.setting.noise
-    level = float(np.mean(runs.whole.adhesion**2))
+    level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
     floor = float(np.sqrt(noise.sigma**2 + noise.run_scatter**2 * level))
     outside = extrapolated(final, law, runs, test)
     entries = library_of(final.setting.problem)
@@ -150,14 +150,20 @@ def law_of(state: Selection, ranges: Ranges) -> CorrectedLaw:
     return CorrectedLaw(curve, effects, ranges, problem.calendar)
 
 
-def _by_run(runs: RunSet, values: np.ndarray) -> np.ndarray:
-    """Sums over the rows of each run, [runs]."""
-    return np.add.reduceat(values, runs.starts)
+def _by_run(runs: RunSet, sum_of: Callable[[slice], float]) -> np.ndarray:
+    """A sum over the rows of each run, [runs]: run by run, without another column of all rows."""
+    ends = runs.starts + runs.lengths
+    return np.array([sum_of(slice(*run)) for run in zip(runs.starts, ends, strict=True)])
 
 
 def _squares(runs: RunSet, adhesion: np.ndarray) -> np.ndarray:
     """The sum of squared errors of each run."""
-    return _by_run(runs, (adhesion - runs.whole.adhesion) ** 2)
+
+    def of_run(rows: slice) -> float:
+        error = adhesion[rows] - runs.whole.adhesion[rows]
+        return float(error @ error)
+
+    return _by_run(runs, of_run)
 
 
 def _errors(runs: RunSet, before: np.ndarray, after: np.ndarray, seed: int) -> Errors:
@@ -198,8 +204,7 @@ def _points(blocks: RunSet, before: np.ndarray, after: np.ndarray) -> pd.DataFra
         "before": block_means(before, blocks),
         "after": block_means(after, blocks),
     }
-    more = {name: values for name, values in whole.conditions.items() if name != "run_order"}
-    return pd.DataFrame({**columns, **more})
+    return pd.DataFrame({**columns, **whole.conditions})
 
 
 def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: Noise) -> pd.DataFrame:
@@ -209,22 +214,27 @@ def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: Noise) -
     noise within the run, (1 + r)/(1 - r) times the variance of independent points.
     """
     measured = runs.whole.adhesion
+
+    def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return _by_run(runs, lambda rows: float(one[rows] @ other[rows]))
+
+    squares = [product(law, law) for law in (before, after)]
     levels = [
-        _by_run(runs, (measured - law) * law) / _by_run(runs, law**2) for law in (before, after)
+        product(measured, law) / size - 1
+        for law, size in zip((before, after), squares, strict=True)
     ]
     r = float(noise.autocorrelation)
     spread = float(noise.sigma) * np.sqrt((1 + r) / (1 - r))
     columns = {
-        name: _by_run(runs, values) / runs.lengths
+        name: np.add.reduceat(values, runs.starts) / runs.lengths
         for name, values in runs.whole.conditions.items()
-        if name != "run_order"
     }
     return pd.DataFrame(
         {
             "run": runs.names,
             "before": levels[0],
             "after": levels[1],
-            "error": spread / np.sqrt(_by_run(runs, after**2)),
+            "error": spread / np.sqrt(squares[1]),
             **columns,
         }
     )

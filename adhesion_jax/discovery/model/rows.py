@@ -24,7 +24,7 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.programs import kept
 
 #: Number of cells of one column that are computed at a time.
-_CELLS = 2**18
+_CELLS = 2**17
 
 #: Fewest points to which runs are padded; beyond it the powers of two, so that programs are few.
 _FEWEST_POINTS = 256
@@ -117,9 +117,7 @@ def _of_runs(
 
 
 def _rows_of(runs: RunSet, piece: _Piece) -> tuple[Array, Mapping[str, Array]]:
-    whole = runs.whole
-    conditions = {name: jnp.asarray(rows[piece.held]) for name, rows in whole.conditions.items()}
-    return jnp.asarray(whole.slip[piece.held]), conditions
+    return jnp.asarray(runs.whole.slip[piece.held]), runs.conditions_at(piece.held)
 
 
 def bends(fitted: Fitted, runs: RunSet, blocks: RunSet) -> np.ndarray:
