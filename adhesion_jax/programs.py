@@ -60,11 +60,11 @@ def _of_machine() -> str:
     """Source of the package, versions and processor, which do not change while a process runs."""
     content = sha256(of_package().encode())
     versions = [f"{name} {version(name)}" for name in _LIBRARIES]
-    content.update(repr((platform.python_version(), versions, _processor())).encode())
+    content.update(repr((platform.python_version(), versions, processor())).encode())
     return content.hexdigest()
 
 
-def _processor() -> str:
+def processor() -> str:
     """The processor's name and features: a program compiled for another one may not run here."""
     told = Path("/proc/cpuinfo")
     if not told.exists():
@@ -88,7 +88,7 @@ def share_with_jax() -> None:
     Where the user has named a folder to jax, that one stays.
     """
     if jax.config.values["jax_compilation_cache_dir"] is None:
-        own = folder() / f"jax-{sha256(_processor().encode()).hexdigest()[:16]}"
+        own = folder() / f"jax-{sha256(processor().encode()).hexdigest()[:16]}"
         jax.config.update("jax_compilation_cache_dir", str(own))
         jax.config.update("jax_compilation_cache_max_size", MOST_BYTES)
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

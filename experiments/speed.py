@@ -1,4 +1,4 @@
-"""Speed on one core beside a peer in the same run: blocks beside scipy, recursions beside NumPy."""
+"""Speed beside other libraries in the same run."""
 
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.speed import main

@@ -7,24 +7,57 @@ import signal
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Thread
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from adhesion_jax import keeping, plugins, programs, runtime
 from adhesion_jax.errors import WorkerError
 
 T = TypeVar("T")
 
+Work = Sequence[tuple[Any, ...]]
+
 #: Number of times that a unit is tried whose process dies.
 TRIES = 3
 
 #: Results wait for those before them: units are begun at most this many a process ahead.
-_AHEAD = 16
+AHEAD = 16
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """What computes the units of a campaign: `Processes`, or a cluster (`cluster.engine_of`)."""
+
+    @property
+    def workers(self) -> int:
+        """The number of processes that compute, as far as it is known now."""
+
+    def mapped(
+        self, function: Callable[..., T], work: Work, folder: Path | None = None
+    ) -> AbstractContextManager[Iterator[T]]:
+        """`function(*unit)` of each unit, in the order of the work.
+
+        With a folder it is `function(*unit, folder)`: the function stores its files in the folder
+        that it is given, which need not be that one; they are in that one when the result comes.
+        """
+
+
+@dataclass(frozen=True)
+class Processes:
+    """So many processes of this machine; 1 is this process."""
+
+    workers: int
+
+    def mapped(
+        self, function: Callable[..., T], work: Work, folder: Path | None = None
+    ) -> AbstractContextManager[Iterator[T]]:
+        units = work if folder is None else [(*unit, folder) for unit in work]
+        return mapped(function, units, self.workers)
 
 
 @contextmanager
@@ -42,9 +75,7 @@ def terminable() -> Iterator[None]:
 
 
 @contextmanager
-def mapped(
-    function: Callable[..., T], work: Sequence[tuple[Any, ...]], workers: int
-) -> Iterator[Iterator[T]]:
+def mapped(function: Callable[..., T], work: Work, workers: int) -> Iterator[Iterator[T]]:
     """`function(*unit)` of each unit, in the order of the work, from as many processes as asked.
 
     Processes rather than threads, because compiled programs that call LAPACK on stacks of large
@@ -53,7 +84,8 @@ def mapped(
     place of one that dies and tries its unit again; WorkerError where that has failed as often as
     it is tried. No process outlives this one, however it ends.
     """
-    if workers == 1:
+    workers = min(workers, len(work))
+    if workers <= 1:
         yield (function(*unit) for unit in work)
         return
     team: list[_Member] = []
@@ -100,7 +132,7 @@ class _Member:
         self.line.close()
 
 
-def _results(team: list[_Member], work: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+def _results(team: list[_Member], work: Work) -> Iterator[Any]:
     """The results in the order of the work; members that die are replaced."""
     left = deque(range(len(work)))
     deaths = dict.fromkeys(left, 0)
@@ -108,7 +140,7 @@ def _results(team: list[_Member], work: Sequence[tuple[Any, ...]]) -> Iterator[A
     for number in range(len(work)):
         while number not in found:
             for member in team:
-                if member.unit is None and left and left[0] < number + _AHEAD * len(team):
+                if member.unit is None and left and left[0] < number + AHEAD * len(team):
                     following = left.popleft()
                     member.begin(following, work[following])
             wait([end for m in team for end in (m.line, m.process.sentinel)])
@@ -130,12 +162,16 @@ def _replaced(dead: _Member, deaths: dict[int, int], left: deque[int]) -> _Membe
     if dead.unit is not None:
         deaths[dead.unit] += 1
         if deaths[dead.unit] == TRIES:
-            raise WorkerError(
-                f"a worker process was killed, or had no memory left, {TRIES} times at the same "
-                "piece of work. Run the command again, with less beside it."
-            )
+            raise died(TRIES)
         left.appendleft(dead.unit)
     return _Member(dead.function, dead.core)
+
+
+def died(times: int) -> WorkerError:
+    return WorkerError(
+        f"a worker process was killed, or had no memory left, {times} times at the same piece of "
+        "work. Run the command again, with less beside it."
+    )
 
 
 def _serve(
@@ -148,18 +184,27 @@ def _serve(
     """The life of a worker process: it answers one unit after another."""
     Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this one
-    runtime.take_core(core)
-    runtime.start()
-    keeping.use(folder)
-    programs.share_with_jax()
-    for part in parts:
-        plugins.use(part)
+    prepare(core, folder, parts)
     while True:
         try:
             unit = line.recv()
         except EOFError:
             return
-        line.send_bytes(_answered(function, unit))
+        line.send_bytes(answered(function, unit))
+
+
+def prepare(core: int | None, folder: Path | None, parts: Sequence[plugins.Part]) -> None:
+    """Make a worker process ready before jax opens a device: its core, flags, programs, parts.
+
+    Without a folder the programs are kept where the process itself keeps them.
+    """
+    runtime.take_core(core)
+    runtime.start()
+    if folder is not None:
+        keeping.use(folder)
+    programs.share_with_jax()
+    for part in parts:
+        plugins.use(part)
 
 
 def _end_with_parent() -> None:
@@ -169,7 +214,8 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _answered(function: Callable[..., Any], unit: tuple[Any, ...]) -> bytes:
+def answered(function: Callable[..., Any], unit: tuple[Any, ...]) -> bytes:
+    """Whether the unit succeeded, and its result or the error: a pickle of both."""
     try:
         return pickle.dumps((True, function(*unit)), pickle.HIGHEST_PROTOCOL)
     except Exception as error:

@@ -1,7 +1,7 @@
 """A Monte Carlo campaign: every identifier on the same runs, and tables of what they add up to."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.executor import mapped
+from adhesion_jax.campaign.executor import Engine, Processes, Work
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
 from adhesion_jax.campaign.tiles import TILE, make_ready
@@ -80,7 +80,7 @@ def run_campaign(
                     progress(config.scenario)
             yield found.reduced
 
-    with mapped(shard, work, processes(work, workers)) as results:
+    with suited(Processes(workers), work).mapped(shard, work) as results:
         return campaign_of(job, added(job, reduced()))
 
 
@@ -90,13 +90,16 @@ def frame_of(rows: pa.Table) -> pd.DataFrame:
     return rows.cast(pa.schema(zip(rows.schema.names, types, strict=True))).to_pandas()
 
 
-def processes(work: Sequence[tuple[Any, ...]], workers: int) -> int:
-    """The number of processes for units that begin with a job; for one it makes programs ready."""
-    if len(work) > _FEW_SHARDS and workers > 1:
-        return min(workers, len(work))
+def suited(engine: Engine, work: Work) -> Engine:
+    """The engine for units that begin with a job: for few it is this process, made ready for them.
+
+    A cluster is what it is: it has begun already.
+    """
+    if not isinstance(engine, Processes) or (engine.workers > 1 and len(work) > _FEW_SHARDS):
+        return engine
     for job, *_ in work:
         make_ready(job.config, [*job.methods.values()])
-    return 1
+    return Processes(1)
 
 
 def added(job: Job, parts: Iterable[Reduced]) -> Totals:

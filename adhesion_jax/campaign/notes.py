@@ -4,6 +4,7 @@ A note is a small file beside the shards, which begins as what is not complete d
 on it: one that cannot be written or read is left out.
 """
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -43,9 +44,19 @@ def noting(folder: Path, shard: str) -> Iterator[Tell]:
 
 
 def notes(folder: Path) -> list[tuple[int, str]]:
-    """The runs done and the words on what goes on of every shard that is being computed."""
+    """The runs done and the words on what goes on of every shard that is being computed.
+
+    Workers of a cluster have folders of their own in that of the shards; of those that send what
+    they store there are no notes.
+    """
     found = []
-    for path in sorted(folder.glob(f"{_NOTE}*")):
+    paths = [
+        Path(where, name)
+        for where, _, names in os.walk(folder)  # which passes over a folder that vanishes
+        for name in names
+        if name.startswith(_NOTE)
+    ]
+    for path in sorted(paths):
         with suppress(OSError, ValueError):
             runs, _, words = path.read_text(encoding="utf-8").partition(" ")
             found.append((int(runs), words))

@@ -192,7 +192,7 @@ def missing(folder: Path, jobs: Sequence[J]) -> list[tuple[J, int]]:
     ]
 
 
-def stored(content: Callable[[J, int, Tell], Content], folder: Path, job: J, number: int) -> int:
+def stored(content: Callable[[J, int, Tell], Content], job: J, number: int, folder: Path) -> int:
     """Compute the content of a shard and store it; the number of its runs."""
     with noting(folder, f"{job.name}-{number}") as tell:
         arrays, table = content(job, number, tell)

@@ -184,7 +184,7 @@ def judge(job: Job, progress: Callable[[str], None], workers: int = CORES) -> Ju
             progress(job.cases[job.cases_of(number)[0]].method)
             yield found.arrays
 
-    with mapped(content, work, min(workers, len(work))) as results:
+    with mapped(content, work, workers) as results:
         return judged(job, parts())
 
 

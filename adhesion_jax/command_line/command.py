@@ -2,9 +2,11 @@
 
 import math
 import os
+import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +105,42 @@ class Folder(click.Path):
                 f"--out {path} cannot be written to ({reason}); name a folder that can."
             )
         return path
+
+
+class Cluster(click.ParamType):
+    """A Dask cluster: `local:N`, or the address of a scheduler."""
+
+    name = "cluster"
+
+    def convert(self, value: str, param: Any, ctx: Any) -> str:
+        local = re.fullmatch(r"local:0*[1-9]\d{0,3}", value)
+        remote = re.fullmatch(r"(tcp|tls)://[^\s/]+:(\d{1,5})", value)
+        if not local and not (remote and 0 < int(remote[2]) < 2**16):
+            raise InputError(
+                f"--cluster {value} is no cluster; give local:N for N workers on this machine, or "
+                "the address of a scheduler as tcp://HOST:PORT."
+            )
+        if find_spec("distributed") is None:
+            raise InputError(
+                "--cluster needs the package distributed, which is not installed; install it by "
+                "pip install 'adhesion-jax[cluster]'."
+            )
+        return value
+
+
+def with_cluster(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command the arguments `cluster` and `shared_folder`."""
+    shared = click.option(
+        "--shared-folder",
+        is_flag=True,
+        help="All workers of the cluster see the folder of --out; without it they send results.",
+    )
+    cluster = click.option(
+        "--cluster",
+        type=Cluster(),
+        help="Compute on Dask workers: local:N starts N here, tcp://HOST:PORT joins a scheduler.",
+    )
+    return cluster(shared(command))
 
 
 class File(click.ParamType):

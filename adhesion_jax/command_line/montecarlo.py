@@ -8,7 +8,16 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
-from adhesion_jax.command_line.command import SEED, FiniteRange, Folder, Name, Names, perform, start
+from adhesion_jax.command_line.command import (
+    SEED,
+    FiniteRange,
+    Folder,
+    Name,
+    Names,
+    perform,
+    start,
+    with_cluster,
+)
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
@@ -118,6 +127,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     default=0,
     help="Add so many runs to the job in the folder.",
 )
+@with_cluster
 @click.option(
     "--list",
     is_flag=True,
@@ -135,6 +145,8 @@ def main(
     keep: str,
     resume: bool,
     extend: int,
+    cluster: str | None,
+    shared_folder: bool,
     **asked: object,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
@@ -157,6 +169,8 @@ def main(
         keep=keep,
         resume=resume,
         extend=extend,
+        cluster=cluster,
+        shared_folder=shared_folder,
         **options,
     )
 

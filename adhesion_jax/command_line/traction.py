@@ -6,7 +6,15 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.command import (
+    SEED,
+    File,
+    FiniteRange,
+    Folder,
+    Name,
+    perform,
+    with_cluster,
+)
 
 KNOWN = catalogue()
 
@@ -44,6 +52,7 @@ KNOWN = catalogue()
     type=click.IntRange(min=1),
     help="Processes (one for each core); the results do not depend on their number.",
 )
+@with_cluster
 @click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
 @click.option(
     "--extend",

@@ -5,6 +5,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax import runtime
+from adhesion_jax.campaign.cluster import engine_of
 from adhesion_jax.campaign.config import Config, main_job
 from adhesion_jax.campaign.job import Job
-from adhesion_jax.campaign.monte_carlo import Campaign, Totals, added, campaign_of, processes
+from adhesion_jax.campaign.monte_carlo import Campaign, Totals, added, campaign_of, suited
 from adhesion_jax.campaign.shard import content, reduced_of
 from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.campaign.tiles import draw_tile
@@ -46,6 +48,8 @@ def main(
     keep: str,
     resume: bool,
     extend: int,
+    cluster: str | None = None,
+    shared_folder: bool = False,
     **options: object,
 ) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
@@ -56,8 +60,11 @@ def main(
     parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
     jobs = [Job.of(config, every_block=keep == "all") for config in parts]
     began = time.perf_counter()
-    with opened_for("montecarlo", jobs, directory, OWN_FILES, resume, extend) as (folder, stage):
-        compute(content, jobs, folder, lambda work: processes(work, CORES))
+    with (
+        engine_of(CORES, cluster, shared_folder) as engine,
+        opened_for("montecarlo", jobs, directory, OWN_FILES, resume, extend) as (folder, stage),
+    ):
+        compute(content, jobs, folder, partial(suited, engine))
         campaigns = [campaign_of(job, _totals(job, folder)) for job in jobs]
         write_rows(stage / "runs.parquet", folder, jobs)
         tables = _joined([campaign.tables for campaign in campaigns])

@@ -9,7 +9,7 @@ from threading import Event, Thread
 import click
 from tqdm import tqdm
 
-from adhesion_jax.campaign.executor import mapped, terminable
+from adhesion_jax.campaign.executor import Engine, Work, terminable
 from adhesion_jax.campaign.notes import Tell, notes
 from adhesion_jax.campaign.store import Content, J, Job, missing, opened, recorded, stored
 from adhesion_jax.errors import InputError
@@ -53,20 +53,21 @@ def compute(
     content: Callable[[J, int, Tell], Content],
     jobs: Sequence[J],
     folder: Path,
-    processes: Callable[[Sequence[tuple[J, int]]], int],
+    engine_for: Callable[[Work], Engine],
     unit: str = "run",
 ) -> None:
     """All shards that are not there; what is finished stays, however this ends.
 
-    `processes` is given the work, and says by how many processes it is to be done.
+    `engine_for` is given the work, and says what is to do it.
     """
     work = missing(folder, jobs)
     every = _runs((job, number) for job in jobs for number in range(job.shards))
-    with tqdm(total=every, initial=every - _runs(work), unit=unit) as bar:
+    with tqdm(total=every, initial=every - _runs(work), desc="compiling", unit=unit) as bar:
         try:
+            engine = engine_for(work)
             with (
-                _watched(bar, folder) as finish,
-                mapped(partial(stored, content, folder), work, processes(work)) as results,
+                _watched(bar, folder, engine) as finish,
+                engine.mapped(partial(stored, content), work, folder) as results,
             ):
                 for runs in results:
                     finish(runs)
@@ -82,15 +83,11 @@ def compute(
             raise
 
 
-def at_most(workers: int) -> Callable[[Sequence[object]], int]:
-    """As many processes as asked, or one for each piece of work."""
-    return lambda work: max(min(workers, len(work)), 1)
-
-
 @contextmanager
-def _watched(bar: tqdm, folder: Path) -> Iterator[Callable[[int], None]]:
+def _watched(bar: tqdm, folder: Path, engine: Engine) -> Iterator[Callable[[int], None]]:
     """Show what goes on in a folder, and how many runs are done; takes the runs of each shard."""
-    finished, ended = bar.n, Event()
+    finished = began = bar.n
+    ended = Event()
 
     def finish(runs: int) -> None:
         nonlocal finished
@@ -99,7 +96,9 @@ def _watched(bar: tqdm, folder: Path) -> Iterator[Callable[[int], None]]:
     def show() -> None:
         now = notes(folder)
         words = dict.fromkeys(words for _, words in now)
-        bar.set_description(", ".join(words) or "starting", refresh=False)
+        without_notes = "computing" if finished > began else "starting"
+        bar.set_description(", ".join(words) or without_notes, refresh=False)
+        bar.set_postfix_str(f"workers: {engine.workers}", refresh=False)
         # A shard that is finished counts when those before it are, too: until then nothing moves.
         if not bar.update(max(finished + sum(runs for runs, _ in now) - bar.n, 0)):
             bar.refresh()

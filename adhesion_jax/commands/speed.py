@@ -1,35 +1,61 @@
-"""Speed on one core beside a peer in the same run: blocks beside scipy, recursions beside NumPy."""
+"""Speed beside what else computes the same, all in one run on one machine."""
 
+import tempfile
+from collections.abc import Mapping
+from ctypes import CDLL
 from pathlib import Path
 
 import click
+import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax.files import output_directory, staged, write_table
-from adhesion_jax.report.montecarlo.figures import speed_bars
-from adhesion_jax.studies.speed import block_table, recursion_table, timed
+from adhesion_jax.report.studies.speed import draw_rates, draw_scaling, told
+from adhesion_jax.studies.speed import blocks, c_code, jobs, limits, plants, recursions, scaling
+from adhesion_jax.studies.speed.turns import Timed, rates
 
 
 def main(repeats: int, seed: int, out: Path) -> None:
-    """Time the identifiers; noise and compilation are excluded.
-
-    Whole blocks on he2018-blocks, in identifications per CPU-second; recursions on streams of
-    10,000 runs, in samples per CPU-second. The methods take turns, `repeats` times, so that a
-    machine whose speed drifts is fair to all; the median is reported.
-    """
+    """Time identifiers, recursions, plants and whole jobs beside their peers."""
     directory = output_directory(out)
-    recursions = recursion_table(repeats, seed)
-    click.echo(recursions.to_string(index=False, float_format=lambda x: f"{x:,.4g}") + "\n")
-    with tqdm(total=(repeats + 1) * len(timed(seed)), unit="method") as bar:
+    with tempfile.TemporaryDirectory() as folder:
+        library = c_code.compiled(Path(folder))
+        table = _table(library, repeats, seed)
+    with staged(directory, ("speed.csv", "speed.png", "speed_scaling.png")) as stage:
+        write_table(stage / "speed.csv", table)
+        draw_rates(stage / "speed.png", table)
+        draw_scaling(stage / "speed_scaling.png", table)
+    click.echo(told(table))
+    click.echo(f"\nwritten to {directory}")
+
+
+def _table(library: CDLL | str, repeats: int, seed: int) -> pd.DataFrame:
+    streams, programs = recursions.entries(seed)
+    parts: list[tuple[str, str, str, Mapping[str, Timed]]] = [
+        ("blocks", blocks.UNIT, blocks.PEER, blocks.entries(seed)),
+        ("recursions", recursions.UNIT, recursions.RECURSION_PEER, streams),
+        ("quadratic programs", recursions.UNIT, recursions.PROGRAM_PEER, programs),
+        ("plants", plants.UNIT, plants.PEER, plants.entries(library)),
+        *(
+            (f"limit: {peer}", unit, peer, entries)
+            for (unit, peer), entries in limits.entries(library).items()
+        ),
+    ]
+    total = sum((repeats + 1) * _count(part[3]) for part in parts)
+    with tqdm(total=total + len(scaling.sizes()) + len(jobs.jobs()), unit="turn") as bar:
 
         def progress(name: str) -> None:
-            bar.set_description(name)
+            bar.set_description(name[:40])
             bar.update()
 
-        table = block_table(repeats, seed, progress)
-    with staged(directory, ("speed.csv", "recursions.csv", "speed.png")) as stage:
-        write_table(stage / "speed.csv", table)
-        write_table(stage / "recursions.csv", recursions)
-        speed_bars(stage / "speed.png", table)
-    click.echo(table.to_string(index=False, float_format=lambda x: f"{x:,.4g}"))
-    click.echo(f"\nwritten to {directory}")
+        found = [
+            rates(part, unit, peer, entries, repeats, progress)
+            for part, unit, peer, entries in parts
+        ]
+        found.append(scaling.table(repeats, seed, progress))
+        found.append(jobs.table(progress))
+    return pd.concat(found, ignore_index=True)
+
+
+def _count(entries: Mapping[str, Timed]) -> int:
+    return sum(entry.work is not None for entry in entries.values())

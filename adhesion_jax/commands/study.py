@@ -9,7 +9,8 @@ import click
 import pandas as pd
 
 from adhesion_jax import runtime
-from adhesion_jax.commands.shards import at_most, compute, opened_for
+from adhesion_jax.campaign.cluster import engine_of
+from adhesion_jax.commands.shards import compute, opened_for
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.report.studies.discovery import (
@@ -29,9 +30,16 @@ OWN_FILES = (
 )
 
 
-def main(workers: int, resume: bool, out: Path, **sizes: int) -> None:
+def main(
+    workers: int,
+    resume: bool,
+    out: Path,
+    cluster: str | None = None,
+    shared_folder: bool = False,
+    **sizes: int,
+) -> None:
     """Run the discovery on simulated sets and count what it gets right."""
-    study(sizes, out, discover_tables, workers, resume)
+    study(sizes, out, discover_tables, workers, resume, cluster, shared_folder)
 
 
 def study(
@@ -40,11 +48,13 @@ def study(
     discover: Discover,
     workers: int = 1,
     resume: bool = False,
+    cluster: str | None = None,
+    shared_folder: bool = False,
 ) -> pd.DataFrame:
     """The study of any `discover`, written to `out`; its rates.
 
-    `sizes` are the arguments of `study_tasks`. More than one worker means that number of processes,
-    which must be able to import `discover`; the rows are the same, save the times.
+    `sizes` are the arguments of `study_tasks`. Where other processes compute, they must be able to
+    import `discover`; the rows are the same, save the times.
     """
     tasks = study_tasks(**sizes)
     if not tasks:
@@ -52,8 +62,11 @@ def study(
     directory = output_directory(out)
     began = time.perf_counter()
     job = Study(tuple(tasks), discover, sizes)
-    with opened_for("study", [job], directory, OWN_FILES, resume) as (folder, stage):
-        compute(content, [job], folder, at_most(workers), "set")
+    with (
+        engine_of(workers, cluster, shared_folder) as engine,
+        opened_for("study", [job], directory, OWN_FILES, resume) as (folder, stage),
+    ):
+        compute(content, [job], folder, lambda _: engine, "set")
         sets = sets_of(folder, job.name, job.shards)
         hits, removed = rates(sets), shares(sets)
         write_table(stage / "sets.csv", sets)

@@ -9,6 +9,7 @@ import click
 import pandas as pd
 
 from adhesion_jax import runtime
+from adhesion_jax.campaign.cluster import engine_of
 from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.campaign.traction import (
     WHOLE,
@@ -19,7 +20,7 @@ from adhesion_jax.campaign.traction import (
     judged,
     metrics_of,
 )
-from adhesion_jax.commands.shards import at_most, compute, extended, opened_for
+from adhesion_jax.commands.shards import compute, extended, opened_for
 from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.report.traction import SUBJECTS
@@ -62,6 +63,8 @@ def main(
     resume: bool,
     extend: int,
     out: Path,
+    cluster: str | None = None,
+    shared_folder: bool = False,
 ) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.
 
@@ -85,8 +88,11 @@ def main(
     }
     job = job_of(name, system, cases, plant.plant, runs, seed, asked)
     directory = output_directory(out)
-    with opened_for("traction", [job], directory, OWN_FILES, resume, extend) as (folder, stage):
-        compute(content, [job], folder, at_most(workers or runtime.CORES))
+    with (
+        engine_of(workers or runtime.CORES, cluster, shared_folder) as engine,
+        opened_for("traction", [job], directory, OWN_FILES, resume, extend) as (folder, stage),
+    ):
+        compute(content, [job], folder, lambda _: engine)
         found = judged(job, read_all(folder, job.name, job.shards))
         write_rows(stage / "runs.parquet", folder, [job])
         table = subject.table(found.metrics)

@@ -3,8 +3,8 @@
 A block is a stretch of one run, and its values are the means of its rows. Half of the blocks of a
 set are dealt out by the number of rows, so that every stretch keeps its share; half by how far the
 slip moves in stretches where it moves faster than usual, so that a slip event of a few seconds in
-hours of rolling is not averaged into one point. If the slip moves steadily all are dealt out by the
-number of rows.
+hours of rolling is not averaged into one point. No stretch has more blocks than rows. If the slip
+moves steadily all are dealt out by the number of rows.
 """
 
 import numpy as np
@@ -153,7 +153,24 @@ def _shares(runs: RunSet, most: int) -> tuple[np.ndarray, np.ndarray]:
     fast = np.where(within, np.maximum(moved - _FASTER * usual, 0.0), 0.0)
     path = np.append(fast, 0.0) + np.append(0.0, fast)
     share = number / slip.size
-    return edges, 0.5 * share + 0.5 * path / path.sum() if path.any() else share
+    if path.any():
+        share = 0.5 * share + 0.5 * path / path.sum()
+    return edges, _within(share, number / min(most, slip.size))
+
+
+def _within(share: np.ndarray, largest: np.ndarray) -> np.ndarray:
+    """Shares [pieces], none above its largest: the others have in proportion what is above it.
+
+    Where the slip jumps, a piece of few rows would have more blocks than rows: most of them would
+    be empty, and all other blocks longer than they need to be.
+    """
+    full = np.zeros(share.size, bool)
+    while (more := (share > largest) & ~full).any():
+        full |= more
+        share = np.where(full, largest, share)
+        left = max(1 - float(share[full].sum()), 0.0)
+        share[~full] *= left / max(float(share[~full].sum()), 1e-300)
+    return share
 
 
 def _of_one_label(rows: Rows, begins: np.ndarray, number: np.ndarray) -> np.ndarray | None:

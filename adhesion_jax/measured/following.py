@@ -250,8 +250,9 @@ def _chunk(
 ) -> tuple[list[Array], Float[Array, "samples told"]]:
     """The leaves of what is carried, and what is told after each sample, in the order of _TOLD.
 
-    It is one array, since the loop takes longer with one for each. The first lane has the initial slope itself, the others, if any, lie one standard error of it
-    below and above: `_by_slope` is half their difference.
+    It is one array, since the loop takes longer with one for each. The first lane has the initial
+    slope itself, the others, if any, lie one standard error of it below and above: `_by_slope` is
+    half their difference.
     """
     first = jax.tree.map(lambda leaf: leaf[0], known)
 

@@ -10,8 +10,7 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Curve, with_free_values
 from adhesion_jax.optim import differential_evolution as de
-from adhesion_jax.optim.box import on_bound
-from adhesion_jax.optim.optimistix_solvers import levenberg_marquardt
+from adhesion_jax.optim import levenberg_marquardt
 from adhesion_jax.programs import QUICKLY, kept
 from adhesion_jax.records import Record
 
@@ -25,9 +24,6 @@ _STEPS = 500
 
 #: Largest numbers of points of the search and of its last steps, chosen evenly in slip.
 _SEARCH_POINTS, _POLISH_POINTS = 1000, 20_000
-
-#: A parameter lies on its bound if moving it there raises the misfit by at most this share.
-_FREE_OF_COST = 1e-9
 
 
 def least_squares(curve: Curve, record: Record) -> Float[np.ndarray, " free"]:
@@ -104,10 +100,4 @@ def _least_squares(
     )
     population = jax.random.uniform(population_key, (len(curve.free), _POPULATION))
     search = de.minimise(objective, population, zero, one, search_key, settings, _GENERATIONS)
-    polished = levenberg_marquardt(misfit, search.x, zero, one, _STEPS)
-    improved = polished.objective <= jnp.sum(misfit(search.x) ** 2)
-    share = jnp.where(improved, polished.x, search.x)
-
-    snapped = jnp.where(on_bound(share, zero, one), jnp.round(share), share)
-    at_bound, inside = jnp.sum(misfit(snapped) ** 2), jnp.sum(misfit(share) ** 2)
-    return jnp.where(at_bound <= inside * (1 + _FREE_OF_COST), snapped, share)
+    return levenberg_marquardt.fit(misfit, search.x, zero, one, _STEPS).x

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import least_squares
 
 from adhesion_jax.curves import (
     Conditions,
@@ -16,8 +15,12 @@ from adhesion_jax.curves import (
 )
 from adhesion_jax.effects.conditions import Calendar, completed_runs
 from adhesion_jax.effects.planting import Bend
+from adhesion_jax.optim import levenberg_marquardt
 from adhesion_jax.programs import kept
 from adhesion_jax.simulation.runs import Runs
+
+#: Largest number of steps of a refit.
+_STEPS = 60
 
 
 def conditions_of(truth: Runs) -> Conditions:
@@ -48,40 +51,26 @@ def refitted(
 
     All arrays have one shape; `conditions` holds the columns that the law needs.
     """
-    start = np.asarray(free_values(law))
-    lower, upper = (np.asarray(bound) for bound in physical_box(law))
-    known = jax.tree.map(jnp.asarray, law), jnp.asarray(slip), jnp.asarray(adhesion)
-    fitted = least_squares(
-        lambda values: np.asarray(_residual(jnp.asarray(values), *known, conditions)),
-        start,
-        jac=lambda values: np.asarray(_jacobian(jnp.asarray(values), *known, conditions)),
-        bounds=(lower, upper),
-        x_scale=np.abs(start),
-        max_nfev=60,
-    )
-    return with_free_values(law, jnp.asarray(fitted.x)), rms(fitted.fun)
+    arrays = jax.tree.map(jnp.asarray, law)
+    box = jnp.stack(physical_box(law))
+    values, squares = _refitted(arrays, jnp.asarray(slip), jnp.asarray(adhesion), conditions, box)
+    return with_free_values(law, values), float(np.sqrt(squares / np.size(slip)))
 
 
 @kept()
-def _residual(
-    values: Float[Array, " free"],
+def _refitted(
     law: Curve,
     slip: Float[Array, "*shape"],
     adhesion: Float[Array, "*shape"],
     conditions: Conditions,
-) -> Float[Array, " rows"]:
-    return jnp.ravel(with_free_values(law, values)(slip, conditions) - adhesion)
+    box: Float[Array, "two free"],
+) -> tuple[Float[Array, " free"], Float[Array, ""]]:
+    def residual(values: Float[Array, " free"]) -> Float[Array, " rows"]:
+        return jnp.ravel(with_free_values(law, values)(slip, conditions) - adhesion)
 
-
-@kept()
-def _jacobian(
-    values: Float[Array, " free"],
-    law: Curve,
-    slip: Float[Array, "*shape"],
-    adhesion: Float[Array, "*shape"],
-    conditions: Conditions,
-) -> Float[Array, "rows free"]:
-    return jax.jacfwd(lambda at: _residual(at, law, slip, adhesion, conditions))(values)
+    lower, upper = box
+    found = levenberg_marquardt.fit(residual, free_values(law), lower, upper, _STEPS)
+    return found.x, found.objective
 
 
 def rms(values: np.ndarray) -> float:

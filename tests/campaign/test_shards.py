@@ -122,7 +122,7 @@ def written(directory, config, resume=False):
     with store.opened(directory, "montecarlo", jobs, resume) as folder:
         work = store.missing(folder, jobs)
         for unit in work:
-            store.stored(content, folder, *unit)
+            store.stored(content, *unit, folder)
     return [number for _, number in work]
 
 
@@ -180,7 +180,7 @@ def test_runs_that_are_added_make_the_longer_job(tmp_path):
         work = store.missing(folder, jobs)
         assert [number for _, number in work] == [1, 2]  # the first was whole
         for unit in work:
-            store.stored(content, folder, *unit)
+            store.stored(content, *unit, folder)
     assert same(contents(tmp_path / "short"), contents(tmp_path / "long"))
 
 
@@ -226,7 +226,7 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
         status.main(tmp_path)
     jobs = [Job.of(SMALL)]
     with store.opened(tmp_path, "montecarlo", jobs, resume=False) as folder:
-        store.stored(content, folder, jobs[0], 1)  # any shard will do
+        store.stored(content, jobs[0], 1, folder)  # any shard will do
         status.main(tmp_path)
         told = capsys.readouterr().out
         assert "he2018-blocks: 128 of 300 runs are finished (43%)" in told
@@ -240,7 +240,7 @@ def test_a_job_with_methods_of_the_users_own_is_told(tmp_path, monkeypatch, caps
     own = {**IDENTIFIERS, "mine": IDENTIFIERS["ml-exact"]}
     job = Job.of(dataclasses.replace(SMALL, identifiers=("mine",)), own)
     with store.opened(tmp_path, "montecarlo", [job], resume=False) as folder:
-        store.stored(content, folder, job, 0)
+        store.stored(content, job, 0, folder)
     monkeypatch.setattr("adhesion_jax.keeping.of_outside", lambda: "not read here")
     status.main(tmp_path)
     told = capsys.readouterr().out

@@ -119,7 +119,7 @@ def complete(directory, asked, resume=False, extend=0):
     with store.opened(directory, "traction", [asked], resume, extend) as folder:
         work = store.missing(folder, [asked])
         for unit in reversed(work):
-            store.stored(content, folder, *unit)
+            store.stored(content, *unit, folder)
         return [number for _, number in work], contents(folder, asked)
 
 

@@ -74,6 +74,24 @@ def test_a_slip_event_in_a_long_log_keeps_its_shape():
     assert np.diff(blocks.places, append=slip.size).max() < 2.5 * 50
 
 
+@pytest.mark.parametrize("most", [150, 600, 1250, 2500])
+def test_no_stretch_has_more_blocks_than_rows(most):
+    """Where slip jumps and its noise is small, single rows would have several blocks each."""
+    draw = np.random.default_rng(5)
+    levels = np.repeat(draw.uniform(0.01, 0.2, 50), 100)
+    slip = levels + 1e-5 * draw.normal(size=5000)
+    table = pd.DataFrame({"slip_ratio": slip, "adhesion": slip, "run": np.arange(5000) // 500})
+    blocks = condensed(runs_of(table), most)
+    assert blocks.whole.slip.size == pytest.approx(most, rel=0.03)
+    # What is calm keeps half of the blocks.
+    assert np.diff(blocks.places, append=5000).max() < 2.5 * 5000 / most
+    # A large jump lies at the edge of two blocks, or in a block that is shorter than most.
+    for jump in 100 * (1 + np.flatnonzero(np.abs(np.diff(levels[::100])) > 0.05)):
+        place = np.searchsorted(blocks.places, jump, side="right") - 1
+        length = np.diff(blocks.places, append=5000)[place]
+        assert blocks.places[place] == jump or length <= max(2, 5000 // most)
+
+
 def test_runs_of_very_different_length_do_not_fill_the_memory():
     blocks = condensed(runs_of(sweeps([5_000, *[20] * 4000]).assign(slip_ratio=0.1)))
     assert blocks.lengths.size * blocks.lengths.max() <= 32_000

@@ -214,7 +214,7 @@ def test_an_effect_of_a_twentieth_of_the_noise_is_found_in_many_rows(r):
 
 @pytest.mark.thorough
 def test_blocks_find_what_the_rows_would():
-    """5,000 rows and the same as at most 1,250 blocks: the same effect, of the same strength."""
+    """5,000 rows and the same as 1,250 blocks: the same effect, well within its error."""
     campaign = simulate(["humidity"], seed=4, runs=36, points=200)
     whole = runs_of(campaign.train)
     found = discover(whole)
@@ -223,6 +223,14 @@ def test_blocks_find_what_the_rows_would():
         fewer = discover(whole)
     assert [effect.name for effect in fewer.effects] == [effect.name for effect in found.effects]
     assert any("neighbouring rows, by their means" in words for words in fewer.warnings)
-    assert fewer.train.after.value == pytest.approx(found.train.after.value, rel=0.01)
-    assert len(fewer.points) < 1_400
+    assert len(fewer.points) == pytest.approx(1_250, rel=0.02)
+    assert fewer.train.after.value == pytest.approx(found.train.after.value, rel=1e-4)
+    for name, value in found.noise.items():
+        assert fewer.noise[name] == pytest.approx(value, rel=1e-3)
+    for one, other in zip(found.effects, fewer.effects, strict=True):
+        for name, (value, low, high) in one.parameters.items():
+            error = (high - low) / (2 * 1.96)
+            again = other.parameters[name]
+            assert abs(again.value - value) < 0.2 * error, name
+            assert again.high - again.low == pytest.approx(high - low, rel=0.02)
     jax.clear_caches()

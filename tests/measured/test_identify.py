@@ -133,7 +133,7 @@ def test_the_verdict(told):
     verdict = " ".join((out / "verdict.txt").read_text().split())
     assert verdict in " ".join(output.split())
     for part in (
-        "In the answer by all curves kiencke has the weight 0.6",
+        "The weights in the answer by all curves, after the same density: kiencke 0.5",
         "kiencke predicts best the points that are left out of its fit",
         "by all curves together, adhesion 0.30",
         "no smooth misfit that kiencke leaves",

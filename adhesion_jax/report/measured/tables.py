@@ -1,5 +1,6 @@
 """The tables of a measured record: the one answer, a row for each curve, the printed table."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -19,13 +20,16 @@ def answer_lines(answer: Answer, fit: MeasuredFit) -> str:
     slip = f"{_interval(answer.slip_opt)}{unit}"
     if np.isnan(answer.slip_opt.value):
         slip = f"no peak between slip 0 and {fit.slip_limit:g}{unit}"
+    names = listed([f"{name} {weights[name]:.2f}" for name in ranked])
+    said = (
+        "The peak with its 95 % interval, the choice of the curve included. Weights of the curves "
+        f"by cross-validation: {names}."
+    )
     return "\n".join(
         (
             f"mu_max    {_interval(answer.mu_max)}",
             f"slip_opt  {slip}",
-            "The peak with its 95 % interval, the choice of the curve included. Weights of the "
-            "curves by",
-            "cross-validation: " + listed([f"{name} {weights[name]:.2f}" for name in ranked]) + ".",
+            *textwrap.wrap(said, 96, break_on_hyphens=False),
         )
     )
 

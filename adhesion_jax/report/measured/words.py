@@ -129,13 +129,13 @@ def _curve_sentences(
     apart = gain.sum() > _APART * error
     heavy = {name: weight for name, weight in answer.weights.items() if weight >= LEAST_NAMED}
     by_weight = sorted(heavy, key=lambda name: -heavy[name])
-    weights = listed([f"{name} has the weight {heavy[name]:.2f}" for name in by_weight])
+    weights = listed([f"{name} {heavy[name]:.2f}" for name in by_weight])
     return [
         f"{ranked[0]} predicts best the points that are left out of its fit: their log density is "
         f"{plus_minus(float(gain.sum()), error)} above that by {ranked[1]} (rms {best.rms:.4f} "
         f"against {second.rms:.4f}), so the points "
         + ("speak for it." if apart else "do not tell these two apart."),
-        f"In the answer by all curves {weights}.",
+        f"The weights in the answer by all curves, after the same density: {weights}.",
     ]
 
 

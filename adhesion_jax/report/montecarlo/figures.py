@@ -244,19 +244,3 @@ def _band(
 def _edges(block: np.ndarray) -> np.ndarray:
     """The beginning and the end of each block, so that a single block is visible as well."""
     return np.ravel(np.column_stack([block - 0.5, block + 0.5]))
-
-
-def speed_bars(path: Path, table: pd.DataFrame) -> None:
-    """Identifications per CPU-second of each method, with the range over its turns."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axis = figure.subplots()
-    rate = table["identifications_per_cpu_second"]
-    spread = np.array([rate - table["lowest"], table["highest"] - rate])
-    bars = axis.barh(table["identifier"], rate, xerr=spread, color="0.7", capsize=3)
-    ratios = [f"{ratio:,.3g} ×" for ratio in table["ratio_to_scipy_de"]]
-    axis.bar_label(bars, ratios, padding=6, fontsize=8)
-    axis.set_xscale("log")
-    axis.set_xlim(rate.min() / 3, rate.max() * 8)
-    axis.invert_yaxis()
-    axis.set_xlabel("identifications per CPU-second of one core (1/s); label: ratio to scipy-de")
-    figure.savefig(path, dpi=150)

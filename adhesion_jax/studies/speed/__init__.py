@@ -1,0 +1,1 @@
+"""How fast the methods are beside what else computes the same, all in one run on one machine."""

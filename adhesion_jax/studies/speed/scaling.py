@@ -1,0 +1,112 @@
+"""How the rate changes with the number of runs, of points, of members and of cores."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import pandas as pd
+
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.identifiers import IDENTIFIERS, identify
+from adhesion_jax.optim import differential_evolution as de
+from adhesion_jax.programs import QUICKLY
+from adhesion_jax.records import Record
+from adhesion_jax.scenarios import Options
+from adhesion_jax.studies.speed.turns import Timed, rates, timed
+
+#: The methods whose rates are followed.
+METHODS = ("ml-exact", "lm")
+
+RUN_COUNTS: Sequence[int] = (1, 8, 32, 128, 512)
+POINT_COUNTS: Sequence[int] = (125, 500, 2000)
+MEMBER_COUNTS: Sequence[int] = (10, 20, 40, 80)
+
+#: Generations of differential evolution, on the uncompressed sum of squares.
+_GENERATIONS = 50
+
+_RUNS, _POINTS = 128, 500
+
+#: Least number of identifications that are timed together.
+_TOGETHER = 512
+
+
+class Size(NamedTuple):
+    """One quantity that is varied, and its value."""
+
+    along: str
+    value: int
+
+
+def sizes() -> list[Size]:
+    """All that is timed, in order."""
+    return [
+        *(Size("runs", runs) for runs in RUN_COUNTS),
+        *(Size("points", points) for points in POINT_COUNTS),
+        *(Size("members", members) for members in MEMBER_COUNTS),
+    ]
+
+
+def table(turns: int, seed: int, progress: Callable[[str], None]) -> pd.DataFrame:
+    """A row for each size and method, with the column `size`."""
+    return pd.concat(_rows(turns, seed, progress), ignore_index=True)
+
+
+def _rows(turns: int, seed: int, progress: Callable[[str], None]) -> Iterator[pd.DataFrame]:
+    for along, value in sizes():
+        if along == "members":
+            works = {"differential evolution": _evolution(value, seed)}
+        else:
+            runs, points = (value, _POINTS) if along == "runs" else (_RUNS, value)
+            works = {name: _identified(name, runs, points, seed) for name in METHODS}
+        found = rates(f"scaling over {along}", "identifications", "", works, turns, lambda _: None)
+        found["size"] = value
+        progress(f"{value} {along}")
+        yield found
+
+
+def _records(runs: int, points: int, seed: int) -> tuple[Config, Record]:
+    config = Config("single", options=Options(points=points))
+    scenario = build_scenario(config)
+    keys = jax.random.split(jax.random.key(seed), runs)
+    return config, jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))(keys)
+
+
+def _identified(name: str, runs: int, points: int, seed: int) -> Timed:
+    config, records = _records(runs, points, seed)
+    scenario, method = build_scenario(config), IDENTIFIERS[name]
+    keys = jax.random.split(jax.random.key(seed), runs)
+    batch = jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0))
+    program = jax.jit(lambda records, keys: batch(method, scenario.known, records, keys))
+    ready = program.lower(records, keys).compile(dict(QUICKLY))
+    times = -(-_TOGETHER // runs)
+
+    def all_runs() -> None:
+        for _ in range(times):
+            jax.block_until_ready(ready(records, keys))
+
+    return Timed(timed(all_runs, times * runs))
+
+
+def _evolution(members: int, seed: int) -> Timed:
+    """Differential evolution over all points, a fixed number of generations."""
+    config, records = _records(_RUNS, _POINTS, seed)
+    known, slip = build_scenario(config).known, records.slip[0]
+    lower, upper = jnp.asarray(known.lower), jnp.asarray(known.upper)
+    settings = de.Settings(*map(jnp.asarray, (0.5, 0.6, False, 0.0)))
+
+    def one(key: jax.Array, adhesion: jax.Array) -> jax.Array:
+        def squares(x: jax.Array) -> jax.Array:
+            c1, c2, c3 = x[:, :, None]
+            model = c1 * (1 - jnp.exp(-c2 * slip)) - c3 * slip
+            return jnp.sum((model - adhesion) ** 2, axis=-1)
+
+        first, rest = jax.random.split(key)
+        share = jax.random.uniform(first, (lower.size, members))
+        population = lower[:, None] + (upper - lower)[:, None] * share
+        return de.minimise(squares, population, lower, upper, rest, settings, _GENERATIONS).x
+
+    keys = jax.random.split(jax.random.key(seed), _RUNS)
+    blocks = records.adhesion[:, 0]
+    ready = jax.jit(jax.vmap(one)).lower(keys, blocks).compile()
+    return Timed(timed(lambda: jax.block_until_ready(ready(keys, blocks)), _RUNS))
