@@ -154,6 +154,7 @@ def null() -> Findings:
         base="burckhardt",
         base_parameters=base_parameters(),
         law=law(),
+        law_before=law(),
         noise_floor=0.01002,
         noise={"sigma": 0.00951, "autocorrelation": 0.312, "run_scatter": 0.00413},
         train=errors(0.01004, 0.01004, RUNS),

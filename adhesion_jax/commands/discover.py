@@ -15,7 +15,6 @@ from adhesion_jax.discovery.engine import discover
 from adhesion_jax.files import output_directory, staged
 from adhesion_jax.library.reading import citation_of
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
-from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.simulation.simulator import simulate, write_set
 
 
@@ -66,9 +65,8 @@ def main(
             slip_noise=slip_noise,
         )
         progress("writing the report", 0.97)
-        with staged(out, (*DISCOVERY_FILES, EVENTS_FIGURE)) as stage:
-            write_discovery(stage, findings)
-            draw_events(stage, logs)
+        with staged(out, DISCOVERY_FILES) as stage:
+            write_discovery(stage, findings, logs)
     click.echo(f"{printed(findings)}\n\nWritten to {out} in {findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())

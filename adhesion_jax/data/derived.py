@@ -193,7 +193,7 @@ def _check_speeds(wheel: np.ndarray, train: np.ndarray) -> None:
     factor = float(np.median(wheel[fast] / train[fast])) if fast.any() else 1.0
     if wrong := wrong_unit(factor):
         raise InputError(
-            f"the wheel is {factor:.2g} times as fast as the train in half of the rows, as if in "
+            f"the wheel is {factor:.2g} times as fast as the train in most rows, as if in "
             f"one of the two columns {wrong} (say the units of both, as by --column "
             '"wheel_speed=COLUMN [km/h]")'
         )

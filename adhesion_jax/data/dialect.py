@@ -220,6 +220,7 @@ def _rows(text: str, separator: str, path: str) -> list[list[str]]:
             found.append(row)
     except csv.Error as error:
         raise InputError(
-            f"{path} is not a table of text after row {len(found)} ({error}); correct that row."
+            f"{path} is not a table of text from row {len(found) + 1} on ({error}); correct that "
+            "row, in which a quotation mark may not be closed."
         ) from None
     return found

@@ -225,6 +225,7 @@ def _text_blocks(
 def _ragged(path: Path, dialect: Dialect, rows: Sequence[pyarrow.csv.InvalidRow]) -> InputError:
     """What is said of the first row that has more or fewer cells than the header."""
     row, columns = rows[0], len(dialect.names)
+    cells = f"{row.actual_columns} cell{'s' if row.actual_columns > 1 else ''}"
     other = [mark for mark in SEPARATORS if row.text.count(mark) == columns - 1]
     if other and other[0] != dialect.separator:
         advice = (
@@ -244,8 +245,7 @@ def _ragged(path: Path, dialect: Dialect, rows: Sequence[pyarrow.csv.InvalidRow]
     else:
         advice = "give every row one cell for each column"
     return InputError(
-        f"{path} has {row.actual_columns} cells in row {row.number} where its header has "
-        f"{columns} columns; {advice}."
+        f"{path} has {cells} in row {row.number} where its header has {columns} columns; {advice}."
     )
 
 

@@ -137,7 +137,7 @@ def gather(
         numbers_of,
         {name: label.whole() for name, label in labels.items()},
         first_row - sheet.first_row,
-        tuple(faults.values()),
+        tuple(dict.fromkeys(faults.values())),
         left_out,
         str(pd.Timestamp(origin)) if dated and origin is not None else "",
     )

@@ -134,12 +134,12 @@ def _checked(one: Said) -> Said:
     what = f"column {one.column}" if one.column else f"{one.quantity} = {one.constant:g}"
     if one.unit and not known(one.unit):
         raise InputError(
-            f"The unit {one.unit} of {what} is not known; write one of {wanted.plain}, such as "
-            f"{wanted.unit}."
+            f"The unit {one.unit} of {what} is not known; write a unit of {wanted.plain}, such "
+            f"as {wanted.unit}."
         )
     if one.unit and not goes(one.unit, one.quantity):
         raise InputError(
-            f"The unit {one.unit} of {what} is none of {wanted.plain}; write one such as "
+            f"The unit {one.unit} of {what} is no unit of {wanted.plain}; write one such as "
             f"{wanted.unit}."
         )
     if one.constant is None:

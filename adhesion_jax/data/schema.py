@@ -11,6 +11,8 @@ from adhesion_jax.data.understanding import Taken
 
 def text_fault(row: int, column: str, written: object) -> str:
     """What is said of a cell that is text where a number belongs."""
+    if str(written).strip() == column:
+        return f"row {row} is the header again (leave that row out)"
     return (
         f"row {row} of column {column} has the text '{shown(written)}' (write a number, with a "
         "decimal point, no unit)"

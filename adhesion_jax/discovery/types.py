@@ -39,6 +39,7 @@ class FoundEffect(NamedTuple):
     rmse_after: float  # of cross-validation, with this effect and those accepted before it
     sentence: str  # what the effect does, in words
     acts_on: str = "level"  # part of the curve: its level, its slip scale ("slip"), its "fall"
+    at_bound: tuple[str, ...] = ()  # parameters at an end of the range in which they are looked for
 
 
 class Doubt(NamedTuple):
@@ -96,6 +97,7 @@ class Findings(NamedTuple):
     base: str
     base_parameters: pd.DataFrame  # parameter, unit, before, before_se, after, after_se
     law: CorrectedLaw  # base and effects, fitted to all runs
+    law_before: CorrectedLaw  # the best curve without effects, fitted to all runs
     noise_floor: float
     noise: Mapping[str, float]  # sigma, autocorrelation, run_scatter
     train: Errors

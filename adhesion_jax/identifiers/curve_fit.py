@@ -61,6 +61,24 @@ def evaluate(
     evaluations: Int[Array, ""],
     converged: Bool[Array, ""],
 ) -> Fit:
+    """`judge` with the objective and the information taken from the points."""
+    curve = with_free_values(known.curve, parameters)
+    adhesion, information = adhesion_and_information(
+        curve, record.slip, record.mask, record.conditions
+    )
+    objective = jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2)
+    return judge(record, previous, parameters, objective, information, evaluations, converged)
+
+
+def judge(
+    record: Record,
+    previous: Fit,
+    parameters: Float[Array, " free"],
+    objective: Float[Array, ""],
+    information: Float[Array, "free free"],
+    evaluations: Int[Array, ""],
+    converged: Bool[Array, ""],
+) -> Fit:
     """The fit of a record for parameters that minimise its sum of squares.
 
     Their covariance is the inverse information times the noise variance, which is estimated
@@ -68,11 +86,6 @@ def evaluate(
     and the previous parameters stay: if single points were masked out, every run of a batch would
     have its own mask, and quantities that runs of equal slips share would be computed in each.
     """
-    curve = with_free_values(known.curve, parameters)
-    adhesion, information = adhesion_and_information(
-        curve, record.slip, record.mask, record.conditions
-    )
-    objective = jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2)
     finite = jnp.isfinite(objective) & jnp.all(jnp.isfinite(parameters))
     points = jnp.sum(record.mask, dtype=jnp.int32)
     variance = objective / jnp.maximum(points - parameters.size, 1)

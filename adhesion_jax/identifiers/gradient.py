@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
-from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, without_past
+from adhesion_jax.identifiers.curve_fit import FitState, judge, residual, start, without_past
 from adhesion_jax.optim.least_squares import Solver
 from adhesion_jax.records import Known, Record
 
@@ -40,7 +40,15 @@ class GradientLeastSquares(Identifier):
             known.upper,
             self.steps,
         )
-        fit = evaluate(known, record, previous, found.x, found.evaluations, found.converged)
+        fit = judge(
+            record,
+            previous,
+            found.x,
+            found.objective,
+            found.information,
+            found.evaluations,
+            found.converged,
+        )
         return state._replace(fit=fit)
 
     def estimate(self, state: FitState) -> Estimate:

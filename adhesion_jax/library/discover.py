@@ -18,7 +18,6 @@ from adhesion_jax.report.discovery.files import printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.words import verdict
-from adhesion_jax.report.events import draw_events
 from adhesion_jax.runtime import in_double_precision, silent
 
 
@@ -76,8 +75,7 @@ class Discovery:
         """The report.html, report.md, law.json, tables and figures that the command writes."""
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
-        in_double_precision(write_discovery)(path, self.findings)
-        draw_events(path, self.logs)
+        in_double_precision(write_discovery)(path, self.findings, self.logs)
 
     def __repr__(self) -> str:
         return printed(self.findings)
@@ -126,4 +124,5 @@ def discover(
         citation=" ".join(filter(None, remarks)),
         slip_noise=slip_noise,
     )
-    return Discovery(findings._replace(law=of_numbers(findings.law)), tuple(logs))
+    laws = {name: of_numbers(getattr(findings, name)) for name in ("law", "law_before")}
+    return Discovery(findings._replace(**laws), tuple(logs))

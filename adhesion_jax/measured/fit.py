@@ -211,6 +211,8 @@ def fitted(
             damping = max(10 * damping, 1e-3)
         if converged:
             break
+    # What another parameter does on its bound may be lost: of (1 - a) exp(-b w) nothing at a = 1.
+    felt &= _felt(state.products)
     noise = noise_at(state, noise)
     return _described(curve, state, noise, felt, points, span, medians, limit, converged)
 

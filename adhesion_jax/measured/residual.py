@@ -23,11 +23,13 @@ _SLOPE_POINTS = 8
 class Residual(NamedTuple):
     """Measured adhesion minus the curve, in order of the size of slip, with tests for structure.
 
-    Curves are odd: both signs of a braking point (negative slip) are turned. Of a long record so
-    many points as are of use, evenly chosen in slip.
+    Curves are odd: both signs of a braking point (slip and adhesion negative) are turned. Of a long
+    record so many points as are of use, evenly chosen in slip.
     """
 
     slip: Float[np.ndarray, " points"]  # |slip|, rising
+    #: The slip, that of braking points turned: negative only where its noise has turned its sign.
+    turned: Float[np.ndarray, " points"]
     adhesion: Float[np.ndarray, " points"]
     braking: Bool[np.ndarray, " points"]
     residual: Float[np.ndarray, " points"]
@@ -49,8 +51,9 @@ def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
     order = np.argsort(np.abs(np.asarray(record.slip)), kind="stable")
     order = order[:: -(-order.size // _MOST_POINTS)]
     signed = np.asarray(record.slip)[order]
-    slip, side = np.abs(signed), np.where(signed < 0, -1.0, 1.0)
-    adhesion = side * np.asarray(record.adhesion)[order]
+    measured = np.asarray(record.adhesion)[order]
+    slip, side = np.abs(signed), np.where((signed < 0) & (measured < 0), -1.0, 1.0)
+    adhesion = side * measured
     needed = {name: np.asarray(record.conditions[name])[order] for name in fit.curve.NEEDS}
     residual = adhesion - side * np.asarray(adhesion_of(fit.curve, signed, needed))
 
@@ -68,6 +71,7 @@ def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
     slope, slope_se = _slope(slip[after], residual[after])
     return Residual(
         slip,
+        side * signed,
         adhesion,
         side < 0,
         residual,

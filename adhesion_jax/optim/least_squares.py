@@ -25,6 +25,7 @@ _SINGULAR = 1e-12
 class Result(NamedTuple):
     x: Float[Array, " p"]
     objective: Float[Array, ""]  # sum of squares
+    information: Float[Array, "p p"]  # J'J, J the Jacobian of the residual
     steps: Int[Array, ""]
     evaluations: Int[Array, ""]  # of the residual; a Jacobian counts as p evaluations
     converged: Bool[Array, ""]
@@ -54,13 +55,13 @@ def finish(
     finite = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(value))
     x = jnp.where(finite, x, start)
     value = jnp.where(finite, value, residual(start))
-    converged = finite & _is_minimum(residual, x, value, lower, upper)
-    evaluations = steps * (1 + x.size)
-    return Result(x, jnp.sum(value**2), steps, evaluations, converged)
-
-
-def _is_minimum(residual: Residual, x: Array, value: Array, lower: Array, upper: Array) -> Array:
     jacobian = jax.jacfwd(residual)(x)
+    converged = finite & _is_minimum(jacobian, x, value, lower, upper)
+    evaluations = steps * (1 + x.size)
+    return Result(x, jnp.sum(value**2), jacobian.T @ jacobian, steps, evaluations, converged)
+
+
+def _is_minimum(jacobian: Array, x: Array, value: Array, lower: Array, upper: Array) -> Array:
     gradient = value @ jacobian
     low_side = x - lower < upper - x
     held = on_bound(x, lower, upper) & jnp.where(low_side, gradient > 0, gradient < 0)

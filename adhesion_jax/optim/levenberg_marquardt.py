@@ -270,8 +270,9 @@ def fit(
     search = ended(traced.consts, (lower, upper), jnp.clip(start, lower, upper))
     finite = jnp.all(jnp.isfinite(search.x)) & jnp.isfinite(search.local.loss)
     x = jnp.where(finite, search.x, start)
-    converged = finite & proven(x, search.local, lower, upper)
-    return Result(x, 2 * search.local.loss, search.steps, search.steps * (1 + x.size), converged)
+    local, steps = search.local, search.steps
+    converged = finite & proven(x, local, lower, upper)
+    return Result(x, 2 * local.loss, local.hessian, steps, steps * (1 + x.size), converged)
 
 
 def proven(

@@ -140,7 +140,7 @@ def _panels(
         _event(axis, events, event, rows)
     for axis in grid:
         axis.set(xlim=(low, high))
-        root_axis(axis, low, high, gap=0.11)
+        root_axis(axis, low, high, gap=0.16)
     for axis in grid[len(chosen) :]:
         axis.set_axis_off()
     for axis in grid[: len(chosen)][-_COLUMNS:]:  # the lowest of each column

@@ -81,7 +81,7 @@ def test_a_file_says_the_same_and_the_option_goes_before_it(log, monkeypatch, ca
         (("--column", "speed=a", "--column", "speed=b"), "--column speed is given twice"),
         (("--column", "sped=wear"), "sped is no quantity that is known"),
         (("--column", "speed=waer [km/h]"), "has no column waer"),
-        (("--column", "speed=wear [kN]"), "The unit kN of column wear is none of"),
+        (("--column", "speed=wear [kN]"), "The unit kN of column wear is no unit of"),
         (("--columns", "nowhere.toml"), "nowhere.toml cannot be read (No such file"),
         (("--columns", "LOG"), "is not TOML"),
         (("--wheel-radius", "0"), "--wheel-radius"),

@@ -89,7 +89,7 @@ CASES = {
     ),
     "unit of another kind": Case(
         text(log()),
-        ("The unit kN of column v [km/h] is none of",),
+        ("The unit kN of column v [km/h] is no unit of",),
         columns={"speed": "v [km/h] [kN]"},
     ),
     "mapping to a column that is not there": Case(
@@ -142,7 +142,7 @@ CASES = {
     ),
     "the header again within": Case(
         lines(lambda rows: rows.insert(30, rows[0])),
-        ("log.csv", "row 31 of column t [s] has the text 't [s]'"),
+        ("log.csv cannot be used: row 31 is the header again (leave that row out).",),
     ),
     "no header": Case(lines(lambda rows: rows.pop(0)), ("log.csv has numbers in row 1",)),
     "a column twice": Case(
@@ -177,7 +177,7 @@ CASES = {
     "tabs": Case(text(log(), sep="\t"), name="log.txt", notes="tabs"),
     "quoted numbers": Case(text(log().astype(str), quoting=1)),
     "a quotation mark that is not closed": Case(
-        lines(lambda rows: rows.__setitem__(8, '"' + rows[8])), ("log.csv", "after row 8")
+        lines(lambda rows: rows.__setitem__(8, '"' + rows[8])), ("log.csv", "from row 9 on")
     ),
     "sep=;": Case("sep=;\n" + german(log())),
     # Characters.

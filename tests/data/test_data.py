@@ -162,8 +162,8 @@ FAULTS = {
         ["tangential_force_N alone", "normal_load_N", "missing"],
     ),
     "twice": ("slip_ratio,adhesion,adhesion\n0.1,0.3,0.3\n", ["adhesion twice", "own name"]),
-    "ragged": (good().to_csv(index=False) + "0.1\n", ["1 cells in row 14", "2 columns"]),
-    "open quote": ('slip_ratio,"adhesion\n0.1,0.3\n', ["row 0", "unexpected end of data"]),
+    "ragged": (good().to_csv(index=False) + "0.1\n", ["1 cell in row 14", "2 columns"]),
+    "open quote": ('slip_ratio,"adhesion\n0.1,0.3\n', ["from row 1 on", "unexpected end of data"]),
     "constant slip": ("slip_ratio,adhesion\n" + 12 * "0.1,0.3\n", ["1 different sizes of slip"]),
     "wrong sign": (
         good().assign(adhesion=-good()["adhesion"]).to_csv(),

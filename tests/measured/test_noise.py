@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import kstest, multivariate_normal
 
+from adhesion_jax.curves import CURVES
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.measured import points as points_module
 from adhesion_jax.measured.answer import _mixture, predictive_weights
@@ -156,6 +157,22 @@ def test_the_interval_of_a_mixture_is_that_of_its_draws():
     found = _mixture(parts)
     expected = np.quantile(draws, [0.5, 0.025, 0.975])
     np.testing.assert_allclose(found, expected, atol=4e-5)
+
+
+def test_a_parameter_that_loses_its_influence_on_the_way_is_held():
+    curve = CURVES["polach-falling"]
+    record, run = record_of_runs(12, 100, 0.0, 0.0, 4)
+    slip = record.slip
+    rising = 0.3 * slip / (0.02 + slip) + 0.01 * np.random.default_rng(5).normal(size=slip.size)
+    speed = {**record.conditions, "vehicle_speed_mps": jnp.full(run.size, 10.0)}
+    record = record._replace(adhesion=rising, conditions=speed)
+    points = arranged(record, run, exact(record), curve.NEEDS)
+    with np.errstate(all="raise"):
+        found = fitted(curve, np.array([0.3, 0.98, 0.5, 0.5, 0.5]), points, False)
+    a, b = (curve.free.index(name) for name in ("a", "b"))
+    assert found.on_bound[a]
+    assert found.no_influence[b]
+    assert np.isfinite(found.log_density)
 
 
 def test_noise_in_the_slip_is_found_and_no_longer_moves_the_peak():

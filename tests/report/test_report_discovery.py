@@ -1,11 +1,14 @@
 """Reports of a discovery: what they say, that they say it alike, and that nothing breaks them."""
 
+import base64
 import csv
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from discovery_examples import (
     DOUBT,
@@ -21,9 +24,13 @@ from discovery_examples import (
 )
 from matplotlib.image import imread
 
+from adhesion_jax.curves import BASES
+from adhesion_jax.data.events import events_of
+from adhesion_jax.data.reading import to_measured
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.files import staged
+from adhesion_jax.report.discovery.content import page
 from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import (
     DISCOVERY_FILES,
@@ -114,7 +121,8 @@ def test_only_files_of_its_own(written, name):
         "doubted": {"predictions.csv", "shapes.png"} | of_effects,
     }
     others = {"predictions.csv", "shapes.png"} | of_runs
-    assert set(DISCOVERY_FILES) - names == left_out.get(name, others)
+    no_log = {"events.png"}
+    assert set(DISCOVERY_FILES) - names == left_out.get(name, others) | no_log
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -209,6 +217,20 @@ def test_verdict_says_where_an_effect_acts():
     assert "adhesion is 25.0 % lower where position (m) is 400 than at its median" in verdict(
         findings._replace(dependences=(place, speed))
     )
+
+
+def test_verdict_says_which_parameter_stands_at_its_bound():
+    findings = two_effects()
+    humidity, speed = findings.effects
+    assert "range that is searched" not in verdict(findings)
+    name = next(iter(humidity.parameters))
+    at = humidity._replace(
+        at_bound=(name,),
+        parameters={**humidity.parameters, name: Interval(200.0, -76.8, 476.8)},
+        units={**humidity.units, name: "%"},
+    )
+    said = verdict(findings._replace(effects=(at, speed)))
+    assert f"Of humidity {name} at 200 % stands at an end of the range that is searched" in said
 
 
 def test_verdict_of_nothing():
@@ -325,7 +347,7 @@ def test_blocks_of_one_run_are_called_blocks():
     cut = findings.points.assign(run="block " + (findings.points["run"] + 1).astype(str))
     blocks = findings._replace(points=cut)
     assert "on blocks not used for fitting (cross-validation, 24 blocks) is" in verdict(blocks)
-    for text in (printed(blocks), discovery_markdown(blocks)):
+    for text in (printed(blocks), discovery_markdown(page(blocks))):
         assert " 24 runs" not in text
         assert "runs of" not in text
     tested = blocks._replace(test=two_effects().test)
@@ -460,7 +482,7 @@ def test_levels_are_drawn_against_what_differs_between_runs():
     for levels in (None, still):
         case = findings._replace(levels=levels)
         assert level_panels(case) is None
-        assert "levels.png" not in discovery_markdown(case)
+        assert "levels.png" not in discovery_markdown(page(case))
 
 
 def test_shapes_are_the_law_at_low_middle_and_high_values():
@@ -505,17 +527,22 @@ def test_braking_one_slip_and_another_base_curve_are_drawn():
     findings = two_effects()
     points = findings.points
     braking = points.assign(slip=-points["slip"], adhesion=-points["adhesion"])
-    other = findings.base_parameters.assign(parameter=["a", "b", "c"])
-    for case, limits, lines in (
-        (findings._replace(points=braking), (-0.208, 0.0), 301),
-        (findings._replace(points=points.assign(slip=0.02)), (0.0, 0.0208), 301),
-        (findings._replace(points=points.assign(slip=0.0)), (0.0, 1.0), 301),
-        (findings._replace(base_parameters=other), (0.0, 0.208), len(points)),
+    noise = np.where(np.arange(len(points)) == 7, -0.004, points["slip"])
+    law_before = replace(findings.law, curve=BASES["kiencke"], effects=())
+    findings = findings._replace(law_before=law_before)
+    for case, limits, begin in (
+        (findings._replace(points=braking), (-0.208, 0.0), -0.208),
+        (findings._replace(points=points.assign(slip=0.02)), (0.0, 0.0208), 0.0),
+        (findings._replace(points=points.assign(slip=0.0)), (0.0, 1.0), 0.0),
+        # Slip that noise alone has made negative has points, but no law.
+        (findings._replace(points=points.assign(slip=noise)), (-0.00416, 0.208), 0.0),
     ):
         axis = adhesion_over_slip(case).axes[0]
         assert axis.get_xlim() == pytest.approx(limits)
         before, after = axis.get_lines()
-        assert len(before.get_xdata()) == lines
+        assert before.get_xdata()[0] == after.get_xdata()[0] == pytest.approx(begin)
+        expected = [float(BASES["kiencke"](jnp.asarray(s), {})) for s in before.get_xdata()[::60]]
+        np.testing.assert_allclose(before.get_ydata()[::60], expected, rtol=1e-9, atol=1e-12)
         assert np.isfinite(after.get_ydata()).all()
 
 
@@ -524,7 +551,7 @@ def test_no_column_varies():
     points = findings.points[["run", "slip", "adhesion", "before", "after"]].assign(slip=0.02)
     still = findings._replace(points=points)
     assert residual_panels(still) is None
-    assert "residuals.png" not in discovery_markdown(still)
+    assert "residuals.png" not in discovery_markdown(page(still))
 
 
 def test_on_the_terminal():
@@ -534,3 +561,16 @@ def test_on_the_terminal():
     for word in ("cross-validation", "57.8 % [49.5, 63.9]", "c4 0.03121", "Warning: The residual"):
         assert word in text
     assert "error after  parameters" not in printed(null())
+
+
+def test_events_that_were_cut_out_are_shown_in_the_report(tmp_path):
+    time = 0.01 * np.arange(20_000)
+    slip = 0.002 + 0.1 * np.sin(np.pi * np.clip(time - 90, 0, 6) / 6) ** 2
+    table = pd.DataFrame({"time_s": time, "slip_ratio": slip, "adhesion": slip})
+    logs = events_of([to_measured("log.csv", table)])
+    assert len(logs[0].events.table) == 1
+    write_discovery(tmp_path, null(), logs)
+    assert (tmp_path / "events.png").is_file()
+    assert "](events.png)" in (tmp_path / "report.md").read_text()
+    drawn = base64.b64encode((tmp_path / "events.png").read_bytes()).decode()
+    assert drawn in (tmp_path / "report.html").read_text()

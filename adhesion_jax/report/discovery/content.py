@@ -30,13 +30,14 @@ from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Pic
 from adhesion_jax.wording import number, plus_minus
 
 
-def page(findings: Findings) -> Page:
+def page(findings: Findings, of_events: bool = False) -> Page:
+    """The report; `of_events` says that the runs are slip events, of which there is a figure."""
     return Page(
         f"Missing effects: {findings.base} on {one_line(findings.source)}",
         verdict(findings),
         [
             _errors(findings),
-            _data(findings),
+            _data(findings, of_events),
             *_effects(findings),
             *_dependence(findings),
             *_levels(findings),
@@ -78,7 +79,11 @@ def _errors(findings: Findings) -> Section:
     )
 
 
-def _data(findings: Findings) -> Section:
+def _data(findings: Findings, of_events: bool) -> Section:
+    events = Picture(
+        "events.png",
+        "The log with the slip events that were cut out of it, and adhesion over slip in each.",
+    )
     return Section(
         "Data and law",
         [
@@ -89,6 +94,7 @@ def _data(findings: Findings) -> Section:
                 "conditions cause.",
             ),
             *([Paragraph(one_line(findings.citation))] if findings.citation else []),
+            *([events] if of_events else []),
         ],
     )
 

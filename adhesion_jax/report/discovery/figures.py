@@ -1,22 +1,20 @@
 """The figures of a discovery: the law over the data, errors, corrections and the ranking."""
 
-import dataclasses
 import warnings
 from itertools import groupby
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from adhesion_jax.curves import Curve, Law, adhesion_of, with_free_values
+from adhesion_jax.curves import adhesion_of
 from adhesion_jax.discovery.types import Candidate, Dependence, Findings, Interval
 from adhesion_jax.report.discovery.levels import level_panels
 from adhesion_jax.report.discovery.residuals import residual_panels
-from adhesion_jax.report.discovery.shapes import medians, root_grid, shape_panels, slip_limits
+from adhesion_jax.report.discovery.shapes import law_grid, medians, shape_panels, slip_limits
 from adhesion_jax.report.discovery.tables import ranking
 from adhesion_jax.report.discovery.words import (
     column_label,
@@ -84,20 +82,11 @@ def adhesion_over_slip(findings: Findings) -> Figure:
         rasterized=True,
         label="measured",
     )
-    grid = root_grid(low, high)
+    grid = law_grid(low, high)
     conditions = medians(findings)
-    before = _law_before(findings)
-    if before is None:
-        points = points.sort_values("slip")
-        grid_before, line = points["slip"].to_numpy(), points["before"].to_numpy()
-    else:
-        grid_before, line = grid, np.asarray(adhesion_of(before, grid, conditions))
+    before = np.asarray(adhesion_of(findings.law_before, grid, conditions))
     axis.plot(
-        grid_before,
-        line,
-        color=BEFORE,
-        linestyle=(0, (5, 2)),
-        label="law before (median conditions)",
+        grid, before, color=BEFORE, linestyle=(0, (5, 2)), label="law before (median conditions)"
     )
     after = np.asarray(adhesion_of(findings.law, grid, conditions))
     axis.plot(grid, after, color=AFTER, linewidth=2.2, label="law after (median conditions)")
@@ -110,20 +99,6 @@ def adhesion_over_slip(findings: Findings) -> Figure:
     light_frame(axis)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure
-
-
-def _law_before(findings: Findings) -> Law | None:
-    """The base curve as it was without the effects; none where it was another curve."""
-    law, table = findings.law, findings.base_parameters
-    known = {
-        str(name): float(value)
-        for name, value in zip(table["parameter"], table["before"], strict=True)
-        if np.isfinite(value)
-    }
-    if not isinstance(law.curve, Curve) or not set(law.curve.free) <= set(known):
-        return None
-    curve = with_free_values(law.curve, jnp.array([known[name] for name in law.curve.free]))
-    return dataclasses.replace(law, curve=curve, effects=())
 
 
 def _dependences(findings: Findings) -> Figure | None:

@@ -2,8 +2,10 @@
 
 import math
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
+from adhesion_jax.data.events import Chosen
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Opinion
 from adhesion_jax.effects.saved import FORMAT, save_law
 from adhesion_jax.files import write_metadata, write_table
@@ -14,11 +16,13 @@ from adhesion_jax.report.discovery.markdown import aligned, discovery_markdown
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.words import candidates
 from adhesion_jax.report.discovery.words import verdict as verdict
+from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.page import Table
 from adhesion_jax.report.page_html import page_html
 
 #: The names of the files of the figures; a figure without content is not drawn.
 FIGURES = (
+    EVENTS_FIGURE,
     "adhesion.png",
     "residuals.png",
     "levels.png",
@@ -42,12 +46,14 @@ DISCOVERY_FILES = (
 _WIDTH = 96
 
 
-def write_discovery(folder: Path, findings: Findings) -> None:
-    """Every file of DISCOVERY_FILES that applies."""
+def write_discovery(folder: Path, findings: Findings, logs: Sequence[Chosen] = ()) -> None:
+    """Every file of DISCOVERY_FILES that applies; `logs` are those whose slip events are runs."""
     draw_discovery(folder, findings)
+    draw_events(folder, logs)
     pictures = {name: (folder / name).read_bytes() for name in FIGURES if (folder / name).is_file()}
-    (folder / "report.html").write_text(page_html(page(findings), pictures), encoding="utf-8")
-    (folder / "report.md").write_text(discovery_markdown(findings), encoding="utf-8")
+    content = page(findings, EVENTS_FIGURE in pictures)
+    (folder / "report.html").write_text(page_html(content, pictures), encoding="utf-8")
+    (folder / "report.md").write_text(discovery_markdown(content), encoding="utf-8")
     write_metadata(folder / "report.json", report_json(findings))
     save_law(folder / "law.json", findings.law)
     write_table(folder / "ranking.csv", ranking_frame(findings))

@@ -2,17 +2,14 @@
 
 import re
 
-from adhesion_jax.discovery.types import Findings
-from adhesion_jax.report.discovery.content import page
-from adhesion_jax.report.page import Block, Formula, Items, Paragraph, Picture, Section, Table
+from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
 
 #: What would be taken for markup: names of columns come from the users' files.
 _MARKUP = re.compile(r"([\\`*<>|$#~]|\](?=[(\[]))")
 
 
-def discovery_markdown(findings: Findings) -> str:
+def discovery_markdown(content: Page) -> str:
     """The whole report; figures are named as files beside it."""
-    content = page(findings)
     parts = [f"# {_escaped(content.title)}", f"**{_escaped(content.verdict)}**"]
     parts += [_section(section) for section in content.sections]
     return "\n\n".join(parts) + "\n"

@@ -20,13 +20,17 @@ _QUANTILES: Mapping[float, Mapping[str, Any]] = {
 }
 
 
+#: A side of zero is reached if its largest slip exceeds this share of that of the other side.
+_REACHED = 0.05
+
+
 def shape_panels(findings: Findings) -> Figure | None:
     """A panel for each effect and column, other columns at their medians; None without effects."""
     shown = shape_columns(findings)
     if not shown:
         return None
     low, high = slip_limits(findings)
-    grid = root_grid(low, high)
+    grid = law_grid(low, high)
     conditions = medians(findings)
     figure, axes = panels(len(shown), height=2.6)
     for axis, (effect, name) in zip(axes, shown, strict=True):
@@ -53,8 +57,12 @@ def slip_limits(findings: Findings) -> tuple[float, float]:
     return (low, high) if low < high else (low, 1.0)  # every slip may be zero
 
 
-def root_grid(low: float, high: float) -> np.ndarray:
-    """Slips in equal steps of their roots, [301]."""
+def law_grid(low: float, high: float) -> np.ndarray:
+    """The slips at which laws are drawn, in equal steps of their roots, [301].
+
+    On both sides of zero only where both are reached: noise of the slip makes some of either sign.
+    """
+    low, high = (low if -low > _REACHED * high else 0.0), (high if high > -_REACHED * low else 0.0)
     root = np.linspace(-np.sqrt(-low), np.sqrt(high), 301)
     return np.sign(root) * root**2
 

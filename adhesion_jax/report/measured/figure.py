@@ -42,7 +42,7 @@ def draw_measured(
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
 
     _points(above, left, left.adhesion)
-    end = 1.04 * left.slip[-1]
+    end, begin = 1.04 * left.slip[-1], min(1.04 * left.turned.min(), 0.0)
     grid = end * np.linspace(0.0, 1.0, 800) ** 2
     _answer(above, answer, fits, grid, left.slip)
     for rank, name in enumerate(ranked):
@@ -54,10 +54,10 @@ def draw_measured(
     )
     above.set(
         ylabel="adhesion, tangential force / normal load (1)",
-        xlim=(0.0, end),
+        xlim=(begin, end),
         ylim=(min(0.0, 1.1 * left.adhesion.min()), 1.1 * left.adhesion.max()),
     )
-    root_axis(above, 0.0, end)  # the panels share it
+    root_axis(above, begin, end)  # the panels share it
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
 
     below.axhspan(-left.scatter, left.scatter, color="0.9", zorder=0)
@@ -91,7 +91,7 @@ def _points(axes: Axes, left: Residual, height: np.ndarray) -> None:
     for chosen, marker, label in ((~left.braking, "o", "traction"), (left.braking, "x", "braking")):
         if chosen.any():
             axes.scatter(
-                left.slip[chosen],
+                left.turned[chosen],
                 height[chosen],
                 s=size,
                 marker=marker,

@@ -97,17 +97,22 @@ def reasons(fit: MeasuredFit) -> list[str]:
 
 def _data_sentences(measured: Measured, citation: str) -> list[str]:
     unit = " m/s" if measured.slip == "slip_velocity_mps" else ""
-    slip = measured.table[measured.slip]
-    braking = int((slip < 0).sum())
+    slip, adhesion = measured.table[measured.slip], measured.table["adhesion"]
+    braking = int(((slip < 0) & (adhesion < 0)).sum())
+    apart = int((slip * adhesion < 0).sum())
     sentences = [
-        f"{measured.name} has {len(slip)} points with slip between {slip.abs().min():.4g} and "
-        f"{slip.abs().max():.4g}{unit}"
+        f"{measured.name} {'have' if ', ' in measured.name else 'has'} {len(slip)} points with "
+        f"slip between {slip.abs().min():.4g} and {slip.abs().max():.4g}{unit}"
         + (
             f", {braking} of them braking (with both signs turned, since curves are odd)."
             if braking
             else "."
         )
     ]
+    if apart:
+        sentences.append(
+            f"In {apart} of them slip and adhesion have opposite signs, as noise makes near zero."
+        )
     if measured.covariates:
         sentences.append(f"Further numeric columns: {', '.join(measured.covariates)}.")
     if measured.left_out:

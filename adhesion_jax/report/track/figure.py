@@ -282,9 +282,16 @@ def _event(
             place, np.full(place.size, 0.05 * top), "|", color=styles[name]["color"], markersize=9
         )
     upper.set(ylim=(0.0, top), xlim=(0.0, end - begin))
-    lower.set_ylim(1.1 * min(0.0, log.slip.min()), 1.1 * max(0.0, log.slip.max()))
+    lower.set_ylim(*_reach(log))
     upper.tick_params(labelbottom=False)
     lower.set_xlabel("time in the event (s)", fontsize=9)
+
+
+def _reach(log: Log) -> tuple[float, float]:
+    """The ends of the axis of slip in the events: those of the samples used, and a little more."""
+    slip = log.slip[log.used]
+    end = 0.1 * float(np.abs(slip).max())
+    return min(0.0, float(slip.min())) - end, max(0.0, float(slip.max())) + end
 
 
 def _legend(

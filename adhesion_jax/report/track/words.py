@@ -151,7 +151,10 @@ def _log(log: Log) -> Iterable[str]:
     yield from log.sentences
     braking = int(np.sum(log.slip[log.used] < 0))
     if braking:
-        yield f"{braking:,} samples in braking have both signs turned, since curves are odd."
+        yield (
+            f"{braking:,} samples whose slip is negative, as in braking, have both signs turned, "
+            "since curves are odd."
+        )
     still = int(np.sum(log.slip[log.used] == 0))
     if still:
         yield f"{still:,} samples have slip 0, which tells nothing of the curve."
