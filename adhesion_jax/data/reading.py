@@ -148,9 +148,8 @@ def _measured(
     kept = rows.kept.copy()
     kept[rows.kept] = derived.used
     index = pd.Index(row_of if kept.all() else np.flatnonzero(kept) + sheet.first_row)
-    table = pd.DataFrame(numbers, index=index, copy=False)
-    for name, labels in read.labels.items():
-        table[name] = labels if kept.all() else labels[kept]
+    labels = {name: of if kept.all() else of[kept] for name, of in read.labels.items()}
+    table = pd.DataFrame({**numbers, **labels}, index=index, copy=False)
     if faults := [
         *range_faults({name: numbers[name] for name in derived.sources}, {}, index),
         *label_faults({name: table[name] for name in read.labels}),

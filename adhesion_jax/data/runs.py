@@ -250,7 +250,8 @@ def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
         table = file.table
         if "slip_velocity_mps" not in table and "vehicle_speed_mps" in table:
             velocity = table["slip_ratio"] * table["vehicle_speed_mps"]
-            table = table.assign(slip_velocity_mps=velocity)
+            columns = {**dict(table.items()), "slip_velocity_mps": velocity}
+            table = pd.DataFrame(columns, copy=False)  # pandas warns of `assign` to many columns
         tables.append(table)
     names = dict.fromkeys(str(name) for table in tables for name in table)
     shared = [name for name in names if all(name in table for table in tables)]

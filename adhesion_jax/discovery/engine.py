@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -332,7 +331,8 @@ def _started(
     if problem.slip_noise is not None:
         plain = [name for name in bases if not BASES[name].NEEDS]
         white = with_slip_errors(problem, white.noise, plain or bases)
-    with ThreadPoolExecutor(1) as pool:
+    # The threads of `runtime` have the precision of this one.
+    with runtime.threads() as pool:
         # Most of the time of a first search is compiling: both programs are compiled side by side.
         compiled = pool.submit(compile_changes, white, bases[0])
         alone = fits_alone(white, bases)

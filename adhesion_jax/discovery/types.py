@@ -39,6 +39,7 @@ class FoundEffect(NamedTuple):
     rmse_after: float  # of cross-validation, with this effect and those accepted before it
     sentence: str  # what the effect does, in words
     acts_on: str = "level"  # part of the curve: its level, its slip scale ("slip"), its "fall"
+    at_bound: tuple[str, ...] = ()  # parameters at an end of the range in which they are looked for
 
 
 class Doubt(NamedTuple):

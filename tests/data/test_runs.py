@@ -1,4 +1,5 @@
 import gzip
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -390,3 +391,12 @@ def test_steps_in_time_are_those_within_each_run(seed):
         if before.size:
             expected[row] = time[row] - time[before[-1]]
     np.testing.assert_array_equal(steps_in_runs(time, run), expected)
+
+
+def test_many_columns_are_read_without_a_warning(tmp_path):
+    more = {f"c{number}": np.arange(12.0) ** (number / 40) for number in range(120)}
+    table = good(12).assign(vehicle_speed_mps=10.0, run=[7, 3] * 6, **more)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = read_runs([written(tmp_path, table)])
+    assert len(found.covariates) == 120

@@ -200,11 +200,22 @@ def long_campaign(seed, size, r, rows_a_run=10_000, count=30, sigma=0.01):
     return runs_of(table.drop(columns=["curve", "noise"]))
 
 
+def check_bounds(found):
+    """Those parameters of effects of the catalogue are told that stand at a bound, and no other."""
+    for effect in found.effects:
+        for name, described in EFFECTS[effect.name].PARAMETERS.items():
+            if name in effect.parameters:
+                value = effect.parameters[name].value
+                at = value in (described.lower, described.upper)
+                assert at == (name in effect.at_bound), name
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("r", [0.0, 0.5])
 def test_an_effect_of_a_twentieth_of_the_noise_is_found_in_many_rows(r):
     found = discover(long_campaign(0, 0.05, r))
     assert "humidity" in {name for effect in found.effects for name in effect.candidates}
+    check_bounds(found)
     assert found.noise["sigma"] == pytest.approx(0.01, rel=0.01)
     assert found.noise["autocorrelation"] == pytest.approx(r, abs=0.01)
     assert found.train.after.value < found.train.before.value
@@ -224,6 +235,7 @@ def test_blocks_find_what_the_rows_would():
     assert [effect.name for effect in fewer.effects] == [effect.name for effect in found.effects]
     assert any("neighbouring rows, by their means" in words for words in fewer.warnings)
     assert len(fewer.points) == pytest.approx(1_250, rel=0.02)
+    check_bounds(found)
     assert fewer.train.after.value == pytest.approx(found.train.after.value, rel=1e-4)
     for name, value in found.noise.items():
         assert fewer.noise[name] == pytest.approx(value, rel=1e-3)

@@ -219,6 +219,20 @@ def test_verdict_says_where_an_effect_acts():
     )
 
 
+def test_verdict_says_which_parameter_stands_at_its_bound():
+    findings = two_effects()
+    humidity, speed = findings.effects
+    assert "range that is searched" not in verdict(findings)
+    name = next(iter(humidity.parameters))
+    at = humidity._replace(
+        at_bound=(name,),
+        parameters={**humidity.parameters, name: Interval(200.0, -76.8, 476.8)},
+        units={**humidity.units, name: "%"},
+    )
+    said = verdict(findings._replace(effects=(at, speed)))
+    assert f"Of humidity {name} at 200 % stands at an end of the range that is searched" in said
+
+
 def test_verdict_of_nothing():
     assert verdict(null()) == (
         "Nothing that these data could show is missing from burckhardt (the strongest of 2 "

@@ -268,13 +268,15 @@ def _found(state: Selection, of_rows: Fitted, validation: Errors) -> list[FoundE
         first = parts_of(state.accepted[: number + 1])
         some = nearly_fitted(state.setting, state.base, values, first)
         ratio = float(held_out_loss(some).sum()) / max(whole, 1e-300)
-        parameters, units = {}, {}
+        parameters, units, at_bound = {}, {}, []
         for place, part in enumerate(effect.parts):
             prefix = "" if place == 0 else f"{kind_of(part)} "
             for name, described in part.PARAMETERS.items():
                 if name in part.REFERENCES:
                     continue
-                parameters[prefix + name] = intervals[number, place][name]
+                interval = parameters[prefix + name] = intervals[number, place][name]
+                if not described.lower < interval.value < described.upper:
+                    at_bound.append(prefix + name)
                 column = effect.covariates[0] if effect.covariates else ""
                 unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
                 units[prefix + name] = described.unit.replace("column", unit)
@@ -291,6 +293,7 @@ def _found(state: Selection, of_rows: Fitted, validation: Errors) -> list[FoundE
                 validation.after.value * float(np.sqrt(ratio)),
                 _sentence(effect),
                 acts_on(effect),
+                tuple(at_bound),
             )
         )
     return found

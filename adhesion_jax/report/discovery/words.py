@@ -163,7 +163,8 @@ def verdict(findings: Findings) -> str:
         )
     open_questions = _open_questions(findings)
     if sentences:
-        sentences += [f"{_change(findings)}.", *(f"{words}." for words in open_questions)]
+        sentences += [f"{_change(findings)}.", *_at_bounds(findings)]
+        sentences += [f"{words}." for words in open_questions]
     elif open_questions:
         first, *others = open_questions
         sentences = [
@@ -178,6 +179,25 @@ def verdict(findings: Findings) -> str:
             _error_alone(findings),
         ]
     return " ".join([*sentences, *_in_noise(findings), *_unlike(findings)])
+
+
+def _at_bounds(findings: Findings) -> list[str]:
+    """Sentences on parameters that stand at an end of the range in which they are looked for."""
+    sentences = []
+    for effect in (*findings.effects, *findings.unexplained):
+        if effect.at_bound:
+            values = [
+                f"{name} at {number(effect.parameters[name].value)}"
+                + ("" if (unit := effect.units.get(name, "1")) == "1" else f" {one_line(unit)}")
+                for name in effect.at_bound
+            ]
+            sentences.append(
+                f"Of {humanised(effect.name)} {listed(values)} "
+                f"{'stands' if len(values) == 1 else 'stand'} at an end of the range that is "
+                "searched: the data ask for more than that or do not determine it, and no interval "
+                "can be given for it."
+            )
+    return sentences
 
 
 def _unlike(findings: Findings) -> list[str]:
