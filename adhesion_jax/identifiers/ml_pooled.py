@@ -82,7 +82,6 @@ class PooledMaximumLikelihood(Identifier):
     FITS_LAST_RECORD: ClassVar[bool] = False
     POOLS: ClassVar[bool] = True
     RESETS: ClassVar[bool] = True
-    FUSED: ClassVar[bool] = True
 
     level: Scalar = 1e-4
 
