@@ -1,12 +1,11 @@
 """Burckhardt's curve as a problem that is linear in c1 and c3 given c2."""
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.identifiers.base import needs_blocks
-from adhesion_jax.optim.variable_projection import Sums, summarise, sums_at
+from adhesion_jax.optim.variable_projection import Solution, Sums, summarise
 from adhesion_jax.records import Known, Record
 
 
@@ -32,18 +31,12 @@ def burckhardt_sums(known: Known, record: Record) -> Sums:
         -record.slip,
         record.adhesion,
         record.mask,
-        *_bounds(known),
+        jnp.asarray(known.lower[1]),
+        jnp.asarray(known.upper[1]),
     )
 
 
-def _bounds(known: Known) -> tuple[Array, Array]:
-    """The bounds of c2."""
-    return jnp.asarray(known.lower[1]), jnp.asarray(known.upper[1])
-
-
-def burckhardt_information(
-    sums: Sums, known: Known, parameters: Float[Array, "3"]
-) -> Float[Array, "3 3"]:
+def burckhardt_information(sums: Sums, found: Solution) -> Float[Array, "3 3"]:
     """J'J over all the points behind the sums, J = [phi, c1 phi', psi], phi' = d phi/d c2.
 
     Of phi = 1 - exp(-c2 x) and psi = -x (x the size of slip) the sums hold enough: with
@@ -51,20 +44,13 @@ def burckhardt_information(
     d/dc2 sum phi psi = -sum x^2 exp(-c2 x), sum phi'^2 = sum x^2 exp(-2 c2 x) is a quarter of
     the first less twice the second.
     """
-    c1, c2, _ = parameters
-
-    def products(c2: Float[Array, ""]) -> Float[Array, "2"]:
-        return jnp.stack(sums_at(sums, c2, *_bounds(known))[1:])
-
-    slopes = jax.jacfwd(products)
-    phi_phi, phi_psi = products(c2)
-    phi_phi_slope, phi_psi_slope = slopes(c2)
-    phi_phi_bend, _ = jax.jacfwd(slopes)(c2)
-    steep = 0.25 * (phi_phi_bend - 2 * phi_psi_slope)
+    c1, phi_phi, phi_psi = found.a, found.phi_phi, found.phi_psi
+    steep = 0.25 * (phi_phi.bend - 2 * phi_psi.slope)
+    across, down = 0.5 * c1 * phi_phi.slope, c1 * phi_psi.slope
     return jnp.array(
         [
-            [phi_phi, 0.5 * c1 * phi_phi_slope, phi_psi],
-            [0.5 * c1 * phi_phi_slope, c1**2 * steep, c1 * phi_psi_slope],
-            [phi_psi, c1 * phi_psi_slope, sums.psi_psi],
+            [phi_phi.value, across, phi_psi.value],
+            [across, c1**2 * steep, down],
+            [phi_psi.value, down, sums.psi_psi],
         ]
     )

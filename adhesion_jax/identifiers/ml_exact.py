@@ -6,8 +6,12 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
-from adhesion_jax.identifiers.curve_fit import FitState, evaluate, start, without_past
+from adhesion_jax.identifiers.burckhardt_sums import (
+    burckhardt_information,
+    burckhardt_sums,
+    needs_burckhardt,
+)
+from adhesion_jax.identifiers.curve_fit import FitState, judge, start, without_past
 from adhesion_jax.optim import variable_projection
 from adhesion_jax.records import Known, Record
 
@@ -22,6 +26,7 @@ class ExactMaximumLikelihood(Identifier):
 
     FITS_LAST_RECORD: ClassVar[bool] = True
     RESETS: ClassVar[bool] = False
+    FUSED: ClassVar[bool] = True
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)
@@ -33,9 +38,16 @@ class ExactMaximumLikelihood(Identifier):
         known = state.known
         sums = burckhardt_sums(known, record)
         found = variable_projection.minimise(sums, known.lower, known.upper)
-        parameters = jnp.stack([found.a, found.nu, found.b])
-        evaluations = jnp.int32(variable_projection.EVALUATIONS)
-        fit = evaluate(known, record, state.fit, parameters, evaluations, jnp.ones((), dtype=bool))
+        # Objective and information come from the sums too: no second pass over the points.
+        fit = judge(
+            record,
+            state.fit,
+            jnp.stack([found.a, found.nu, found.b]),
+            jnp.maximum(found.objective, 0.0),
+            burckhardt_information(sums, found),
+            jnp.int32(variable_projection.EVALUATIONS),
+            jnp.ones((), dtype=bool),
+        )
         return state._replace(fit=fit)
 
     def estimate(self, state: FitState) -> Estimate:

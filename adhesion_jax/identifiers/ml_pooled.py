@@ -18,7 +18,7 @@ from adhesion_jax.identifiers.burckhardt_sums import (
 from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
 from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import variable_projection
-from adhesion_jax.optim.variable_projection import Solution, Sums
+from adhesion_jax.optim.variable_projection import Jet, Solution, Sums
 from adhesion_jax.records import Known, Record
 
 _PARAMETERS = 3
@@ -93,8 +93,9 @@ class PooledMaximumLikelihood(Identifier):
         series = jnp.zeros(variable_projection.DEGREE)
         empty = Sums(zero, zero, zero, series, series, series)
         c1, c2, c3 = free_values(known.curve)
+        none = Jet(zero, zero, zero)
         no = jnp.zeros((), dtype=bool)
-        pool = Pool(empty, zero, Solution(a=c1, b=c3, nu=c2, objective=zero))
+        pool = Pool(empty, zero, Solution(c1, c3, c2, zero, none, none))
         return begun(PooledState(known, pool, zero, ~no, no, jnp.int32(0)))
 
     def update(self, state: PooledState, record: Record) -> PooledState:
@@ -134,7 +135,7 @@ class PooledMaximumLikelihood(Identifier):
         """The optimum of the pool with its covariance."""
         pool, parameters = state.pool, _parameters(state.pool)
         variance = pool.found.objective / jnp.maximum(pool.points - _PARAMETERS, 1.0)
-        information = burckhardt_information(pool.sums, state.known, parameters)
+        information = burckhardt_information(pool.sums, pool.found)
         fit = Fit(
             parameters,
             jnp.maximum(variance, 0.0) * inverse_information(information),

@@ -88,14 +88,16 @@ class Search(NamedTuple):
 Evaluate = Callable[[Float[Array, " p"]], Local]
 
 
-def begin(evaluate: Evaluate, start: Float[Array, " p"]) -> Search:
-    """The search before its first evaluation, which is that of the start."""
-    nothing = jax.tree.map(
-        lambda known: jnp.zeros(known.shape, known.dtype), jax.eval_shape(evaluate, start)
-    )
+def begin(start: Float[Array, " p"], rest: Any = ()) -> Search:
+    """The search before its first evaluation, which is that of the start.
+
+    `rest` has the form of `Local.rest`; its numbers are not used. (To find the form by tracing the
+    function once more would add a tenth to the time of compiling a large model.)
+    """
+    infinite = jnp.full((), jnp.inf)
     return Search(
         start,
-        nothing._replace(loss=jnp.full_like(nothing.loss, jnp.inf)),
+        Local(infinite, jnp.zeros_like(start), jnp.zeros((start.size, start.size)), rest),
         jnp.asarray(0),
         start,
         jnp.asarray(jnp.inf),
@@ -251,19 +253,16 @@ def fit(
     def one_step(data: list[Array], box: tuple[Array, Array], search: Search) -> Search:
         return advance(partial(evaluated, data), search, *box, jnp.asarray(_CRAWL))
 
-    def first(data: list[Array], start: Array) -> Search:
-        return begin(partial(evaluated, data), start)
-
     @jax.custom_batching.custom_vmap
     def ended(data: list[Array], box: tuple[Array, Array], start: Array) -> Search:
-        return jax.lax.while_loop(unfinished, partial(one_step, data, box), first(data, start))
+        return jax.lax.while_loop(unfinished, partial(one_step, data, box), begin(start))
 
     @ended.def_vmap
     def ended_in_batch(
         size: int, batched: list, data: list[Array], box: tuple[Array, Array], start: Array
     ) -> tuple[Search, Search]:
         axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, tuple(batched))
-        started = jax.vmap(first, (axes[0], axes[2]), axis_size=size)(data, start)
+        started = jax.vmap(begin, (axes[2],), axis_size=size)(start)
         found = in_turns(unfinished, one_step, started, (data, box), axes[:2])
         return found, jax.tree.map(lambda _: True, found)
 

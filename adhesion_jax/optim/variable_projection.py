@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from numpy.polynomial.chebyshev import chebder, chebvander
+from numpy.polynomial.chebyshev import cheb2poly, chebvander
 
 from adhesion_jax.optim.quadratic_program import bounded_pair
 
@@ -23,12 +23,9 @@ DEGREE = 40
 _GRID = 64
 _SECANTS = 16
 
-#: Number of steps of the recurrence that are unrolled: all of them if the series is most of the
-#: work (a search by population), else few, because compiling a long program takes longer than it
-#: saves.
-_UNROLL = 3
-
-Pair = tuple[Array, Array]
+#: Degree of the polynomials that stand for the series in two cells of the grid, which add 1e-14 to
+#: its error. A step of the search then costs a quarter of what the series would.
+_LOCAL_DEGREE = 9
 
 _ANGLES = np.pi * (np.arange(DEGREE) + 0.5) / DEGREE
 _NODES = np.cos(_ANGLES)
@@ -37,7 +34,25 @@ _TO_SERIES = (2.0 / DEGREE) * np.cos(np.outer(np.arange(DEGREE), _ANGLES))
 _TO_SERIES[0] /= 2.0
 _GRID_POINTS = np.cos(np.linspace(np.pi, 0.0, _GRID))
 _TO_GRID = chebvander(_GRID_POINTS, DEGREE - 1)
-_TO_GRID_SLOPE = chebvander(_GRID_POINTS, DEGREE - 2) @ chebder(np.eye(DEGREE))
+# The two cells about each point of the grid (one at the ends), and the series there as powers of
+# t, x = middle + half t and -1 <= t <= 1: [grid, degree, powers].
+_LOW = _GRID_POINTS[np.maximum(np.arange(_GRID) - 1, 0)]
+_HIGH = _GRID_POINTS[np.minimum(np.arange(_GRID) + 1, _GRID - 1)]
+_MIDDLE, _HALF = 0.5 * (_LOW + _HIGH), 0.5 * (_HIGH - _LOW)
+
+
+def _to_powers() -> np.ndarray:
+    """Interpolation at Chebyshev points; in extended precision, because it loses three digits."""
+    size = _LOCAL_DEGREE + 1
+    angles = np.pi * (np.arange(size, dtype=np.longdouble) + 0.5) / size
+    values = chebvander(_MIDDLE[:, None] + _HALF[:, None] * np.cos(angles), DEGREE - 1)
+    to_series = (2 / size) * np.cos(np.outer(np.arange(size), angles))
+    to_series[0] /= 2
+    from_series = np.array([np.pad(cheb2poly(row), (0, size))[:size] for row in np.eye(size)])
+    return np.einsum("kd,kt,gtn->gnd", from_series, to_series, values).astype(float)
+
+
+_TO_POWERS = _to_powers()
 
 
 class Sums(NamedTuple):
@@ -51,11 +66,23 @@ class Sums(NamedTuple):
     phi_psi: Float[Array, " degree"]
 
 
+class Jet(NamedTuple):
+    """A function of nu with its first and second derivative."""
+
+    value: Float[Array, ""]
+    slope: Float[Array, ""]
+    bend: Float[Array, ""]
+
+
 class Solution(NamedTuple):
+    """The optimum, and the sums of phi^2 and phi psi there, which the information is made of."""
+
     a: Float[Array, ""]
     b: Float[Array, ""]
     nu: Float[Array, ""]
     objective: Float[Array, ""]
+    phi_phi: Jet
+    phi_psi: Jet
 
 
 #: Objective evaluations of one exact solution: the grid, then the secant steps.
@@ -78,11 +105,12 @@ def summarise(
     values = jnp.where(mask, phi(_nu(jnp.asarray(_NODES), nu_lower, nu_upper)[:, None]), 0.0)
     y, psi = jnp.where(mask, y, 0.0), jnp.where(mask, psi, 0.0)
     series = jnp.asarray(_TO_SERIES)
+    of_y = jnp.concatenate([values, psi[None]]) @ y
     return Sums(
         yy=jnp.sum(y * y),
-        y_psi=jnp.sum(y * psi),
+        y_psi=of_y[-1],
         psi_psi=jnp.sum(psi * psi),
-        y_phi=series @ (values @ y),
+        y_phi=series @ of_y[:-1],
         phi_phi=series @ jnp.sum(values * values, axis=1),
         phi_psi=series @ (values @ psi),
     )
@@ -98,30 +126,21 @@ def sum_of_squares(
 ) -> Float[Array, "*shape"]:
     """Sum (y - a phi(x; nu) - b psi(x))^2 from the sums alone."""
     x = _chebyshev_variable(nu, nu_lower, nu_upper)
-    return _expand(sums, a, b, *_series((sums.y_phi, sums.phi_phi, sums.phi_psi), x, DEGREE))
-
-
-def sums_at(
-    sums: Sums,
-    nu: Float[Array, "*shape"],
-    nu_lower: Float[Array, ""],
-    nu_upper: Float[Array, ""],
-) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"], Float[Array, "*shape"]]:
-    """Sum y phi, sum phi^2 and sum phi psi at one nu."""
-    x = _chebyshev_variable(nu, nu_lower, nu_upper)
-    y_phi, phi_phi, phi_psi = _series((sums.y_phi, sums.phi_phi, sums.phi_psi), x, _UNROLL)
-    return y_phi, phi_phi, phi_psi
+    return _expand(sums, a, b, *_series((sums.y_phi, sums.phi_phi, sums.phi_psi), x))
 
 
 @jax.custom_batching.custom_vmap
 def minimise(sums: Sums, lower: Float[Array, "3"], upper: Float[Array, "3"]) -> Solution:
     """The global optimum over the box; bounds are in the order a, nu, b.
 
-    The profile over nu is evaluated on a grid, then its derivative (at the optimal a and b the
-    partial one, by the envelope theorem) is brought to zero in the best two cells by regula
-    falsi (Illinois). The derivative, not the objective, so that full precision is kept.
+    The profile over nu is evaluated on a grid. About its least point the sums become short
+    polynomials, with which the derivative of the profile (at the optimal a and b the partial one,
+    by the envelope theorem) is brought to zero by regula falsi (Illinois). The derivative, not the
+    objective, so that full precision is kept.
     """
-    return _minimise(sums, lower, upper)
+    one_run = jax.tree.map(lambda x: x[..., None], (sums, lower, upper))
+    solution: Solution = jax.tree.map(lambda x: x[0], _minimise(*one_run))
+    return solution
 
 
 @minimise.def_vmap
@@ -139,64 +158,110 @@ def _minimise_batch(
 
 
 def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 ..."]) -> Solution:
-    """`minimise` for any number of runs, whose axes come last in every array."""
+    """`minimise` for any number of runs; the last axis of every array is that of the runs.
+
+    What they share, as the sums of phi^2 on a common grid of slips, has one run there.
+    """
     a_range, b_range = (lower[0], upper[0]), (lower[2], upper[2])
     series = (sums.y_phi, sums.phi_phi, sums.phi_psi)
 
-    def linear_part(values: tuple[Array, ...]) -> tuple[Array, Array]:
-        y_phi, phi_phi, phi_psi = values
+    def linear_part(y_phi: Array, phi_phi: Array, phi_psi: Array) -> tuple[Array, Array]:
         return bounded_pair(y_phi, sums.y_psi, phi_phi, sums.psi_psi, phi_psi, a_range, b_range)
 
-    def slope_of_profile(values: tuple[Array, ...], slopes: tuple[Array, ...]) -> Array:
-        a, b = linear_part(values)
-        y_phi_slope, phi_phi_slope, phi_psi_slope = slopes
-        return a * (a * phi_phi_slope + 2 * b * phi_psi_slope - 2 * y_phi_slope)
-
     on_grid = tuple(jnp.tensordot(jnp.asarray(_TO_GRID), c, 1) for c in series)
-    slopes_on_grid = tuple(jnp.tensordot(jnp.asarray(_TO_GRID_SLOPE), c, 1) for c in series)
-    best = jnp.argmin(_expand(sums, *linear_part(on_grid), *on_grid), axis=0)
-    slope_on_grid = slope_of_profile(on_grid, slopes_on_grid)
+    profile = _expand(sums, *linear_part(*on_grid), *on_grid)
+    # Not argmin, whose loop over pairs of value and index takes as long as the profile itself.
+    is_least = profile <= jnp.min(profile, axis=0)
+    cell = jnp.min(jnp.where(is_least, jnp.arange(_GRID)[:, None], _GRID - 1), axis=0)
+    shape = (_LOCAL_DEGREE + 1, *cell.shape)
+    powers = jnp.stack([jnp.broadcast_to(_powers(c, cell), shape) for c in series], axis=1)
+    powers = jax.lax.optimization_barrier(powers)
 
-    def at(node: Array) -> tuple[Array, Array]:
-        slope = jnp.take_along_axis(slope_on_grid, node[None], axis=0)[0]
-        return jnp.asarray(_GRID_POINTS)[node], slope
+    def slope_of_profile(t: Float[Array, "... runs"]) -> Float[Array, "... runs"]:
+        (y_phi, phi_phi, phi_psi), slopes, _ = _polynomials(powers, t)
+        a, b = linear_part(y_phi, phi_phi, phi_psi)
+        return a * (a * slopes[1] + 2 * b * slopes[2] - 2 * slopes[0])
 
     def secant(_: Int[Array, ""], bracket: tuple[Array, ...]) -> tuple[Array, ...]:
         low, high, slope_low, slope_high, last = bracket
         rise = slope_high - slope_low
-        x = jnp.where(rise > 0, (low * slope_high - high * slope_low) / rise, 0.5 * (low + high))
-        x = jnp.clip(x, low, high)
-        values, slopes = jax.jvp(lambda x: _series(series, x, _UNROLL), (x,), (jnp.ones_like(x),))
-        # The barrier keeps the compiler from evaluating the series once for each of its uses.
-        x, slope = jax.lax.optimization_barrier((x, slope_of_profile(values, slopes)))
+        t = jnp.where(rise > 0, (low * slope_high - high * slope_low) / rise, 0.5 * (low + high))
+        t = jnp.clip(t, low, high)
+        t, slope = jax.lax.optimization_barrier((t, slope_of_profile(t)))
         falling = slope < 0
         # Illinois: if the same end is kept twice in a row, its slope is halved.
         slope_high = jnp.where(falling & (last > 0), 0.5 * slope_high, slope_high)
         slope_low = jnp.where(~falling & (last < 0), 0.5 * slope_low, slope_low)
         return (
-            jnp.where(falling, x, low),
-            jnp.where(falling, high, x),
+            jnp.where(falling, t, low),
+            jnp.where(falling, high, t),
             jnp.where(falling, slope, slope_low),
             jnp.where(falling, slope_high, slope),
             jnp.where(falling, 1.0, -1.0),
         )
 
-    first_low, first_slope_low = at(jnp.maximum(best - 1, 0))
-    first_high, first_slope_high = at(jnp.minimum(best + 1, _GRID - 1))
-    start = (first_low, first_high, first_slope_low, first_slope_high, jnp.zeros_like(first_low))
+    ends = jnp.broadcast_to(jnp.array([[-1.0], [1.0]]), (2, *cell.shape))
+    at_ends = jax.lax.optimization_barrier(slope_of_profile(ends))
+    start = (*ends, *at_ends, jnp.zeros(cell.shape))
     low, high, slope_low, slope_high, _ = jax.lax.fori_loop(0, _SECANTS, secant, start)
     root = jnp.where(jnp.abs(slope_low) < jnp.abs(slope_high), low, high)
     # No sign change in the bracket: the optimum is the bound of nu that the profile falls to.
-    root = jnp.where(first_slope_high <= 0, first_high, root)
-    root = jnp.where(first_slope_low >= 0, first_low, root)
-    values = _series(series, root, _UNROLL)
-    a, b = linear_part(values)
-    return Solution(a, b, _nu(root, lower[1], upper[1]), _expand(sums, a, b, *values))
+    root = jnp.where(at_ends[1] <= 0, 1.0, root)
+    root = jnp.where(at_ends[0] >= 0, -1.0, root)
+
+    (y_phi, phi_phi, phi_psi), slopes, bends = _polynomials(powers, root)
+    a, b = jax.lax.optimization_barrier(linear_part(y_phi, phi_phi, phi_psi))
+    half = jnp.asarray(_HALF)[cell]
+    root_of_nu = _root_of_nu(jnp.asarray(_MIDDLE)[cell] + half * root, lower[1], upper[1])
+    width = half * 0.5 * (jnp.sqrt(upper[1]) - jnp.sqrt(lower[1]))  # d sqrt(nu)/dt
+    # With nu = r^2, by nu: (d/dr)/(2 r), and (d2/dr2 - (d/dr)/r)/(4 r^2).
+    by_root = slopes / width
+    slopes = 0.5 * by_root / root_of_nu
+    bends = 0.25 * (bends / width**2 - by_root / root_of_nu) / root_of_nu**2
+    return Solution(
+        a,
+        b,
+        jnp.clip(root_of_nu**2, lower[1], upper[1]),
+        _expand(sums, a, b, y_phi, phi_phi, phi_psi),
+        Jet(phi_phi, slopes[1], bends[1]),
+        Jet(phi_psi, slopes[2], bends[2]),
+    )
+
+
+def _powers(series: Float[Array, "degree sets"], cell: Int[Array, " runs"]) -> Array:
+    """The series in the cells about a point of the grid for each run: coefficients of powers of t.
+
+    A series that the runs share is brought to powers once for every cell.
+    """
+    table = jnp.asarray(_TO_POWERS)
+    if series.shape[-1] == 1:
+        return jnp.einsum("gnd,n->dg", table, series[:, 0])[:, cell]
+    return jnp.einsum("nr,rnd->dr", series, table[cell])
+
+
+def _polynomials(
+    powers: Float[Array, "powers series runs"], t: Float[Array, "... runs"]
+) -> tuple[Array, Array, Array]:
+    """Polynomials [series, ..., runs] with their first and second derivatives (Horner).
+
+    The barrier keeps the compiler from evaluating them once for each use.
+    """
+    between = (powers.shape[1], *(1 for _ in t.shape[:-1]), powers.shape[2])
+    value = slope = half_bend = jnp.zeros((powers.shape[1], *t.shape))
+    for coefficient in powers[::-1]:
+        half_bend = half_bend * t + slope
+        slope = slope * t + value
+        value = value * t + coefficient.reshape(between)
+    return *jax.lax.optimization_barrier((value, slope)), 2 * half_bend
+
+
+def _root_of_nu(x: Array, nu_lower: Array, nu_upper: Array) -> Array:
+    low, high = jnp.sqrt(nu_lower), jnp.sqrt(nu_upper)
+    return 0.5 * (low + high) + 0.5 * (high - low) * x
 
 
 def _nu(x: Array, nu_lower: Array, nu_upper: Array) -> Array:
-    low, high = jnp.sqrt(nu_lower), jnp.sqrt(nu_upper)
-    return jnp.clip((0.5 * (low + high) + 0.5 * (high - low) * x) ** 2, nu_lower, nu_upper)
+    return jnp.clip(_root_of_nu(x, nu_lower, nu_upper) ** 2, nu_lower, nu_upper)
 
 
 def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
@@ -205,22 +270,19 @@ def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
 
 
 def _series(
-    coefficients: tuple[Float[Array, "degree ..."], ...], x: Float[Array, "..."], unroll: int
+    coefficients: tuple[Float[Array, " degree"], ...], x: Float[Array, "*shape"]
 ) -> tuple[Array, ...]:
-    """Chebyshev series at x by Clenshaw's recurrence, `unroll` of its steps in a row."""
-
-    def step(
-        carry: tuple[Pair, ...], of_degree: tuple[Array, ...]
-    ) -> tuple[tuple[Pair, ...], None]:
-        pairs = zip(carry, of_degree, strict=True)
-        return tuple((c + 2 * x * last - before, last) for (last, before), c in pairs), None
-
-    shapes = [jnp.broadcast_shapes(c.shape[1:], x.shape) for c in coefficients]
-    start = tuple((jnp.zeros(shape), jnp.zeros(shape)) for shape in shapes)
-    higher = tuple(c[:0:-1] for c in coefficients)
-    sums, _ = jax.lax.scan(step, start, higher, unroll=unroll)
-    pairs = zip(coefficients, sums, strict=True)
-    return tuple(c[0] + x * last - before for c, (last, before) in pairs)
+    """Chebyshev series at x by Clenshaw's recurrence."""
+    zero = jnp.zeros(x.shape)
+    sums = [(zero, zero)] * len(coefficients)
+    for k in range(DEGREE - 1, 0, -1):
+        sums = [
+            (c[k] + 2 * x * last - before, last)
+            for c, (last, before) in zip(coefficients, sums, strict=True)
+        ]
+    return tuple(
+        c[0] + x * last - before for c, (last, before) in zip(coefficients, sums, strict=True)
+    )
 
 
 def _expand(sums: Sums, a: Array, b: Array, y_phi: Array, phi_phi: Array, phi_psi: Array) -> Array:

@@ -5,17 +5,22 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax.campaign import cluster
+from adhesion_jax.campaign import cluster, store
 from adhesion_jax.campaign.cluster import engine_of, versions
 from adhesion_jax.campaign.executor import Processes
+from adhesion_jax.campaign.traction import content, job_of
 from adhesion_jax.command_line.montecarlo import main
 from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.studies.claims.traction import plant_of
+from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.traction.systems.base import with_parts
 
 distributed = pytest.importorskip("distributed")
 
@@ -304,6 +309,24 @@ def test_every_engine_gives_the_same_bits(alone, scheduler, tmp_path, engine):
     assert_same(tables(out), alone)
     assert "workers: 2" in said
     assert not [*passing(out).iterdir()]
+
+
+@pytest.mark.thorough
+def test_traction_in_shards_gives_the_same_bits_on_a_cluster(two, tmp_path):
+    system = SYSTEMS["hxd1f"]._replace(duration=0.1)
+    cases = with_parts(system.cases(system.step), "full-dimension", "constant-slip", "barrier")
+    job = job_of("hxd1f", system, cases, plant_of(system), runs=3)
+    work = [(job, number) for number in range(job.shards)]
+    folders = [tmp_path / "here", tmp_path / "there"]
+    for engine, folder in zip([Processes(1), two], folders, strict=True):
+        folder.mkdir()
+        with engine.mapped(partial(store.stored, content), work, folder) as results:
+            assert list(results) == [job.runs_of(number) for _, number in work]
+    one, other = (
+        pd.concat(store.rows_of(f, job.name, n).to_pandas() for _, n in work) for f in folders
+    )
+    pd.testing.assert_frame_equal(one, other, check_exact=True)
+    assert {path.name for path in folders[0].iterdir()} == {p.name for p in folders[1].iterdir()}
 
 
 @of_processes

@@ -7,14 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from matplotlib.image import imread
 
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.montecarlo import main
-from adhesion_jax.command_line.speed import main as speed_main
-from adhesion_jax.identifiers import IDENTIFIERS
-from adhesion_jax.studies import speed
 
 COLUMNS = [
     *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
@@ -119,32 +115,6 @@ def test_an_identifier_that_no_scenario_of_the_main_job_takes_is_refused(tmp_pat
     assert done.returncode == 2
     assert "rls-slope" in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.clock
-def test_speed_is_told_beside_that_of_scipy(tmp_path, monkeypatch):
-    chosen = ("ml-exact", "rls-kiencke")
-    monkeypatch.setattr(speed, "IDENTIFIERS", {name: IDENTIFIERS[name] for name in chosen})
-    monkeypatch.setattr(speed, "RECURSIONS", ("rls-kiencke",))
-    monkeypatch.setattr(speed, "RECURSION_RUNS", 2000)
-    done = CliRunner().invoke(speed_main, ["--repeats", "2", "--out", str(tmp_path)])
-    assert done.exit_code == 0, done.output
-    table = pd.read_csv(tmp_path / "speed.csv").set_index("identifier")
-    rate = table["identifications_per_cpu_second"]
-    assert table.loc["scipy-de", "ratio_to_scipy_de"] == 1
-    assert table.loc["ml-exact", "ratio_to_scipy_de"] == pytest.approx(
-        rate["ml-exact"] / rate["scipy-de"]
-    )
-    assert (table["lowest"] <= rate).all()
-    assert (rate <= table["highest"]).all()
-    assert rate["ml-exact"] > 100 * rate["scipy-de"]
-    recursions = pd.read_csv(tmp_path / "recursions.csv").set_index("recursion")
-    assert recursions.loc["rls-kiencke", "ratio_to_numpy"] > 1
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "speed.csv",
-        "recursions.csv",
-        "speed.png",
-    }
 
 
 def test_list_names_everything():

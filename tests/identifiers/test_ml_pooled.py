@@ -143,27 +143,30 @@ def test_the_level_is_the_usual_critical_value_where_points_are_many():
 
 
 @quick_jit
-def information(record, theta):
-    return burckhardt_information(burckhardt_sums(HE2018, record), HE2018, theta)
+def optimum(record):
+    """c1, c2 and the information there."""
+    sums = burckhardt_sums(HE2018, record)
+    found = minimise(sums, jnp.asarray(HE2018.lower), jnp.asarray(HE2018.upper))
+    return found.a, found.nu, burckhardt_information(sums, found)
 
 
 @pytest.mark.parametrize("top", [0.1, 0.2, 0.5])
 @pytest.mark.parametrize("side", ["traction", "both"])
 def test_the_information_from_the_sums_is_that_of_the_points(top, side):
     slip = np.linspace(0.0 if side == "traction" else -0.7 * top, top, 90)
-    theta = np.array([0.32, 25.0, 0.1])
+    every = jnp.ones(90, dtype=bool)
+    adhesion = Burckhardt(0.32, 25.0, 0.1)(jnp.asarray(slip), {})
+    c1, c2, found = optimum(Record(jnp.asarray(slip), adhesion, every, every, {}))
+    assert c2 == pytest.approx(25.0, rel=1e-4)
     size = np.abs(slip)
     jacobian = np.stack(
         [
-            np.sign(slip) * (1 - np.exp(-25 * size)),
-            np.sign(slip) * 0.32 * size * np.exp(-25 * size),
+            np.sign(slip) * (1 - np.exp(-c2 * size)),
+            np.sign(slip) * c1 * size * np.exp(-c2 * size),
             -slip,
         ],
         axis=1,
     )
-    every = jnp.ones(90, dtype=bool)
-    record = Record(jnp.asarray(slip), Burckhardt(*theta)(jnp.asarray(slip), {}), every, every, {})
-    found = information(record, jnp.asarray(theta))
     np.testing.assert_allclose(found, jacobian.T @ jacobian, rtol=1e-8)
 
 

@@ -63,7 +63,10 @@ def fit(
     def one_step(search: Search) -> Search:
         return advance(evaluated, search, model.lower, model.upper, near)
 
-    best = jax.lax.while_loop(unfinished, one_step, begin(evaluated, model.values[model.free]))
+    zero = jnp.zeros_like(data.slip)
+    rest = zero, zero, jnp.zeros((model.free.size, *zero.shape))
+    start = begin(model.values[model.free], rest)
+    best = jax.lax.while_loop(unfinished, one_step, start)
     adhesion, residual, jacobian = best.local.rest
     some = jnp.any(white.weight > 0, axis=1)
     share = some / jnp.maximum(jnp.sum(some), 1)

@@ -119,8 +119,11 @@ def draw_scaling(path: Path, table: pd.DataFrame) -> None:
     panels["cores"].set_xticks(sorted(set(whole["size"])))
     panels["cores"].set_xlabel("cores of a whole job")
     panels["cores"].set_ylabel("identifications per second")
-    for axis in panels.values():
-        axis.set_yscale("log")
+    for along, axis in panels.items():
+        if along == "cores":
+            axis.set_ylim(bottom=0)
+        else:
+            axis.set_yscale("log")
         light_frame(axis)
         axis.legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=150)

@@ -44,7 +44,7 @@ def entries(seed: int) -> Mapping[str, Timed]:
         name: Timed(_on_blocks(config, solve), remark) for name, (solve, remark) in others.items()
     }
     found["pygmo-de"] = _optional(config, "pygmo", _pygmo)
-    missing = absent("evosax") or absent("flax")
+    missing = absent("evosax") or absent("evosax.algorithms")
     found["evosax-de"] = (
         Timed(None, missing) if missing else Timed(_evosax(config), "float64, batch of 128 runs")
     )
@@ -189,7 +189,7 @@ def _pygmo(
     seed = int(random.integers(2**31))
     rand1bin = 7  # in the numbering of pygmo
     method = pygmo.de(GENERATIONS, _SCALE, CROSSOVER, rand1bin, 0.0, 0.0, seed)
-    return pygmo.algorithm(method).evolve(pygmo.population(Problem(), POPULATION, seed))
+    return pygmo.algorithm(method).evolve(pygmo.population(Problem(), size=POPULATION, seed=seed))
 
 
 def _evosax(config: Config) -> Work:

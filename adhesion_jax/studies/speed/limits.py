@@ -18,7 +18,7 @@ from adhesion_jax.studies.speed.turns import Timed, Work, timed
 RESIDUAL_PEER, PRODUCT_PEER, EXPONENTIAL_PEER = "residual loop in C", "matrix product", "exp in C"
 
 #: Number of times that a piece of work is done in a turn: one takes less than a tick of the clock.
-_TIMES = 50
+_TIMES = 200
 
 _SIZE = 512
 

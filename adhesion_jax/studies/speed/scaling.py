@@ -18,7 +18,7 @@ from adhesion_jax.studies.speed.turns import Timed, rates, timed
 #: The methods whose rates are followed.
 METHODS = ("ml-exact", "lm")
 
-RUN_COUNTS: Sequence[int] = (1, 8, 32, 128, 512)
+RUN_COUNTS: Sequence[int] = (1, 16, 128, 512)
 POINT_COUNTS: Sequence[int] = (125, 500, 2000)
 MEMBER_COUNTS: Sequence[int] = (10, 20, 40, 80)
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
@@ -39,10 +40,14 @@ def timed(function: Callable[[], Any], amount: float) -> Work:
 
 
 def absent(package: str) -> str | None:
-    """The sentence for work that needs a package which is not installed; else None."""
-    if find_spec(package) is not None:
-        return None
-    return f"Not timed: {package} is not installed."
+    """The sentence for work that needs a package which is not there or not whole; else None."""
+    if find_spec(package) is None:
+        return f"Not timed: {package} is not installed."
+    try:
+        import_module(package)
+    except ImportError as error:
+        return f"Not timed: {package} cannot be imported ({error})."
+    return None
 
 
 def rates(

@@ -1,0 +1,131 @@
+"""What is timed computes the same as its peer, and the rates are what they are said to be."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from matplotlib.image import imread
+
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.command_line.speed import main
+from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.records import Record
+from adhesion_jax.report.studies.speed import told
+from adhesion_jax.scenarios import Options
+from adhesion_jax.studies.speed import blocks, c_code, jobs, plants, recursions, scaling
+from adhesion_jax.studies.speed.turns import Timed, absent, rates
+
+SAMPLES, RUNS = 120, 6
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    found = c_code.compiled(tmp_path_factory.mktemp("loops"))
+    if isinstance(found, str):
+        pytest.skip(found)
+    return found
+
+
+def test_rates_are_medians_and_ratios_those_of_one_turn():
+    # The machine of turn 2 is three times as slow, for all alike.
+    def work(rate):
+        return lambda turn: (10.0, 10.0 / rate * (3.0 if turn == 2 else 1.0))
+
+    entries = {
+        "peer": Timed(work(2.0)),
+        "fast": Timed(work(8.0), "a remark", 1.5),
+        "missing": Timed(None, "Not timed: it is not there."),
+    }
+    seen = []
+    table = rates("part", "units", "peer", entries, 3, seen.append).set_index("name")
+    assert seen == ["peer", "fast"] * 4
+    assert table.loc["fast", "rate"] == pytest.approx(8.0)
+    assert table.loc["fast", "lowest"] == pytest.approx(8.0 / 3)
+    ratio = table.loc["fast", ["ratio_lowest", "ratio", "ratio_highest"]]
+    assert ratio.tolist() == pytest.approx([4.0] * 3)
+    assert np.isnan(table.loc["missing", "rate"])
+    text = told(table.reset_index())
+    assert "4 times peer (4 to 4)" in text
+    assert "Not timed: it is not there." in text
+
+
+def test_a_package_that_is_not_there_is_said_to_be_missing():
+    assert absent("numpy") is None
+    assert absent("no_such_package") == "Not timed: no_such_package is not installed."
+
+
+def streams():
+    random = np.random.default_rng(4)
+    slip = random.uniform(0.0, 0.2, (SAMPLES, RUNS))
+    clean = 40.0 * slip / (1 + 31.29 * slip + 100.0 * slip**2)
+    return slip, clean + random.normal(0.0, 0.01, slip.shape)
+
+
+@pytest.mark.parametrize("name", ["rls-kiencke", "qp-qian2024-2"])
+def test_the_recursions_in_numpy_are_those_of_the_identifiers(name):
+    known = build_scenario(Config("qian2024", options=Options(points=SAMPLES))).known
+    slip, adhesion = streams()
+    every = jnp.ones(SAMPLES, dtype=bool)
+    state = IDENTIFIERS[name].init(known, jax.random.key(0))
+    update = jax.jit(IDENTIFIERS[name].update)
+    found = [
+        update(state, Record(jnp.asarray(s), jnp.asarray(a), every, every, {})).recursion.x
+        for s, a in zip(slip.T, adhesion.T, strict=True)
+    ]
+    if name == "rls-kiencke":
+        expected = recursions.numpy_recursion(slip, adhesion)[:2]
+    else:
+        box = np.asarray(known.lower), np.asarray(known.upper)
+        expected = recursions.numpy_program(slip, adhesion, box)[:2]
+    np.testing.assert_allclose(np.array(found).T, np.array(expected), rtol=1e-6)
+
+
+def test_the_loops_in_c_compute_what_numpy_does(library):
+    random = np.random.default_rng(0)
+    slip, adhesion = np.linspace(0, 0.2, 50), random.normal(size=(3, 50))
+    x, sums = random.uniform(0.5, 30.0, (3, 3)), np.zeros(3)
+    c_code.call(library, "squares", (3, 50, slip, adhesion, *x, sums))
+    model = x[0][:, None] * (1 - np.exp(-x[1][:, None] * slip)) - x[2][:, None] * slip
+    np.testing.assert_allclose(sums, np.sum((model - adhesion) ** 2, axis=1), rtol=1e-12)
+    values = np.zeros(50)
+    c_code.call(library, "exponentials", (50, -slip, values))
+    np.testing.assert_allclose(values, np.exp(-slip), rtol=1e-14)
+
+
+def test_a_plant_moves_alike_in_jax_and_in_c(library, monkeypatch):
+    # Not in numba: it cannot compile functions whose types are checked, as they are in tests.
+    monkeypatch.setattr(plants, "RUNS", 100)
+    begun = plants.start()
+    state = plants.in_jax(begun)()
+    expected = state.motor_speed[:, 0], state.train_speed, state.torque[:, 0]
+    assert not np.allclose(state.motor_speed[:, 0], begun.motor_speed, rtol=1e-4)
+    for own, its in zip(expected, plants.in_c(begun, library)(), strict=True):
+        np.testing.assert_allclose(its, own, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.clock
+def test_speed_is_told_beside_its_peers(tmp_path, monkeypatch):
+    chosen = ("ml-exact", "lm", "lm-jaxopt")
+    monkeypatch.setattr(blocks, "IDENTIFIERS", {name: IDENTIFIERS[name] for name in chosen})
+    monkeypatch.setattr(recursions, "RUNS", 2000)
+    for name in ("RUN_COUNTS", "POINT_COUNTS", "MEMBER_COUNTS"):
+        monkeypatch.setattr(scaling, name, (10, 50))
+    monkeypatch.setattr(jobs, "MANY", 1024)
+    done = CliRunner().invoke(main, ["--repeats", "2", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    table = pd.read_csv(tmp_path / "speed.csv").set_index(["part", "name"])
+    timed = table[table["rate"].notna()]
+    assert table.loc[table["rate"].isna(), "remark"].str.startswith("Not timed: ").all()
+    many = timed[timed["lowest"].notna()]
+    assert (many["lowest"] <= many["rate"]).all()
+    assert (many["rate"] <= many["highest"]).all()
+    ratio = table["ratio"].loc["blocks"]
+    assert ratio["scipy-de"] == 1
+    assert ratio["ml-exact"] > 2000
+    assert ratio["lm"] > 1500
+    assert ratio["lm"] > 3 * ratio["lm-jaxopt"]
+    assert table["ratio"].loc["recursions", "rls-kiencke"] > 1
+    for name in ("speed.png", "speed_scaling.png"):
+        assert imread(tmp_path / name).std() > 0
