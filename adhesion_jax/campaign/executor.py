@@ -8,10 +8,11 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from queue import SimpleQueue
 from threading import Thread
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -99,11 +100,15 @@ def mapped(function: Callable[..., T], work: Work, workers: int) -> Iterator[Ite
 
 @dataclass
 class _Member:
-    """A worker process, the core it keeps to, and the number of the unit that it computes."""
+    """A worker process, the core it keeps to, and the numbers of its units.
+
+    It computes the first of them; the next waits with it, for else the process would wait for the
+    parent between two units.
+    """
 
     function: Callable[..., Any]
     core: int | None
-    unit: int | None = None
+    units: deque[int] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
         spawning = multiprocessing.get_context("spawn")
@@ -114,7 +119,7 @@ class _Member:
         there.close()
 
     def begin(self, number: int, unit: tuple[Any, ...]) -> None:
-        self.unit = number
+        self.units.append(number)
         with suppress(OSError):  # where the process has died, its sentinel tells
             self.line.send(unit)
 
@@ -139,15 +144,17 @@ def _results(team: list[_Member], work: Work) -> Iterator[Any]:
     found: dict[int, Any] = {}
     for number in range(len(work)):
         while number not in found:
-            for member in team:
-                if member.unit is None and left and left[0] < number + AHEAD * len(team):
-                    following = left.popleft()
-                    member.begin(following, work[following])
+            for waiting, least in ((0, 1), (1, len(team))):  # the last units are for who is free
+                for member in team:
+                    ahead = len(left) >= least and left[0] < number + AHEAD * len(team)
+                    if ahead and len(member.units) == waiting:
+                        following = left.popleft()
+                        member.begin(following, work[following])
             wait([end for m in team for end in (m.line, m.process.sentinel)])
             for place, member in enumerate(team):
                 answer = member.answer()
-                if answer is not None and member.unit is not None:
-                    found[member.unit], member.unit = answer, None
+                if answer is not None:
+                    found[member.units.popleft()] = answer
                 elif not member.process.is_alive():
                     team[place] = _replaced(member, deaths, left)
         succeeded, result = found.pop(number)
@@ -157,13 +164,13 @@ def _results(team: list[_Member], work: Work) -> Iterator[Any]:
 
 
 def _replaced(dead: _Member, deaths: dict[int, int], left: deque[int]) -> _Member:
-    """A member in the place of one that died; its unit is the next to be tried."""
+    """A member in the place of one that died; its units are the next to be tried."""
     dead.end()
-    if dead.unit is not None:
-        deaths[dead.unit] += 1
-        if deaths[dead.unit] == TRIES:
+    if dead.units:
+        deaths[dead.units[0]] += 1
+        if deaths[dead.units[0]] == TRIES:
             raise died(TRIES)
-        left.appendleft(dead.unit)
+        left.extendleft(reversed(dead.units))
     return _Member(dead.function, dead.core)
 
 
@@ -184,13 +191,24 @@ def _serve(
     """The life of a worker process: it answers one unit after another."""
     Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this one
+    units: SimpleQueue[bytes] = SimpleQueue()
+    # A thread takes them from the line, so that the parent never waits until it can send one.
+    Thread(target=_receive, args=(line, units), daemon=True).start()
     prepare(core, folder, parts)
     while True:
-        try:
-            unit = line.recv()
-        except EOFError:
-            return
-        line.send_bytes(answered(function, unit))
+        content = units.get()
+        line.send_bytes(answered(_called, (function, content)))
+
+
+def _receive(line: Connection, units: "SimpleQueue[bytes]") -> None:
+    with suppress(EOFError, OSError):
+        while True:
+            units.put(line.recv_bytes())
+    os._exit(0)  # the parent has closed the line: there is no more to do
+
+
+def _called(function: Callable[..., Any], content: bytes) -> Any:
+    return function(*pickle.loads(content))
 
 
 def prepare(core: int | None, folder: Path | None, parts: Sequence[plugins.Part]) -> None:

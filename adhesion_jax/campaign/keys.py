@@ -4,26 +4,40 @@ from functools import lru_cache
 from zlib import crc32
 
 import jax
-from jaxtyping import Array, Int, Key
+from jaxtyping import Array, ArrayLike, Int, Key
 
 from adhesion_jax.programs import kept
 
 
 def noise_keys(seed: int, scenario: str, runs: Int[Array, " runs"]) -> Key[Array, " runs"]:
     """A key for the data of each run: every identifier sees the same noise."""
-    return _keys(seed, (scenario, "noise"), runs)
+    keys: Key[Array, " runs"] = _of_runs(noise_key(seed, scenario), runs)
+    return keys
 
 
 def solver_keys(
     seed: int, scenario: str, identifier: str, runs: Int[Array, " runs"]
 ) -> Key[Array, " runs"]:
     """A key for each run for an identifier's own randomness."""
-    return _keys(seed, (scenario, "solver", identifier), runs)
-
-
-def _keys(seed: int, words: tuple[str, ...], runs: Int[Array, " runs"]) -> Key[Array, " runs"]:
-    keys: Key[Array, " runs"] = _of_runs(_of_words(seed, words), runs)
+    keys: Key[Array, " runs"] = _of_runs(solver_key(seed, scenario, identifier), runs)
     return keys
+
+
+def noise_key(seed: int, scenario: str) -> Key[Array, ""]:
+    """What `keys_of_runs` makes `noise_keys` of, within a program."""
+    return _of_words(seed, (scenario, "noise"))
+
+
+def solver_key(seed: int, scenario: str, identifier: str) -> Key[Array, ""]:
+    """What `keys_of_runs` makes `solver_keys` of, within a program."""
+    return _of_words(seed, (scenario, "solver", identifier))
+
+
+def keys_of_runs(key: Key[Array, ""], runs: Int[ArrayLike, " runs"]) -> Key[Array, " runs"]:
+    return jax.vmap(lambda run: jax.random.fold_in(key, run))(runs)
+
+
+_of_runs = kept()(keys_of_runs)
 
 
 @lru_cache
@@ -33,8 +47,3 @@ def _of_words(seed: int, words: tuple[str, ...]) -> Key[Array, ""]:
         for word in words:
             key = jax.random.fold_in(key, crc32(word.encode()))
         return key
-
-
-@kept()
-def _of_runs(key: Key[Array, ""], runs: Int[Array, " runs"]) -> Key[Array, " runs"]:
-    return jax.vmap(lambda run: jax.random.fold_in(key, run))(runs)

@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.executor import Engine, Processes, Work
 from adhesion_jax.campaign.job import Job
-from adhesion_jax.campaign.rows import frame_of
 from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
 from adhesion_jax.campaign.tiles import TILE, make_ready
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
@@ -84,6 +84,12 @@ def run_campaign(
         return campaign_of(job, added(job, reduced()))
 
 
+def frame_of(rows: pa.Table) -> pd.DataFrame:
+    """The rows as a data frame."""
+    types = [pa.string() if pa.types.is_dictionary(f.type) else f.type for f in rows.schema]
+    return rows.cast(pa.schema(zip(rows.schema.names, types, strict=True))).to_pandas()
+
+
 def suited(engine: Engine, work: Work) -> Engine:
     """The engine for units that begin with a job: for few it is this process, made ready for them.
 
@@ -138,12 +144,9 @@ def _accuracy_tables(job: Job, totals: Totals) -> dict[str, pd.DataFrame]:
     methods = [*job.methods]
     frames: dict[str, list[pd.DataFrame]] = {name: [] for name in scenario.tables()}
     for place, row in enumerate(job.rows):
-        table = table_rows(
-            totals.sums.accuracy.at(place),
-            truth,
-            row.group.blocks,
-            totals.sums.seconds.at(methods.index(row.identifier)),
-        )
+        seconds = totals.sums.seconds.at(methods.index(row.identifier))
+        moments = totals.sums.accuracy.at(place)
+        table = pd.DataFrame(table_rows(moments, truth, row.group.blocks, seconds))
         names: dict[str, str | int] = {
             "scenario": job.config.scenario,
             "identifier": row.identifier,

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 
 from adhesion_jax.identifiers import Status
@@ -66,12 +65,6 @@ def estimate_rows(
         }
         tables.append(pa.table(columns))
     return pa.concat_tables(tables).unify_dictionaries()
-
-
-def frame_of(rows: pa.Table) -> pd.DataFrame:
-    """The rows as a data frame."""
-    types = [pa.string() if pa.types.is_dictionary(f.type) else f.type for f in rows.schema]
-    return rows.cast(pa.schema(zip(rows.schema.names, types, strict=True))).to_pandas()
 
 
 def row_schema(parts: Sequence[pa.Schema]) -> pa.Schema:

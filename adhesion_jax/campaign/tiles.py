@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, ArrayLike, Float, Int, Key
 
 from adhesion_jax import programs, runtime
 from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.keys import noise_keys, solver_keys
+from adhesion_jax.campaign.keys import keys_of_runs, noise_key, solver_key
 from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
@@ -25,7 +25,9 @@ from adhesion_jax.scenarios import Options, Scenario, build
 
 TILE = 128
 
-_Program = Callable[[Identifier, Record, Key[Array, " runs"]], tuple[Estimate, Tracking]]
+_Program = Callable[[Identifier, Record, Key[Array, ""], np.ndarray], tuple[Estimate, Tracking]]
+
+_KeyAndRuns = tuple[Key[Array, ""], Int[ArrayLike, " runs"]]
 
 #: The lowest optimisation level of the compiler that does not make the programs slower.
 _COMPILER: dict[str, str | bool] = {"xla_backend_optimization_level": "1"}
@@ -48,9 +50,8 @@ def tile_runs(tile: int) -> np.ndarray:
 
 def draw_tile(config: Config, tile: int) -> Record:
     """The records of a tile: [runs, blocks, points], shared arrays [blocks, points]."""
-    return _draw(config.scenario, config.options)(
-        noise_keys(config.seed, config.scenario, jnp.asarray(tile_runs(tile)))
-    )
+    key = noise_key(config.seed, config.scenario)
+    return _draw(config.scenario, config.options)((key, tile_runs(tile)))
 
 
 def bound_tile(config: Config, records: Record) -> Float[Array, "runs blocks values"]:
@@ -68,13 +69,12 @@ def identify_records(
 ) -> TileResult:
     """The same from the records of the tile."""
     records = jax.block_until_ready(records)
-    runs = jnp.asarray(tile_runs(tile))
-    keys = jax.block_until_ready(solver_keys(config.seed, config.scenario, name, runs))
+    key = solver_key(config.seed, config.scenario, name)
     began = time.perf_counter()
     compiled = _program(config, method)
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
-    found = jax.block_until_ready(compiled(method, records, keys))
+    found = jax.block_until_ready(compiled(method, records, key, tile_runs(tile)))
     seconds = time.process_time() - began
     estimate, tracking = jax.tree.map(np.asarray, found)
     return TileResult(estimate, tracking, seconds, compile_seconds)
@@ -99,11 +99,14 @@ def scenario_of(name: str, options: Options) -> Scenario:
 
 
 @lru_cache
-def _draw(scenario_name: str, options: Options) -> Callable[[Key[Array, " runs"]], Record]:
+def _draw(scenario_name: str, options: Options) -> Callable[[_KeyAndRuns], Record]:
     scenario = scenario_of(scenario_name, options)
-    draw = jax.vmap(scenario.draw, out_axes=scenario.run_axes)
-    keys = noise_keys(0, scenario_name, jnp.asarray(tile_runs(0)))
-    return programs.program(("draw", scenario_name, options), draw, keys)
+
+    def draw(of: _KeyAndRuns) -> Record:
+        return jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys_of_runs(*of))
+
+    example = noise_key(0, scenario_name), tile_runs(0)
+    return programs.program(("draw", scenario_name, options), draw, example)
 
 
 @lru_cache
@@ -111,7 +114,7 @@ def _bound(
     scenario_name: str, options: Options
 ) -> Callable[[Record], Float[Array, "runs blocks values"]]:
     scenario = scenario_of(scenario_name, options)
-    records = _draw(scenario_name, options)(noise_keys(0, scenario_name, jnp.asarray(tile_runs(0))))
+    records = draw_tile(Config(scenario_name, options=options), 0)
     bound = jax.vmap(scenario.bound, in_axes=(scenario.run_axes,), axis_size=TILE)
     return programs.program(("bound", scenario_name, options), bound, records)
 
@@ -128,15 +131,16 @@ def _compiled(
     The identifier is an argument, so that variants that differ in numbers alone share the function.
     """
     scenario = scenario_of(scenario_name, options)
-    keys = solver_keys(0, scenario_name, "", jnp.asarray(tile_runs(0)))
+    key = solver_key(0, scenario_name, "")
     numbers = [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
     records = draw_tile(Config(scenario=scenario_name, options=options), 0)
     example = jax.tree.unflatten(form, numbers)
-    leaves, structure = jax.tree.flatten((example, records, keys))
+    leaves, structure = jax.tree.flatten((example, records, key, tile_runs(0)))
     mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
 
     def tile(leaves: list[Array]) -> tuple[Estimate, Tracking]:
-        method, records, keys = jax.tree.unflatten(structure, leaves)
+        method, records, key, runs = jax.tree.unflatten(structure, leaves)
+        keys = keys_of_runs(key, runs)
         tracker = Tracker.of(scenario.rails, mu_max, criteria_of(scenario.known), method.RESETS)
         in_axes = (None, None, scenario.run_axes, 0, None)
         return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)

@@ -11,7 +11,7 @@ from adhesion_jax.wording import listed
 #: What is said of each command where all are listed; the name is that of its module.
 COMMANDS = {
     "montecarlo": "Identify thousands of noisy adhesion curves and compare the methods.",
-    "status": "Say how far a Monte Carlo job is, and what its finished runs tell.",
+    "status": "Say how far a job in shards is, and what its finished runs tell.",
     "identify": "Fit adhesion curves to measured points and say what they are worth.",
     "track": "Follow a log by online methods, and draw what they know over time.",
     "discover": "Find what an adhesion curve lacks in measured runs.",

@@ -1,4 +1,4 @@
-"""`adhesion status`: how far a Monte Carlo job is, and what its finished runs tell."""
+"""`adhesion status`: how far a job in shards is, and what its finished runs tell."""
 
 from pathlib import Path
 

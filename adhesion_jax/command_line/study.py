@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from adhesion_jax.command_line.command import SEED, Folder, perform
+from adhesion_jax.command_line.command import SEED, Folder, perform, with_cluster
 from adhesion_jax.errors import InputError
 
 
@@ -59,14 +59,31 @@ from adhesion_jax.errors import InputError
     help="Processes; the results do not depend on their number.",
 )
 @click.option("--seed", type=SEED, default=0, show_default=True)
+@with_cluster
+@click.option("--resume", is_flag=True, help="Compute what an interrupted study left over.")
 @click.option(
     "--out",
     type=Folder(),
     default=Path("out/discovery_study"),
     show_default=True,
 )
-def main(workers: int, out: Path, **sizes: int) -> None:
+def main(
+    workers: int,
+    cluster: str | None,
+    shared_folder: bool,
+    resume: bool,
+    out: Path,
+    **sizes: int,
+) -> None:
     """Run the discovery on simulated sets and count what it gets right."""
     if not any(count for name, count in sizes.items() if name != "seed"):
         raise InputError("A study of no sets says nothing; give --null or --powers above 0.")
-    perform("study", workers=workers, out=out, **sizes)
+    perform(
+        "study",
+        workers=workers,
+        cluster=cluster,
+        shared_folder=shared_folder,
+        resume=resume,
+        out=out,
+        **sizes,
+    )

@@ -18,7 +18,7 @@ from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import engine_of
 from adhesion_jax.campaign.config import Config, main_job
 from adhesion_jax.campaign.job import Job
-from adhesion_jax.campaign.monte_carlo import Campaign, added, campaign_of, suited
+from adhesion_jax.campaign.monte_carlo import Campaign, Totals, added, campaign_of, suited
 from adhesion_jax.campaign.shard import content, reduced_of
 from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.campaign.tiles import draw_tile
@@ -65,7 +65,7 @@ def main(
         opened_for("montecarlo", jobs, directory, OWN_FILES, resume, extend) as (folder, stage),
     ):
         compute(content, jobs, folder, partial(suited, engine))
-        campaigns = [read_campaign(job, folder) for job in jobs]
+        campaigns = [campaign_of(job, _totals(job, folder)) for job in jobs]
         write_rows(stage / "runs.parquet", folder, jobs)
         tables = _joined([campaign.tables for campaign in campaigns])
         for name, table in tables.items():
@@ -101,15 +101,16 @@ def tell(tables: Mapping[str, pd.DataFrame], runs: int, scenarios: Sequence[str]
         click.echo(tracking_text(tables["tracking"]))
 
 
-def tell_stored(record: Mapping[str, Any], folder: Path, runs: int) -> None:
+def tell_stored(record: Mapping[str, Any], folder: Path) -> None:
     """Print the tables of those shards that are there of the job of a record."""
     job = Job.recorded(record)
-    tell(read_campaign(job, folder).tables, runs, [job.name])
+    totals = _totals(job, folder)
+    tell(campaign_of(job, totals).tables, totals.sums.accuracy.runs, [job.name])
 
 
-def read_campaign(job: Job, folder: Path) -> Campaign:
-    """The campaign of those shards of a job that are there."""
-    return campaign_of(job, added(job, map(reduced_of, read_all(folder, job.name, job.shards))))
+def _totals(job: Job, folder: Path) -> Totals:
+    """What those shards of a job add up to that are there."""
+    return added(job, map(reduced_of, read_all(folder, job.name, job.shards)))
 
 
 def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:

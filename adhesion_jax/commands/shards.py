@@ -62,7 +62,7 @@ def compute(
     """
     work = missing(folder, jobs)
     every = _runs((job, number) for job in jobs for number in range(job.shards))
-    with tqdm(total=every, initial=every - _runs(work), unit=unit) as bar:
+    with tqdm(total=every, initial=every - _runs(work), desc="compiling", unit=unit) as bar:
         try:
             engine = engine_for(work)
             with (
@@ -100,8 +100,8 @@ def _watched(bar: tqdm, folder: Path, engine: Engine) -> Iterator[Callable[[int]
         bar.set_description(", ".join(words) or without_notes, refresh=False)
         bar.set_postfix_str(f"workers: {engine.workers}", refresh=False)
         # A shard that is finished counts when those before it are, too: until then nothing moves.
-        bar.update(max(finished + sum(runs for runs, _ in now) - bar.n, 0))
-        bar.refresh()
+        if not bar.update(max(finished + sum(runs for runs, _ in now) - bar.n, 0)):
+            bar.refresh()
 
     def watch() -> None:
         while not ended.wait(_PAUSE):

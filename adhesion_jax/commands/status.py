@@ -9,13 +9,14 @@ import click
 from adhesion_jax.campaign.identity import surroundings
 from adhesion_jax.campaign.notes import notes
 from adhesion_jax.campaign.store import FOLDER, is_locked, read_all, recorded, runs_in
-from adhesion_jax.commands import montecarlo, traction
+from adhesion_jax.commands import montecarlo, study, traction
 from adhesion_jax.errors import InputError
 
-#: By command: what prints the tables of a job, from its record, the shards and their runs.
-_TELL: Mapping[str, Callable[[Mapping[str, Any], Path, int], None]] = {
+#: By command: what prints the tables of a job, from its record and the folder of its shards.
+_TELL: Mapping[str, Callable[[Mapping[str, Any], Path], None]] = {
     "montecarlo": montecarlo.tell_stored,
     "traction": traction.tell_stored,
+    "study": study.tell_stored,
 }
 
 
@@ -31,10 +32,11 @@ def main(folder: Path) -> None:
     for job in record["jobs"]:
         runs = sum(map(runs_in, read_all(shards, job["name"], job["shards"])))
         whole &= runs == job["runs"]
+        unit = "set" if record["command"] == "study" else "run"
         share = runs / job["runs"]
-        click.echo(f"{job['name']}: {runs} of {job['runs']} runs are finished ({share:.0%})")
+        click.echo(f"{job['name']}: {runs} of {job['runs']} {unit}s are finished ({share:.0%})")
         if runs:
-            _tell(record["command"], job, shards, runs)
+            _tell(record["command"], job, shards)
     if computing:
         now = "".join(f"\n  {words}" for _, words in notes(shards))
         click.echo(f"\na job is computing in this folder{':' if now else ''}{now}")
@@ -42,7 +44,7 @@ def main(folder: Path) -> None:
         click.echo("\nno job is computing in this folder; the same command with --resume goes on")
 
 
-def _tell(command: str, job: Mapping[str, Any], shards: Path, runs: int) -> None:
+def _tell(command: str, job: Mapping[str, Any], shards: Path) -> None:
     """What the finished runs of a job tell, or why that cannot be said here.
 
     Files of the user's own are not needed for it, and not run: a folder may be that of another.
@@ -56,6 +58,6 @@ def _tell(command: str, job: Mapping[str, Any], shards: Path, runs: int) -> None
         )
         return
     try:
-        _TELL[command](job, shards, runs)
+        _TELL[command](job, shards)
     except InputError as refusal:  # a scenario of the user's own
         click.echo(f"Its tables cannot be told here: {refusal}")

@@ -143,13 +143,13 @@ def main(
     )
 
 
-def tell_stored(record: Mapping[str, Any], folder: Path, runs: int) -> None:
+def tell_stored(record: Mapping[str, Any], folder: Path) -> None:
     """Print the figures of those runs that are there of the job of a record."""
     cases = [Named(**case) for case in record["cases"]]
     metrics = metrics_of(cases, added(read_all(folder, record["name"], record["shards"])))
     shown = metrics[metrics["segment"] == WHOLE]
     columns = ["scenario", "method", "noise", *_TOLD, "status"]
-    click.echo(f"\nfigures over the whole run, means over {runs} runs")
+    click.echo("\nmeans over the finished runs, of the whole run each")
     click.echo(_aligned(shown[columns]))
 
 

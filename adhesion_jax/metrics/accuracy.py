@@ -1,10 +1,9 @@
 """The accuracy of an identifier: bias, RMSE, coverage and failures."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from adhesion_jax.metrics.moments import Moments
@@ -74,8 +73,8 @@ def run_statistics(
 
 def table_rows(
     moments: Moments, truth: Truth, blocks: tuple[int, ...], seconds: Moments
-) -> pd.DataFrame:
-    """One row for each quantity, absolute and in the unit of the quantity.
+) -> dict[str, Any]:
+    """The columns of a table with one row for each quantity, in the unit of the quantity.
 
     `delay_steps` is the mean delay after a switch in steps: samples of a stream, or blocks.
     `seconds` are the moments of the time of one identification, over parts of the runs.
@@ -90,29 +89,27 @@ def table_rows(
     with np.errstate(divide="ignore", invalid="ignore"):
         efficiency = np.where(comparable, rmse / bound, np.nan)
         efficiency_se = np.where(comparable, rmse_se / bound, np.nan)
-    return pd.DataFrame(
-        {
-            "quantity": truth.names,
-            "truth": truth.values[list(blocks)].mean(axis=0),
-            "bias": moments.mean("error"),
-            "bias_se": moments.standard_error("error"),
-            "rmse": rmse,
-            "rmse_se": rmse_se,
-            "crlb": bound,
-            "rmse_over_crlb": efficiency,
-            "rmse_over_crlb_se": efficiency_se,
-            "coverage95": moments.mean("covered"),
-            "coverage95_se": moments.standard_error("covered"),
-            "at_bound_share": share,
-            "at_bound_share_se": float(moments.standard_error("on_box")),
-            "failure_share": float(moments.mean("failed")),
-            "failure_share_se": float(moments.standard_error("failed")),
-            "delay_steps": float(moments.mean("delay")),
-            "delay_steps_se": float(moments.standard_error("delay")),
-            "runs": moments.runs,
-            "seconds_per_identification": float(seconds.mean("seconds")),
-            "seconds_per_identification_se": float(seconds.standard_error("seconds")),
-            "evaluations": float(moments.mean("evaluations")),
-            "evaluations_se": float(moments.standard_error("evaluations")),
-        }
-    )
+    return {
+        "quantity": truth.names,
+        "truth": truth.values[list(blocks)].mean(axis=0),
+        "bias": moments.mean("error"),
+        "bias_se": moments.standard_error("error"),
+        "rmse": rmse,
+        "rmse_se": rmse_se,
+        "crlb": bound,
+        "rmse_over_crlb": efficiency,
+        "rmse_over_crlb_se": efficiency_se,
+        "coverage95": moments.mean("covered"),
+        "coverage95_se": moments.standard_error("covered"),
+        "at_bound_share": share,
+        "at_bound_share_se": float(moments.standard_error("on_box")),
+        "failure_share": float(moments.mean("failed")),
+        "failure_share_se": float(moments.standard_error("failed")),
+        "delay_steps": float(moments.mean("delay")),
+        "delay_steps_se": float(moments.standard_error("delay")),
+        "runs": moments.runs,
+        "seconds_per_identification": float(seconds.mean("seconds")),
+        "seconds_per_identification_se": float(seconds.standard_error("seconds")),
+        "evaluations": float(moments.mean("evaluations")),
+        "evaluations_se": float(moments.standard_error("evaluations")),
+    }

@@ -45,3 +45,27 @@ def test_a_worker_that_dies_is_told_in_a_sentence(monkeypatch, capsys):
     told = capsys.readouterr().err
     assert told.startswith("error: a worker process was killed")
     assert "Traceback" not in told
+
+
+def weighed(content):
+    return content * 2
+
+
+def test_large_units_and_large_results_do_not_wait_for_each_other():
+    work = [(bytes([number]) * 2_000_000,) for number in range(12)]  # more than a line holds
+    with mapped(weighed, work, 2) as results:
+        assert list(results) == [content * 2 for (content,) in work]
+
+
+def killed_at_first(number, folder):
+    """Ends its process at the first try of every third unit."""
+    mark = folder / str(number)
+    if number % 3 == 0 and not mark.exists():
+        mark.touch()
+        os._exit(9)
+    return number
+
+
+def test_the_units_of_a_worker_that_dies_are_tried_again(tmp_path):
+    with mapped(killed_at_first, [(number, tmp_path) for number in range(7)], 2) as results:
+        assert list(results) == [*range(7)]

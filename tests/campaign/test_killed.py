@@ -19,13 +19,16 @@ pytestmark = [
 ]
 
 #: 28 shards.
-JOB = ("--scenario", "single", "--identifiers", "ml-exact,gn-jaxopt", "--points", 60)
+JOB = ("montecarlo", "--scenario", "single", "--identifiers", "ml-exact,gn-jaxopt", "--points", 60)
 RUNS = 5000
 
+#: Two shards without noise, and 12 of 32 runs.
+TRACTION = ("traction", "--system", "uyulan2018", "--step", "2e-4", "--runs", 32)
 
-def begun(out, *more, limit=None):
+
+def begun(out, *more, limit=None, job=(*JOB, "--runs", RUNS)):
     """A job on its way; its files may have no more than `limit` bytes."""
-    command = (sys.executable, "-m", "experiments.montecarlo", *JOB, "--runs", RUNS, "--out", out)
+    command = (sys.executable, "-m", "adhesion_jax", *job, "--out", out)
     # A process that is started where Ctrl-C is ignored ignores it too.
     answer = signal.signal(signal.SIGINT, signal.SIG_DFL)
     job = subprocess.Popen(
@@ -195,3 +198,44 @@ def test_runs_are_added_and_the_state_is_told(whole, tmp_path):
     assert ended(begun(tmp_path, "--extend", RUNS - 3000))[0] == 0
     assert_same(results(tmp_path), whole)
     assert json.loads((tmp_path / "metadata.json").read_text())["config"]["runs"] == RUNS
+
+
+@pytest.mark.slow
+def test_a_traction_job_survives_what_a_campaign_does(tmp_path):
+    """Killed, without a worker, stopped, on a full disk, and beside another job."""
+    whole, again = tmp_path / "whole", tmp_path / "again"
+    assert ended(begun(whole, job=TRACTION))[0] == 0
+    again.mkdir()
+
+    job = begun(again, job=TRACTION, limit=20_000)  # the drawn runs are larger
+    status, said = ended(job)
+    assert status == 2, said
+    assert "cannot be written to (File too large)" in said
+
+    job = begun(again, "--resume", job=TRACTION)
+    wait_for(job, again, 3)
+    workers = children(job.pid)
+    job.kill()
+    ended(job)
+    wait_for_end(workers)
+
+    job = begun(again, "--resume", job=TRACTION)
+    wait_for(job, again, 5)
+    status, said = ended(begun(again, "--resume", job=TRACTION))
+    assert status == 2
+    assert "is being written to by another job" in said
+    os.kill(max(children(job.pid)), signal.SIGKILL)
+    wait_for(job, again, 7)
+    workers = children(job.pid)
+    job.send_signal(signal.SIGTERM)
+    status, said = ended(job)
+    assert status == 128 + signal.SIGTERM, said
+    assert "runs are finished and stay in" in said
+    wait_for_end(workers)
+    assert [path.name for path in again.iterdir()] == ["shards"]
+    assert not [*again.rglob(".partial-*")]
+
+    shard = min((again / "shards").glob("*.npz"))
+    shard.write_bytes(shard.read_bytes()[:1000])
+    assert ended(begun(again, "--resume", job=TRACTION))[0] == 0
+    assert_same(results(again), results(whole))

@@ -10,9 +10,8 @@ import pytest
 from adhesion_jax.campaign import store
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.job import Job
-from adhesion_jax.campaign.monte_carlo import added, campaign_of, run_campaign
+from adhesion_jax.campaign.monte_carlo import added, campaign_of, frame_of, run_campaign
 from adhesion_jax.campaign.notes import notes, noting
-from adhesion_jax.campaign.rows import frame_of
 from adhesion_jax.campaign.shard import content, reduced_of, scales, shard
 from adhesion_jax.commands import montecarlo, status
 from adhesion_jax.commands.shards import opened_for

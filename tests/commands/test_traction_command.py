@@ -50,7 +50,7 @@ def test_the_command_writes_its_files(written):
     out, told = written
     pictures = {f"{name}.png" for name in SUBJECTS["hxd1f"].captions}
     expected = {"table.csv", "metrics.csv", "metadata.json", "report.html", *pictures}
-    expected |= {"operating_point.png", "operating_point.gif"}
+    expected |= {"operating_point.png", "operating_point.gif", "runs.parquet", "shards"}
     assert {file.name for file in out.iterdir()} == expected
     assert "plant steps" in told
     table = pd.read_csv(out / "table.csv")
@@ -61,6 +61,11 @@ def test_the_command_writes_its_files(written):
     assert [*metrics] == ["scenario", "method", "segment", "noise", *paired, "status"]
     assert metrics["noise"].tolist() == ["none"] * 4 + ["yes"] * 4
     assert metrics["utilisation"].between(0, 1).all()
+    runs = pd.read_parquet(out / "runs.parquet")
+    assert [*runs] == ["scenario", "method", "noise", "run", "segment", *FIGURES]
+    assert len(runs) == 4 * (1 + 2)
+    noisy = runs[runs["noise"] == "yes"].groupby("segment", sort=False)["utilisation"].mean()
+    assert noisy.tolist() == pytest.approx(metrics["utilisation"][4:].tolist())
     metadata = json.loads((out / "metadata.json").read_text())
     assert metadata["parameters"]["axle_load"]["value"] == [25000.0]
     assert metadata["plant_steps"] == 75_000 * (1 + 32)

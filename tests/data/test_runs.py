@@ -395,7 +395,8 @@ def test_steps_in_time_are_those_within_each_run(seed):
 
 def test_many_columns_are_read_without_a_warning(tmp_path):
     more = {f"c{number}": np.arange(12.0) ** (number / 40) for number in range(120)}
-    table = good(12).assign(vehicle_speed_mps=10.0, run=[7, 3] * 6, **more)
+    columns = {**good(12), "vehicle_speed_mps": 10.0, "run": [7, 3] * 6, **more}
+    table = pd.DataFrame(columns)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = read_runs([written(tmp_path, table)])

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
+from adhesion_jax.commands import status
 from adhesion_jax.commands.study import OWN_FILES, study
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
@@ -14,10 +15,14 @@ from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import Noise
 from adhesion_jax.studies.discovery.judging import is_one_of, removed_share
 from adhesion_jax.studies.discovery.rates import clopper_pearson, confusion, rates, shares
-from adhesion_jax.studies.discovery.running import run_study
+from adhesion_jax.studies.discovery.running import row
 from adhesion_jax.studies.discovery.tasks import Task, make_set, study_tasks
 
 NOISE = Noise(0.01, 0.0, 0.0)
+
+
+def rows(tasks, discover):
+    return pd.DataFrame([row(discover, task) for task in tasks])
 
 
 def nothing_found(*_) -> Findings:
@@ -67,9 +72,7 @@ def test_rates_and_confusions_are_counted():
             answer(("humidity",), before=0.01, after=0.02),
         ]
     )
-    done: list[str] = []
-    sets = run_study(tasks, lambda *_: next(answers), done.append)
-    assert done == [one.part for one in tasks]
+    sets = rows(tasks, lambda *_: next(answers))
     assert sets["in_class"].tolist() == [False] * 4 + [True, True, False, True, False]
     assert sets["first_right"].tolist() == [False] * 4 + [True, False, False, True, False]
     assert sets["extra"].tolist() == [
@@ -199,7 +202,7 @@ def random_task(*columns: str) -> Task:
 )
 def test_a_random_effect_is_named_by_all_of_its_columns(classes, named, extra):
     task_ = random_task("temperature_C", "position_m")
-    sets = run_study([task_], lambda *_: answer(*classes), lambda _: None)
+    sets = rows([task_], lambda *_: answer(*classes))
     assert sets["all_named"].item() == named
     assert sets["extra"].item() == extra
     table = rates(sets).set_index(["group", "quantity"])
@@ -213,14 +216,14 @@ def test_what_an_effect_rests_on_names_its_columns():
     found = answer(("oddity",))
     claim = found.effects[0]._replace(covariates=("temperature_C",))
     findings = found._replace(effects=(claim,))
-    sets = run_study([random_task("temperature_C")], lambda *_: findings, lambda _: None)
+    sets = rows([random_task("temperature_C")], lambda *_: findings)
     assert sets["all_named"].item()
 
 
 def test_both_of_a_pair_are_to_be_named():
     pair = task("pair", ("humidity", "patch"), 0)
     answers = iter([answer(("humidity",), ("patch",)), answer(("humidity",), ("humidity", "lag"))])
-    sets = run_study([pair, pair], lambda *_: next(answers), lambda _: None)
+    sets = rows([pair, pair], lambda *_: next(answers))
     table = rates(sets).set_index("quantity")
     assert table.loc[["both_named", "one_named", "extra"], "hits"].tolist() == [1, 2, 0]
 
@@ -229,7 +232,7 @@ def test_a_class_of_more_than_four_counts_by_its_first():
     four, five = ("lag", "a", "b", "humidity"), ("lag", "a", "b", "c", "humidity")
     answers = iter([answer(four), answer(five)])
     one = task("confusion", ("humidity",), 0)
-    sets = run_study([one, one], lambda *_: next(answers), lambda _: None)
+    sets = rows([one, one], lambda *_: next(answers))
     assert sets["in_class"].tolist() == [True, False]
     assert sets["extra"].tolist() == [False, True]
 
@@ -237,7 +240,7 @@ def test_a_class_of_more_than_four_counts_by_its_first():
 def test_a_doubt_that_names_the_column_of_a_random_effect_is_counted():
     doubting = answer()._replace(doubts=(Doubt(("position_m",), ""),))
     tasks = [random_task("position_m"), random_task("temperature_C")]
-    sets = run_study(tasks, lambda *_: doubting, lambda _: None)
+    sets = rows(tasks, lambda *_: doubting)
     assert sets["doubted"].tolist() == [True, False]
     assert not sets["in_class"].any()
 
@@ -246,7 +249,7 @@ def test_a_doubt_names_an_offset_and_nothing_else():
     doubting = answer()._replace(doubts=(Doubt(("torque_offset", "slip_bias"), ""),))
     tasks = [task("confusion", (name,), 1) for name in ("slip_bias", "torque_offset", "humidity")]
     tasks.append(task("nothing", (), 1))
-    sets = run_study(tasks, lambda *_: doubting, lambda _: None)
+    sets = rows(tasks, lambda *_: doubting)
     assert sets["in_class"].tolist() == [True, True, False, False]
     assert not sets["detected"].any()
     assert not sets["extra"].any()
@@ -262,7 +265,7 @@ def test_noise_of_the_slip_is_no_claim_on_a_log():
             *(answer(("slip_noise", "lag"), ("drift",)), answer(("slip_noise",)), answer()),
         ]
     )
-    sets = run_study([null, null, wet, wet, noisy], lambda *_: next(answers), lambda _: None)
+    sets = rows([null, null, wet, wet, noisy], lambda *_: next(answers))
     assert sets["claims"].tolist() == [0, 1, 1, 0, 0]
     assert sets["reported"].tolist()[:2] == ["slip_noise", "slip_noise|patch"]
     assert sets["in_class"].tolist() == [False, False, True, False, False]
@@ -295,16 +298,34 @@ def test_the_quantiles_of_the_shares_are_those_of_numpy():
 
 
 @pytest.mark.slow
-def test_workers_give_the_rows_of_one_process():
-    tasks = study_tasks(3, 0, 6, random=1, log_effects=1)
-    times = ["seconds", "cpu_seconds"]
-    done: list[str] = []
-    one, two = (
-        run_study(tasks, nothing_found, done.append, workers).drop(columns=times)
-        for workers in (1, 2)
-    )
-    pd.testing.assert_frame_equal(one, two, check_exact=True)
-    assert done == 2 * [one.part for one in tasks]
+def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_path, capsys):
+    sizes = {"null": 3, "powers": 0, "seed": 6, "random": 1, "log_effects": 1}
+
+    def sets(out):
+        return pd.read_csv(out / "sets.csv").drop(columns=["seconds", "cpu_seconds"])
+
+    one, two = tmp_path / "one", tmp_path / "two"
+    study(sizes, one, nothing_found)
+    study(sizes, two, nothing_found, workers=2)
+    pd.testing.assert_frame_equal(sets(one), sets(two), check_exact=True)
+    tasks = study_tasks(**sizes)
+    rows(tasks, nothing_found).to_csv(tmp_path / "sets.csv", index=False)
+    pd.testing.assert_frame_equal(sets(one), sets(tmp_path), check_exact=True)
+    before = pd.read_csv(two / "sets.csv")
+    (two / "shards" / "study-00001.npz").write_bytes(b"damaged")
+    (two / "shards" / "study-00003.parquet").unlink()
+    capsys.readouterr()
+    status.main(two)
+    said = capsys.readouterr().out
+    assert f"{len(tasks) - 2} of {len(tasks)} sets are finished" in said
+    assert "False claims on null sets: 0 of 2" in said
+    study(sizes, two, nothing_found, resume=True)
+    pd.testing.assert_frame_equal(sets(two), sets(one), check_exact=True)
+    kept = [place for place in range(len(tasks)) if place not in (1, 3)]
+    again = pd.read_csv(two / "sets.csv")
+    assert again["seconds"][kept].tolist() == before["seconds"][kept].tolist()
+    with pytest.raises(InputError, match="--null is 3 there and 4 here"):
+        study({**sizes, "null": 4}, two, nothing_found, resume=True)
 
 
 @pytest.mark.thorough
@@ -315,7 +336,7 @@ def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.PLANTABLE", some)
     sizes = {"null": 4, "powers": 1, "seed": 0, "pairs": 1, "random": 6, "logs": 1}
     table = study(sizes, tmp_path, lambda *_: answer(("humidity", "drift")))
-    assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES}
+    assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES, "shards"}
     sets = pd.read_csv(tmp_path / "sets.csv")
     assert sets["part"].value_counts().to_dict() == {
         "nothing": 4,

@@ -1,13 +1,22 @@
-"""A study run: one row a set, in one process or in several."""
+"""A study as a job in shards: one set each, of which a row is left."""
 
+import inspect
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
-from adhesion_jax.campaign.executor import mapped
+from adhesion_jax.campaign.identity import own_files, surroundings
+from adhesion_jax.campaign.monte_carlo import frame_of
+from adhesion_jax.campaign.notes import Tell
+from adhesion_jax.campaign.store import Content, read, rows_of
 from adhesion_jax.discovery.types import Findings
+from adhesion_jax.runtime import silent
 from adhesion_jax.simulation.simulator import SimulatedSet
 from adhesion_jax.studies.discovery.judging import judged
 from adhesion_jax.studies.discovery.tasks import Task, make_set
@@ -16,26 +25,58 @@ from adhesion_jax.studies.discovery.tasks import Task, make_set
 Discover = Callable[[pd.DataFrame, pd.DataFrame | None, int], Findings]
 
 
-def run_study(
-    tasks: Sequence[Task],
-    discover: Discover,
-    progress: Callable[[str], None],
-    workers: int = 1,
-) -> pd.DataFrame:
-    """One row a set: what was planted, what was reported, the errors and the time it took.
+class Study(NamedTuple):
+    """The sets of a study, and what is studied on them."""
 
-    More than one worker means that number of processes, which must be able to import `discover`;
-    the rows are the same, in the order of the tasks, save the times.
-    """
-    rows = []
-    with mapped(_row, [(discover, task) for task in tasks], workers) as results:
-        for task, row in zip(tasks, results, strict=True):
-            rows.append(row)
-            progress(task.part)
-    return pd.DataFrame(rows)
+    tasks: tuple[Task, ...]
+    discover: Discover
+    asked: Mapping[str, int]  # the options of the command that tell what is made
+
+    @property
+    def name(self) -> str:
+        return "study"
+
+    @property
+    def runs(self) -> int:
+        return len(self.tasks)
+
+    @property
+    def shards(self) -> int:
+        return len(self.tasks)
+
+    def runs_of(self, shard: int) -> int:
+        return 1
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        source = Path(inspect.getfile(self.discover)).read_bytes()
+        options = {f"--{key.replace('_', '-')}": str(value) for key, value in self.asked.items()}
+        depends = {
+            **options,
+            "what is studied": f"{self.discover.__module__}.{self.discover.__qualname__}",
+            "source of what is studied": sha256(source).hexdigest(),
+            **surroundings(),
+            **own_files(),
+        }
+        return {"depends on": depends}
 
 
-def _row(discover: Discover, task: Task) -> dict[str, object]:
+def content(study: Study, number: int, tell: Tell = silent) -> Content:
+    """The row of a set, which is all that is stored of it."""
+    task = study.tasks[number]
+    tell(0, task.part)
+    return Content({}, pa.Table.from_pylist([row(study.discover, task)]))
+
+
+def sets_of(folder: Path, name: str, shards: int) -> pd.DataFrame:
+    """The rows of those sets that are there, in their order."""
+    there = [number for number in range(shards) if read(folder, name, number) is not None]
+    rows = [frame_of(rows_of(folder, name, number)) for number in there]
+    return pd.concat(rows, ignore_index=True)
+
+
+def row(discover: Discover, task: Task) -> dict[str, object]:
+    """What was planted in a set, what was reported, the errors and the time it took."""
     made = make_set(task)
     began, cpu_began = time.perf_counter(), time.process_time()
     findings = discover(made.train, made.test, task.seed)
