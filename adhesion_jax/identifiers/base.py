@@ -94,7 +94,8 @@ class Identifier(eqx.Module):
     POOLS: ClassVar[bool] = False
 
     #: Whether the compiler is to fuse the loops of its programs. That takes half as long again to
-    #: compile, and makes one long loop over generations several times as fast, others hardly.
+    #: compile, and makes one long loop over generations several times as fast, the search of exact
+    #: maximum likelihood twice, others hardly.
     FUSED: ClassVar[bool] = False
 
     @abstractmethod
