@@ -258,7 +258,7 @@ def test_an_edited_method_gives_new_numbers_at_once(tmp_path, with_jax):
 
     assert abs(bias()) < 1e-3
     method = tmp_path / "adhesion_jax" / "identifiers" / "ml_exact.py"
-    before = "parameters = jnp.stack([found.a, found.nu, found.b])"
+    before = "jnp.stack([found.a, found.nu, found.b])"
     assert before in method.read_text()
     method.write_text(
         method.read_text().replace(before, f"{before} * jnp.array([1.05, 1.0, 1.05])")

@@ -203,9 +203,11 @@ def test_without_dask_it_is_said_what_to_install(monkeypatch):
 
 
 def begun(out, *more, cores=None):
-    """A job on its way, on these cores."""
+    """A job on its way, on these cores or on those of this process."""
     command = (sys.executable, "-m", "experiments.montecarlo", *JOB, "--runs", RUNS, "--out", out)
     answer = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    own = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores or own)  # a child has those of its parent
     job = subprocess.Popen(
         [*map(str, command), *map(str, more)],
         stderr=subprocess.PIPE,
@@ -214,8 +216,8 @@ def begun(out, *more, cores=None):
         cwd=HOME,
         env={**os.environ, "TMPDIR": str(passing(out))},
         start_new_session=True,
-        preexec_fn=(lambda: os.sched_setaffinity(0, cores)) if cores else None,
     )
+    os.sched_setaffinity(0, own)
     signal.signal(signal.SIGINT, answer)
     return job
 

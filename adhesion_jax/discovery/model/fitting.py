@@ -37,8 +37,9 @@ _SIZES = ((8, 32), (12, 64))
 #: whose curvature is below this.
 DETERMINED = 1e-7
 
-#: A fit ends where a step promises to lower its loss by no more than this share.
-_PRECISE = 1e-12
+#: A fit ends where a step promises to lower its loss by no more than this share, which is little
+#: more than the rounding of the loss: parameters are as precise as the square root of it.
+_PRECISE = 1e-14
 
 #: The same for fits that are only compared with others.
 _NEAR = 1e-5
