@@ -13,10 +13,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-pytestmark = [
-    pytest.mark.thorough,
-    pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="it looks for processes"),
-]
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/task").exists(), reason="it looks for processes"
+)
 
 #: 28 shards.
 JOB = ("montecarlo", "--scenario", "single", "--identifiers", "ml-exact,gn-jaxopt", "--points", 60)
@@ -106,6 +105,7 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.thorough
 def test_a_job_that_is_killed_again_and_again_gives_the_same_results(whole, tmp_path, seed):
     random.seed(seed)
     killed = 0
@@ -127,6 +127,7 @@ def test_a_job_that_is_killed_again_and_again_gives_the_same_results(whole, tmp_
     assert not [*tmp_path.rglob(".partial-*")]
 
 
+@pytest.mark.thorough
 def test_another_process_takes_the_place_of_a_worker_that_is_killed(whole, tmp_path):
     job = begun(tmp_path)
     wait_for(job, tmp_path, 2)
@@ -137,6 +138,7 @@ def test_another_process_takes_the_place_of_a_worker_that_is_killed(whole, tmp_p
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.thorough
 def test_a_job_that_is_stopped_leaves_its_shards_and_nothing_else(whole, tmp_path, number):
     job = begun(tmp_path)
     wait_for(job, tmp_path, 3)
@@ -153,6 +155,7 @@ def test_a_job_that_is_stopped_leaves_its_shards_and_nothing_else(whole, tmp_pat
     assert_same(results(tmp_path), whole)
 
 
+@pytest.mark.thorough
 def test_a_full_disk_is_answered_in_a_sentence_and_finished_shards_stay(whole, tmp_path):
     """A limit to the size of a file stands for it: later shards are larger than the first."""
     job = begun(tmp_path, limit=30_000)
@@ -167,6 +170,7 @@ def test_a_full_disk_is_answered_in_a_sentence_and_finished_shards_stay(whole, t
     assert_same(results(tmp_path), whole)
 
 
+@pytest.mark.thorough
 def test_two_jobs_in_one_folder(whole, tmp_path):
     first = begun(tmp_path)
     wait_for(first, tmp_path, 1)
@@ -179,6 +183,7 @@ def test_two_jobs_in_one_folder(whole, tmp_path):
     assert_same(results(tmp_path), whole)
 
 
+@pytest.mark.thorough
 def test_runs_are_added_and_the_state_is_told(whole, tmp_path):
     job = begun(tmp_path, "--runs", 3000)
     wait_for(job, tmp_path, 2)
