@@ -4,29 +4,24 @@ The runs are divided into shards. The first shards have the cases without noise,
 together; in each of those that follow are some noisy runs of one case, the cases by turns.
 """
 
-import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from adhesion_jax import programs
 from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
-from adhesion_jax.campaign.keys import noise_keys
+from adhesion_jax.campaign.loops import Figures, computed, form_of, steps_of
 from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.store import Arrays, Content
-from adhesion_jax.metrics import closed_loop
-from adhesion_jax.metrics.closed_loop import FIGURES, Totals
+from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.metrics.moments import KnownMoments
 from adhesion_jax.runtime import CORES, silent
-from adhesion_jax.traction.loop import Loop, Timing, Trace, check, first_row, run, timing, trace
+from adhesion_jax.traction.loop import Loop, Timing, Trace, check, first_row, timing
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.systems.base import Case, System, built
 
@@ -37,9 +32,6 @@ _LEAST = 32
 
 #: Number of runs of a shard with noise: with more the states leave the cache.
 _SHARD = 256
-
-#: Largest number of rows of a run that is drawn.
-_ROWS = 3000
 
 #: The name of the segment that is the whole run.
 WHOLE = "all"
@@ -59,8 +51,6 @@ _TRACE = "trace "
 
 #: The fields of the moments that are stored.
 _SUMS = ("known", "total", "total_square")
-
-Figures = Mapping[str, np.ndarray]  # by name: [runs, segments, of which the last is the whole run]
 
 
 class Judged(NamedTuple):
@@ -161,7 +151,7 @@ def job_of(
         loop = built(system, case, plant)
         check(loop)
         grid = timing(loop, system.step, system.control_period or system.step, system.duration)
-        alike[_form(loop), grid].append((number, loop))
+        alike[form_of(loop), grid].append((number, loop))
         noisy.append(built(system, case, plant, noisy=True))
         grids.append(grid)
     quiet = []
@@ -194,7 +184,7 @@ def content(job: Job, number: int, tell: Tell = silent) -> Content:
     tell(0, job.cases[cases[0]].method)
     if number < len(job.quiet):
         _, loops, grid = job.quiet[number]
-        found = _computed(loops, grid, job.seed, "", range(len(loops)), drawn=True)
+        found = computed(loops, grid, job.seed, "", range(len(loops)), drawn=True)
         parts = [
             {name: figure[lane : lane + 1] for name, figure in found.figures.items()}
             for lane in range(len(loops))
@@ -203,7 +193,7 @@ def content(job: Job, number: int, tell: Tell = silent) -> Content:
     else:
         (case,), numbers = cases, job.noisy_runs(number)
         scenario, grid = job.cases[case].scenario, job.grids[case]
-        found = _computed((job.noisy[case],), grid, job.seed, scenario, numbers, drawn=False)
+        found = computed((job.noisy[case],), grid, job.seed, scenario, numbers, drawn=False)
         parts = [{name: figure[: job.runs_of(number)] for name, figure in found.figures.items()}]
         noise, first = NOISY, numbers.start
     moments = [KnownMoments.of(figures) for figures in parts]
@@ -219,7 +209,7 @@ def content(job: Job, number: int, tell: Tell = silent) -> Content:
         "cases": np.array(cases),
         "noisy": np.array(noise == NOISY),
         "summed runs": np.array(moments[0].runs),
-        "steps": np.array(found.runs * _steps(grid)),
+        "steps": np.array(found.runs * steps_of(grid)),
         "seconds": np.array(found.seconds),
         "compile_seconds": np.array(found.compile_seconds),
     }
@@ -307,90 +297,6 @@ def metrics_of(cases: Sequence[Named], tally: Tally) -> pd.DataFrame:
         ],
         ignore_index=True,
     )
-
-
-def _steps(grid: Timing) -> int:
-    return grid.samples * grid.sample * grid.control
-
-
-class _Result(NamedTuple):
-    figures: Figures
-    trace: Trace | None  # [loops, rows, ...]
-    runs: int
-    seconds: float
-    compile_seconds: float
-
-
-def _computed(
-    loops: Sequence[Loop], grid: Timing, seed: int, scenario: str, numbers: range, drawn: bool
-) -> _Result:
-    """Some loops, each with the noise of its number, or one with that of many; drawn or not."""
-    keys = noise_keys(seed, scenario, jnp.asarray(numbers))
-    stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
-    began = time.perf_counter()
-    form = jax.tree.structure((stacked, keys))
-    compiled = _compiled(form, _kinds((stacked, keys)), grid, drawn)
-    compile_seconds = time.perf_counter() - began
-    began = time.process_time()
-    found = jax.block_until_ready(compiled(jax.tree.leaves((stacked, keys))))
-    seconds = time.process_time() - began
-    figures, rows = jax.tree.map(np.asarray, found)
-    return _Result(figures, rows, len(numbers), seconds, compile_seconds)
-
-
-def _form(loop: Loop) -> object:
-    """The key of a loop: loops of equal keys are run by one program."""
-    return jax.tree.structure(loop), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(loop))
-
-
-def _kinds(tree: Any) -> tuple[jax.ShapeDtypeStruct, ...]:
-    return tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree))
-
-
-@cache
-def _compiled(
-    form: jax.tree_util.PyTreeDef,
-    kinds: tuple[jax.ShapeDtypeStruct, ...],
-    grid: Timing,
-    drawn: bool,
-) -> Callable[[list[Any]], tuple[dict[str, jax.Array], Trace | None]]:
-    """Figures of a stack of loops under their keys, and the rows of what is drawn.
-
-    One loop with many keys stands for as many runs of it.
-    """
-
-    def of_drawn(loop: Loop, key: jax.Array) -> tuple[dict[str, jax.Array], Trace]:
-        totals, rows = trace(loop, grid, key, _every(grid))
-        return _figures(totals, grid), rows
-
-    def of_run(loop: Loop, key: jax.Array) -> dict[str, jax.Array]:
-        return _figures(run(loop, grid, key), grid)
-
-    def unit(leaves: list[Any]) -> tuple[dict[str, jax.Array], Trace | None]:
-        loops, keys = jax.tree.unflatten(form, leaves)
-        if drawn:
-            return jax.vmap(of_drawn)(loops, keys)
-        loop = jax.tree.map(lambda x: x[0], loops)
-        return jax.vmap(of_run, (None, 0))(loop, keys), None
-
-    # What is drawn runs once, and takes longer to compile than to run: without the fusion emitters
-    # it takes half the time to compile.
-    compiler = {"xla_cpu_use_fusion_emitters": False} if drawn else {}
-    name = ("traction", form, str(kinds), grid, drawn)
-    return programs.program(name, unit, [*kinds], compiler)
-
-
-def _every(grid: Timing) -> int:
-    """Number of samples from one drawn row to the next: the smallest that divides the run."""
-    least = max(-(-grid.samples // _ROWS), 1)
-    return next(n for n in range(least, grid.samples + 1) if grid.samples % n == 0)
-
-
-def _figures(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
-    """The figures of each segment and, last, of the whole run."""
-    parts = (closed_loop.by_segment(totals), closed_loop.whole(totals))
-    found = [closed_loop.figures(part, grid.sample_period) for part in parts]
-    return {name: jnp.concatenate([1.0 * part[name] for part in found]) for name in FIGURES}
 
 
 def _metrics(case: Named, noise: str, moments: KnownMoments) -> pd.DataFrame:

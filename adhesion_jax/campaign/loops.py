@@ -1,0 +1,108 @@
+"""Closed loops that are computed side by side by one program: their figures, and what is drawn."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from adhesion_jax import programs
+from adhesion_jax.campaign.keys import noise_keys
+from adhesion_jax.metrics import closed_loop
+from adhesion_jax.metrics.closed_loop import FIGURES, Totals
+from adhesion_jax.traction.loop import Loop, Timing, Trace, run, trace
+
+#: Largest number of rows of a run that is drawn.
+_ROWS = 3000
+
+Figures = Mapping[str, np.ndarray]  # by name: [runs, segments, of which the last is the whole run]
+
+
+def steps_of(grid: Timing) -> int:
+    """The number of steps of the plant in a run."""
+    return grid.samples * grid.sample * grid.control
+
+
+class Computed(NamedTuple):
+    """What some loops came to, and what it took."""
+
+    figures: Figures
+    trace: Trace | None  # [loops, rows, ...], of those that are drawn
+    runs: int
+    seconds: float  # CPU time, without compilation
+    compile_seconds: float  # wall-clock time
+
+
+def computed(
+    loops: Sequence[Loop], grid: Timing, seed: int, scenario: str, numbers: range, drawn: bool
+) -> Computed:
+    """Some loops, each with the noise of its number, or one with that of many; drawn or not."""
+    keys = noise_keys(seed, scenario, jnp.asarray(numbers))
+    stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
+    began = time.perf_counter()
+    form = jax.tree.structure((stacked, keys))
+    compiled = _compiled(form, _kinds((stacked, keys)), grid, drawn)
+    compile_seconds = time.perf_counter() - began
+    began = time.process_time()
+    found = jax.block_until_ready(compiled(jax.tree.leaves((stacked, keys))))
+    seconds = time.process_time() - began
+    figures, rows = jax.tree.map(np.asarray, found)
+    return Computed(figures, rows, len(numbers), seconds, compile_seconds)
+
+
+def form_of(loop: Loop) -> object:
+    """The key of a loop: loops of equal keys are run by one program."""
+    return jax.tree.structure(loop), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(loop))
+
+
+def _kinds(tree: Any) -> tuple[jax.ShapeDtypeStruct, ...]:
+    return tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree))
+
+
+@cache
+def _compiled(
+    form: jax.tree_util.PyTreeDef,
+    kinds: tuple[jax.ShapeDtypeStruct, ...],
+    grid: Timing,
+    drawn: bool,
+) -> Callable[[list[Any]], tuple[dict[str, jax.Array], Trace | None]]:
+    """Figures of a stack of loops under their keys, and the rows of what is drawn.
+
+    One loop with many keys stands for as many runs of it.
+    """
+
+    def of_drawn(loop: Loop, key: jax.Array) -> tuple[dict[str, jax.Array], Trace]:
+        totals, rows = trace(loop, grid, key, _every(grid))
+        return _figures(totals, grid), rows
+
+    def of_run(loop: Loop, key: jax.Array) -> dict[str, jax.Array]:
+        return _figures(run(loop, grid, key), grid)
+
+    def unit(leaves: list[Any]) -> tuple[dict[str, jax.Array], Trace | None]:
+        loops, keys = jax.tree.unflatten(form, leaves)
+        if drawn:
+            return jax.vmap(of_drawn)(loops, keys)
+        loop = jax.tree.map(lambda x: x[0], loops)
+        return jax.vmap(of_run, (None, 0))(loop, keys), None
+
+    # What is drawn runs once, and takes longer to compile than to run: without the fusion emitters
+    # it takes half the time to compile.
+    compiler = {"xla_cpu_use_fusion_emitters": False} if drawn else {}
+    name = ("traction", form, str(kinds), grid, drawn)
+    return programs.program(name, unit, [*kinds], compiler)
+
+
+def _every(grid: Timing) -> int:
+    """Number of samples from one drawn row to the next: the smallest that divides the run."""
+    least = max(-(-grid.samples // _ROWS), 1)
+    return next(n for n in range(least, grid.samples + 1) if grid.samples % n == 0)
+
+
+def _figures(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
+    """The figures of each segment and, last, of the whole run."""
+    parts = (closed_loop.by_segment(totals), closed_loop.whole(totals))
+    found = [closed_loop.figures(part, grid.sample_period) for part in parts]
+    return {name: jnp.concatenate([1.0 * part[name] for part in found]) for name in FIGURES}
