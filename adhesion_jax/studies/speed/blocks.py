@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +23,18 @@ PEER = "scipy-de"
 #: Its scale factor.
 _SCALE = 0.5
 
-#: A block of another library: slip and adhesion, bounds, and a random generator.
-_Solve = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.random.Generator], object]
+
+class _Block(NamedTuple):
+    """What another library is given."""
+
+    slip: np.ndarray
+    adhesion: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    random: np.random.Generator
+
+
+_Solve = Callable[[_Block], object]
 
 UNIT = "identifications"
 PART = "blocks"
@@ -80,7 +90,7 @@ def _on_blocks(config: Config, solve: _Solve) -> Work:
         random = np.random.default_rng(turn)
         began = time.process_time()
         for adhesion in blocks:
-            solve(slip, adhesion, lower, upper, random)
+            solve(_Block(slip, adhesion, lower, upper, random))
         return float(len(blocks)), time.process_time() - began
 
     return work
@@ -103,18 +113,12 @@ def _jacobian(x: np.ndarray, slip: np.ndarray) -> np.ndarray:
     return np.stack([1 - decay, x[0] * slip * decay, -slip], axis=1)
 
 
-def _scipy_de(
-    slip: np.ndarray,
-    adhesion: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    random: np.random.Generator,
-) -> object:
+def _scipy_de(block: _Block) -> object:
     return scipy.optimize.differential_evolution(
-        lambda x: np.sum((_model(x, slip[:, None]) - adhesion[:, None]) ** 2, axis=0),
-        list(zip(lower, upper, strict=True)),
+        lambda x: np.sum((_model(x, block.slip[:, None]) - block.adhesion[:, None]) ** 2, axis=0),
+        list(zip(block.lower, block.upper, strict=True)),
         strategy="rand1bin",
-        init=random.uniform(lower, upper, (POPULATION, lower.size)),
+        init=block.random.uniform(block.lower, block.upper, (POPULATION, block.lower.size)),
         mutation=_SCALE,
         recombination=CROSSOVER,
         maxiter=GENERATIONS,
@@ -122,71 +126,47 @@ def _scipy_de(
         polish=False,
         updating="deferred",
         vectorized=True,
-        rng=random,
+        rng=block.random,
     )
 
 
-def _scipy_de_default(
-    slip: np.ndarray,
-    adhesion: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    random: np.random.Generator,
-) -> object:
+def _scipy_de_default(block: _Block) -> object:
     return scipy.optimize.differential_evolution(
-        lambda x: np.sum((_model(x, slip) - adhesion) ** 2),
-        list(zip(lower, upper, strict=True)),
-        rng=random,
+        lambda x: np.sum((_model(x, block.slip) - block.adhesion) ** 2),
+        list(zip(block.lower, block.upper, strict=True)),
+        rng=block.random,
     )
 
 
-def _minpack(
-    slip: np.ndarray,
-    adhesion: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    _random: np.random.Generator,
-) -> object:
+def _minpack(block: _Block) -> object:
     return scipy.optimize.leastsq(
-        lambda x: _model(x, slip) - adhesion,
-        0.5 * (lower + upper),
-        Dfun=lambda x: _jacobian(x, slip),
+        lambda x: _model(x, block.slip) - block.adhesion,
+        0.5 * (block.lower + block.upper),
+        Dfun=lambda x: _jacobian(x, block.slip),
     )
 
 
-def _trust_region(
-    slip: np.ndarray,
-    adhesion: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    _random: np.random.Generator,
-) -> object:
+def _trust_region(block: _Block) -> object:
     return scipy.optimize.least_squares(
-        lambda x: _model(x, slip) - adhesion,
-        0.5 * (lower + upper),
-        jac=lambda x: _jacobian(x, slip),
-        bounds=(lower, upper),
-        x_scale=upper - lower,
+        lambda x: _model(x, block.slip) - block.adhesion,
+        0.5 * (block.lower + block.upper),
+        jac=lambda x: _jacobian(x, block.slip),
+        bounds=(block.lower, block.upper),
+        x_scale=block.upper - block.lower,
     )
 
 
-def _pygmo(
-    slip: np.ndarray,
-    adhesion: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    random: np.random.Generator,
-) -> object:
+def _pygmo(block: _Block) -> object:
     pygmo = import_module("pygmo")
 
     class Problem:
         def fitness(self, x: np.ndarray) -> list[float]:
-            return [float(np.sum((_model(x, slip) - adhesion) ** 2))]
+            return [float(np.sum((_model(x, block.slip) - block.adhesion) ** 2))]
 
         def get_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-            return lower, upper
+            return block.lower, block.upper
 
-    seed = int(random.integers(2**31))
+    seed = int(block.random.integers(2**31))
     rand1bin = 7  # in the numbering of pygmo
     method = pygmo.de(GENERATIONS, _SCALE, CROSSOVER, rand1bin, 0.0, 0.0, seed)
     return pygmo.algorithm(method).evolve(pygmo.population(Problem(), size=POPULATION, seed=seed))
