@@ -84,11 +84,11 @@ def panels(count: int, height: float, columns: int = 3) -> tuple[Figure, list[Ax
     columns = min(count, columns)
     lines = -(-count // columns)
     wide, gap, below = 3.0 if columns > 1 else 5.0, 0.75, 0.95
-    size = (0.9 + columns * (wide + 0.3), lines * (height + gap) - gap + below + 0.35)
+    size = (1.05 + columns * (wide + 0.3), lines * (height + gap) - gap + below + 0.35)
     figure = Figure(figsize=size)
     axes = list(figure.subplots(lines, columns, sharey=True, squeeze=False).ravel())
     figure.subplots_adjust(
-        left=0.8 / size[0],
+        left=0.95 / size[0],
         right=1 - 0.2 / size[0],
         bottom=below / size[1],
         top=1 - 0.35 / size[1],
