@@ -22,7 +22,8 @@ from adhesion_jax.scenarios import Group, Options, Scenario
 #: The method with whose objective every other is compared.
 REFERENCE = "ml-exact"
 
-#: So many shards have one tile, as many have two, then four, up to the largest.
+#: The number of shards that have one tile, and of those that have two, four and so on; and the
+#: number of tiles of the largest.
 _ALIKE = 16
 _LARGEST = 32
 

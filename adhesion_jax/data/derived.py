@@ -26,8 +26,8 @@ _BODIES = (
 )
 _AXLES = "driven_axles"
 
-#: The rolling radius is found from rows whose adhesion is at most this share of the largest, of
-#: which there must be so many; within a smaller share the wheel counts as coasting.
+#: The rolling radius is found from rows whose adhesion is at most this share of the largest; within
+#: the smaller share the wheel counts as coasting, and this is the fewest rows in which it must.
 _LOW = 0.2
 _COASTING = 0.05
 _FEWEST = 100

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-#: A speed in km/h is so many times that in m/s; a ratio is taken for that if it is so near.
+#: A speed in km/h over the same in m/s, and the relative deviation up to which a ratio is taken for
+#: that.
 _KMH, _NEAR = 3.6, 0.15
 
-#: A change of speed, m/s^2, that no train reaches for so many seconds, not even by track brakes.
+#: A change of speed, m/s^2, that no train reaches for this time in s, not even by track brakes.
 _HARDEST, _FOR_S = 4.0, 2.0
 
 #: Rolling radii of the wheels of rail vehicles, m.
@@ -81,7 +82,7 @@ def _of_factor(factor: float, label: str, what: str) -> list[str]:
 
 
 def wrong_unit(factor: float) -> str:
-    """What makes a speed so many times what it is, as a clause; empty where units do not."""
+    """Which units make a speed this multiple of what it is, as a clause; empty where none do."""
     if abs(factor / _KMH - 1) < _NEAR:
         return "km/h were taken for m/s"
     if abs(factor * _KMH - 1) < _NEAR:

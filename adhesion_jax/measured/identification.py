@@ -16,7 +16,7 @@ from adhesion_jax.measured.start import least_squares
 from adhesion_jax.records import Record
 
 #: Adhesion follows the expected slip and not the measured one, if that raises the log density of
-#: what was left out by so many standard errors of the gain.
+#: what was left out by more than this multiple of the standard error of the gain.
 _GAIN = 2.0
 
 

@@ -13,11 +13,12 @@ from adhesion_jax.effects.slip_noise import SlipNoise, expected_slip
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
-#: Size of the noise is judged by at most so many stretches of so many points, evenly chosen.
+#: Largest number of stretches, evenly chosen, by which the size of the noise is judged, and the
+#: number of points of each.
 _STRETCHES, _LENGTH = 16, 256
 
-#: The slip is smoothed in so many stretches at a time; a stretch is led in and out by points whose
-#: own result is not used: far more than the smoother reaches.
+#: Number of stretches in which the slip is smoothed at a time, of points of a stretch, and of those
+#: before and after it whose own result is not used: far more than the smoother reaches.
 _AT_A_TIME, _INNER, _LEAD = 16, 896, 64
 
 #: Least vehicle speed by which the noise of a wheel speed is divided, m/s.

@@ -44,7 +44,7 @@ _CRAWLING = 3
 #: A step that promises to remove less than this share of the loss may seem to raise it.
 _ROUNDING = 1e-13
 
-#: With up to so many parameters, sums and elimination are written out number by number, and in a
+#: Up to this number of parameters, sums and elimination are written out number by number, and in a
 #: batch each number is an array over the problems; with more, they are left to BLAS and LAPACK.
 _WRITTEN_OUT = 8
 

@@ -24,7 +24,7 @@ from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.programs import kept
 from adhesion_jax.wording import listed
 
-#: Sensitivities are computed for so many slips at a time: one program for every number of slips.
+#: Number of slips of which sensitivities are computed at a time: one program serves all numbers.
 _CHUNK = 2048
 
 #: Taken in place of slip 0, where the size of the slip, and so an odd law, has no slope to jax.

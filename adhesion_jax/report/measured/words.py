@@ -21,7 +21,7 @@ _LIKENESS = 2.0
 #: Least weight at which a curve is named as part of the answer.
 LEAST_NAMED = 0.005
 
-#: Curves are told apart if their log densities differ by so many standard errors of the difference.
+#: Curves are told apart if their log densities differ by this multiple of its standard error.
 _APART = 2.0
 
 #: Autocorrelation, run scatter and misfit below this are not worth a number.
