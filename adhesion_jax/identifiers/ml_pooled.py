@@ -110,7 +110,7 @@ class PooledMaximumLikelihood(Identifier):
             lambda sums: variable_projection.minimise(sums, known.lower, known.upper),
             jax.tree.map(lambda *x: jnp.stack(x), sums, both),
         )
-        found = found._replace(evaluations=jnp.full(2, jnp.sum(found.evaluations)))
+        found = found._replace(evaluations=jnp.full(2, jnp.sum(found.evaluations, dtype=jnp.int32)))
         alone, joint = (jax.tree.map(itemgetter(i), found) for i in range(2))
         cost = penalty(joint.objective, pool.found.objective + alone.objective, both.yy, count)
         # A curve passes through any three points, so that as few cannot contradict another curve.

@@ -23,8 +23,9 @@ DEGREE = 40
 _GRID = 64
 _STEPS = 60
 
-#: A search ends with a step shorter than this, half a cell of the grid being 1.
-_NEAR = 1e-13
+#: A search ends with a step shorter than this (a cell of the grid is 1), or where the slope of the
+#: profile is this share of its three parts.
+_NEAR, _ROUNDING = 1e-13, 1e-15
 
 #: Degree of the polynomials that stand for the series in two cells of the grid, which add 1e-14 to
 #: its error. A step of the search then costs a quarter of what the series would.
@@ -207,11 +208,13 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
     shape = (_LOCAL_DEGREE + 1, *cell.shape)
     powers = jnp.stack([jnp.broadcast_to(_powers(c, cell), shape) for c in series], axis=1)
 
-    def evaluated(t: Float[Array, " runs"]) -> _Place:
+    def evaluated(t: Float[Array, " runs"]) -> tuple[_Place, Bool[Array, " runs"]]:
         values, slopes, bends = _polynomials(powers, t)
         a, b = linear_part(*values)
-        slope = a * (a * slopes[1] + 2 * b * slopes[2] - 2 * slopes[0])
-        return _Place(t, a, b, values, slopes, bends, slope)
+        parts = a * a * slopes[1], 2 * a * b * slopes[2], -2 * a * slopes[0]
+        slope = parts[0] + parts[1] + parts[2]
+        size = jnp.abs(parts[0]) + jnp.abs(parts[1]) + jnp.abs(parts[2])
+        return _Place(t, a, b, values, slopes, bends, slope), jnp.abs(slope) <= _ROUNDING * size
 
     def one_step(search: _Search) -> _Search:
         """Regula falsi (Illinois); the first two places are the ends of the bracket."""
@@ -220,7 +223,7 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
         across = (low * search.slope_high - high * search.slope_low) / rise
         t = jnp.clip(jnp.where(rise > 0, across, 0.5 * (low + high)), low, high)
         t = jnp.where(search.steps == 0, low, jnp.where(search.steps == 1, high, t))
-        at = evaluated(t)
+        at, level = evaluated(t)
         falling = at.slope < 0
         # If the same end is kept twice in a row, its slope is halved.
         slope_high = jnp.where(falling & (search.last > 0), 0.5, 1.0) * search.slope_high
@@ -234,7 +237,7 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
             jnp.where(falling, slope_high, at.slope),
             jnp.where(search.steps < 2, 0.0, jnp.where(falling, 1.0, -1.0)),
             at,
-            (at.slope == 0) | ((jnp.abs(t - search.at.t) <= _NEAR) & (search.steps > 1)),
+            level | ((jnp.abs(t - search.at.t) <= _NEAR) & (search.steps > 1)),
         )
         # What a run finds does not depend on how long others of its batch go on.
         kept: _Search = jax.tree.map(lambda old, new: jnp.where(search.ended, old, new), search, moved)
