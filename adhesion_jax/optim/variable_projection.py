@@ -240,7 +240,9 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
             level | ((jnp.abs(t - search.at.t) <= _NEAR) & (search.steps > 1)),
         )
         # What a run finds does not depend on how long others of its batch go on.
-        kept: _Search = jax.tree.map(lambda old, new: jnp.where(search.ended, old, new), search, moved)
+        kept: _Search = jax.tree.map(
+            lambda old, new: jnp.where(search.ended, old, new), search, moved
+        )
         return kept
 
     nothing = jnp.zeros(cell.shape)
