@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_free_values
-from adhesion_jax.optim.levenberg_marquardt import Solved, solved
+from adhesion_jax.optim.levenberg_marquardt import solved
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Known
 
@@ -84,9 +84,9 @@ def inverse_information(information: Float[Array, "free free"]) -> Float[Array, 
     """
     scale = jnp.sqrt(jnp.diagonal(information))
     scale = jnp.where(scale > 0, scale, 1.0)
-    inverse, pivots = jax.vmap(solved, (None, 0), Solved(0, None))(
-        information / jnp.outer(scale, scale), jnp.eye(len(scale))
-    )
+    scaled = information / jnp.outer(scale, scale)
+    inverse = jax.vmap(lambda unit: solved(scaled, unit).x)(jnp.eye(len(scale)))
+    pivots = solved(scaled, scale).pivots
     regular = jnp.all(jnp.isfinite(inverse)) & jnp.all(pivots > 0)
     return jnp.where(regular, inverse / jnp.outer(scale, scale), jnp.nan)
 
