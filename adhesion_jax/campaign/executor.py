@@ -121,7 +121,7 @@ class _Member:
     units: deque[int] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
-        context = multiprocessing.get_context(_START)
+        context: Any = multiprocessing.get_context(_START)
         context.set_forkserver_preload(_NEEDED)  # where no server runs yet
         self.line, there = context.Pipe()
         arguments = (there, self.function, keeping.folder(), self.core, plugins.used())
