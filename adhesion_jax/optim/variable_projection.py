@@ -2,8 +2,8 @@
 
 Given nu the problem is linear in a and b (Golub and Pereyra 1973, SIAM J. Numer. Anal. 10),
 so the search is one-dimensional. The data are reduced to sums that are smooth functions of
-nu, each a Chebyshev series in sqrt(nu): computed once from the points, they give the objective
-anywhere in the box at the cost of three short series, and the sums of two sets of data add up.
+nu, each a Chebyshev series in nu/(nu + s), s a third of the largest nu: computed once from the
+points, they give the objective anywhere in the box at the cost of three short series, and the sums of two sets of data add up.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,12 @@ from numpy.polynomial.chebyshev import cheb2poly, chebvander
 
 from adhesion_jax.optim.quadratic_program import bounded_pair
 
-#: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13.
-DEGREE = 40
+#: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13, which
+#: would take 54 terms in nu and 40 in its root.
+DEGREE = 28
+
+#: s as a share of the largest nu: near the best for boxes from [1, 50] to [10, 500].
+_BEND_OF_MAP = 1 / 3
 
 _GRID = 64
 _STEPS = 60
@@ -65,7 +69,7 @@ class Sums(NamedTuple):
     yy: Float[Array, ""]
     y_psi: Float[Array, ""]
     psi_psi: Float[Array, ""]
-    y_phi: Float[Array, " degree"]  # Chebyshev series in sqrt(nu)
+    y_phi: Float[Array, " degree"]  # Chebyshev series in nu/(nu + s)
     phi_phi: Float[Array, " degree"]
     phi_psi: Float[Array, " degree"]
 
@@ -262,16 +266,17 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
     )
     root, a, b, (y_phi, phi_phi, phi_psi), slopes, bends, _ = found.at
     half = jnp.asarray(_HALF)[cell]
-    root_of_nu = _root_of_nu(jnp.asarray(_MIDDLE)[cell] + half * root, lower[1], upper[1])
-    width = half * 0.5 * (jnp.sqrt(upper[1]) - jnp.sqrt(lower[1]))  # d sqrt(nu)/dt
-    # With nu = r^2, by nu: (d/dr)/(2 r), and (d2/dr2 - (d/dr)/r)/(4 r^2).
-    by_root = slopes / width
-    slopes = 0.5 * by_root / root_of_nu
-    bends = 0.25 * (bends / width**2 - by_root / root_of_nu) / root_of_nu**2
+    share_low, share_high, bend = _map(lower[1], upper[1])
+    nu = _nu(jnp.asarray(_MIDDLE)[cell] + half * root, lower[1], upper[1])
+    width = half * 0.5 * (share_high - share_low)  # d share/dt
+    by_nu = bend / (nu + bend) ** 2  # d share/d nu
+    by_share = slopes / width
+    slopes = by_share * by_nu
+    bends = by_nu * (bends / width**2 * by_nu - 2 * by_share / (nu + bend))
     return Solution(
         a,
         b,
-        jnp.clip(root_of_nu**2, lower[1], upper[1]),
+        nu,
         _expand(sums, a, b, y_phi, phi_phi, phi_psi),
         Jet(phi_phi, slopes[1], bends[1]),
         Jet(phi_psi, slopes[2], bends[2]),
@@ -303,18 +308,21 @@ def _polynomials(
     return value, slope, 2 * half_bend
 
 
-def _root_of_nu(x: Array, nu_lower: Array, nu_upper: Array) -> Array:
-    low, high = jnp.sqrt(nu_lower), jnp.sqrt(nu_upper)
-    return 0.5 * (low + high) + 0.5 * (high - low) * x
+def _map(nu_lower: Array, nu_upper: Array) -> tuple[Array, Array, Array]:
+    """Of the map nu/(nu + s): its values at both ends, and s."""
+    bend = _BEND_OF_MAP * nu_upper
+    return nu_lower / (nu_lower + bend), nu_upper / (nu_upper + bend), bend
 
 
 def _nu(x: Array, nu_lower: Array, nu_upper: Array) -> Array:
-    return jnp.clip(_root_of_nu(x, nu_lower, nu_upper) ** 2, nu_lower, nu_upper)
+    low, high, bend = _map(nu_lower, nu_upper)
+    share = 0.5 * (low + high) + 0.5 * (high - low) * x
+    return jnp.clip(bend * share / (1 - share), nu_lower, nu_upper)
 
 
 def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
-    low, high = jnp.sqrt(nu_lower), jnp.sqrt(nu_upper)
-    return (2 * jnp.sqrt(nu) - (low + high)) / (high - low)
+    low, high, bend = _map(nu_lower, nu_upper)
+    return (2 * nu / (nu + bend) - (low + high)) / (high - low)
 
 
 def _series(
