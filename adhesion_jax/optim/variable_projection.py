@@ -3,7 +3,8 @@
 Given nu the problem is linear in a and b (Golub and Pereyra 1973, SIAM J. Numer. Anal. 10),
 so the search is one-dimensional. The data are reduced to sums that are smooth functions of
 nu, each a Chebyshev series in nu/(nu + s), s a third of the largest nu: computed once from the
-points, they give the objective anywhere in the box at the cost of three short series, and the sums of two sets of data add up.
+points, they give the objective anywhere in the box at the cost of three short series, and the sums
+of two sets of data add up.
 """
 
 from collections.abc import Callable
