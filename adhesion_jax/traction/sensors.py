@@ -36,8 +36,8 @@ class Sensors(eqx.Module):
         """The noise of some samples, in units of its standard deviations; the train's stands last.
 
         Without noise nothing is drawn. Single precision is enough for the size of an error: it
-        takes half the time, and its tails end at 5.4 standard deviations. They are drawn as one row:
-        of rows as short as the number of speeds the compiler makes loops that are 3.5 times slower.
+        takes half the time, and its tails end at 5.4 standard deviations. All are drawn as one row:
+        from rows as short as the number of speeds the compiler makes loops 3.5 times as slow.
         """
         if self.noise is None:
             return jnp.zeros((samples, axles + 1))

@@ -23,7 +23,7 @@ def relative_errors(x):
 
 
 @pytest.mark.parametrize(
-    "lowest, highest", [(-708.0, 709.78), (-50.0, 0.0), (-1.0, 1.0), (-1e-9, 1e-9)]
+    ("lowest", "highest"), [(-708.0, 709.78), (-50.0, 0.0), (-1.0, 1.0), (-1e-9, 1e-9)]
 )
 def test_the_error_is_below_one_unit_in_the_last_place(lowest, highest):
     x = np.random.default_rng(1).uniform(lowest, highest, 20_000)
