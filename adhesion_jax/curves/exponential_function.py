@@ -32,8 +32,8 @@ _COEFFICIENTS = (
 #: Beyond these arguments the result is 0 or infinite.
 _LEAST, _MOST = -708.4, 709.9
 
-#: The last 12 bits of 1.5 2^52 + n + 1022 are the exponent of the number 2^(n - 1).
-_TO_EXPONENT = 1.5 * 2.0**52 + 1022
+#: The last 12 bits of 1.5 2^52 + 1025 - n are the exponent of the number 2^(2 - n).
+_TO_EXPONENT = 1.5 * 2.0**52 + 1025
 _BITS_BEHIND = 52
 
 
@@ -45,23 +45,23 @@ def exp(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     -708.05 the result is 0, above 709.79 it is infinite, and of NaN it is NaN. In another precision
     than double it is that of jax.
 
-    It takes .7 times as long as that of jax, which divides, in a loop that the compiler turns into
-    vectors. But the compiler takes a polynomial for cheap, and computes it again in every loop that
-    uses the result: with it the derivatives of a fit by Levenberg-Marquardt take 1.3 times as long
-    and an elastic axle twice as long, so that it is for results that are used once. The
-    coefficients are doubled because 2^(n - 1) is a number also where 2^n is none.
+    It takes .8 times as long as that of jax in a loop that the compiler turns into vectors. The
+    last step is a division, exact because it is by a power of two: without it the compiler would
+    take the polynomial for cheap, and compute it again in every loop that uses the result, which
+    doubles the time of an elastic axle. The coefficients are quadrupled because 2^(2 - n) is a
+    number for every n of the range.
     """
     if x.dtype != jnp.float64:
         return jnp.exp(x)
     x = jnp.clip(x, _LEAST, _MOST)
     n = lax.round(x * _PER_LOG_2, lax.RoundingMethod.TO_NEAREST_EVEN)
     r = (x - n * _LOG_2) - n * _LOG_2_REST
-    bits = lax.bitcast_convert_type(n + _TO_EXPONENT, jnp.int64) << _BITS_BEHIND
-    power = lax.bitcast_convert_type(bits, jnp.float64)
-    doubled = jnp.full_like(r, 2 * _COEFFICIENTS[-1])
+    bits = lax.bitcast_convert_type(_TO_EXPONENT - n, jnp.int64) << _BITS_BEHIND
+    divisor = lax.bitcast_convert_type(bits, jnp.float64)
+    quadrupled = jnp.full_like(r, 4 * _COEFFICIENTS[-1])
     for coefficient in _COEFFICIENTS[-2::-1]:
-        doubled = doubled * r + 2 * coefficient
-    return doubled * power
+        quadrupled = quadrupled * r + 4 * coefficient
+    return quadrupled / divisor
 
 
 @exp.defjvp
