@@ -38,6 +38,7 @@ _BITS_BEHIND = 52
 
 
 @jax.custom_jvp
+@jax.jit
 def exp(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """e^x = 2^n e^r with the whole number n = round(x/log 2), e^r by a polynomial of degree 11.
 
@@ -53,7 +54,7 @@ def exp(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """
     if x.dtype != jnp.float64:
         return jnp.exp(x)
-    x = jnp.clip(x, _LEAST, _MOST)
+    x = lax.clamp(_LEAST, x, _MOST)
     n = lax.round(x * _PER_LOG_2, lax.RoundingMethod.TO_NEAREST_EVEN)
     r = (x - n * _LOG_2) - n * _LOG_2_REST
     bits = lax.bitcast_convert_type(_TO_EXPONENT - n, jnp.int64) << _BITS_BEHIND
