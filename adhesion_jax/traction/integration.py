@@ -19,7 +19,7 @@ def rk4(derivative: Callable[[S], S], state: S, step: Float[Array, ""] | float) 
     def moved(slope: S, share: float) -> S:
         return jax.tree.map(lambda one, rate: one + share * step * rate, state, slope)
 
-    traced = jax.jit(derivative)  # once instead of four times
+    traced = jax.jit(derivative)  # traced once, not four times
     first = traced(state)
     second = traced(moved(first, 0.5))
     third = traced(moved(second, 0.5))
