@@ -19,10 +19,11 @@ def rk4(derivative: Callable[[S], S], state: S, step: Float[Array, ""] | float) 
     def moved(slope: S, share: float) -> S:
         return jax.tree.map(lambda one, rate: one + share * step * rate, state, slope)
 
-    first = derivative(state)
-    second = derivative(moved(first, 0.5))
-    third = derivative(moved(second, 0.5))
-    fourth = derivative(moved(third, 1.0))
+    traced = jax.jit(derivative)  # traced once, not four times
+    first = traced(state)
+    second = traced(moved(first, 0.5))
+    third = traced(moved(second, 0.5))
+    fourth = traced(moved(third, 1.0))
     return jax.tree.map(
         lambda one, a, b, c, d: one + step / 6 * (a + 2 * (b + c) + d),
         state,

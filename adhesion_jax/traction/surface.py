@@ -18,7 +18,7 @@ class Surface(eqx.Module):
     """Adhesion at a slip velocity in m/s.
 
     The law is evaluated at the slip velocity itself, or at its ratio to the speed of the train. The
-    parameters of the law are scalars, or have the shape of the contacts.
+    parameters of the law are scalars, or one for each axle.
     """
 
     law: Law
