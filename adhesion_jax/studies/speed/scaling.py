@@ -97,9 +97,9 @@ def _evolution(members: int, seed: int) -> Timed:
 
     def one(key: jax.Array, adhesion: jax.Array) -> jax.Array:
         def squares(x: jax.Array) -> jax.Array:
-            c1, c2, c3 = x[:, :, None]
+            c1, c2, c3 = x
             model = c1 * (1 - jnp.exp(-c2 * slip)) - c3 * slip
-            return jnp.sum((model - adhesion) ** 2, axis=-1)
+            return jnp.sum((model - adhesion) ** 2)
 
         first, rest = jax.random.split(key)
         share = jax.random.uniform(first, (lower.size, members))
