@@ -23,7 +23,7 @@ from adhesion_jax.optim.turns import Turns, in_turns
 
 #: Runs that advance side by side, and generations after which others take the places of those
 #: that have ended.
-_TURNS = Turns(side_by_side=32, steps=8, axis=-1)
+_TURNS = Turns(side_by_side=16, steps=16, axis=-1)
 
 #: Up to this number of members, parents are chosen by one comparison for each of them, which takes
 #: three quarters of the time of looking them up; with more, it would take longer to compile.
@@ -44,12 +44,19 @@ class Settings(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What each of several runs searches with, beside its objective."""
+    """What several runs search with beside the objective."""
 
     lower: Float[Array, "p runs"]
     upper: Float[Array, "p runs"]
     seed: UInt32[Array, "2 runs"]
     settings: Settings
+
+
+class _Given(NamedTuple):
+    """What several runs search with; an array that they share has one of it on the axis of runs."""
+
+    data: list[Array]  # what the objective takes from around it
+    search: Search
 
 
 class State(NamedTuple):
@@ -157,10 +164,9 @@ def minimise(
     # What the objective takes from around it becomes an argument: the batching rule is told which
     # parts of it differ from run to run.
     traced = jax.make_jaxpr(objective)(population[:, 0])
-    data = [jnp.asarray(x) for x in traced.consts]
-    one_run = jax.tree.map(lambda x: x[..., None], (search, population))
-    last = _ended(traced, generations, [None for _ in data])(data, *one_run)
-    final = jax.tree.map(lambda x: x[..., 0], last)
+    given = _Given([jnp.asarray(x) for x in traced.consts], search)
+    one_run = jax.tree.map(lambda x: x[..., None], (given, population))
+    final = jax.tree.map(lambda x: x[..., 0], _ended(traced, generations)(*one_run))
     best = jnp.argmin(final.objective)
     return Result(
         final.population[:, best],
@@ -172,66 +178,60 @@ def minimise(
 
 
 def _ended(
-    objective: ClosedJaxpr, generations: int, axes: list[int | None]
-) -> Callable[[list[Array], Search, Float[Array, "p members runs"]], State]:
-    """A function of several runs that gives the last state of each.
+    objective: ClosedJaxpr, generations: int
+) -> Callable[[_Given, Float[Array, "p members runs"]], State]:
+    """A function of several runs that gives the last state of each."""
 
-    Its first argument are the arrays that the objective takes from around it; `axes` tells for each
-    of them where its axis of the runs is, if it has one.
-    """
+    def of_members(data: list[Array], x: Float[Array, "p members runs"]) -> Array:
+        axes = jax.tree.map(_axis_of_runs, data)
+        data = [x[..., 0] if axis is None else x for axis, x in zip(axes, data, strict=True)]
 
-    def of_run(data: list[Array], x: Float[Array, " p"]) -> Float[Array, ""]:
-        return jaxpr_as_fun(ClosedJaxpr(objective.jaxpr, data))(x)[0]
+        def of_run(data: list[Array], x: Float[Array, " p"]) -> Float[Array, ""]:
+            return jaxpr_as_fun(ClosedJaxpr(objective.jaxpr, data))(x)[0]
 
-    # The runs within the members: so their axis stays the last in all that is computed.
-    of_runs = jax.vmap(of_run, in_axes=(axes, -1), out_axes=-1)
-    of_members = jax.vmap(of_runs, in_axes=(None, 1))
-
-    def unfinished(search: Search, state: State) -> Bool[Array, " runs"]:
-        arrived = jnp.min(state.objective, axis=0) <= search.settings.target
-        arrived |= _spread_is_small(state.objective, search.settings.tolerance)
-        return (state.generation < generations) & ~arrived
+        # The runs within the members: so their axis stays the last in all that is computed.
+        of_runs = jax.vmap(of_run, in_axes=(axes, -1), out_axes=-1)
+        return jax.vmap(of_runs, in_axes=(None, 1))(data, x)
 
     def advance(data: list[Array], search: Search, going: _Going) -> _Going:
         state, waits = going
         state = generation(partial(of_members, data), search, state, jnp.any(waits))
-        return state, unfinished(search, state)
+        arrived = jnp.min(state.objective, axis=0) <= search.settings.target
+        arrived |= _spread_is_small(state.objective, search.settings.tolerance)
+        return state, (state.generation < generations) & ~arrived
 
     @jax.custom_batching.custom_vmap
-    def ended(data: list[Array], search: Search, population: Array) -> State:
+    def ended(given: _Given, population: Float[Array, "p members runs"]) -> State:
         going = begin(population), jnp.ones(population.shape[-1], dtype=bool)
-        every = jax.tree.map(lambda _: -1, search)
-        last, _ = in_turns(_waits, advance, going, (data, search), (axes, every), _TURNS)
-        return last
+        axes = jax.tree.map(_axis_of_runs, given)
+        return in_turns(lambda going: going[1], advance, going, given, axes, _TURNS)[0]
 
     @ended.def_vmap
     def ended_in_batch(
-        size: int, batched: list, data: list[Array], *rest: Any
+        size: int, batched: list, given: Any, population: Any
     ) -> tuple[State, State]:
         """The runs of several batches lie side by side, as those of one."""
-        runs = rest[-1].shape[-1]
+        runs = population.shape[-1]
 
         def joined(is_batched: bool, x: Array) -> Array:
-            x = jnp.moveaxis(x, 0, -2) if is_batched else jnp.stack([x] * size, axis=-2)
-            return x.reshape(*x.shape[:-2], size * runs)
+            if not is_batched and x.shape[-1] == 1:
+                return x
+            x = jnp.moveaxis(x, 0, -2) if is_batched else x[..., None, :]
+            return jnp.broadcast_to(x, (*x.shape[:-2], size, runs)).reshape(*x.shape[:-2], -1)
 
-        def joined_data(is_batched: bool, axis: int | None, x: Array) -> Array:
-            if axis is None and is_batched:
-                x = jnp.broadcast_to(x[..., None], (*x.shape, runs))
-            return joined(is_batched, x) if is_batched or axis == -1 else x
-
-        of_data, *of_rest = batched
-        data = [joined_data(*each) for each in zip(of_data, axes, data, strict=True)]
-        new_axes = [-1 if b else axis for b, axis in zip(of_data, axes, strict=True)]
-        one_batch = jax.tree.map(joined, tuple(of_rest), rest)
-        last = _ended(objective, generations, new_axes)(data, *one_batch)
-
-        def parted(x: Array) -> Array:
-            return jnp.moveaxis(x.reshape(*x.shape[:-1], size, runs), -2, 0)
-
-        return jax.tree.map(parted, last), jax.tree.map(lambda _: True, last)
+        if not batched[1]:
+            population = jnp.stack([population] * size)
+        last = ended(jax.tree.map(joined, batched[0], given), joined(True, population))
+        parted = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], size, runs), last)
+        parted = jax.tree.map(lambda x: jnp.moveaxis(x, -2, 0), parted)
+        return parted, jax.tree.map(lambda _: True, parted)
 
     return ended
+
+
+def _axis_of_runs(x: Array) -> int | None:
+    """None where the last axis is of one for all the runs."""
+    return None if x.shape[-1] == 1 else -1
 
 
 def _selected(
@@ -244,10 +244,6 @@ def _selected(
     for k in range(1, population.shape[1]):
         selected = jnp.where(chosen == k, population[:, k : k + 1], selected)
     return selected
-
-
-def _waits(going: _Going) -> Bool[Array, " runs"]:
-    return going[1]
 
 
 def _spread_is_small(
