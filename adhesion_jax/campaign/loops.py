@@ -90,7 +90,7 @@ def _compiled(
 
     # What is drawn runs once, and takes longer to compile than to run: without the fusion emitters
     # it takes half the time to compile.
-    compiler = {"xla_cpu_use_fusion_emitters": False} if drawn else {}
+    compiler = programs.QUICKLY if drawn else programs.WIDELY
     name = ("traction", form, str(kinds), grid, drawn)
     return programs.program(name, unit, [*kinds], compiler)
 

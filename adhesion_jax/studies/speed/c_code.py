@@ -38,22 +38,26 @@ void squares(long runs, long points, const double *slip, const double *adhesion,
 /* One rigid axle on an exponential surface: motor speed w, train speed v, torque t.
    p: radius, load, gear, efficiency, motor and wheelset inertia, mass, axles alike, transfer,
    resistance a, b and c, 1/lag, command, and a, b and c of the surface. */
-static inline void rates(const double *p, double w, double v, double t,
+static inline void rates(const double *restrict p, double w, double v, double t,
                          double *dw, double *dv, double *dt) {
     double slip = p[0] / p[2] * w - v, size = fabs(slip);
     double adhesion = p[16] * copysign(exp(-p[14] * size) - exp(-p[15] * size), slip);
     double force = adhesion * p[1] * 9.81 / (1.0 + adhesion * p[8]);
     double load = p[0] * force, inertia = p[5] / p[2];
-    double through = (inertia / p[4] * t + load) * w >= 0 ? 1.0 / (p[2] * p[3]) : p[3] / p[2];
-    *dw = (t - load * through) / (p[4] + inertia * through);
+    double to_wheel = 1.0 / (p[2] * p[3]), to_motor = p[3] / p[2];
+    int driving = (inertia / p[4] * t + load) * w >= 0;
+    *dw = (t - load * (driving ? to_wheel : to_motor))
+        * (driving ? 1.0 / (p[4] + inertia * to_wheel) : 1.0 / (p[4] + inertia * to_motor));
     double speed = 3.6 * fabs(v), share = v * 100.0;
     share = share > 1.0 ? 1.0 : share < -1.0 ? -1.0 : share;
     *dv = p[7] * force / p[6] - (p[9] + speed * (p[10] + speed * p[11])) * share;
     *dt = p[12] * (p[13] - t);
 }
 
+/* No array overlaps another, so that what depends on p alone is computed once. */
 #define WIDTH 64
-void steps(long runs, long count, double h, const double *p, double *w, double *v, double *t) {
+void steps(long runs, long count, double h, const double *restrict p,
+           double *restrict w, double *restrict v, double *restrict t) {
     for (long first = 0; first < runs; first += WIDTH) {
         long last = first + WIDTH < runs ? first + WIDTH : runs;
         for (long step = 0; step < count; step++) {

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.curves import Exponential
-from adhesion_jax.programs import QUICKLY
+from adhesion_jax.programs import WIDELY
 from adhesion_jax.studies.speed.c_code import call
 from adhesion_jax.studies.speed.turns import Timed, absent, timed
 from adhesion_jax.traction.integration import rk4
@@ -71,8 +71,8 @@ def in_jax(begun: Start) -> Callable[[], RigidState]:
             0, STEPS, lambda _, now: rk4(lambda s: axle.derivative(s, held), now, STEP), state
         )
 
-    # The loops of a plant are compiled as those of the traction loop are.
-    steps = jax.jit(jax.vmap(one_run)).lower(states).compile(dict(QUICKLY))
+    # Compiled as the traction loop with noise is.
+    steps = jax.jit(jax.vmap(one_run)).lower(states).compile(dict(WIDELY))
     return lambda: jax.block_until_ready(steps(states))
 
 
