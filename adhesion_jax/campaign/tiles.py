@@ -33,6 +33,9 @@ _KeyAndRuns = tuple[Key[Array, ""], Int[ArrayLike, " runs"]]
 _COMPILER: dict[str, str | bool] = {"xla_backend_optimization_level": "1"}
 _UNFUSED = {**_COMPILER, **programs.QUICKLY}
 
+#: For loops that are fused: differential evolution is 1.5 times as fast in vectors of 512 bits.
+FUSED = {**_COMPILER, **programs.WIDELY}
+
 
 class TileResult(NamedTuple):
     """Estimates [runs, blocks] and what was seen on the way, as NumPy arrays; CPU seconds."""
@@ -146,5 +149,5 @@ def _compiled(
         return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
 
     name = ("tile", scenario_name, options, form, str(kinds))
-    compiled = programs.program(name, tile, leaves, _COMPILER if example.FUSED else _UNFUSED)
+    compiled = programs.program(name, tile, leaves, FUSED if example.FUSED else _UNFUSED)
     return lambda *arguments: compiled(jax.tree.leaves(arguments))

@@ -82,12 +82,9 @@ def _least_squares(
 
     few = {name: column[chosen] for name, column in conditions.items()}
 
-    def objective(share: Float[Array, "free members"]) -> Float[Array, " members"]:
-        def one_member(parameters: Float[Array, " free"]) -> Float[Array, ""]:
-            model = with_free_values(curve, parameters)(slip[chosen], few)
-            return jnp.sum((model - adhesion[chosen]) ** 2)
-
-        value = jax.vmap(one_member, in_axes=1)(parameters_at(curve, share))
+    def objective(share: Float[Array, " free"]) -> Float[Array, ""]:
+        model = with_free_values(curve, parameters_at(curve, share))(slip[chosen], few)
+        value = jnp.sum((model - adhesion[chosen]) ** 2)
         # A denominator may vanish inside the box: such a curve counts as worse than any other.
         return jnp.where(jnp.isfinite(value), value, jnp.inf)
 

@@ -6,6 +6,7 @@ C. Wellons' `lowbias32`) of seed, time, purpose and member gives each number, wi
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, UInt32
 
 
@@ -16,13 +17,21 @@ def _mix(word: UInt32[Array, "*shape"]) -> UInt32[Array, "*shape"]:
 
 
 def counter_bits(
-    seed: UInt32[Array, "2"], time: Int[Array, ""], purpose: int, members: int
-) -> UInt32[Array, " members"]:
-    """32 random bits for each member, a function of its arguments alone."""
-    stream = _mix(
-        seed[0] ^ _mix(time.astype(jnp.uint32) + jnp.uint32(0x9E3779B9 * purpose % 2**32))
-    )
-    return _mix(_mix(stream + jnp.arange(members, dtype=jnp.uint32)) ^ seed[1])
+    seed: UInt32[Array, "2 ..."],
+    time: Int[Array, "..."],
+    purpose: int | Int[np.ndarray, " purposes"],
+    members: int,
+) -> UInt32[Array, "..."]:
+    """32 random bits, [purposes, members, runs]: a function of the arguments alone.
+
+    A single purpose or run has no axis.
+    """
+    one_run = [1] * time.ndim
+    step = np.asarray(purpose, np.uint64) * np.uint64(0x9E3779B9) % 2**32
+    step = step.astype(np.uint32).reshape(*step.shape, 1, *one_run)
+    member = np.arange(members, dtype=np.uint32).reshape(members, *one_run)
+    stream = _mix(seed[0] ^ _mix(time.astype(jnp.uint32) + step))
+    return _mix(_mix(stream + member) ^ seed[1])
 
 
 def as_uniform(bits: UInt32[Array, "*shape"]) -> Float[Array, "*shape"]:

@@ -1,63 +1,69 @@
 """Many iterations side by side, in which none waits for the slowest."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-#: Number of iterations that advance side by side, so that what they compute stays in the cache,
-#: and number of steps after which those that have ended give their places to others. Others of 16
-#: to 128 and of 1 to 4 were not faster for 500 points by more than single measurements scatter.
-_SIDE_BY_SIDE, _STEPS = 32, 2
+
+class Turns(NamedTuple):
+    """How iterations take turns."""
+
+    side_by_side: int  # iterations that advance together, so that what they compute stays in cache
+    steps: int  # steps after which those that have ended give their places to others
+    axis: int  # axis of the iterations, 0 or -1
 
 
 def in_turns(
-    unfinished: Callable[[Any], Bool[Array, ""]],
+    unfinished: Callable[[Any], Bool[Array, " states"]],
     advance: Callable[..., Any],
     states: Any,
     given: Any,
     axes: Any,
+    turns: Turns,
 ) -> Any:
-    """The states [states ...], each advanced by `advance(*given, state)` while it is `unfinished`.
+    """Many states, each advanced by `advance(*given, states)` while it is `unfinished`.
 
-    `axes` says which leaves of `given` have the axis of the states: 0, or None for one shared by
-    all. In each turn the first so many unfinished states advance a few steps. Were all of them to
-    advance until the last has ended, most steps would be of states that have ended before.
+    `axes` says which leaves of `given` have the axis of the states: None for one shared by all. In
+    each turn the first so many unfinished states advance a few steps. Were all of them to advance
+    until the last has ended, most steps would be of states that have ended before.
     """
-    count = jax.tree.leaves(states)[0].shape[0]
-    width = min(_SIDE_BY_SIDE, count)
+    axis = turns.axis
+    count = jax.tree.leaves(states)[0].shape[axis]
+    width = min(turns.side_by_side, count)
+
+    def where(which: Array, a: Array, b: Array) -> Array:
+        shape = [1] * a.ndim
+        shape[axis] = -1
+        return jnp.where(which.reshape(shape), a, b)
 
     def one_turn(carry: tuple[Any, Array]) -> tuple[Any, Array]:
         states, waiting = carry
         place = jnp.cumsum(waiting) - 1
         chosen = jnp.argmax((place == jnp.arange(width)[:, None]) & waiting, axis=1)
         own = jax.tree.map(
-            lambda axis, x: x if axis is None else x[chosen],
+            lambda has, x: x if has is None else jnp.take(x, chosen, axis, mode="clip"),
             axes,
             given,
-            is_leaf=lambda axis: axis is None,
+            is_leaf=lambda has: has is None,
         )
 
         def step(_: Array, states: Any) -> Any:
-            ahead = jax.vmap(advance, (*axes, 0))(*own, states)
-            going = jax.vmap(unfinished)(states)
-            return jax.tree.map(lambda a, b: _where(going, a, b), ahead, states)
+            ahead, going = advance(*own, states), unfinished(states)
+            return jax.tree.map(lambda a, b: where(going, a, b), ahead, states)
 
-        some = jax.tree.map(lambda x: x[chosen], states)
-        some = jax.lax.fori_loop(0, _STEPS, step, some)
+        some = jax.tree.map(lambda x: jnp.take(x, chosen, axis, mode="clip"), states)
+        some = jax.lax.fori_loop(0, turns.steps, step, some)
         taken = waiting & (place < width)
         back = jnp.clip(place, 0, width - 1)
-        states = jax.tree.map(lambda a, b: _where(taken, a[back], b), some, states)
-        return states, jax.vmap(unfinished)(states)
+        states = jax.tree.map(
+            lambda a, b: where(taken, jnp.take(a, back, axis, mode="clip"), b), some, states
+        )
+        return states, unfinished(states)
 
     def any_waits(carry: tuple[Any, Array]) -> Array:
         return jnp.any(carry[1])
 
-    start = states, jax.vmap(unfinished)(states)
-    return jax.lax.while_loop(any_waits, one_turn, start)[0]
-
-
-def _where(which: Array, a: Array, b: Array) -> Array:
-    return jnp.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
+    return jax.lax.while_loop(any_waits, one_turn, (states, unfinished(states)))[0]

@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 
 from adhesion_jax.optim.levenberg_marquardt import bounded_step, fit, normal_equations, solved
-from adhesion_jax.optim.turns import in_turns
+from adhesion_jax.optim.turns import Turns, in_turns
 
 # Without optimisation: programs that run once.
 quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
@@ -140,27 +140,28 @@ def collatz_length(number):
     return length
 
 
-@pytest.mark.parametrize("count", [1, 5, 100])
-def test_iterations_in_turns_end_each_at_its_own_step(count):
+@pytest.mark.parametrize(("count", "axis"), [(1, 0), (5, -1), (100, 0), (100, -1)])
+def test_iterations_in_turns_end_each_at_its_own_step(count, axis):
     numbers = jnp.arange(1, count + 1)
 
     def advance(factor, add, state):
         number, length, _ = state
         ahead = jnp.where(number % 2 == 0, number // 2, factor * number + add)
-        return ahead, length + 1, jnp.full(2, length)
+        return ahead, length + 1, jnp.stack([length, length], axis=-1 - axis)
 
     def unfinished(state):
         return state[0] != 1
 
-    start = (numbers, jnp.zeros_like(numbers), jnp.zeros((count, 2), numbers.dtype))
+    pairs = jnp.zeros((count, 2) if axis == 0 else (2, count), numbers.dtype)
+    start = (numbers, jnp.zeros_like(numbers), pairs)
     given = jnp.asarray(3), jnp.ones_like(numbers)
 
     @quick_jit
     def all_of_them(start, given):
-        return in_turns(unfinished, advance, start, given, (None, 0))
+        return in_turns(unfinished, advance, start, given, (None, axis), Turns(32, 2, axis))
 
     number, length, last = all_of_them(start, given)
     expected = np.array([collatz_length(n) for n in range(1, count + 1)])
     np.testing.assert_array_equal(number, 1)
     np.testing.assert_array_equal(length, expected)
-    np.testing.assert_array_equal(last[:, 1], np.maximum(expected - 1, 0))
+    np.testing.assert_array_equal(last[:, 1] if axis == 0 else last[1], np.maximum(expected - 1, 0))

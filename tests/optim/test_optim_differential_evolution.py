@@ -10,12 +10,13 @@ from scipy.optimize import differential_evolution
 
 from adhesion_jax.optim.counter_random import as_integer, as_uniform, counter_bits
 from adhesion_jax.optim.differential_evolution import (
+    Search,
     Settings,
     _three_others,
-    init,
+    begin,
+    generation,
     local_plus_uniform,
     minimise,
-    update,
 )
 
 LOWER = np.array([0.1, 10.0, 0.05])
@@ -31,14 +32,14 @@ LEAST_P = 1e-3
 
 
 def settings(reflect=False, tolerance=0.0, scale=SCALE, crossover=CROSSOVER):
-    return Settings(*map(jnp.asarray, (scale, crossover, reflect, tolerance)))
+    return Settings(*map(jnp.asarray, (scale, crossover, reflect, tolerance, -jnp.inf)))
 
 
 def sum_of_squares(x):
-    a, nu, b = (v[:, None] for v in x)
+    a, nu, b = x
     slip = jnp.asarray(SLIP)
     model = a * (1 - jnp.exp(-nu * slip)) - b * slip
-    return jnp.sum((jnp.asarray(DATA) - model) ** 2, axis=-1)
+    return jnp.sum((jnp.asarray(DATA) - model) ** 2)
 
 
 def uniform_population(key):
@@ -142,8 +143,9 @@ SEED = jnp.array([0x12345678, 0x9ABCDEF0], dtype=jnp.uint32)
 
 
 def parents(generations, members):
-    drawn = jax.vmap(lambda g: jnp.stack(_three_others(SEED, g, members)))
-    return np.asarray(drawn(jnp.arange(generations)))  # [generations, 3, members]
+    seeds = jnp.broadcast_to(SEED[:, None], (2, generations))
+    drawn = _three_others(seeds, jnp.arange(generations), members)
+    return np.moveaxis(np.asarray(drawn), -1, 0)  # [generations, 3, members]
 
 
 @pytest.mark.parametrize("members", [4, 5, 20])
@@ -204,41 +206,53 @@ def test_counter_bits_are_uniform_and_independent():
 
 def outward(x):
     """Smaller the farther out: drives every member into a corner of the box."""
-    return -jnp.sum(jnp.abs(x - jnp.asarray(0.5 * (LOWER + UPPER))[:, None]), axis=0)
+    return -jnp.sum(jnp.abs(x - jnp.asarray(0.5 * (LOWER + UPPER))))
+
+
+def flat(_):
+    """Accepts every trial."""
+    return jnp.zeros(())
+
+
+def advanced(state, objective, chosen, box=(LOWER, UPPER)):
+    """One run after one more generation, the first of which evaluates the population."""
+    given = jax.tree.map(lambda x: jnp.asarray(x)[..., None], (*box, SEED, chosen))
+
+    def of_members(x):
+        return jax.vmap(objective, in_axes=1)(x[..., 0])[:, None]
+
+    return generation(of_members, Search(*given), state, jnp.asarray(True))
+
+
+def evaluated(population, objective, box=(LOWER, UPPER)):
+    return advanced(begin(population[..., None]), objective, settings(), box)
 
 
 @pytest.mark.parametrize("reflect", [False, True])
 def test_the_box_is_respected(reflect):
-    population = uniform_population(jax.random.key(3))
-    box = jnp.asarray(LOWER), jnp.asarray(UPPER)
-
-    @jax.jit
-    def advance(state):
-        return update(state, outward, *box, SEED, settings(reflect, scale=1.9))
-
-    state = init(outward, population)
+    step = jax.jit(lambda state: advanced(state, outward, settings(reflect, scale=1.9)))
+    state = evaluated(uniform_population(jax.random.key(3)), outward)
     for _ in range(60):
-        state = advance(state)
-        x = np.asarray(state.population)
+        state = step(state)
+        x = np.asarray(state.population)[..., 0]
         assert np.all(x >= LOWER[:, None])
         assert np.all(x <= UPPER[:, None])
     on_bound = np.isin(x, [*LOWER, *UPPER])
     # Clipping reaches the corner itself, reflection comes near it.
-    assert np.all(on_bound[:, np.argmin(state.objective)]) or reflect
-    assert np.min(state.objective) < 0.97 * float(outward(jnp.asarray(UPPER)[:, None])[0])
+    assert np.all(on_bound[:, np.argmin(state.objective[:, 0])]) or reflect
+    assert np.min(state.objective) < 0.97 * float(outward(jnp.asarray(UPPER)))
 
 
 def test_clipping_and_reflection_place_a_trial_where_they_should():
     # One parameter, crossover certain, an objective that accepts everything.
-    lower, upper = jnp.zeros(1), jnp.ones(1)
+    box = jnp.zeros(1), jnp.ones(1)
     population = jnp.array([[0.05, 0.5, 0.9, 0.3, 0.7, 0.1]])
     trials = {}
     for reflect in (False, True):
-        state = init(lambda x: jnp.zeros(x.shape[1]), population)
         chosen = settings(reflect, scale=1.0, crossover=1.0)
-        state = update(state, lambda x: jnp.zeros(x.shape[1]), lower, upper, SEED, chosen)
-        trials[reflect] = np.asarray(state.population)[0]
-    first, second, third = (np.asarray(i) for i in _three_others(SEED, jnp.int32(0), 6))
+        state = advanced(evaluated(population, flat, box), flat, chosen, box)
+        trials[reflect] = np.asarray(state.population)[0, :, 0]
+    first, second, third = parents(1, 6)[0]
     x = np.asarray(population)[0]
     mutant = x[first] + x[second] - x[third]
     assert np.any(mutant < 0) or np.any(mutant > 1)
@@ -249,31 +263,33 @@ def test_clipping_and_reflection_place_a_trial_where_they_should():
 
 def test_a_generation_never_loses_ground_and_a_member_never_mixes_with_another():
     population = uniform_population(jax.random.key(4))
-    box = jnp.asarray(LOWER), jnp.asarray(UPPER)
-    before = init(sum_of_squares, population)
-    after = update(before, sum_of_squares, *box, SEED, settings())
+    before = evaluated(population, sum_of_squares)
+    np.testing.assert_array_equal(before.population[..., 0], population)
+    after = advanced(before, sum_of_squares, settings())
     assert np.all(after.objective <= before.objective)
-    np.testing.assert_allclose(after.objective, sum_of_squares(after.population), rtol=1e-12)
-    first, second, third = _three_others(SEED, before.generation, MEMBERS)
+    of_members = jax.vmap(sum_of_squares, in_axes=1)(after.population[..., 0])
+    np.testing.assert_allclose(after.objective[:, 0], of_members, rtol=1e-12)
+    first, second, third = parents(1, MEMBERS)[0]
     mutant = population[:, first] + SCALE * (population[:, second] - population[:, third])
     mutant = np.clip(mutant, LOWER[:, None], UPPER[:, None])
-    kept, taken = (np.isclose(after.population, v, rtol=1e-14) for v in (population, mutant))
+    now = after.population[..., 0]
+    kept, taken = (np.isclose(now, v, rtol=1e-14) for v in (population, mutant))
     assert np.all(kept | taken)
-    improved = np.asarray(after.objective < before.objective)
+    improved = np.asarray(after.objective < before.objective)[:, 0]
     assert np.all(taken.any(axis=0) | ~improved)
     assert 0.05 < improved.mean() < 0.95
 
 
 def test_crossover_takes_the_share_asked_for_and_at_least_one():
     population = uniform_population(jax.random.key(5))
-    box = FAR[0], FAR[1]
+    step = jax.jit(lambda state, chosen: advanced(state, flat, chosen, FAR))
+    begun = evaluated(population, flat)
     for crossover in (0.0, 0.6, 1.0):
         changed = []
         for time in range(100):
-            state = init(lambda x: jnp.zeros(x.shape[1]), population)
-            state = state._replace(generation=jnp.int32(time))
-            state = _accept_all(state, *map(jnp.asarray, box), settings(crossover=crossover))
-            changed.append(np.asarray(state.population != population))
+            state = begun._replace(generation=jnp.full(1, time, jnp.int32))
+            state = step(state, settings(crossover=crossover))
+            changed.append(np.asarray(state.population[..., 0] != population))
         changed = np.stack(changed)
         assert np.all(changed.any(axis=1))
         expected = 1 / 3 + 2 / 3 * crossover
@@ -283,16 +299,11 @@ def test_crossover_takes_the_share_asked_for_and_at_least_one():
 
 
 @jax.jit
-def _accept_all(state, lower, upper, settings):
-    return update(state, lambda x: jnp.zeros(x.shape[1]), lower, upper, SEED, settings)
-
-
-@jax.jit
 def one_run(target, key):
     """A run on its own data, with its own time to stop."""
 
     def objective(x):
-        return jnp.sum((x - target[:, None]) ** 2, axis=0)
+        return jnp.sum((x - target) ** 2)
 
     population_key, search_key = jax.random.split(key)
     return minimise(

@@ -226,8 +226,7 @@ def test_tracking_is_faster_only_where_delay_and_failures_are_fewer():
 
 def bowl(x):
     """A narrow valley with its bottom, 0, inside the box."""
-    centre = jnp.array([0.8, 45.0, 0.4])[:, None]
-    u = (x - centre) / (UPPER - LOWER)[:, None]
+    u = (x - jnp.array([0.8, 45.0, 0.4])) / (UPPER - LOWER)
     return u[0] ** 2 + 30 * (u[1] - 0.5 * u[0]) ** 2 + u[2] ** 2
 
 
@@ -241,7 +240,7 @@ def bowl_search(key):
     return population, search_key
 
 
-SETTINGS = de.Settings(*map(jnp.asarray, (0.5, CROSSOVER, False, 0.0)))
+SCALE = jnp.asarray(0.5)
 
 
 def test_generations_are_those_of_a_loop_over_the_population():
@@ -253,17 +252,20 @@ def test_generations_are_those_of_a_loop_over_the_population():
     @jax.vmap
     def counted(key, target):
         population, search_key = bowl_search(key)
-        return generations_needed(bowl, target, population, LOWER, UPPER, search_key, SETTINGS)
+        return generations_needed(bowl, target, population, LOWER, UPPER, search_key, SCALE)
 
     @jax.jit
     def step(state, seed):
-        return de.update(state, bowl, LOWER, UPPER, seed, SETTINGS)
+        settings = de.Settings(*map(jnp.asarray, (SCALE, CROSSOVER, False, 0.0)))
+        one_run = jax.tree.map(lambda x: jnp.asarray(x)[..., None], (LOWER, UPPER, seed, settings))
+        objective = jax.vmap(jax.vmap(bowl, in_axes=1), in_axes=2, out_axes=1)
+        return de.generation(objective, de.Search(*one_run), state, jnp.asarray(True))
 
     expected = []
     for key, target in zip(keys, targets, strict=True):
         population, search_key = bowl_search(key)
         seed = jax.random.bits(search_key, (2,), jnp.uint32)
-        state, generations = de.init(bowl, population), 0
+        state, generations = step(de.begin(population[..., None]), seed), 0
         while float(state.objective.min()) > target and generations <= GENERATIONS:
             state, generations = step(state, seed), generations + 1
         expected.append(generations)

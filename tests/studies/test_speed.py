@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
+from scipy.optimize import least_squares
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.command_line.speed import main
@@ -14,7 +15,7 @@ from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.records import Record
 from adhesion_jax.report.studies.speed import told
 from adhesion_jax.scenarios import Options
-from adhesion_jax.studies.speed import blocks, c_code, jobs, plants, recursions, scaling
+from adhesion_jax.studies.speed import all_points, blocks, c_code, jobs, plants, recursions, scaling
 from adhesion_jax.studies.speed.turns import Timed, absent, rates
 
 SAMPLES, RUNS = 120, 6
@@ -105,6 +106,27 @@ def test_a_plant_moves_alike_in_jax_and_in_c(library, monkeypatch):
         np.testing.assert_allclose(its, own, rtol=1e-9, atol=1e-12)
 
 
+def test_the_search_over_all_points_finds_the_optimum():
+    config = Config("single", options=Options(points=60))
+    scenario = build_scenario(config)
+    keys = jax.random.split(jax.random.key(3), RUNS)
+    records = jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))(keys)
+    slip, blocks = records.slip[0], records.adhesion[:, 0]
+    lower, upper = jnp.asarray(scenario.known.lower), jnp.asarray(scenario.known.upper)
+    search = all_points.search(slip, (lower, upper), RUNS, 40, 300)
+    found = np.asarray(search(keys, blocks))
+
+    def left(x, slip, adhesion):
+        return x[0] * (1 - np.exp(-x[1] * slip)) - x[2] * slip - adhesion
+
+    for x, adhesion in zip(found, np.asarray(blocks), strict=True):
+        best = least_squares(
+            left, x, bounds=(lower, upper), args=(np.asarray(slip), adhesion), xtol=1e-14,
+            x_scale=upper - lower,
+        )  # fmt: skip
+        assert np.sum(left(x, slip, adhesion) ** 2) <= 2 * best.cost * (1 + 1e-6)
+
+
 @pytest.mark.clock
 def test_speed_is_told_beside_its_peers(tmp_path, monkeypatch):
     chosen = ("ml-exact", "lm", "lm-jaxopt")
@@ -124,6 +146,7 @@ def test_speed_is_told_beside_its_peers(tmp_path, monkeypatch):
     ratio = table["ratio"].loc["blocks"]
     assert ratio["scipy-de"] == 1
     assert ratio["ml-exact"] > 2000
+    assert ratio["de-all-points"] > 20
     assert ratio["lm"] > 1500
     assert ratio["lm"] > 3 * ratio["lm-jaxopt"]
     assert table["ratio"].loc["recursions", "rls-kiencke"] > 1

@@ -45,27 +45,16 @@ def generations_needed(
     lower: Float[Array, " p"],
     upper: Float[Array, " p"],
     key: PRNGKeyArray,
-    settings: de.Settings,
+    scale: Float[Array, ""],
 ) -> Int[Array, ""]:
     """Generations until the best member's objective is at most `target`.
 
-    The search goes on to `GENERATIONS` whatever its spread; one more than that stands for
-    "not within them".
+    The search goes on whatever its spread; one more than `GENERATIONS` stands for "not within
+    them".
     """
-    seed = jax.random.bits(key, (2,), jnp.uint32)
-
-    def generation(state: de.State, _: None) -> tuple[de.State, Float[Array, ""]]:
-        state = de.update(state, objective, lower, upper, seed, settings)
-        return state, jnp.min(state.objective)
-
-    first = de.init(objective, population)
-    _, rest = jax.lax.scan(generation, first, length=GENERATIONS)
-    arrived = jnp.append(jnp.min(first.objective), rest) <= target
-    return jnp.where(jnp.any(arrived), jnp.argmax(arrived), GENERATIONS + 1)
-
-
-def _settings(scale: Float[Array, ""]) -> de.Settings:
-    return de.Settings(scale, jnp.asarray(CROSSOVER), jnp.asarray(False), jnp.asarray(0.0))
+    settings = de.Settings(scale, CROSSOVER, reflect=False, tolerance=-1.0, target=target)
+    found = de.minimise(objective, population, lower, upper, key, settings, GENERATIONS)
+    return jnp.where(found.objective <= target, found.generations, GENERATIONS + 1)
 
 
 def generations_of_run(
@@ -93,7 +82,7 @@ def generations_of_run(
     ) -> Int[Array, "starts methods"]:
         innovation = jnp.mean(jnp.abs(residual(known, block, previous)))
 
-        def objective(x: Float[Array, "3 members"]) -> Float[Array, " members"]:
+        def objective(x: Float[Array, "3"]) -> Float[Array, ""]:
             return variable_projection.sum_of_squares(
                 sums, x[0], x[1], x[2], known.lower[1], known.upper[1]
             )
@@ -118,7 +107,7 @@ def generations_of_run(
                     known.lower,
                     known.upper,
                     search_key,
-                    _settings(method.scale_factor(innovation)),
+                    method.scale_factor(innovation),
                 )
             )(methods)
 

@@ -14,14 +14,13 @@ from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.tiles import TILE, draw_tile, identify_tile, make_ready
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION
+from adhesion_jax.studies.speed import all_points
+from adhesion_jax.studies.speed.all_points import SCALE
 from adhesion_jax.studies.speed.turns import Timed, Work, absent
 
 #: The peer: scipy's differential evolution, the population in one call, at the settings of `ml-de`
 #: but with all its generations.
 PEER = "scipy-de"
-
-#: Its scale factor.
-_SCALE = 0.5
 
 
 class _Block(NamedTuple):
@@ -58,6 +57,10 @@ def entries(seed: int) -> Mapping[str, Timed]:
     found["evosax-de"] = (
         Timed(None, missing) if missing else Timed(_evosax(config), "float64, batch of 128 runs")
     )
+    began = time.process_time()
+    search = _all_points(config)
+    remark = "as scipy-de: all 300 generations, on the sum of squares over all points"
+    found["de-all-points"] = Timed(search, remark, time.process_time() - began)
     for name, method in IDENTIFIERS.items():
         if method.accepts(scenario.known) is None:
             began = time.process_time()
@@ -71,6 +74,22 @@ def _identifier(config: Config, name: str) -> Work:
     def work(turn: int) -> tuple[float, float]:
         result = identify_tile(config, turn, name, IDENTIFIERS[name])
         return float(np.size(result.estimate.status)), result.seconds
+
+    return work
+
+
+def _all_points(config: Config) -> Work:
+    """All the first blocks of a tile side by side."""
+    known = build_scenario(config).known
+    slip = draw_tile(config, 0).slip[0]
+    search = all_points.search(slip, (known.lower, known.upper), TILE, POPULATION, GENERATIONS)
+
+    def work(turn: int) -> tuple[float, float]:
+        blocks = draw_tile(config, turn).adhesion[:, 0]
+        keys = jax.block_until_ready(jax.random.split(jax.random.key(turn), TILE))
+        began = time.process_time()
+        jax.block_until_ready(search(keys, blocks))
+        return float(TILE), time.process_time() - began
 
     return work
 
@@ -119,7 +138,7 @@ def _scipy_de(block: _Block) -> object:
         list(zip(block.lower, block.upper, strict=True)),
         strategy="rand1bin",
         init=block.random.uniform(block.lower, block.upper, (POPULATION, block.lower.size)),
-        mutation=_SCALE,
+        mutation=SCALE,
         recombination=CROSSOVER,
         maxiter=GENERATIONS,
         tol=0,
@@ -168,7 +187,7 @@ def _pygmo(block: _Block) -> object:
 
     seed = int(block.random.integers(2**31))
     rand1bin = 7  # in the numbering of pygmo
-    method = pygmo.de(GENERATIONS, _SCALE, CROSSOVER, rand1bin, 0.0, 0.0, seed)
+    method = pygmo.de(GENERATIONS, SCALE, CROSSOVER, rand1bin, 0.0, 0.0, seed)
     return pygmo.algorithm(method).evolve(pygmo.population(Problem(), size=POPULATION, seed=seed))
 
 
@@ -180,7 +199,7 @@ def _evosax(config: Config) -> Work:
     algorithms = import_module("evosax.algorithms")
     method = algorithms.DifferentialEvolution(POPULATION, jnp.zeros(lower.size))
     settings = method.default_params.replace(
-        elitism=False, crossover_rate=CROSSOVER, differential_weight=_SCALE
+        elitism=False, crossover_rate=CROSSOVER, differential_weight=SCALE
     )
 
     def one(key: Any, adhesion: Any) -> Any:

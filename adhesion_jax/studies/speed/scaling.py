@@ -4,15 +4,14 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import pandas as pd
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.identifiers import IDENTIFIERS, identify
-from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.programs import QUICKLY
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
+from adhesion_jax.studies.speed import all_points
 from adhesion_jax.studies.speed.turns import Timed, rates, timed
 
 #: The methods whose rates are followed.
@@ -91,22 +90,8 @@ def _identified(name: str, runs: int, points: int, seed: int) -> Timed:
 def _evolution(members: int, seed: int) -> Timed:
     """Differential evolution over all points, a fixed number of generations."""
     config, records = _records(_RUNS, _POINTS, seed)
-    known, slip = build_scenario(config).known, records.slip[0]
-    lower, upper = jnp.asarray(known.lower), jnp.asarray(known.upper)
-    settings = de.Settings(*map(jnp.asarray, (0.5, 0.6, False, 0.0)))
-
-    def one(key: jax.Array, adhesion: jax.Array) -> jax.Array:
-        def squares(x: jax.Array) -> jax.Array:
-            c1, c2, c3 = x[:, :, None]
-            model = c1 * (1 - jnp.exp(-c2 * slip)) - c3 * slip
-            return jnp.sum((model - adhesion) ** 2, axis=-1)
-
-        first, rest = jax.random.split(key)
-        share = jax.random.uniform(first, (lower.size, members))
-        population = lower[:, None] + (upper - lower)[:, None] * share
-        return de.minimise(squares, population, lower, upper, rest, settings, _GENERATIONS).x
-
-    keys = jax.random.split(jax.random.key(seed), _RUNS)
-    blocks = records.adhesion[:, 0]
-    ready = jax.jit(jax.vmap(one)).lower(keys, blocks).compile()
+    known = build_scenario(config).known
+    box = known.lower, known.upper
+    ready = all_points.search(records.slip[0], box, _RUNS, members, _GENERATIONS)
+    keys, blocks = jax.random.split(jax.random.key(seed), _RUNS), records.adhesion[:, 0]
     return Timed(timed(lambda: jax.block_until_ready(ready(keys, blocks)), _RUNS))
