@@ -31,9 +31,9 @@ RUNS, SAMPLES = 10_000, 500
 #: Where the recursions start, and the weight of that start in the quadratic programs.
 _START, _RIDGE = (100.0, 50.0), 1e-10
 
-#: Number of groups that the runs are divided into, so that the states of a group fit into the
-#: cache; NumPy, whose calls are slow, is fastest with all runs at once.
-_GROUPS = 40
+#: Number of runs of a group, whose states fit into the cache; NumPy, whose calls are slow, is
+#: fastest with all runs at once.
+_GROUP = 250
 
 #: Timed programs are compiled with full optimisation, whatever the flags of the environment.
 _OPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "3"}
@@ -49,7 +49,7 @@ def entries(seed: int) -> Mapping[tuple[str, str], Mapping[str, Timed]]:
     every = jnp.ones(SAMPLES, dtype=bool)
     groups = [
         Record(jnp.asarray(slip[:, runs]), jnp.asarray(adhesion[:, runs]), every, every, {})
-        for runs in np.array_split(np.arange(RUNS), _GROUPS)
+        for runs in np.split(np.arange(RUNS), range(_GROUP, RUNS, _GROUP))
     ]
     box = np.asarray(known.lower), np.asarray(known.upper)
     peers: Mapping[str, Callable[[], object]] = {
