@@ -45,8 +45,8 @@ class ExactMaximumLikelihood(Identifier):
             jnp.stack([found.a, found.nu, found.b]),
             jnp.maximum(found.objective, 0.0),
             burckhardt_information(sums, found),
-            jnp.int32(variable_projection.EVALUATIONS),
-            jnp.ones((), dtype=bool),
+            found.evaluations,
+            found.converged,
         )
         return state._replace(fit=fit)
 

@@ -95,7 +95,7 @@ class PooledMaximumLikelihood(Identifier):
         c1, c2, c3 = free_values(known.curve)
         none = Jet(zero, zero, zero)
         no = jnp.zeros((), dtype=bool)
-        pool = Pool(empty, zero, Solution(c1, c3, c2, zero, none, none))
+        pool = Pool(empty, zero, Solution(c1, c3, c2, zero, none, none, jnp.int32(0), no))
         return begun(PooledState(known, pool, zero, ~no, no, jnp.int32(0)))
 
     def update(self, state: PooledState, record: Record) -> PooledState:
@@ -110,6 +110,7 @@ class PooledMaximumLikelihood(Identifier):
             lambda sums: variable_projection.minimise(sums, known.lower, known.upper),
             jax.tree.map(lambda *x: jnp.stack(x), sums, both),
         )
+        found = found._replace(evaluations=jnp.full(2, jnp.sum(found.evaluations, dtype=jnp.int32)))
         alone, joint = (jax.tree.map(itemgetter(i), found) for i in range(2))
         cost = penalty(joint.objective, pool.found.objective + alone.objective, both.yy, count)
         # A curve passes through any three points, so that as few cannot contradict another curve.
@@ -140,8 +141,8 @@ class PooledMaximumLikelihood(Identifier):
             parameters,
             jnp.maximum(variance, 0.0) * inverse_information(information),
             state.objective,
-            jnp.int32(2 * variable_projection.EVALUATIONS),
-            pool.points >= _PARAMETERS,
+            pool.found.evaluations,
+            pool.found.converged & (pool.points >= _PARAMETERS),
             state.finite,
             state.skipped,
         )

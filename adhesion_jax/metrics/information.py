@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_free_values
+from adhesion_jax.optim.levenberg_marquardt import solved
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Known
 
@@ -83,8 +84,10 @@ def inverse_information(information: Float[Array, "free free"]) -> Float[Array, 
     """
     scale = jnp.sqrt(jnp.diagonal(information))
     scale = jnp.where(scale > 0, scale, 1.0)
-    inverse = jnp.linalg.inv(information / jnp.outer(scale, scale))
-    regular = jnp.all(jnp.isfinite(inverse)) & jnp.all(jnp.diagonal(inverse) > 0)
+    scaled = information / jnp.outer(scale, scale)
+    inverse = jax.vmap(lambda unit: solved(scaled, unit).x)(jnp.eye(len(scale)))
+    pivots = solved(scaled, scale).pivots
+    regular = jnp.all(jnp.isfinite(inverse)) & jnp.all(pivots > 0)
     return jnp.where(regular, inverse / jnp.outer(scale, scale), jnp.nan)
 
 

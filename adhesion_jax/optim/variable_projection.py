@@ -2,8 +2,9 @@
 
 Given nu the problem is linear in a and b (Golub and Pereyra 1973, SIAM J. Numer. Anal. 10),
 so the search is one-dimensional. The data are reduced to sums that are smooth functions of
-nu, each a Chebyshev series in sqrt(nu): computed once from the points, they give the objective
-anywhere in the box at the cost of three short series, and the sums of two sets of data add up.
+nu, each a Chebyshev series in nu/(nu + s), s a third of the largest nu: computed once from the
+points, they give the objective anywhere in the box at the cost of three short series, and the sums
+of two sets of data add up.
 """
 
 from collections.abc import Callable
@@ -17,11 +18,19 @@ from numpy.polynomial.chebyshev import cheb2poly, chebvander
 
 from adhesion_jax.optim.quadratic_program import bounded_pair
 
-#: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13.
-DEGREE = 40
+#: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13, which
+#: would take 54 terms in nu and 40 in its root.
+DEGREE = 28
+
+#: s as a share of the largest nu: near the best for boxes from [1, 50] to [10, 500].
+_BEND_OF_MAP = 1 / 3
 
 _GRID = 64
-_SECANTS = 16
+_STEPS = 60
+
+#: A search ends with a step shorter than this (a cell of the grid is 1), or where the slope of the
+#: profile is this share of its three parts.
+_NEAR, _ROUNDING = 1e-13, 1e-15
 
 #: Degree of the polynomials that stand for the series in two cells of the grid, which add 1e-14 to
 #: its error. A step of the search then costs a quarter of what the series would.
@@ -61,7 +70,7 @@ class Sums(NamedTuple):
     yy: Float[Array, ""]
     y_psi: Float[Array, ""]
     psi_psi: Float[Array, ""]
-    y_phi: Float[Array, " degree"]  # Chebyshev series in sqrt(nu)
+    y_phi: Float[Array, " degree"]  # Chebyshev series in nu/(nu + s)
     phi_phi: Float[Array, " degree"]
     phi_psi: Float[Array, " degree"]
 
@@ -74,6 +83,35 @@ class Jet(NamedTuple):
     bend: Float[Array, ""]
 
 
+class _Place(NamedTuple):
+    """A place t in the bracket of each run: a, b, the sums, and the slope of the profile there."""
+
+    t: Float[Array, " runs"]
+    a: Float[Array, " runs"]
+    b: Float[Array, " runs"]
+    values: Float[Array, "series runs"]
+    slopes: Float[Array, "series runs"]
+    bends: Float[Array, "series runs"]
+    slope: Float[Array, " runs"]
+
+
+class _Search(NamedTuple):
+    """The search of each run: its bracket, the slopes at the ends, and the last place.
+
+    All that is wanted of the last place is carried: after the loop the compiler would compute it
+    once more for each of its uses.
+    """
+
+    steps: Int[Array, " runs"]
+    low: Float[Array, " runs"]
+    high: Float[Array, " runs"]
+    slope_low: Float[Array, " runs"]
+    slope_high: Float[Array, " runs"]
+    last: Float[Array, " runs"]  # 1 where the low end moved last, -1 where the high end did
+    at: _Place
+    ended: Bool[Array, " runs"]
+
+
 class Solution(NamedTuple):
     """The optimum, and the sums of phi^2 and phi psi there, which the information is made of."""
 
@@ -83,10 +121,8 @@ class Solution(NamedTuple):
     objective: Float[Array, ""]
     phi_phi: Jet
     phi_psi: Jet
-
-
-#: Objective evaluations of one exact solution: the grid, then the secant steps.
-EVALUATIONS = _GRID + _SECANTS
+    evaluations: Int[Array, ""]  # of the objective
+    converged: Bool[Array, ""]
 
 
 def summarise(
@@ -172,59 +208,81 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
     profile = _expand(sums, *linear_part(*on_grid), *on_grid)
     # Not argmin, whose loop over pairs of value and index takes as long as the profile itself.
     is_least = profile <= jnp.min(profile, axis=0)
-    cell = jnp.min(jnp.where(is_least, jnp.arange(_GRID)[:, None], _GRID - 1), axis=0)
+    place = jnp.where(is_least, jnp.arange(float(_GRID))[:, None], _GRID - 1.0)
+    cell = jnp.min(place, axis=0).astype(jnp.int32)
     shape = (_LOCAL_DEGREE + 1, *cell.shape)
     powers = jnp.stack([jnp.broadcast_to(_powers(c, cell), shape) for c in series], axis=1)
-    powers = jax.lax.optimization_barrier(powers)
 
-    def slope_of_profile(t: Float[Array, "... runs"]) -> Float[Array, "... runs"]:
-        (y_phi, phi_phi, phi_psi), slopes, _ = _polynomials(powers, t)
-        a, b = linear_part(y_phi, phi_phi, phi_psi)
-        return a * (a * slopes[1] + 2 * b * slopes[2] - 2 * slopes[0])
+    def evaluated(t: Float[Array, " runs"]) -> tuple[_Place, Bool[Array, " runs"]]:
+        values, slopes, bends = _polynomials(powers, t)
+        a, b = linear_part(*values)
+        parts = a * a * slopes[1], 2 * a * b * slopes[2], -2 * a * slopes[0]
+        slope = parts[0] + parts[1] + parts[2]
+        size = jnp.abs(parts[0]) + jnp.abs(parts[1]) + jnp.abs(parts[2])
+        return _Place(t, a, b, values, slopes, bends, slope), jnp.abs(slope) <= _ROUNDING * size
 
-    def secant(_: Int[Array, ""], bracket: tuple[Array, ...]) -> tuple[Array, ...]:
-        low, high, slope_low, slope_high, last = bracket
-        rise = slope_high - slope_low
-        t = jnp.where(rise > 0, (low * slope_high - high * slope_low) / rise, 0.5 * (low + high))
-        t = jnp.clip(t, low, high)
-        t, slope = jax.lax.optimization_barrier((t, slope_of_profile(t)))
-        falling = slope < 0
-        # Illinois: if the same end is kept twice in a row, its slope is halved.
-        slope_high = jnp.where(falling & (last > 0), 0.5 * slope_high, slope_high)
-        slope_low = jnp.where(~falling & (last < 0), 0.5 * slope_low, slope_low)
-        return (
+    def one_step(search: _Search) -> _Search:
+        """Regula falsi (Illinois); the first two places are the ends of the bracket."""
+        low, high = search.low, search.high
+        rise = search.slope_high - search.slope_low
+        across = (low * search.slope_high - high * search.slope_low) / rise
+        t = jnp.clip(jnp.where(rise > 0, across, 0.5 * (low + high)), low, high)
+        t = jnp.where(search.steps == 0, low, jnp.where(search.steps == 1, high, t))
+        at, level = evaluated(t)
+        falling = at.slope < 0
+        # If the same end is kept twice in a row, its slope is halved.
+        slope_high = jnp.where(falling & (search.last > 0), 0.5, 1.0) * search.slope_high
+        slope_low = jnp.where(~falling & (search.last < 0), 0.5, 1.0) * search.slope_low
+        moved = _Search(
+            search.steps + 1,
+            # Where the profile does not change its direction between them, both ends become one.
             jnp.where(falling, t, low),
             jnp.where(falling, high, t),
-            jnp.where(falling, slope, slope_low),
-            jnp.where(falling, slope_high, slope),
-            jnp.where(falling, 1.0, -1.0),
+            jnp.where(falling, at.slope, slope_low),
+            jnp.where(falling, slope_high, at.slope),
+            jnp.where(search.steps < 2, 0.0, jnp.where(falling, 1.0, -1.0)),
+            at,
+            level | ((jnp.abs(t - search.at.t) <= _NEAR) & (search.steps > 1)),
         )
+        # What a run finds does not depend on how long others of its batch go on.
+        kept: _Search = jax.tree.map(
+            lambda old, new: jnp.where(search.ended, old, new), search, moved
+        )
+        return kept
 
-    ends = jnp.broadcast_to(jnp.array([[-1.0], [1.0]]), (2, *cell.shape))
-    at_ends = jax.lax.optimization_barrier(slope_of_profile(ends))
-    start = (*ends, *at_ends, jnp.zeros(cell.shape))
-    low, high, slope_low, slope_high, _ = jax.lax.fori_loop(0, _SECANTS, secant, start)
-    root = jnp.where(jnp.abs(slope_low) < jnp.abs(slope_high), low, high)
-    # No sign change in the bracket: the optimum is the bound of nu that the profile falls to.
-    root = jnp.where(at_ends[1] <= 0, 1.0, root)
-    root = jnp.where(at_ends[0] >= 0, -1.0, root)
-
-    (y_phi, phi_phi, phi_psi), slopes, bends = _polynomials(powers, root)
-    a, b = jax.lax.optimization_barrier(linear_part(y_phi, phi_phi, phi_psi))
+    nothing = jnp.zeros(cell.shape)
+    none = jnp.zeros((len(series), *cell.shape))
+    start = _Search(
+        jnp.zeros(cell.shape, dtype=jnp.int32),
+        nothing - 1,
+        nothing + 1,
+        nothing,
+        nothing,
+        nothing,
+        _Place(nothing, nothing, nothing, none, none, none, nothing),
+        jnp.zeros(cell.shape, dtype=bool),
+    )
+    found = jax.lax.while_loop(
+        lambda search: jnp.any(~search.ended & (search.steps < _STEPS)), one_step, start
+    )
+    root, a, b, (y_phi, phi_phi, phi_psi), slopes, bends, _ = found.at
     half = jnp.asarray(_HALF)[cell]
-    root_of_nu = _root_of_nu(jnp.asarray(_MIDDLE)[cell] + half * root, lower[1], upper[1])
-    width = half * 0.5 * (jnp.sqrt(upper[1]) - jnp.sqrt(lower[1]))  # d sqrt(nu)/dt
-    # With nu = r^2, by nu: (d/dr)/(2 r), and (d2/dr2 - (d/dr)/r)/(4 r^2).
-    by_root = slopes / width
-    slopes = 0.5 * by_root / root_of_nu
-    bends = 0.25 * (bends / width**2 - by_root / root_of_nu) / root_of_nu**2
+    share_low, share_high, bend = _map(lower[1], upper[1])
+    nu = _nu(jnp.asarray(_MIDDLE)[cell] + half * root, lower[1], upper[1])
+    width = half * 0.5 * (share_high - share_low)  # d share/dt
+    by_nu = bend / (nu + bend) ** 2  # d share/d nu
+    by_share = slopes / width
+    slopes = by_share * by_nu
+    bends = by_nu * (bends / width**2 * by_nu - 2 * by_share / (nu + bend))
     return Solution(
         a,
         b,
-        jnp.clip(root_of_nu**2, lower[1], upper[1]),
+        nu,
         _expand(sums, a, b, y_phi, phi_phi, phi_psi),
         Jet(phi_phi, slopes[1], bends[1]),
         Jet(phi_psi, slopes[2], bends[2]),
+        _GRID + found.steps,
+        found.ended,
     )
 
 
@@ -240,33 +298,32 @@ def _powers(series: Float[Array, "degree sets"], cell: Int[Array, " runs"]) -> A
 
 
 def _polynomials(
-    powers: Float[Array, "powers series runs"], t: Float[Array, "... runs"]
+    powers: Float[Array, "powers series runs"], t: Float[Array, " runs"]
 ) -> tuple[Array, Array, Array]:
-    """Polynomials [series, ..., runs] with their first and second derivatives (Horner).
-
-    The barrier keeps the compiler from evaluating them once for each use.
-    """
-    between = (powers.shape[1], *(1 for _ in t.shape[:-1]), powers.shape[2])
-    value = slope = half_bend = jnp.zeros((powers.shape[1], *t.shape))
+    """Polynomials [series, runs] with their first and second derivatives (Horner)."""
+    value = slope = half_bend = jnp.zeros(powers.shape[1:])
     for coefficient in powers[::-1]:
         half_bend = half_bend * t + slope
         slope = slope * t + value
-        value = value * t + coefficient.reshape(between)
-    return *jax.lax.optimization_barrier((value, slope)), 2 * half_bend
+        value = value * t + coefficient
+    return value, slope, 2 * half_bend
 
 
-def _root_of_nu(x: Array, nu_lower: Array, nu_upper: Array) -> Array:
-    low, high = jnp.sqrt(nu_lower), jnp.sqrt(nu_upper)
-    return 0.5 * (low + high) + 0.5 * (high - low) * x
+def _map(nu_lower: Array, nu_upper: Array) -> tuple[Array, Array, Array]:
+    """Of the map nu/(nu + s): its values at both ends, and s."""
+    bend = _BEND_OF_MAP * nu_upper
+    return nu_lower / (nu_lower + bend), nu_upper / (nu_upper + bend), bend
 
 
 def _nu(x: Array, nu_lower: Array, nu_upper: Array) -> Array:
-    return jnp.clip(_root_of_nu(x, nu_lower, nu_upper) ** 2, nu_lower, nu_upper)
+    low, high, bend = _map(nu_lower, nu_upper)
+    share = 0.5 * (low + high) + 0.5 * (high - low) * x
+    return jnp.clip(bend * share / (1 - share), nu_lower, nu_upper)
 
 
 def _chebyshev_variable(nu: Array, nu_lower: Array, nu_upper: Array) -> Array:
-    low, high = jnp.sqrt(nu_lower), jnp.sqrt(nu_upper)
-    return (2 * jnp.sqrt(nu) - (low + high)) / (high - low)
+    low, high, bend = _map(nu_lower, nu_upper)
+    return (2 * nu / (nu + bend) - (low + high)) / (high - low)
 
 
 def _series(

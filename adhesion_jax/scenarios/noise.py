@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from adhesion_jax.scenarios.draws import normal, uniform
+
 _OUTLIER_FACTOR = 10.0
 
 
@@ -15,10 +17,10 @@ def draw_noise(
     A share `outliers` of the points, independent of the noise, has ten times as much of it.
     """
     normal_key, outlier_key = jax.random.split(key)
-    noise = sigma * coloured(jax.random.normal(normal_key, shape), lag_one)
+    noise = sigma * coloured(normal(normal_key, shape), lag_one)
     if outliers == 0.0:
         return noise
-    is_outlier = jax.random.bernoulli(outlier_key, outliers, shape)
+    is_outlier = uniform(outlier_key, shape) < outliers
     return jnp.where(is_outlier, _OUTLIER_FACTOR * noise, noise)
 
 

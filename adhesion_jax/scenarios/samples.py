@@ -21,6 +21,7 @@ from adhesion_jax.metrics.information import (
 from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import OWN_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
+from adhesion_jax.scenarios.draws import uniform
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import (
     KIENCKE_RAILS,
@@ -60,7 +61,7 @@ class Samples(Scenario):
     def draw(self, key: PRNGKeyArray) -> Record:
         slip_key, noise_key = jax.random.split(key)
         shape = (len(self.rails), _BLOCK)
-        slip = jax.random.uniform(slip_key, (_BLOCK * len(self.rails),), maxval=self.slip_max)
+        slip = uniform(slip_key, (_BLOCK * len(self.rails),), self.slip_max)
         adhesion = self.curves(slip, {}) + draw_noise(
             noise_key, slip.shape, self.sigma, self.outliers
         )

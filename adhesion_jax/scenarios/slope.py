@@ -15,6 +15,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios.base import Group, Scenario
+from adhesion_jax.scenarios.draws import normal
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS, peak_of, rail_named
 
@@ -79,7 +80,7 @@ class SlopeStream(Scenario):
         slip = self.slip(time)
         every = jnp.ones(time.shape, dtype=bool)
         velocity = _VEHICLE_SPEED * slip
-        velocity = velocity + _SIGMA_VELOCITY * jax.random.normal(velocity_key, time.shape)
+        velocity = velocity + _SIGMA_VELOCITY * normal(velocity_key, time.shape)
         noise = draw_noise(noise_key, time.shape, self.sigma, self.outliers)
         adhesion = self.truth[0](slip, {}) + noise
         conditions = {"slip_velocity_mps": velocity, "time_s": time}

@@ -15,6 +15,7 @@ from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quan
 from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
 from adhesion_jax.records import OWN_SLIP, Known, Record
 from adhesion_jax.scenarios.base import Group, Scenario
+from adhesion_jax.scenarios.draws import uniform
 from adhesion_jax.scenarios.growing import growing_tables, prefixes
 from adhesion_jax.scenarios.noise import draw_noise
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
@@ -42,7 +43,7 @@ class Stream(Scenario):
         slip_key, noise_key = jax.random.split(key)
         points = self.lengths[-1]
         shape = (len(self.lengths), points)
-        slip = jax.random.uniform(slip_key, (points,), maxval=self.slip_max)
+        slip = uniform(slip_key, (points,), self.slip_max)
         noise = draw_noise(noise_key, slip.shape, self.sigma, self.outliers)
         adhesion = self.truth[0](slip, {}) + noise
         mask, fresh = prefixes(points, self.lengths)
