@@ -70,7 +70,9 @@ def test_programs_on_an_edge_are_solved_beside_others_that_are_not(width):
         *((phi**2).sum(1), (psi**2).sum(1)),
         (phi * psi).sum(1),
     )
-    box = (-width, width), (-width, width)
+    products = Products(*map(jnp.asarray, products))
+    edges = jnp.asarray(-width), jnp.asarray(width)
+    box = edges, edges
     expected = bounded_pair(*products, *box)
     solve = jax.jit(jax.vmap(lambda given: bounded_pair_seldom_on_edge(given, *box)))
     np.testing.assert_allclose(solve(products), expected, rtol=1e-13)
