@@ -30,11 +30,12 @@ def main(repeats: int, seed: int, out: Path) -> None:
 
 
 def _table(library: CDLL | str, repeats: int, seed: int) -> pd.DataFrame:
-    streams, programs = recursions.entries(seed)
     parts: list[tuple[str, str, str, Mapping[str, Timed]]] = [
         ("blocks", blocks.UNIT, blocks.PEER, blocks.entries(seed)),
-        ("recursions", recursions.UNIT, recursions.RECURSION_PEER, streams),
-        ("quadratic programs", recursions.UNIT, recursions.PROGRAM_PEER, programs),
+        *(
+            (part, recursions.UNIT, peer, entries)
+            for (part, peer), entries in recursions.entries(seed).items()
+        ),
         ("plants", plants.UNIT, plants.PEER, plants.entries(library)),
         *(
             (f"limit: {peer}", unit, peer, entries)

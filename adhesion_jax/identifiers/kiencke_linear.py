@@ -7,18 +7,21 @@ Source: Qian et al. 2024, Eq. 3 to 6.
 """
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate
-from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
+from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
 from adhesion_jax.identifiers.online import OnlineState, R, Step, over_fresh_samples
-from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.optim.kernel import scan_in_one_kernel
+from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
 from adhesion_jax.records import Known, Record
 
 #: The quadratic program in the box has a prior at the start of this share of the information:
@@ -83,14 +86,15 @@ def solve_in_box(known: Known, normal: Normal) -> Pair:
     """The best x in the box, with a weak prior at the start of the scenario."""
     pull = _RIDGE * (normal.h11 + normal.h22)
     x1, x2 = free_values(known.curve)
-    return bounded_pair(
+    products = Products(
         normal.f1 + pull * x1,
         normal.f2 + pull * x2,
         normal.h11 + pull,
         normal.h22 + pull,
         normal.h12,
-        (known.lower[0], known.upper[0]),
-        (known.lower[1], known.upper[1]),
+    )
+    return bounded_pair_seldom_on_edge(
+        products, (known.lower[0], known.upper[0]), (known.lower[1], known.upper[1])
     )
 
 
@@ -117,8 +121,12 @@ def forgetting(
     The equation prints the error of the estimate that eta is needed for; it is read as that of
     the estimate before.
     """
-    predicted = dataclasses.replace(cast(Kiencke, known.curve), p1=x[0], p2=x[1])(slip, {})
+    predicted = _curve_of(known, x)(slip, {})
     return jnp.maximum(least, most - gain * jnp.abs(adhesion - predicted))
+
+
+def _curve_of(known: Known, x: Pair) -> Kiencke:
+    return dataclasses.replace(cast(Kiencke, known.curve), p1=x[0], p2=x[1])
 
 
 def discounted(
@@ -153,12 +161,25 @@ def with_residual(normal: Normal, sample: Regression, weight: Float[Array, ""], 
     )
 
 
-def after_record(step: Step[R], state: OnlineState, record: Record) -> OnlineState:
+def after_record(
+    step: Step[R], state: OnlineState, record: Record, scan: Callable[..., Any] = jax.lax.scan
+) -> OnlineState:
     """The state of an online method, whose recursion holds the estimate `x`, one record on."""
-    state = over_fresh_samples(partial(step, state.known), state, record)
-    misfit = residual(state.known, record, jnp.stack(state.recursion.x))
-    squares = jnp.where(jnp.isfinite(misfit), misfit, 0.0) ** 2
-    return state._replace(objective=jnp.sum(squares))
+    state = over_fresh_samples(partial(step, state.known), state, record, scan=scan)
+    return state._replace(objective=_objective(state.known, record, tuple(state.recursion.x)))
+
+
+def _objective(known: Known, record: Record, x: Pair) -> Float[Array, ""]:
+    """The sum of squared residuals, of the points that are finite."""
+    curve = _curve_of(known, x)
+
+    def add(total: Float[Array, ""], point: tuple[Array, ...]) -> tuple[Float[Array, ""], None]:
+        mask, slip, adhesion = point
+        misfit = curve(slip, {}) - adhesion
+        return total + jnp.where(mask & jnp.isfinite(misfit), misfit, 0.0) ** 2, None
+
+    points = (record.mask, record.slip, record.adhesion)
+    return scan_in_one_kernel(add, jnp.zeros(()), points)[0]
 
 
 def online_estimate(

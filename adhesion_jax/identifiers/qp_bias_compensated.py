@@ -1,9 +1,11 @@
 """The quadratic program of Qian et al. 2024 without the bias of noise in the regressors."""
 
+from functools import partial
 from typing import ClassVar, NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
@@ -22,6 +24,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.optim.kernel import scan_in_one_kernel
 from adhesion_jax.records import Known, Record
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
@@ -78,7 +81,7 @@ class BiasCompensatedProgram(Identifier):
         return begin(known, Recursion(normal, noise, jnp.int32(0), (x1, x2), eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record)
+        return after_record(self._step, state, record, scan_in_one_kernel)
 
     def estimate(self, state: OnlineState) -> Estimate:
         normal, noise, samples, _, eta = state.recursion
@@ -89,6 +92,7 @@ class BiasCompensatedProgram(Identifier):
         self,
         known: Known,
         recursion: Recursion,
+        taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
     ) -> Recursion:
@@ -96,26 +100,32 @@ class BiasCompensatedProgram(Identifier):
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
-        normal = discounted(recursion.normal, sample, eta, jnp.ones(()))
+        # With zeros for the sample, nothing changes as soon as nothing is forgotten.
+        factor, one = jnp.where(taken, eta, 1.0), jnp.where(taken, 1.0, 0.0)
+        normal = discounted(recursion.normal, sample, factor, jnp.ones(()))
         old = recursion.noise
         noise = Noise(
-            eta * old.m11 + size**2,
-            eta * old.m12 + size**3,
-            eta * old.m22 + size**4,
-            eta * old.f1 + size,
-            eta * old.squares,  # the residual of this sample is added below, once x is known
-            eta * old.weights + 1,
+            factor * old.m11 + size**2,
+            factor * old.m12 + size**3,
+            factor * old.m22 + size**4,
+            factor * old.f1 + size,
+            factor * old.squares,  # the residual of this sample is added below, once x is known
+            factor * old.weights + one,
         )
         s2 = variance(normal, noise)
         clear = compensated(normal, noise, s2)
-        x = solve_in_box(known, clear)
+        x, eta = jax.tree.map(
+            partial(jnp.where, taken),
+            (solve_in_box(known, clear), eta),
+            (recursion.x, recursion.eta),
+        )
         u1, u2, z = sample
         error, d = z - x[0] * u1 - x[1] * u2, 1 + x[0] * size + x[1] * size**2
         noise = noise._replace(squares=noise.squares + (error / d) ** 2)
         # What the sample adds to the equation: U e + s^2 D [l, l^2] in place of U e alone.
         score = Regression(u1 * error + s2 * d * size, u2 * error + s2 * d * size**2, jnp.ones(()))
         normal = with_residual(normal, score, jnp.ones(()), (jnp.zeros(()), jnp.zeros(())))
-        return Recursion(normal, noise, recursion.samples + 1, x, eta)
+        return Recursion(normal, noise, recursion.samples + taken, x, eta)
 
 
 def variance(normal: Normal, noise: Noise) -> Float[Array, ""]:

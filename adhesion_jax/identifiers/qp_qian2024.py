@@ -1,7 +1,9 @@
 """Qian et al. 2024: a quadratic program at every sample, with a time-varying forgetting factor."""
 
+from functools import partial
 from typing import ClassVar, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
@@ -22,9 +24,10 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.optim.kernel import scan_in_one_kernel
 from adhesion_jax.records import Known, Record
 
-#: Information matrices (h11, h12, h22) of the last five samples, the latest first.
+#: Information matrices (h11, h12, h22) before each of the last four samples, the latest first.
 History = tuple[tuple[Array, Array, Array], ...]
 
 
@@ -63,13 +66,13 @@ class QuadraticProgram(Identifier):
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         zero = jnp.zeros(())
         normal = Normal(*(zero for _ in Normal._fields))
-        history = tuple((zero, zero, zero) for _ in range(5))
+        history = tuple((zero, zero, zero) for _ in range(4))
         x1, x2 = free_values(known.curve)
         eta = jnp.asarray(self.eta_most)
         return begin(known, Recursion(normal, history, jnp.int32(0), (x1, x2), eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record)
+        return after_record(self._step, state, record, scan_in_one_kernel)
 
     def estimate(self, state: OnlineState) -> Estimate:
         recursion = state.recursion
@@ -81,6 +84,7 @@ class QuadraticProgram(Identifier):
         self,
         known: Known,
         recursion: Recursion,
+        taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
     ) -> Recursion:
@@ -88,15 +92,33 @@ class QuadraticProgram(Identifier):
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
-        calm = self._statistic_is_inside(sample, recursion.history) & (recursion.samples >= 5)
-        eta = jnp.where(self.redistributes & calm, self.eta_most, eta)
+        old = recursion.normal
+        past = ((old.h11, old.h12, old.h22), *recursion.history)
+
+        def redistributed() -> tuple[Bool[Array, ""], History]:
+            shifted = jax.tree.map(partial(jnp.where, taken), past[:-1], recursion.history)
+            return self._statistic_is_inside(sample, past) & (recursion.samples >= 5), shifted
+
+        def as_it_was() -> tuple[Bool[Array, ""], History]:
+            return jnp.zeros((), dtype=bool), recursion.history
+
+        # A condition that is known beforehand would leave arguments of the kernel without use.
+        if isinstance(self.redistributes, bool):
+            calm, history = (redistributed if self.redistributes else as_it_was)()
+        else:
+            calm, history = jax.lax.cond(self.redistributes, redistributed, as_it_was)
+        eta = jnp.where(calm, self.eta_most, eta)
+        # With zeros for the sample, nothing changes as soon as nothing is forgotten.
+        factor = jnp.where(taken, eta, 1.0)
         weight = jnp.where(self.weight_falls, (2 - eta) / 2, 1.0)
-        normal = discounted(recursion.normal, sample, eta, weight)
-        x = solve_in_box(known, normal)
-        latest = (normal.h11, normal.h12, normal.h22)
-        history = (latest, *recursion.history[:-1])
+        normal = discounted(old, sample, factor, weight)
+        x, eta = jax.tree.map(
+            partial(jnp.where, taken),
+            (solve_in_box(known, normal), eta),
+            (recursion.x, recursion.eta),
+        )
         normal = with_residual(normal, sample, weight, x)
-        return Recursion(normal, history, recursion.samples + 1, x, eta)
+        return Recursion(normal, history, recursion.samples + taken, x, eta)
 
     def _statistic_is_inside(self, sample: Regression, history: History) -> Bool[Array, ""]:
         """S = (mean X1 - mean X2)/(S1 + S2), element by element, within the critical interval."""

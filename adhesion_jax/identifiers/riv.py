@@ -135,18 +135,18 @@ class RefinedInstruments(Identifier):
         self,
         known: Known,
         recursion: Recursion,
+        taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
     ) -> Recursion:
         size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
         last = recursion.kept
         repeats = (size == last.size[0]) & (adhesion == last.adhesion[0])
-        taken = self._taken(known, recursion, size, adhesion)
-        return jax.tree.map(
-            lambda new, old: jnp.where((size == 0) | repeats, old, new), taken, recursion
-        )
+        taken = taken & (size > 0) & ~repeats
+        after = self._after(known, recursion, size, adhesion)
+        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, recursion)
 
-    def _taken(
+    def _after(
         self,
         known: Known,
         recursion: Recursion,
@@ -293,9 +293,19 @@ def _voted(
 
 
 def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Float[Array, ""]:
-    """The median of the values that are used, of which there is at least one."""
-    ordered, count = jnp.sort(jnp.where(used, values, jnp.inf)), jnp.sum(used)
-    return (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
+    """The median of the values that are used, of which there is at least one.
+
+    By the number of values below each: over a batch that takes less time than a sort.
+    """
+    values = jnp.where(used, values, jnp.inf)
+    below = jnp.sum(values[:, None] > values, axis=1)
+    upto = jnp.sum(values[:, None] >= values, axis=1)
+    count = jnp.sum(used)
+
+    def in_order(place: Int[Array, ""]) -> Float[Array, ""]:
+        return jnp.min(jnp.where((below <= place) & (place < upto), values, jnp.inf))
+
+    return (in_order((count - 1) // 2) + in_order(count // 2)) / 2
 
 
 def _solution(known: Known, sums: Sums) -> Float[Array, "2"]:

@@ -3,7 +3,7 @@
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
@@ -16,6 +16,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     regression,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.optim.kernel import computed_once, scan_in_one_kernel
 from adhesion_jax.records import Known, Record
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
@@ -59,7 +60,7 @@ class RecursiveLeastSquares(Identifier):
         return begin(known, Recursion((x1, x2), wide, zero, wide, zero, zero, zero, eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record)
+        return after_record(self._step, state, record, scan_in_one_kernel)
 
     def estimate(self, state: OnlineState) -> Estimate:
         _, p11, p12, p22, g11, g12, g22, eta = state.recursion
@@ -71,28 +72,48 @@ class RecursiveLeastSquares(Identifier):
         self,
         known: Known,
         recursion: Recursion,
+        taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
     ) -> Recursion:
-        (x1, x2), p11, p12, p22, g11, g12, g22, _ = recursion
+        (x1, x2), p11, p12, p22, g11, g12, g22, last = recursion
         u1, u2, z = regression(known, slip, adhesion)
         eta = forgetting(known, slip, adhesion, (x1, x2), self.eta_least, self.eta_most, self.gain)
+        # With zeros for the sample, nothing changes as soon as nothing is forgotten.
+        eta = jnp.where(taken, eta, 1.0)
         pu1, pu2 = p11 * u1 + p12 * u2, p12 * u1 + p22 * u2
         innovation = z - x1 * u1 - x2 * u2
         share = 1 / (eta + u1 * pu1 + u2 * pu2)
-        # The residual at the new x is the innovation times eta/(eta + U'P U).
-        squared = (innovation * eta * share) ** 2
-        gain1, gain2, growth = pu1 * share, pu2 * share, 1 / eta
+        gain1, gain2, weighted1, weighted2 = _gains(eta, share, innovation, u1, u2, pu1, pu2)
+        growth = 1 / eta
         return Recursion(
             (x1 + gain1 * innovation, x2 + gain2 * innovation),
             (p11 - pu1 * gain1) * growth,
             (p12 - pu1 * gain2) * growth,
             (p22 - pu2 * gain2) * growth,
-            eta**2 * g11 + squared * u1 * u1,
-            eta**2 * g12 + squared * u1 * u2,
-            eta**2 * g22 + squared * u2 * u2,
-            eta,
+            eta**2 * g11 + weighted1 * u1,
+            eta**2 * g12 + weighted1 * u2,
+            eta**2 * g22 + weighted2 * u2,
+            jnp.where(taken, eta, last),
         )
+
+
+@computed_once
+def _gains(
+    eta: Float[Array, ""],
+    share: Float[Array, ""],
+    innovation: Float[Array, ""],
+    u1: Float[Array, ""],
+    u2: Float[Array, ""],
+    pu1: Float[Array, ""],
+    pu2: Float[Array, ""],
+) -> tuple[Float[Array, ""], ...]:
+    """K, and U times the square of the residual at the new x.
+
+    That residual is the innovation times eta/(eta + U'P U).
+    """
+    squared = (innovation * eta * share) ** 2
+    return pu1 * share, pu2 * share, squared * u1, squared * u2
 
 
 rls_kiencke = RecursiveLeastSquares(0.99, 0.99, 0.0)

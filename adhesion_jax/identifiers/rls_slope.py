@@ -3,12 +3,14 @@
 from collections import OrderedDict
 from typing import ClassVar, NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
 from adhesion_jax.identifiers.online import OnlineState, begin, over_fresh_samples
+from adhesion_jax.optim.kernel import scan_in_one_kernel
 from adhesion_jax.optim.recursive_slope import slope_step
 from adhesion_jax.records import Known, Record
 
@@ -75,7 +77,7 @@ class RecursiveSlope(Identifier):
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         names = ("slip_velocity_mps", "time_s")
-        state = over_fresh_samples(self._step, state, record, names)
+        state = over_fresh_samples(self._step, state, record, names, scan_in_one_kernel)
         return state._replace(objective=state.recursion.residual**2)
 
     def estimate(self, state: OnlineState) -> Estimate:
@@ -95,6 +97,7 @@ class RecursiveSlope(Identifier):
     def _step(
         self,
         state: Recursion,
+        taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
         slip_velocity: Float[Array, ""],
@@ -116,7 +119,7 @@ class RecursiveSlope(Identifier):
         kept, keep = 1 / found.scale, 1 - share
         uu, ud, dd = state.uu, state.ud, state.dd
         unit = rise**2 * (1 + uu) + phi**2 * dd + 2 * rise * phi * ud
-        taken = Recursion(
+        later = Recursion(
             time=time,
             adhesion=state.adhesion + span * y,
             slip_velocity=state.slip_velocity + span * phi,
@@ -131,7 +134,8 @@ class RecursiveSlope(Identifier):
             samples=state.samples + 1,
         )
         begun = state._replace(time=time, adhesion=adhesion, slip_velocity=slip_velocity)
-        return Recursion(*(jnp.where(first, a, b) for a, b in zip(begun, taken, strict=True)))
+        after = jax.tree.map(lambda a, b: jnp.where(first, a, b), begun, later)
+        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, state)
 
 
 #: gamma and the time constant are not printed; these are our choice. If the slip velocity changes

@@ -12,6 +12,7 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.identifiers.qp_bias_compensated import BiasCompensatedProgram
+from adhesion_jax.identifiers.riv import _median
 from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import QIAN2024
 
@@ -311,3 +312,12 @@ def test_compensation_removes_the_bias_of_noise_in_the_regressors():
     assert abs(mean) < 0.007 + margin  # what is left is due to eta, which follows the noise
     mean, margin = interval(errors(BiasCompensatedProgram(*map(jnp.asarray, (1.0, 1.0, 0.0)))))
     assert abs(mean) < 0.002 + margin  # against 0.019 of plain least squares
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 8])
+def test_the_median_of_riv_is_that_of_the_samples_used(count):
+    random = np.random.default_rng(count)
+    values = np.round(random.normal(size=40), 1)  # some of them are equal
+    used = random.permutation(np.arange(40) < count)
+    found = jax.jit(_median)(jnp.asarray(values), jnp.asarray(used))
+    assert found == np.median(values[used])
