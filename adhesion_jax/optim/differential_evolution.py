@@ -22,9 +22,9 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt32
 from adhesion_jax.optim.counter_random import as_integer, as_uniform, counter_bits
 from adhesion_jax.optim.turns import Turns, in_turns
 
-#: How the runs of a batch take turns. Where searches end after 120 generations on average, after 250
-#: at the latest, 1.2 times the generations of all runs are computed, instead of 2 times if all went
-#: on to the last. 32 side by side, or 8 or 32 generations to a turn, took up to a tenth longer.
+#: How the runs of a batch take turns. Where searches end after 120 generations on average, 250 at
+#: most, 1.2 times the generations of all runs are computed, instead of 2 times if all went on to
+#: the last. 32 side by side, or 8 or 32 generations to a turn, took up to a tenth longer.
 _TURNS = Turns(side_by_side=16, steps=16, axis=-1)
 
 #: Up to this number of members, parents are chosen by comparison with each of them, because loops
