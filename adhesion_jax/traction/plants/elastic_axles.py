@@ -94,7 +94,7 @@ class ElasticAxles(Plant):
         return ElasticState(wheel, wheel, nothing, train_speed, nothing)
 
     def derivative(self, state: ElasticState, held: Held) -> ElasticState:
-        # The wheels are kept apart here: the compiler fills an array of both number by number, which
+        # The wheels are kept apart: the compiler fills an array of both number by number, which
         # took a third of the time of a step.
         right, left = (self._force(slip, state, held) for slip in self._slips(state))
         driven = self.gear_ratio * self._efficiency(state) * state.torque
