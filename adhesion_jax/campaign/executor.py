@@ -30,14 +30,6 @@ TRIES = 3
 AHEAD = 16
 
 
-#: How a process is started: spawned where the system has no fork.
-_START = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-
-#: What the server of forks imports: the parts of a campaign that import all that its units need,
-#: and pandas, which pyarrow imports when it makes its first array.
-_NEEDED = ["adhesion_jax.campaign.shard", "adhesion_jax.campaign.traction", "pandas"]
-
-
 @runtime_checkable
 class Engine(Protocol):
     """What computes the units of a campaign: `Processes`, or a cluster (`cluster.engine_of`)."""
@@ -88,10 +80,8 @@ def mapped(function: Callable[..., T], work: Work, workers: int) -> Iterator[Ite
     """`function(*unit)` of each unit, in the order of the work, from as many processes as asked.
 
     Processes rather than threads, because compiled programs that call LAPACK on stacks of large
-    matrices deadlock when two run at once (`runtime.threads`). They are not forked from this one,
-    because a fork of a process in which jax runs is not safe, but from a server that has imported
-    what they need and runs nothing: an import takes longer than the identification of a hundred
-    thousand runs. They share what they compile. Another process takes the
+    matrices deadlock when two run at once (`runtime.threads`); spawned ones, because a fork of a
+    process in which jax runs is not safe. They share what they compile. Another process takes the
     place of one that dies and tries its unit again; WorkerError where that has failed as often as
     it is tried. No process outlives this one, however it ends.
     """
@@ -121,11 +111,10 @@ class _Member:
     units: deque[int] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
-        context: Any = multiprocessing.get_context(_START)
-        context.set_forkserver_preload(_NEEDED)  # where no server runs yet
-        self.line, there = context.Pipe()
+        spawning = multiprocessing.get_context("spawn")
+        self.line, there = spawning.Pipe()
         arguments = (there, self.function, keeping.folder(), self.core, plugins.used())
-        self.process: BaseProcess = context.Process(target=_serve, args=arguments, daemon=True)
+        self.process: BaseProcess = spawning.Process(target=_serve, args=arguments, daemon=True)
         self.process.start()
         there.close()
 

@@ -91,16 +91,10 @@ def _measured(
 
 #: A process of its own, whose children are those of one job alone.
 _CHILD = """
-import contextlib, ctypes, os, resource, subprocess, sys
-with contextlib.suppress(AttributeError, OSError):
-    # Linux: the server that forks the workers outlives the job, and its time counts too.
-    ctypes.CDLL(None).prctl(36, 1)
+import os, resource, subprocess, sys
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(sys.argv[1])])
 subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL, check=True)
-with contextlib.suppress(ChildProcessError):
-    while True:
-        os.wait()
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 """
