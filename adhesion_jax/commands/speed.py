@@ -1,7 +1,7 @@
 """Speed beside what else computes the same, all in one run on one machine."""
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from ctypes import CDLL
 from pathlib import Path
 
@@ -9,6 +9,7 @@ import click
 import pandas as pd
 from tqdm import tqdm
 
+from adhesion_jax import runtime
 from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.report.studies.speed import draw_rates, draw_scaling, told
 from adhesion_jax.studies.speed import blocks, c_code, jobs, limits, plants, recursions, scaling
@@ -18,9 +19,12 @@ from adhesion_jax.studies.speed.turns import Timed, rates
 def main(repeats: int, seed: int, out: Path) -> None:
     """Time identifiers, recursions, plants and whole jobs beside their peers."""
     directory = output_directory(out)
+    # All but the jobs on one core: a process that may use two spends up to twice the CPU-seconds.
+    cores = runtime.cores_of(runtime.CORES)
+    runtime.take_core(cores[-1])
     with tempfile.TemporaryDirectory() as folder:
         library = c_code.compiled(Path(folder))
-        table = _table(library, repeats, seed)
+        table = _table(library, repeats, seed, cores)
     with staged(directory, ("speed.csv", "speed.png", "speed_scaling.png")) as stage:
         write_table(stage / "speed.csv", table)
         draw_rates(stage / "speed.png", table)
@@ -29,7 +33,9 @@ def main(repeats: int, seed: int, out: Path) -> None:
     click.echo(f"\nwritten to {directory}")
 
 
-def _table(library: CDLL | str, repeats: int, seed: int) -> pd.DataFrame:
+def _table(
+    library: CDLL | str, repeats: int, seed: int, cores: Sequence[int | None]
+) -> pd.DataFrame:
     parts: list[tuple[str, str, str, Mapping[str, Timed]]] = [
         ("blocks", blocks.UNIT, blocks.PEER, blocks.entries(seed)),
         *(
@@ -54,7 +60,7 @@ def _table(library: CDLL | str, repeats: int, seed: int) -> pd.DataFrame:
             for part, unit, peer, entries in parts
         ]
         found.append(scaling.table(repeats, seed, progress))
-        found.append(jobs.table(progress))
+        found.append(jobs.table(cores, progress))
     return pd.concat(found, ignore_index=True)
 
 

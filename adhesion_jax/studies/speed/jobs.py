@@ -5,7 +5,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,13 +50,19 @@ def jobs() -> list[Job]:
     ]
 
 
-def table(progress: Callable[[str], None]) -> pd.DataFrame:
-    """A row for each job; the rate is per second by the clock, and so it depends on the load."""
+def table(cores: Sequence[int | None], progress: Callable[[str], None]) -> pd.DataFrame:
+    """A row for each job; the rate is per second by the clock, and so it depends on the load.
+
+    `cores` are the numbers of those that a job may have, None where that cannot be chosen.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        return pd.DataFrame(_rows(Path(folder), progress)).reindex(columns=[*COLUMNS, "size"])
+        rows = _rows(Path(folder), cores, progress)
+        return pd.DataFrame(rows).reindex(columns=[*COLUMNS, "size"])
 
 
-def _rows(folder: Path, progress: Callable[[str], None]) -> Iterator[dict[str, object]]:
+def _rows(
+    folder: Path, cores: Sequence[int | None], progress: Callable[[str], None]
+) -> Iterator[dict[str, object]]:
     environment = {**os.environ, VARIABLE: str(folder / "cache")}
     for number, job in enumerate(jobs()):
         command = [
@@ -64,7 +70,7 @@ def _rows(folder: Path, progress: Callable[[str], None]) -> Iterator[dict[str, o
             *("--identifiers", job.method, "--runs", str(job.runs)),
             *("--out", str(folder / str(number))),
         ]
-        spent, seconds, memory = _measured(command, environment, job.cores)
+        spent, seconds, memory = _measured(command, environment, cores[: job.cores])
         progress(job.name)
         yield {
             "part": "whole job",
@@ -78,10 +84,11 @@ def _rows(folder: Path, progress: Callable[[str], None]) -> Iterator[dict[str, o
 
 
 def _measured(
-    command: list[str], environment: dict[str, str], cores: int
+    command: list[str], environment: dict[str, str], cores: Sequence[int | None]
 ) -> tuple[float, float, float]:
     """CPU-seconds, seconds, and the memory of the largest process of the job in MB."""
-    own = [sys.executable, "-c", _CHILD, str(cores), *command]
+    chosen = ",".join(str(core) for core in cores if core is not None)
+    own = [sys.executable, "-c", _CHILD, chosen, *command]
     began = time.perf_counter()
     done = subprocess.run(own, env=environment, capture_output=True, text=True, check=True)
     seconds = time.perf_counter() - began
@@ -92,8 +99,8 @@ def _measured(
 #: A process of its own, whose children are those of one job alone.
 _CHILD = """
 import os, resource, subprocess, sys
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(sys.argv[1])])
+if sys.argv[1]:
+    os.sched_setaffinity(0, map(int, sys.argv[1].split(",")))
 subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL, check=True)
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
