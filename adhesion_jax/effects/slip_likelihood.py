@@ -80,9 +80,7 @@ def likeliest(
     return SlipSignal(plain, float(ends[0]), float(ends[1]), least)
 
 
-def _losses(
-    record: Record, worth: np.ndarray, falls_with: str, choices: np.ndarray
-) -> np.ndarray:
+def _losses(record: Record, worth: np.ndarray, falls_with: str, choices: np.ndarray) -> np.ndarray:
     """Minus the log density of the slip for logarithms of roughness and sigma, [choices]."""
     names = ("time_s", falls_with) if falls_with else ("time_s",)
     conditions = {name: jnp.asarray(record.conditions[name]) for name in names}

@@ -1,6 +1,7 @@
 """Work mapped over the workers of a Dask cluster, with the results of one process."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -96,6 +97,23 @@ def test_results_come_in_the_order_of_the_work_from_two_processes(two):
     assert len(processes) == 2
     assert os.getpid() not in processes
     assert two.workers == 2
+
+
+def test_quick_units_are_given_out_several_at_once(two, monkeypatch):
+    given = []
+    submit = two.client.submit
+
+    def counted(function, setting, calls, *rest, **named):
+        given.append(len(pickle.loads(calls)))
+        return submit(function, setting, calls, *rest, **named)
+
+    monkeypatch.setattr(two.client, "submit", counted)
+    results = found(two, squared, range(400))
+    assert [number for number, _ in results] == [number**2 for number in range(400)]
+    assert sum(given) == 400
+    assert given[0] == 1  # before anything is known of the time that they take
+    assert max(given) == 16
+    assert len(given) < 200
 
 
 def test_an_error_of_a_unit_is_raised_here(two):
