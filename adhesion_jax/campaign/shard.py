@@ -11,10 +11,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Array, ArrayLike, Bool, Float
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
@@ -37,7 +35,6 @@ from adhesion_jax.metrics.counts import BINS, bins_of, share_bins_of
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import delay_counts, tracking_statistics
 from adhesion_jax.optim.box import on_bound
-from adhesion_jax.programs import kept
 from adhesion_jax.runtime import silent
 from adhesion_jax.scenarios import Options, Scenario
 
@@ -153,16 +150,8 @@ def _on_box(scenario: Scenario, estimate: Estimate) -> NDArray[np.bool_]:
     if not set(known.curve.free) <= set(estimate.values):  # a method without a curve
         return np.zeros(estimate.status.shape, dtype=bool)
     parameters = np.stack([estimate.values[name] for name in known.curve.free], axis=-1)
-    return np.asarray(_any_on_bound(parameters, known.lower, known.upper))
-
-
-@kept()
-def _any_on_bound(
-    parameters: Float[ArrayLike, "*batch p"],
-    lower: Float[ArrayLike, " p"],
-    upper: Float[ArrayLike, " p"],
-) -> Bool[Array, "*batch"]:
-    return jnp.any(on_bound(parameters, lower, upper), axis=-1)
+    lower, upper = np.asarray(known.lower), np.asarray(known.upper)
+    return np.any(on_bound(parameters, lower, upper), axis=-1)
 
 
 def truth_of(scenario: Scenario, bound: NDArray[np.float64]) -> Truth:

@@ -1,9 +1,9 @@
 """Boxes: lower <= x <= upper, either end possibly infinite."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 #: An estimate lies on the box if it is nearer to a bound than this share of the box's width.
 _ON_BOX = 1e-4
@@ -13,11 +13,14 @@ _START_MARGIN = 1e-3
 
 
 def on_bound(
-    x: Float[ArrayLike, "*batch p"], lower: Float[ArrayLike, " p"], upper: Float[ArrayLike, " p"]
-) -> Bool[Array, "*batch p"]:
-    """Which coordinates lie on the box; a bound at infinity is never reached."""
-    x, lower, upper = jnp.asarray(x), jnp.asarray(lower), jnp.asarray(upper)
-    margin = jnp.where(jnp.isfinite(upper - lower), _ON_BOX * (upper - lower), 0.0)
+    x: Float[Any, "*batch p"], lower: Float[Any, " p"], upper: Float[Any, " p"]
+) -> Bool[Any, "*batch p"]:
+    """Which coordinates lie on the box; a bound at infinity is never reached.
+
+    By the library that x is an array of: NumPy, for estimates that are there, or JAX.
+    """
+    library = x.__array_namespace__()
+    margin = library.where(library.isfinite(upper - lower), _ON_BOX * (upper - lower), 0.0)
     return (x <= lower + margin) | (x >= upper - margin)
 
 
