@@ -134,8 +134,8 @@ class Job(NamedTuple):
 
     def tiles_of(self, shard: int) -> range:
         """The tiles of the shard of this number."""
-        size, first = 1, 0
-        while size < self.most_tiles and shard >= _ALIKE:
+        size, first, most = 1, 0, self.most_tiles
+        while size < most and shard >= _ALIKE:
             first, shard, size = first + _ALIKE * size, shard - _ALIKE, 2 * size
         return range(first + shard * size, first + (shard + 1) * size)
 

@@ -87,10 +87,11 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
     parts: dict[str, list[Found]] = {name: [] for name in job.methods}
     seconds, compile_seconds = [], dict.fromkeys(job.methods, 0.0)
     bounds = []
-    for tile in job.tiles_of(number):
+    tiles = job.tiles_of(number)
+    for tile in tiles:
         if tile * TILE >= config.runs:
             break
-        done = (tile - job.tiles_of(number).start) * TILE
+        done = (tile - tiles.start) * TILE
         tell(done, f"noise of {config.scenario}")
         records = draw_tile(config, tile)
         bounds.append(np.asarray(bound_tile(config, records)))
@@ -114,9 +115,12 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
         delays=np.stack([delay_counts(found[name].tracking, job.longest) for name in job.names]),
         seconds=Moments.of({"seconds": np.array(seconds)}),
     )
-    first = job.tiles_of(number).start * TILE
     rows = estimate_rows(
-        config.scenario, scenario, {n: found[n] for n in job.names}, first, job.kept_blocks
+        config.scenario,
+        scenario,
+        {n: found[n] for n in job.names},
+        tiles.start * TILE,
+        job.kept_blocks,
     )
     compiling = np.array([*compile_seconds.values()])
     return Shard(Reduced(sums, *_counts(job, found), compiling), rows)

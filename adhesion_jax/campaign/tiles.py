@@ -37,6 +37,11 @@ _UNFUSED = {**_COMPILER, **programs.QUICKLY}
 FUSED = {**_COMPILER, **programs.WIDELY}
 
 
+def compiler_of(method: Identifier) -> dict[str, str | bool]:
+    """The options of the compiler for the programs of a method."""
+    return FUSED if method.FUSED else _UNFUSED
+
+
 class TileResult(NamedTuple):
     """Estimates [runs, blocks] and what was seen on the way, as NumPy arrays; CPU seconds."""
 
@@ -149,5 +154,5 @@ def _compiled(
         return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
 
     name = ("tile", scenario_name, options, form, str(kinds))
-    compiled = programs.program(name, tile, leaves, FUSED if example.FUSED else _UNFUSED)
+    compiled = programs.program(name, tile, leaves, compiler_of(example))
     return lambda *arguments: compiled(jax.tree.leaves(arguments))

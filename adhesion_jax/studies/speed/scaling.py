@@ -7,8 +7,8 @@ import jax
 import pandas as pd
 
 from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.tiles import compiler_of
 from adhesion_jax.identifiers import IDENTIFIERS, identify
-from adhesion_jax.programs import QUICKLY
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
 from adhesion_jax.studies.speed import all_points
@@ -77,7 +77,7 @@ def _identified(name: str, runs: int, points: int, seed: int) -> Timed:
     keys = jax.random.split(jax.random.key(seed), runs)
     batch = jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0))
     program = jax.jit(lambda records, keys: batch(method, scenario.known, records, keys))
-    ready = program.lower(records, keys).compile(dict(QUICKLY))
+    ready = program.lower(records, keys).compile(compiler_of(method))
     times = -(-_TOGETHER // runs)
 
     def all_runs() -> None:
