@@ -14,6 +14,10 @@ from adhesion_jax.measured.values import values
 #: share of the distance to its neighbours.
 _GRID, _NEARER = 1024, 0.1
 
+#: A curve that falls by no more than this share of its largest adhesion, to the next slips or to
+#: the last one, is level there: the fall is rounding, and has no place.
+_LEVEL = 1e-12
+
 
 class Law(NamedTuple):
     """f(s; theta) + sum_j b_j (phi_j(s) - df/dtheta lean_j), with the covariance of theta and b."""
@@ -60,10 +64,14 @@ def peak_of(law: Law, limit: float) -> LawPeak:
     even = np.linspace(0.0, 1.0, _GRID) * limit / (limit + middle)
     slips = even * middle / (1 - even)
     adhesion, slopes = law_at(law, slips)
-    top = int(np.argmax(np.where(np.isfinite(adhesion), adhesion, -np.inf)))
+    heights = np.where(np.isfinite(adhesion), adhesion, -np.inf)
+    top = int(np.argmax(heights))
+    near = slice(max(top - 1, 0), top + 2)
+    level = heights[top] - _LEVEL * abs(heights[top])
+    if level <= max(heights[-1], np.min(heights[near])):
+        top = _GRID - 1
     if top in (0, _GRID - 1):
         return LawPeak(slips[top], adhesion[top], False, slopes[top], 0 * slopes[top])
-    near = slice(top - 1, top + 2)
     at, _, _ = _vertex(slips[near], adhesion[near])
     closer = at + _NEARER * 0.5 * (slips[top + 1] - slips[top - 1]) * np.array([-1.0, 0.0, 1.0])
     adhesion, slopes = law_at(law, closer)

@@ -17,7 +17,9 @@ from adhesion_jax.data import SHIPPED, read_measured, to_record
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Status
 from adhesion_jax.measured.identification import fit_curves
-from adhesion_jax.measured.law import law_with_errors
+from adhesion_jax.measured.law import Law, law_with_errors, peak_of
+from adhesion_jax.measured.noise import MISFITS
+from adhesion_jax.measured.points import Span
 from adhesion_jax.measured.residual import residual_structure
 from adhesion_jax.records import Record
 from adhesion_jax.report.measured.words import reasons
@@ -278,6 +280,29 @@ def test_a_parameter_on_its_bound_is_held_and_the_reason_is_given():
     said = " ".join(reasons(fit))
     assert "c3 lies on its bound 0: it has no standard error" in said
     assert "no peak between slip 0 and 1" in said
+
+
+@pytest.mark.parametrize("c2", [20.0, 36.6, 100.0, 1000.0])
+@pytest.mark.parametrize(("c3", "falls"), [(0.0, False), (1e-16, False), (1e-6, True), (0.1, True)])
+def test_a_curve_that_becomes_level_has_no_peak_and_one_that_falls_a_little_has(c2, c3, falls):
+    """Burckhardt's curve is largest at ln(c1 c2/c3)/c2; with c3 = 0 it rises without end."""
+    c1, size = 0.324, 3 + MISFITS
+    law = Law(
+        CURVES["burckhardt"],
+        np.array([c1, c2, c3]),
+        np.zeros(MISFITS),
+        np.zeros((3, MISFITS)),
+        np.zeros((size, size)),
+        Span(1.0, 0.05, 0.2),
+        {},
+    )
+    peak = peak_of(law, 1.0)
+    assert peak.found == falls
+    assert np.all(np.isfinite(peak.by_law))
+    if falls:
+        slip = np.log(c1 * c2 / c3) / c2
+        assert peak.slip == pytest.approx(slip, rel=0.02)
+        assert peak.adhesion == pytest.approx(c1 * (1 - np.exp(-c2 * slip)) - c3 * slip, rel=1e-6)
 
 
 def test_a_peak_beyond_the_points_is_called_extrapolated(tmp_path):
