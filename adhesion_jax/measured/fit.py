@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 from scipy.special import stdtrit
 
 from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
@@ -24,6 +25,8 @@ from adhesion_jax.measured.noise import (
 )
 from adhesion_jax.measured.points import Points, Span, products, weights
 from adhesion_jax.measured.start import parameters_at, stretch_at
+from adhesion_jax.optim.levenberg_marquardt import Local, bounded_step
+from adhesion_jax.programs import kept
 
 #: Largest slip at which a peak is searched if slip is a velocity, m/s.
 SLIP_VELOCITY_LIMIT = 10.0
@@ -239,21 +242,22 @@ def _step(
     state: _State, noise: RunNoise, felt: np.ndarray, damping: float
 ) -> tuple[np.ndarray, float]:
     """Shares one step ahead within the box, and by how much half the deviance is to fall."""
-    white = whitened(state.products, noise)
-    share, free = state.share, felt.copy()
-    step = np.zeros(share.size)
-    for _ in range(share.size):
-        matrix, right, used = normal_equations(white, 0.0, free)
-        matrix[np.diag_indices(used.size)] *= 1 + damping
-        step[:] = 0.0
-        step[free] = solve(matrix, right)
-        out = free & (((share <= 0) & (step < 0)) | ((share >= 1) & (step > 0)))
-        if not out.any():
-            break
-        free &= ~out
-    new = np.clip(share + step, 0.0, 1.0)
-    gradient = white[: share.size, -1]
-    return new, 0.5 * abs(float((new - share) @ gradient)) / noise.sigma**2
+    white, share = whitened(state.products, noise), state.share
+    hessian = np.where(felt[:, None] & felt, white[: felt.size, : felt.size], 0.0)
+    gradient = np.where(felt, -white[: felt.size, -1], 0.0)
+    step = np.asarray(_bounded_step(share, gradient, hessian, damping * np.diagonal(hessian)))
+    return np.clip(share + step, 0.0, 1.0), 0.5 * abs(float(step @ gradient)) / noise.sigma**2
+
+
+@kept()
+def _bounded_step(
+    share: Float[Array, " free"],
+    gradient: Float[Array, " free"],
+    hessian: Float[Array, "free free"],
+    damping: Float[Array, " free"],
+) -> Float[Array, " free"]:
+    local = Local(jnp.zeros(()), gradient, hessian)
+    return bounded_step(share, local, damping, jnp.zeros_like(share), jnp.ones_like(share))
 
 
 def _described(
