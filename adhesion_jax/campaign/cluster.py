@@ -126,8 +126,9 @@ def _started(workers: int) -> Iterator[Any]:
     distributed = _distributed()
     import dask
 
+    # Dask removes there what workers of a process that was killed have left.
+    folder = str(keeping.folder() / "dask")
     with (
-        TemporaryDirectory(prefix="adhesion_jax-") as folder,
         dask.config.set({**_LOCALLY, "temporary-directory": folder}),
         distributed.LocalCluster(
             n_workers=workers,

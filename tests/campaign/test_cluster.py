@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from adhesion_jax import keeping
 from adhesion_jax.campaign import cluster, store
 from adhesion_jax.campaign.cluster import engine_of, versions
 from adhesion_jax.campaign.executor import Processes
@@ -375,6 +376,8 @@ def test_a_job_on_a_cluster_is_resumed_after_its_client_is_killed(alone, tmp_pat
     assert status == 0, said
     assert_same(tables(out), alone)
     assert not [*out.rglob(".partial-*")]
+    assert not [*passing(out).iterdir()]
+    assert not [*(keeping.folder() / "dask").glob("*/worker-*")]
 
 
 @of_processes
