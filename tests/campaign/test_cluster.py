@@ -366,7 +366,8 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_only_time(alone, tmp_path):
 @of_processes
 @pytest.mark.thorough
 def test_a_job_on_a_cluster_is_resumed_after_its_client_is_killed(alone, tmp_path):
-    out = tmp_path / "out"
+    of_workers, out = keeping.folder() / "dask", tmp_path / "out"
+    before = set(of_workers.glob("*/worker-*"))
     job = begun(out, "--cluster", "local:2")
     wait_for(job, out, 3)
     job.kill()
@@ -377,7 +378,7 @@ def test_a_job_on_a_cluster_is_resumed_after_its_client_is_killed(alone, tmp_pat
     assert_same(tables(out), alone)
     assert not [*out.rglob(".partial-*")]
     assert not [*passing(out).iterdir()]
-    assert not [*(keeping.folder() / "dask").glob("*/worker-*")]
+    assert set(of_workers.glob("*/worker-*")) == before
 
 
 @of_processes
