@@ -32,7 +32,7 @@ RUNS, SAMPLES = 10_000, 500
 
 #: Number of runs of a group, whose states fit into the cache; NumPy, whose calls are slow, is
 #: fastest with all runs at once.
-_GROUP = 250
+_GROUP = 500
 
 #: Timed programs are compiled with full optimisation, whatever the flags of the environment.
 _OPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "3"}
