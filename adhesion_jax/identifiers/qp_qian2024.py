@@ -12,7 +12,6 @@ from adhesion_jax.identifiers.base import Estimate, Flag, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
     Pair,
-    Regression,
     after_record,
     covariance,
     discounted,
@@ -24,10 +23,10 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.optim.kernel import scan_in_one_kernel
+from adhesion_jax.optim.kernel import computed_once, scan_in_one_kernel
 from adhesion_jax.records import Known, Record
 
-#: Information matrices (h11, h12, h22) before each of the last four samples, the latest first.
+#: Information matrices (h11, h12, h22) before each of the last samples, the latest first.
 History = tuple[tuple[Array, Array, Array], ...]
 
 
@@ -95,19 +94,20 @@ class QuadraticProgram(Identifier):
         old = recursion.normal
         past = ((old.h11, old.h12, old.h22), *recursion.history)
 
-        def redistributed() -> tuple[Bool[Array, ""], History]:
+        def redistributed() -> tuple[Float[Array, ""], History]:
             shifted = jax.tree.map(partial(jnp.where, taken), past[:-1], recursion.history)
-            return self._statistic_is_inside(sample, past) & (recursion.samples >= 5), shifted
+            settings = self.eta_most, self.low, self.high
+            regressors = sample.u1, sample.u2
+            return _redistributed(eta, regressors, past, recursion.samples, settings), shifted
 
-        def as_it_was() -> tuple[Bool[Array, ""], History]:
-            return jnp.zeros((), dtype=bool), recursion.history
+        def as_it_was() -> tuple[Float[Array, ""], History]:
+            return eta, recursion.history
 
         # A condition that is known beforehand would leave arguments of the kernel without use.
         if isinstance(self.redistributes, bool):
-            calm, history = (redistributed if self.redistributes else as_it_was)()
+            eta, history = (redistributed if self.redistributes else as_it_was)()
         else:
-            calm, history = jax.lax.cond(self.redistributes, redistributed, as_it_was)
-        eta = jnp.where(calm, self.eta_most, eta)
+            eta, history = jax.lax.cond(self.redistributes, redistributed, as_it_was)
         # With zeros for the sample, nothing changes as soon as nothing is forgotten.
         factor = jnp.where(taken, eta, 1.0)
         weight = jnp.where(self.weight_falls, (2 - eta) / 2, 1.0)
@@ -120,17 +120,28 @@ class QuadraticProgram(Identifier):
         normal = with_residual(normal, sample, weight, x)
         return Recursion(normal, history, recursion.samples + taken, x, eta)
 
-    def _statistic_is_inside(self, sample: Regression, history: History) -> Bool[Array, ""]:
-        """S = (mean X1 - mean X2)/(S1 + S2), element by element, within the critical interval."""
-        u1, u2, _ = sample
-        inside = jnp.ones((), dtype=bool)
-        for now, *past in zip((u1 * u1, u1 * u2, u2 * u2), *history, strict=True):
-            first, first_std = _of_three(now, *past[:2])
-            second, second_std = _of_three(*past[2:])
-            spread = first_std + second_std
-            statistic = (first - second) / jnp.where(spread > 0, spread, 1.0)
-            inside = inside & (statistic > self.low) & (statistic < self.high)
-        return inside
+
+@computed_once
+def _redistributed(
+    eta: Float[Array, ""],
+    regressors: Pair,
+    history: History,
+    samples: Int[Array, ""],
+    settings: tuple[Scalar, Scalar, Scalar],
+) -> Float[Array, ""]:
+    """The largest factor where every element of S lies in the critical interval, else eta.
+
+    S = (mean X1 - mean X2)/(S1 + S2), X1 the information of the sample and the two matrices before
+    it, X2 the three before these.
+    """
+    (u1, u2), (most, low, high) = regressors, settings
+    calm = samples >= 5
+    for now, *past in zip((u1 * u1, u1 * u2, u2 * u2), *history, strict=True):
+        first, first_std = _of_three(now, *past[:2])
+        second, second_std = _of_three(*past[2:])
+        difference, spread = first - second, first_std + second_std
+        calm = calm & (difference > low * spread) & (difference < high * spread)
+    return jnp.where(calm, most, eta)
 
 
 def _of_three(a: Array, b: Array, c: Array) -> tuple[Array, Array]:

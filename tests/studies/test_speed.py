@@ -15,10 +15,20 @@ from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.records import Record
 from adhesion_jax.report.studies.speed import told
 from adhesion_jax.scenarios import Options
-from adhesion_jax.studies.speed import all_points, blocks, c_code, jobs, plants, recursions, scaling
+from adhesion_jax.scenarios.rails import KIENCKE_RAILS
+from adhesion_jax.studies.speed import (
+    all_points,
+    blocks,
+    c_code,
+    jobs,
+    numpy_forms,
+    plants,
+    recursions,
+    scaling,
+)
 from adhesion_jax.studies.speed.turns import Timed, absent, rates
 
-SAMPLES, RUNS = 120, 6
+SAMPLES, RUNS, STREAMS = 120, 6, 2000
 
 
 @pytest.fixture(scope="module")
@@ -57,30 +67,58 @@ def test_a_package_that_is_not_there_is_said_to_be_missing():
     assert absent("no_such_package") == "Not timed: no_such_package is not installed."
 
 
+@pytest.fixture(scope="module")
 def streams():
+    """Slip and adhesion [SAMPLES, STREAMS] with a switch of the rail.
+
+    The slip is small in the first stream and large in the last one; with a small one p2 is so
+    uncertain that the best x is often on the edge of the box.
+    """
     random = np.random.default_rng(4)
-    slip = random.uniform(0.0, 0.2, (SAMPLES, RUNS))
-    clean = 40.0 * slip / (1 + 31.29 * slip + 100.0 * slip**2)
+    slip = random.uniform(0.0, np.geomspace(0.01, 0.2, STREAMS), (SAMPLES, STREAMS))
+    wet, dry = (np.asarray(KIENCKE_RAILS[name](jnp.asarray(slip), {})) for name in ("wet", "dry"))
+    clean = np.where(np.arange(SAMPLES)[:, None] < SAMPLES // 2, wet, dry)
     return slip, clean + random.normal(0.0, 0.01, slip.shape)
 
 
-@pytest.mark.parametrize("name", ["rls-kiencke", "qp-qian2024-2"])
-def test_the_recursions_in_numpy_are_those_of_the_identifiers(name):
-    known = build_scenario(Config("qian2024", options=Options(points=SAMPLES))).known
-    slip, adhesion = streams()
-    every = jnp.ones(SAMPLES, dtype=bool)
-    state = IDENTIFIERS[name].init(known, jax.random.key(0))
-    update = jax.jit(IDENTIFIERS[name].update)
-    found = [
-        update(state, Record(jnp.asarray(s), jnp.asarray(a), every, every, {})).recursion.x
-        for s, a in zip(slip.T, adhesion.T, strict=True)
-    ]
-    if name == "rls-kiencke":
-        expected = recursions.numpy_recursion(slip, adhesion)[:2]
-    else:
-        box = np.asarray(known.lower), np.asarray(known.upper)
-        expected = recursions.numpy_program(slip, adhesion, box)[:2]
-    np.testing.assert_allclose(np.array(found).T, np.array(expected), rtol=1e-6)
+def after(name, known, slip, adhesion):
+    """The state of the identifier after these streams."""
+    every = jnp.ones(len(slip), dtype=bool)
+    method = IDENTIFIERS[name]
+    state = method.init(known, jax.random.key(0))
+
+    def update(slip, adhesion):
+        return method.update(state, Record(slip, adhesion, every, every, {}))
+
+    return jax.jit(jax.vmap(update, in_axes=1))(jnp.asarray(slip), jnp.asarray(adhesion))
+
+
+@pytest.fixture(scope="module")
+def known():
+    return build_scenario(Config("qian2024", options=Options(points=SAMPLES))).known
+
+
+def test_recursive_least_squares_in_numpy_is_the_identifier(known, streams):
+    state = after("rls-kiencke", known, *streams)
+    x, *sums, _ = state.recursion
+    found = numpy_forms.rls_kiencke(*streams)
+    np.testing.assert_allclose(found, [*x, *sums, state.objective], rtol=1e-5)
+
+
+# After a few samples, where the statistic begins; soon after the switch, where the variance of the
+# noise is at its largest; and at the end.
+@pytest.mark.parametrize("samples", [8, SAMPLES // 2 + 5, SAMPLES])
+@pytest.mark.parametrize("name", recursions.PROGRAMS)
+def test_a_quadratic_program_in_numpy_is_the_identifier(name, samples, known, streams):
+    first = [stream[:samples] for stream in streams]
+    state = after(name, known, *first)
+    recursion, box = state.recursion, (np.asarray(known.lower), np.asarray(known.upper))
+    found = np.array(recursions.PROGRAMS[name](*first, box))
+    noise = recursion.noise if name == "qp-bias-compensated" else ()
+    expected = [*recursion.x, *recursion.normal, *noise, state.objective]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    on_edge = np.any(np.isin(found[:2].T, box), axis=1)
+    assert 0 < on_edge.sum() < STREAMS
 
 
 def test_the_loops_in_c_compute_what_numpy_does(library):
@@ -150,5 +188,7 @@ def test_speed_is_told_beside_its_peers(tmp_path, monkeypatch):
     assert ratio["lm"] > 1500
     assert ratio["lm"] > 3 * ratio["lm-jaxopt"]
     assert table["ratio"].loc["recursions", "rls-kiencke"] > 1
+    for name in recursions.PROGRAMS:
+        assert table["ratio"].loc[f"quadratic program: {name}", name] > 1
     for name in ("speed.png", "speed_scaling.png"):
         assert imread(tmp_path / name).std() > 0
