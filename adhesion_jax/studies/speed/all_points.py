@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, ArrayLike, Float, Key
 
 from adhesion_jax.campaign.tiles import FUSED
 from adhesion_jax.curves.exponential_function import exp2
@@ -27,7 +27,7 @@ _Search = Callable[[Key[Array, " runs"], Float[Array, "runs points"]], Float[Arr
 
 def search(
     slip: Float[Array, " points"],
-    box: tuple[Float[Array, "3"], Float[Array, "3"]],
+    box: tuple[Float[ArrayLike, "3"], Float[ArrayLike, "3"]],
     runs: int,
     members: int,
     generations: int,

@@ -49,7 +49,7 @@ def entries(library: ctypes.CDLL | str) -> Mapping[tuple[str, str], Mapping[str,
     matrix = jnp.asarray(np.random.default_rng(0).normal(size=(_SIZE, _SIZE)))
     product = jax.jit(jnp.matmul)
 
-    def in_c(name: str, amount: float, *arguments: int | float | np.ndarray) -> Timed:
+    def in_c(name: str, amount: int, *arguments: int | float | np.ndarray) -> Timed:
         if isinstance(library, str):
             return Timed(None, library)
         return _often(lambda: call(library, name, arguments), amount)
@@ -62,7 +62,7 @@ def entries(library: ctypes.CDLL | str) -> Mapping[tuple[str, str], Mapping[str,
         },
         ("operations", PRODUCT_PEER): {
             PRODUCT_PEER: _often(
-                lambda: jax.block_until_ready(product(matrix, matrix)), 2.0 * _SIZE**3
+                lambda: jax.block_until_ready(product(matrix, matrix)), 2 * _SIZE**3
             ),
             "ml-exact": Timed(_products(config), "of the product of its data with the shared grid"),
         },
@@ -74,7 +74,7 @@ def entries(library: ctypes.CDLL | str) -> Mapping[tuple[str, str], Mapping[str,
     }
 
 
-def _often(function: object, amount: float) -> Timed:
+def _often(function: object, amount: int) -> Timed:
     def again() -> None:
         for _ in range(_TIMES):
             function()  # type: ignore[operator]

@@ -125,7 +125,7 @@ def in_numba(begun: Start) -> Callable[[], tuple[np.ndarray, ...]]:
 
 def entries(library: ctypes.CDLL | str) -> Mapping[str, Timed]:
     """What is timed: classical Runge-Kutta steps of one rigid axle."""
-    begun, amount, missing = start(), float(RUNS * STEPS), absent("numba")
+    begun, amount, missing = start(), RUNS * STEPS, absent("numba")
     return {
         PEER: Timed(None, library)
         if isinstance(library, str)

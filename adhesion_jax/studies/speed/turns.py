@@ -28,13 +28,13 @@ class Timed(NamedTuple):
     compile_seconds: float = np.nan
 
 
-def timed(function: Callable[[], Any], amount: float) -> Work:
+def timed(function: Callable[[], Any], amount: int) -> Work:
     """Work of a function that takes no arguments and always does the same."""
 
     def work(_: int) -> tuple[float, float]:
         began = time.process_time()
         function()
-        return amount, time.process_time() - began
+        return float(amount), time.process_time() - began
 
     return work
 
