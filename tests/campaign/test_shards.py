@@ -1,6 +1,8 @@
 """Shards: what they hold, that their order does not matter, and what is left of a killed job."""
 
 import dataclasses
+import subprocess
+import sys
 
 import jax
 import numpy as np
@@ -22,6 +24,29 @@ from adhesion_jax.scenarios import Options
 
 #: Three shards, of which the last has a part of its tile.
 SMALL = Config("he2018-blocks", ("ml-exact",), Options(points=40, blocks=6), 300, seed=2)
+
+
+#: A worker process computes and stores a shard, and says whether it has imported pandas.
+WORKER = """
+import sys
+from pathlib import Path
+from adhesion_jax import runtime
+runtime.start()
+from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.shard import content
+from adhesion_jax.campaign.store import stored
+stored(content, Job.of(Config("single", ("ml-exact",), runs=128)), 0, Path(sys.argv[1]))
+print("pandas" in sys.modules)
+"""
+
+
+def test_a_shard_is_computed_and_stored_without_pandas(tmp_path):
+    """Its import would be a fifth of the start of a worker process."""
+    command = (sys.executable, "-c", WORKER, str(tmp_path))
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False"]
+    assert [*tmp_path.glob("*.npz")]
 
 
 def test_shards_have_all_runs_once_and_grow():
