@@ -8,10 +8,9 @@ from types import ModuleType
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from adhesion_jax.optim.box import Unbounded
-from adhesion_jax.optim.least_squares import Residual, Result, finish
+from adhesion_jax.optim.least_squares import Residual, Result, searched
 
 
 def levenberg_marquardt(
@@ -22,18 +21,23 @@ def levenberg_marquardt(
     max_steps: int,
 ) -> Result:
     """Jaxopt's Levenberg-Marquardt, with the Jacobian materialised and a Cholesky solve."""
-    space = Unbounded.around(start, lower, upper)
-    solver = _jaxopt().LevenbergMarquardt(
-        lambda u: residual(space.to_box(u)),
-        maxiter=max_steps,
-        stop_criterion="madsen-nielsen",
-        xtol=1e-9,
-        gtol=0.0,
-        materialize_jac=True,
-        solver="cholesky",
-    )
-    u, state = solver.run(space.from_box(start))
-    return finish(residual, space.to_box(u), start, lower, upper, jnp.asarray(state.iter_num))
+
+    def search(
+        residual: Residual, u: Float[Array, " p"]
+    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+        solver = _jaxopt().LevenbergMarquardt(
+            residual,
+            maxiter=max_steps,
+            stop_criterion="madsen-nielsen",
+            xtol=1e-9,
+            gtol=0.0,
+            materialize_jac=True,
+            solver="cholesky",
+        )
+        u, state = solver.run(u)
+        return u, jnp.asarray(state.iter_num)
+
+    return searched(search, residual, start, lower, upper)
 
 
 def gauss_newton(
@@ -44,10 +48,14 @@ def gauss_newton(
     max_steps: int,
 ) -> Result:
     """Jaxopt's Gauss-Newton: full steps, no safeguard."""
-    space = Unbounded.around(start, lower, upper)
-    solver = _jaxopt().GaussNewton(lambda u: residual(space.to_box(u)), maxiter=max_steps, tol=1e-9)
-    u, state = solver.run(space.from_box(start))
-    return finish(residual, space.to_box(u), start, lower, upper, jnp.asarray(state.iter_num))
+
+    def search(
+        residual: Residual, u: Float[Array, " p"]
+    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+        u, state = _jaxopt().GaussNewton(residual, maxiter=max_steps, tol=1e-9).run(u)
+        return u, jnp.asarray(state.iter_num)
+
+    return searched(search, residual, start, lower, upper)
 
 
 def _jaxopt() -> ModuleType:

@@ -9,9 +9,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.optim.box import on_bound
+from adhesion_jax.optim.box import Unbounded, on_bound
+from adhesion_jax.optim.turns import in_groups
 
 Residual = Callable[[Float[Array, " p"]], Float[Array, " n"]]
 
@@ -31,13 +33,62 @@ class Result(NamedTuple):
     converged: Bool[Array, ""]
 
 
+#: Searches of a library that a batch computes together: a block of 500 points took an eighth less
+#: time than with 128 of them, and the results were the same bit for bit. With 4 of them it took a
+#: quarter less, and last bits differed.
+_SIDE_BY_SIDE = 16
+
 #: (residual, start, lower, upper, max_steps) to the result.
 Solver = Callable[
     [Residual, Float[Array, " p"], Float[Array, " p"], Float[Array, " p"], int], Result
 ]
 
 
-def finish(
+def separated(
+    residual: Residual, start: Float[Array, " p"]
+) -> tuple[Callable[[list[Array], Float[Array, " p"]], Float[Array, " n"]], list[Array]]:
+    """The residual as a function of x and of the arrays that it takes from around it, and those.
+
+    A batching rule is told of arguments alone which of them differ from problem to problem.
+    """
+    traced = jax.make_jaxpr(residual)(start)
+
+    def value(data: list[Array], x: Float[Array, " p"]) -> Float[Array, " n"]:
+        found: Array = jaxpr_as_fun(ClosedJaxpr(traced.jaxpr, data))(x)[0]
+        return found
+
+    return value, traced.consts
+
+
+#: A search without bounds from a start: the residual and u to the best u and the steps taken.
+Search = Callable[[Residual, Float[Array, " p"]], tuple[Float[Array, " p"], Int[Array, ""]]]
+
+
+def searched(
+    search: Search,
+    residual: Residual,
+    start: Float[Array, " p"],
+    lower: Float[Array, " p"],
+    upper: Float[Array, " p"],
+) -> Result:
+    """The result of a search of a library, in coordinates in which the box has no bounds.
+
+    In a batch a few searches at a time: their loops wait for the slowest of these alone.
+    """
+    value, data = separated(residual, start)
+
+    def solve(
+        data: list[Array], start: Array, lower: Array, upper: Array
+    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+        space = Unbounded.around(start, lower, upper)
+        u, steps = search(lambda u: value(data, space.to_box(u)), space.from_box(start))
+        return space.to_box(u), steps
+
+    x, steps = in_groups(solve, _SIDE_BY_SIDE)(data, start, lower, upper)
+    return _finished(residual, x, start, lower, upper, steps)
+
+
+def _finished(
     residual: Residual,
     x: Float[Array, " p"],
     start: Float[Array, " p"],

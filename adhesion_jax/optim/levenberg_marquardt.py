@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.optim.least_squares import Residual, Result
+from adhesion_jax.optim.least_squares import Residual, Result, separated
 from adhesion_jax.optim.turns import Turns, in_turns
 
 #: Damping of the first step, relative to the diagonal of J'J.
@@ -237,15 +236,10 @@ def fit(
 
     In a batch no search waits for the slowest: each one that has ended gives its place to another.
     """
-    # What the residual takes from around it becomes an argument: a batching rule is told which
-    # parts of it differ from problem to problem.
-    traced = jax.make_jaxpr(residual)(start)
+    value, data = separated(residual, start)
 
     def evaluated(data: list[Array], x: Float[Array, " p"]) -> Local:
-        def value(x: Float[Array, " p"]) -> Float[Array, " n"]:
-            return jaxpr_as_fun(ClosedJaxpr(traced.jaxpr, data))(x)[0]
-
-        left, push = jax.linearize(value, x)
+        left, push = jax.linearize(partial(value, data), x)
         return normal_equations([push(along) for along in jnp.eye(x.size)], left)
 
     def unfinished(search: Search) -> Bool[Array, ""]:
@@ -271,7 +265,7 @@ def fit(
         found = in_turns(jax.vmap(unfinished), steps, started, (data, box), axes[:2], _TURNS)
         return found, jax.tree.map(lambda _: True, found)
 
-    search = ended(traced.consts, (lower, upper), jnp.clip(start, lower, upper))
+    search = ended(data, (lower, upper), jnp.clip(start, lower, upper))
     finite = jnp.all(jnp.isfinite(search.x)) & jnp.isfinite(search.local.loss)
     x = jnp.where(finite, search.x, start)
     local, steps = search.local, search.steps

@@ -4,10 +4,9 @@ from types import ModuleType
 from typing import Any
 
 import jax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from adhesion_jax.optim.box import Unbounded
-from adhesion_jax.optim.least_squares import Residual, Result, finish
+from adhesion_jax.optim.least_squares import Residual, Result, searched
 
 _RTOL, _ATOL = 1e-9, 1e-12
 
@@ -20,10 +19,16 @@ def levenberg_marquardt(
     max_steps: int,
 ) -> Result:
     """Optimistix's Levenberg-Marquardt, with a Cholesky solve of the normal equations."""
-    optimistix, lineax = _libraries()
-    linear = lineax.Normal(lineax.Cholesky())
-    solver: Any = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
-    return _solve(solver, residual, start, lower, upper, max_steps)
+
+    def search(
+        residual: Residual, u: Float[Array, " p"]
+    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+        optimistix, lineax = _libraries()
+        linear = lineax.Normal(lineax.Cholesky())
+        solver = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
+        return _solved(solver, residual, u, max_steps)
+
+    return searched(search, residual, start, lower, upper)
 
 
 def gauss_newton(
@@ -34,37 +39,26 @@ def gauss_newton(
     max_steps: int,
 ) -> Result:
     """Optimistix's Gauss-Newton: full steps, no safeguard."""
-    optimistix, lineax = _libraries()
-    linear = lineax.AutoLinearSolver(well_posed=None)
-    solver: Any = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
-    return _solve(solver, residual, start, lower, upper, max_steps)
+
+    def search(
+        residual: Residual, u: Float[Array, " p"]
+    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+        optimistix, lineax = _libraries()
+        linear = lineax.AutoLinearSolver(well_posed=None)
+        solver = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
+        return _solved(solver, residual, u, max_steps)
+
+    return searched(search, residual, start, lower, upper)
 
 
-def _solve(
-    solver: Any,
-    residual: Residual,
-    start: Array,
-    lower: Array,
-    upper: Array,
-    max_steps: int,
-) -> Result:
+def _solved(
+    solver: Any, residual: Residual, u: Float[Array, " p"], max_steps: int
+) -> tuple[Float[Array, " p"], Int[Array, ""]]:
     optimistix, _ = _libraries()
-    space = Unbounded.around(start, lower, upper)
-    solution: Any = optimistix.least_squares(
-        lambda u, _: residual(space.to_box(u)),
-        solver,
-        space.from_box(start),
-        max_steps=max_steps,
-        throw=False,
+    found: Any = optimistix.least_squares(
+        lambda u, _: residual(u), solver, u, max_steps=max_steps, throw=False
     )
-    return finish(
-        residual,
-        space.to_box(solution.value),
-        start,
-        lower,
-        upper,
-        solution.stats["num_steps"],
-    )
+    return found.value, found.stats["num_steps"]
 
 
 def _libraries() -> tuple[ModuleType, ModuleType]:

@@ -67,3 +67,31 @@ def in_turns(
         return jnp.any(carry[1])
 
     return jax.lax.while_loop(any_waits, one_turn, (states, unfinished(states)))[0]
+
+
+def in_groups(function: Callable[..., Any], side_by_side: int) -> Callable[..., Any]:
+    """The function, which in a batch is computed for so many at a time.
+
+    What a group computes stays in cache, and its loops wait for the slowest of the group alone.
+    All arrays that differ from one to another must be arguments.
+    """
+
+    @jax.custom_batching.custom_vmap
+    def grouped(*given: Any) -> Any:
+        return function(*given)
+
+    @grouped.def_vmap
+    def one_group_after_the_other(_: int, batched: list, *given: Any) -> tuple[Any, Any]:
+        leaves, form = jax.tree.flatten(given)
+        differs = jax.tree.leaves(batched)
+
+        def one(own: list[Array]) -> Any:
+            each = iter(own)
+            whole = [next(each) if has else x for has, x in zip(differs, leaves, strict=True)]
+            return function(*jax.tree.unflatten(form, whole))
+
+        own = [x for has, x in zip(differs, leaves, strict=True) if has]
+        found = jax.lax.map(one, own, batch_size=side_by_side)
+        return found, jax.tree.map(lambda _: True, found)
+
+    return grouped

@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 
 from adhesion_jax.optim.levenberg_marquardt import bounded_step, fit, normal_equations, solved
-from adhesion_jax.optim.turns import Turns, in_turns
+from adhesion_jax.optim.turns import Turns, in_groups, in_turns
 
 # Without optimisation: programs that run once.
 quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
@@ -165,3 +165,27 @@ def test_iterations_in_turns_end_each_at_its_own_step(count, axis):
     np.testing.assert_array_equal(number, 1)
     np.testing.assert_array_equal(length, expected)
     np.testing.assert_array_equal(last[:, 1] if axis == 0 else last[1], np.maximum(expected - 1, 0))
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 11])
+def test_groups_give_what_a_whole_batch_gives(count):
+    """Halvings until a number is at most `least`: how many differs from one to another."""
+
+    def halved(pair, least):
+        def step(state):
+            return state[0] / 2, state[1] + 1
+
+        return jax.lax.while_loop(lambda state: state[0] > least, step, (pair[0] + pair[1], 0))
+
+    random = np.random.default_rng(count)
+    first, second = jnp.asarray(random.uniform(1, 1000, count)), jnp.asarray(3.0)
+    leasts = jnp.asarray(random.uniform(0.1, 10, count))
+    grouped = in_groups(halved, 4)
+    for axes, least in (((0, None), None), leasts[0]), (((0, None), 0), leasts):
+        found, numbers = jax.vmap(grouped, axes)((first, second), least)
+        sums = np.asarray(first) + 3.0
+        wanted = np.maximum(np.ceil(np.log2(sums / np.asarray(least))), 0)
+        np.testing.assert_array_equal(numbers, wanted)
+        np.testing.assert_array_equal(found, sums / 2**wanted)
+    alone, number = grouped((first[0], second), leasts[0])
+    assert (alone, number) == (found[0], numbers[0])
