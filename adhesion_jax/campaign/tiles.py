@@ -43,12 +43,12 @@ def compiler_of(method: Identifier) -> dict[str, str | bool]:
 
 
 class TileResult(NamedTuple):
-    """Estimates [runs, blocks] and what was seen on the way, as NumPy arrays; CPU seconds."""
+    """Estimates [runs, blocks] and what was seen on the way, as NumPy arrays."""
 
     estimate: Estimate
     tracking: Tracking
-    seconds: float
-    compile_seconds: float
+    seconds: float  # of the CPU
+    compile_seconds: float  # by the clock, to compile or to load the program in this process
 
 
 def tile_runs(tile: int) -> np.ndarray:
@@ -78,9 +78,7 @@ def identify_records(
     """The same from the records of the tile."""
     records = jax.block_until_ready(records)
     key = solver_key(config.seed, config.scenario, name)
-    began = time.perf_counter()
-    compiled = _program(config, method)
-    compile_seconds = time.perf_counter() - began
+    compiled, compile_seconds = _program(config, method)
     began = time.process_time()
     found = jax.block_until_ready(compiled(method, records, key, tile_runs(tile)))
     seconds = time.process_time() - began
@@ -94,7 +92,7 @@ def make_ready(config: Config, methods: Sequence[Identifier]) -> None:
         list(pool.map(lambda method: _program(config, method), methods))
 
 
-def _program(config: Config, method: Identifier) -> _Program:
+def _program(config: Config, method: Identifier) -> tuple[_Program, float]:
     leaves, form = jax.tree.flatten(method)
     kinds = tuple(jax.typeof(jnp.asarray(leaf)) for leaf in leaves)
     return _compiled(config.scenario, config.options, form, kinds)
@@ -133,10 +131,11 @@ def _compiled(
     options: Options,
     form: jax.tree_util.PyTreeDef,
     kinds: tuple[Any, ...],
-) -> _Program:
-    """The compiled function of all methods of one form, whose numbers are of these kinds.
+) -> tuple[_Program, float]:
+    """The compiled function of all methods of one form, and the seconds that it took to be there.
 
-    The identifier is an argument, so that variants that differ in numbers alone share the function.
+    The identifier, whose numbers are of these kinds, is an argument, so that variants that differ
+    in numbers alone share the function.
     """
     scenario = scenario_of(scenario_name, options)
     key = solver_key(0, scenario_name, "")
@@ -154,5 +153,7 @@ def _compiled(
         return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
 
     name = ("tile", scenario_name, options, form, str(kinds))
+    began = time.perf_counter()
     compiled = programs.program(name, tile, leaves, compiler_of(example))
-    return lambda *arguments: compiled(jax.tree.leaves(arguments))
+    seconds = time.perf_counter() - began
+    return lambda *arguments: compiled(jax.tree.leaves(arguments)), seconds
