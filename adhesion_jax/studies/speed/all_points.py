@@ -22,6 +22,9 @@ SCALE = 0.5
 #: Points whose squares are summed in one loop over members and runs: 5 and 25 are not faster.
 _TOGETHER = 10
 
+#: Whatever the flags of the environment.
+_COMPILER = {**FUSED, "xla_cpu_use_fusion_emitters": True}
+
 _Search = Callable[[Key[Array, " runs"], Float[Array, "runs points"]], Float[Array, "runs 3"]]
 
 
@@ -59,11 +62,5 @@ def search(
 
     keys = jax.random.split(jax.random.key(0), runs)
     blocks = jax.ShapeDtypeStruct((runs, slip.size), slip.dtype)
-    found: _Search = (
-        jax.jit(jax.vmap(one))
-        .lower(keys, blocks)
-        .compile(
-            {**FUSED, "xla_cpu_use_fusion_emitters": True}  # whatever the flags of the environment
-        )
-    )
+    found: _Search = jax.jit(jax.vmap(one)).lower(keys, blocks).compile(_COMPILER)
     return found

@@ -4,7 +4,8 @@ Slip is positive and every sample is taken. What few runs need is computed for t
 edges of the box, and the second and third element of a statistic.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +20,32 @@ _LOW, _HIGH = -0.8, -0.7
 
 def rls_kiencke(slip: np.ndarray, adhesion: np.ndarray) -> _Found:
     """The estimate, P and G, element by element, and the sum of squared errors; each [runs]."""
+    return _recursive_least_squares(slip, adhesion, lambda *_: 0.99)
+
+
+def rls_kiencke_variable(slip: np.ndarray, adhesion: np.ndarray) -> _Found:
+    """The same with a forgetting factor that follows the error."""
+    least, (eta, work) = np.full(slip.shape[1], 0.9), zeros(2, slip.shape[1])
+
+    def factor(size: np.ndarray, measured: np.ndarray, x: Pair) -> np.ndarray:
+        steps.forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
+        return eta
+
+    return _recursive_least_squares(slip, adhesion, factor)
+
+
+def _recursive_least_squares(
+    slip: np.ndarray, adhesion: np.ndarray, factor: Callable[..., Any]
+) -> _Found:
+    """`factor` gives the forgetting factor of a sample, from its slip, its adhesion and x."""
     runs = slip.shape[1]
     x1, x2 = steps.start(runs)
     p11, p12, p22 = np.full(runs, 1e10), np.zeros(runs), np.full(runs, 1e10)
     g = zeros(3, runs)
-    u1, u2, error, eta, pu1, pu2, share, work = zeros(8, runs)
-    least = np.full(runs, 0.99)
+    u1, u2, error, pu1, pu2, share, work = zeros(7, runs)
     for size, measured in zip(slip, adhesion, strict=True):
         steps.regressors(size, measured, u1, u2, error)
-        steps.forgetting(size, measured, (x1, x2), (least, 0.99, 0.0), eta, work)
+        eta = factor(size, measured, (x1, x2))
         np.multiply(p11, u1, out=pu1)
         pu1 += np.multiply(p12, u2, out=work)
         np.multiply(p12, u1, out=pu2)
@@ -50,8 +68,7 @@ def rls_kiencke(slip: np.ndarray, adhesion: np.ndarray) -> _Found:
         p22 -= np.multiply(pu2, gain2, out=work)
         for element in (p11, p12, p22):
             element /= eta
-        eta *= eta
-        steps.discount(g, eta, ((u1, u1), (u1, u2), (u2, u2)), work)
+        steps.discount(g, eta * eta, ((u1, u1), (u1, u2), (u2, u2)), work)
     return x1, x2, p11, p12, p22, *g, steps.objective(slip, adhesion, (x1, x2))
 
 

@@ -3,7 +3,8 @@
 Slip is positive and every sample is taken, so that nothing is spent on signs and missing samples.
 The arrays are each [runs] and stay in the cache: an array for every intermediate result takes 1.3
 times as long for recursive least squares, and three times for a quadratic program with all the
-edges of the box for every run. One call for several arrays would find none of them in the cache.
+edges of the box for every run. Stacked arrays, one call for
+several, would not fit into the cache.
 """
 
 from collections.abc import Sequence
@@ -63,9 +64,9 @@ def forgetting(
     eta: np.ndarray,
     work: np.ndarray,
 ) -> None:
-    """The forgetting factor for the least one, the largest one and the gain.
+    """The forgetting factor max(least, most - gain |error|).
 
-    The least one is an array, with which the maximum takes a third of the time.
+    `least` is an array, with which the maximum takes a third of the time.
     """
     least, most, gain = settings
     misfit(size, measured, x, eta, work)
@@ -77,7 +78,7 @@ def forgetting(
 
 def discount(
     sums: Sequence[np.ndarray],
-    factor: np.ndarray,
+    factor: float | np.ndarray,
     products: Sequence[Pair],
     work: np.ndarray,
 ) -> None:
@@ -87,9 +88,9 @@ def discount(
         total += np.multiply(one, other, out=work)
 
 
-def subtract(error: np.ndarray, x: Pair, regressors: Pair, work: np.ndarray) -> None:
+def subtract(error: np.ndarray, x: Pair, u: Pair, work: np.ndarray) -> None:
     """Leave of the target what the regression does not give at this x."""
-    for value, regressor in zip(x, regressors, strict=True):
+    for value, regressor in zip(x, u, strict=True):
         error -= np.multiply(value, regressor, out=work)
 
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.tiles import compiler_of
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios import Options
@@ -20,9 +21,11 @@ from adhesion_jax.studies.speed.turns import Timed, absent, timed
 
 UNIT = "samples"
 
-#: Part and peer of recursive least squares; a quadratic program is a part of its own, and its peer
-#: is the same program. All peers are NumPy over all the runs at once.
-RECURSIONS = "recursions", "numpy-rls"
+#: Each is a part of its own, and its peer is the same method in NumPy over all the runs at once.
+RECURSIONS = {
+    "rls-kiencke": numpy_forms.rls_kiencke,
+    "rls-kiencke-variable": numpy_forms.rls_kiencke_variable,
+}
 PROGRAMS = {
     "qp-qian2024-1": numpy_forms.qp_qian2024_1,
     "qp-qian2024-2": numpy_forms.qp_qian2024_2,
@@ -34,12 +37,9 @@ RUNS, SAMPLES = 10_000, 500
 #: fastest with all runs at once.
 _GROUP = 500
 
-#: Timed programs are compiled with full optimisation, whatever the flags of the environment.
-_OPTIMISED: dict[str, str | bool] = {"xla_backend_optimization_level": "3"}
-
 
 def entries(seed: int) -> Mapping[tuple[str, str], Mapping[str, Timed]]:
-    """What is timed of recursive least squares and of the quadratic programs, by part and peer."""
+    """What is timed of recursions and of quadratic programs, by part and peer."""
     known = build_scenario(Config("qian2024", options=Options(points=SAMPLES))).known
     random = np.random.default_rng(seed)
     slip = random.uniform(0.0, 0.2, (SAMPLES, RUNS))
@@ -51,23 +51,20 @@ def entries(seed: int) -> Mapping[tuple[str, str], Mapping[str, Timed]]:
         for runs in np.split(np.arange(RUNS), range(_GROUP, RUNS, _GROUP))
     ]
     box = np.asarray(known.lower), np.asarray(known.upper)
-    parts: dict[tuple[str, str], tuple[Callable[[], object], tuple[str, ...]]] = {
-        RECURSIONS: (
-            partial(numpy_forms.rls_kiencke, slip, adhesion),
-            ("rls-kiencke", "rls-kiencke-variable"),
-        )
+    forms: dict[tuple[str, str], Callable[[], object]] = {
+        ("recursion", name): partial(form, slip, adhesion) for name, form in RECURSIONS.items()
     }
-    for name, form in PROGRAMS.items():
-        key = f"quadratic program: {name}", f"numpy-{name}"
-        parts[key] = partial(form, slip, adhesion, box), (name,)
+    for name, program in PROGRAMS.items():
+        forms["quadratic program", name] = partial(program, slip, adhesion, box)
     found: dict[tuple[str, str], dict[str, Timed]] = {}
-    for (part, peer), (in_numpy, names) in parts.items():
-        of_part = found[part, peer] = {peer: Timed(timed(in_numpy, slip.size))}
-        for name in names:
-            function, seconds = _over_runs(IDENTIFIERS[name], known, groups)
-            of_part[name] = Timed(timed(function, slip.size), "", seconds)
+    for (kind, name), in_numpy in forms.items():
+        function, seconds = _over_runs(IDENTIFIERS[name], known, groups)
+        found[f"{kind}: {name}", f"numpy-{name}"] = {
+            f"numpy-{name}": Timed(timed(in_numpy, slip.size)),
+            name: Timed(timed(function, slip.size), "", seconds),
+        }
     missing = absent("numba")
-    found[RECURSIONS]["numba-rls"] = (
+    found["recursion: rls-kiencke", "numpy-rls-kiencke"]["numba-rls-kiencke"] = (
         Timed(None, missing)
         if missing
         else Timed(timed(_numba_recursion(slip, adhesion), slip.size))
@@ -82,7 +79,7 @@ def _over_runs(
     state = method.init(known, jax.random.key(0))
     batch = jax.jit(jax.vmap(method.update, in_axes=(None, record_axes(1, 1, {}))))
     began = time.process_time()
-    update = batch.lower(state, groups[0]).compile(_OPTIMISED)
+    update = batch.lower(state, groups[0]).compile(compiler_of(method))
     seconds = time.process_time() - began
     return lambda: [jax.block_until_ready(update(state, group)) for group in groups], seconds
 
