@@ -5,7 +5,7 @@ box by a sine.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,14 +41,14 @@ Solver = Callable[
 
 def separated(
     residual: Residual, start: Float[Array, " p"]
-) -> tuple[Callable[[list[Array], Float[Array, " p"]], Float[Array, " n"]], list[Array]]:
+) -> tuple[Callable[[list[Any], Float[Array, " p"]], Float[Array, " n"]], list[Any]]:
     """The residual as a function of x and of the arrays that it takes from around it, and those.
 
     A batching rule is told of arguments alone which of them differ from problem to problem.
     """
     traced = jax.make_jaxpr(residual)(start)
 
-    def value(data: list[Array], x: Float[Array, " p"]) -> Float[Array, " n"]:
+    def value(data: list[Any], x: Float[Array, " p"]) -> Float[Array, " n"]:
         found: Array = jaxpr_as_fun(ClosedJaxpr(traced.jaxpr, data))(x)[0]
         return found
 
