@@ -5,7 +5,6 @@ of `executor` are. Files come to the folder of the results by this process alone
 that goes on after its job has ended changes nothing there.
 """
 
-import ctypes
 import logging
 import os
 import pickle
@@ -61,12 +60,6 @@ _LOCALLY = {
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
 }
-
-#: Parameters of the allocator of glibc, and their values (bytes): memory that arrays leave is kept
-#: for the next ones. Dask sets MALLOC_TRIM_THRESHOLD_ to 64 KiB for its workers, by which every
-#: large array is new memory: 37,000 page faults a shard in place of 100, and 1.7 times the CPU
-#: seconds, measured with shards of 4096 runs.
-_ALLOCATOR = {-3: 2**25, -1: 2**28}  # M_MMAP_THRESHOLD, of which this is the most; M_TRIM_THRESHOLD
 
 #: Ctrl-C is for this process, which ends its workers; a terminal sends it to them, too.
 _IGNORE_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -357,10 +350,6 @@ def _prepare(setting: bytes) -> None:
             f"The worker {worker.address} has {worker.state.nthreads} threads, and two compiled "
             "programs in one process may wait for each other for ever; start it with --nthreads 1."
         )
-    with suppress(OSError, TypeError, AttributeError):  # where there is another C library
-        allocator = ctypes.CDLL(None)
-        for parameter, value in _ALLOCATOR.items():
-            allocator.mallopt(parameter, value)
     runtime.start()
     for (name, there), (_, here) in zip(versions(), asked.versions, strict=True):
         if here != there:
