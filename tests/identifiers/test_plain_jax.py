@@ -76,21 +76,39 @@ def test_methods_are_compiled_once_and_mapped_over_streams(name):
 
 @pytest.mark.parametrize("name", lanes(ONE_PASS, always=1, thorough=2))
 def test_estimates_are_differentiated_by_the_samples(name):
+    """By finite differences for the first ten samples; after these, both ways give the same."""
     identifier = IDENTIFIERS[name]
-    known, taken = records(identifier, 1, 1, 12)
-    record = part(taken, 0, 0)
+    scenario = home_of(identifier)
+    drawn = scenario.draw(jax.random.split(jax.random.key(0), 1)[0])
+    first, second = part(drawn, 0), part(drawn, 1)
 
-    @jax.jit
-    def peak(adhesion):
-        state = identifier.init(known, jax.random.key(0))
+    def begun():
+        return identifier.init(scenario.known, jax.random.key(0))
+
+    def peak(state, record, adhesion):
         state = identifier.update(state, record._replace(adhesion=adhesion))
         return identifier.estimate(state).values["mu_max"]
 
-    steps = 1e-6 * jnp.eye(record.adhesion.size)
-    ends = jax.vmap(peak)(record.adhesion + steps), jax.vmap(peak)(record.adhesion - steps)
-    found = jax.jit(jax.grad(peak))(record.adhesion)
-    np.testing.assert_allclose(found, (ends[0] - ends[1]) / 2e-6, rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(peak))(record.adhesion), found, rtol=1e-9)
+    @jax.jit
+    def early(adhesion):
+        return peak(begun(), first, adhesion)
+
+    steps = 1e-6 * jnp.eye(first.adhesion.size)
+    ends = jax.vmap(early)(first.adhesion + steps), jax.vmap(early)(first.adhesion - steps)
+    differences = (ends[0] - ends[1]) / 2e-6
+    for derivative in (jax.grad, jax.jacfwd):
+        found = jax.jit(derivative(early))(first.adhesion)
+        np.testing.assert_allclose(found, differences, rtol=1e-3, atol=1e-6)
+
+    # Before the second sample only a weak prior determines a quadratic program: there rounding
+    # grows 10^10 times, and what becomes of it differs from processor to processor.
+    @jax.jit
+    def later(adhesion):
+        return peak(identifier.update(begun(), first), second, adhesion)
+
+    backward, forward = (jax.jit(d(later))(second.adhesion) for d in (jax.grad, jax.jacfwd))
+    assert np.all(np.abs(backward) > 0)
+    np.testing.assert_allclose(forward, backward, rtol=1e-10)
 
 
 @pytest.mark.thorough
