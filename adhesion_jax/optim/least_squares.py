@@ -84,10 +84,10 @@ def searched(
         return space.to_box(u), steps
 
     x, steps = in_groups(solve, _SIDE_BY_SIDE)(data, start, lower, upper)
-    return _finished(residual, x, start, lower, upper, steps)
+    return finish(residual, x, start, lower, upper, steps)
 
 
-def _finished(
+def finish(
     residual: Residual,
     x: Float[Array, " p"],
     start: Float[Array, " p"],

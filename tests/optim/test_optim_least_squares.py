@@ -12,7 +12,7 @@ from truth import nist
 
 from adhesion_jax.optim import jaxopt_solvers, levenberg_marquardt, optimistix_solvers
 from adhesion_jax.optim.box import Unbounded, on_bound
-from adhesion_jax.optim.least_squares import _finished
+from adhesion_jax.optim.least_squares import finish
 
 SOLVERS = {
     "lm": levenberg_marquardt.fit,
@@ -227,7 +227,7 @@ def test_a_residual_that_is_not_finite_away_from_the_start_is_no_success(solver)
 
 def proof(residual, x, lower, upper):
     x, lower, upper = (jnp.array(v, dtype=float) for v in (x, lower, upper))
-    result = quick_jit(lambda x: _finished(residual, x, x, lower, upper, jnp.array(1)))(x)
+    result = quick_jit(lambda x: finish(residual, x, x, lower, upper, jnp.array(1)))(x)
     return bool(result.converged)
 
 

@@ -1,5 +1,6 @@
 """The regression benchmark: what it must notice, and what it must not."""
 
+import os
 import pickle
 from pathlib import Path
 from types import SimpleNamespace
@@ -87,7 +88,7 @@ class Slowed(Wrapped):
 
 def measured(seed, method=None):
     identifiers = {NAME: method or IDENTIFIERS[NAME]}
-    table = measure_accuracy(identifiers, RUNS, seed, lambda _: None, workers=1)
+    table = measure_accuracy(identifiers, RUNS, seed, lambda _: None)
     return table.reindex(columns=list(COLUMNS))
 
 
@@ -375,13 +376,22 @@ def test_a_missing_baseline_is_answered_before_any_work(tmp_path):
 def test_the_command_updates_passes_and_fails(tmp_path, monkeypatch):
     monkeypatch.setattr(regression, "IDENTIFIERS", {NAME: IDENTIFIERS[NAME]})
     monkeypatch.setattr(regression, "RUNS", RUNS)
-    monkeypatch.setattr(regression, "measure_speed", lambda *_: speeds(40.0))  # no clock
+    taken = []
+    monkeypatch.setattr(regression.runtime, "take_core", taken.append)  # not from these tests
+
+    def measured(*_):  # no clock
+        assert len(taken) == 1
+        return speeds(40.0)
+
+    monkeypatch.setattr(regression, "measure_speed", measured)
     path = tmp_path / "baseline.csv"
     asked = ["--baseline", str(path), "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(main, [*asked, "--update"])
     assert done.exit_code == 0, done.output
+    assert taken.pop() in os.sched_getaffinity(0)
     done = CliRunner().invoke(main, asked)
     assert done.exit_code == 0, done.output
+    assert taken.pop() in os.sched_getaffinity(0)
     assert "0 of 49 figures got worse" in done.output
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names == {"regression.csv", "comparison.csv"}

@@ -9,7 +9,6 @@ from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Identifier
-from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import SCENARIOS, Options, needs_options
 from adhesion_jax.studies.baseline.table import ACCURACY, KEYS
 
@@ -47,11 +46,10 @@ def measure_accuracy(
     runs: int,
     seed: int,
     progress: Callable[[str], None],
-    workers: int = CORES,
 ) -> pd.DataFrame:
     """The accuracy rows of the table, one per identifier, rail and quantity."""
     tables = [
-        run_campaign(config, lambda _: None, progress, workers, identifiers).tables["summary"]
+        run_campaign(config, lambda _: None, progress, 1, identifiers).tables["summary"]
         for config in _campaigns(identifiers, runs, seed)
     ]
     table = pd.concat(tables, ignore_index=True)
