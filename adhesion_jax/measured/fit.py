@@ -13,6 +13,7 @@ from adhesion_jax.identifiers.base import Status
 from adhesion_jax.measured.law import Law, LawPeak, peak_of
 from adhesion_jax.measured.noise import (
     MISFITS,
+    ROUNDING,
     Allowed,
     Products,
     RunNoise,
@@ -245,7 +246,8 @@ def _step(
     white, share = whitened(state.products, noise), state.share
     hessian = np.where(felt[:, None] & felt, white[: felt.size, : felt.size], 0.0)
     gradient = np.where(felt, -white[: felt.size, -1], 0.0)
-    step = np.asarray(_bounded_step(share, gradient, hessian, damping * np.diagonal(hessian)))
+    damped = (damping + ROUNDING) * np.diagonal(hessian)
+    step = np.asarray(_bounded_step(share, gradient, hessian, damped))
     return np.clip(share + step, 0.0, 1.0), 0.5 * abs(float(step @ gradient)) / noise.sigma**2
 
 

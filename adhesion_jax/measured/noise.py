@@ -38,7 +38,7 @@ _LARGEST_RATIO = 1e8
 _FIRST, _FIRST_MISFIT, _FINER, _TURNS = 9, 33, 5, 8
 
 #: Share of the information about a parameter that is added to it against rounding.
-_ROUNDING = 1e-12
+ROUNDING = 1e-12
 
 #: Largest number of values that are held for a grid.
 _HELD = 4_000_000
@@ -227,11 +227,10 @@ def _without_curve(white: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, ...
     used = np.flatnonzero(free)
     rest = np.append(free.size + np.arange(MISFITS), white.shape[-1] - 1)
     matrix = white[:, used[:, None], used]
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=1, axis2=2), 1e-300))
-    even = matrix * scale[:, :, None] * scale[:, None, :] + _ROUNDING * np.eye(used.size)
+    even, scale = _scaled(matrix)
     across = white[:, used[:, None], rest] * scale[:, :, None]
     left = white[:, rest[:, None], rest] - across.mT @ np.linalg.solve(even, across)
-    determinant = 0.5 * np.linalg.slogdet(even)[1] - np.sum(np.log(scale), axis=1)
+    determinant = _half_log_determinant(matrix)
     prior = 1 / np.sqrt(_ROUGHNESS)
     values, vectors = np.linalg.eigh(left[:, :-1, :-1] * prior[:, None] * prior)
     along = (vectors.mT @ (left[:, :-1, -1:] * prior[:, None]))[:, :, 0]
@@ -250,7 +249,7 @@ def left_out(
     miss = cross - (own @ best[:, :, None])[:, :, 0]
     square = white[:, -1, -1] - np.sum(best * (cross + miss), axis=1)
     square -= np.sum(miss * solve(matrix + own, miss), axis=1)
-    spread = 0.5 * (np.linalg.slogdet(matrix + own)[1] - np.linalg.slogdet(matrix)[1])
+    spread = _half_log_determinant(matrix + own) - _half_log_determinant(matrix)
     correlated = 0.5 * found.linked * np.log1p(-(noise.autocorrelation**2))
     usual = 0.5 * found.points * np.log(2 * np.pi * variance) + correlated + growth
     return found.log_weight - usual - spread - 0.5 * square / variance
@@ -266,8 +265,14 @@ def inverse(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     return np.linalg.inv(even) * scale[:, None] * scale
 
 
+def _half_log_determinant(matrix: Float[np.ndarray, "*b n n"]) -> Float[np.ndarray, "*b"]:
+    """Finite though the points do not determine the parameters, as in `solve`."""
+    even, scale = _scaled(matrix)
+    return 0.5 * np.linalg.slogdet(even)[1] - np.sum(np.log(scale), axis=-1)
+
+
 def _scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Matrices with diagonals of ones, and the factors that make them so."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
     even = matrix * scale[..., :, None] * scale[..., None, :]
-    return even + _ROUNDING * np.eye(scale.shape[-1]), scale
+    return even + ROUNDING * np.eye(scale.shape[-1]), scale

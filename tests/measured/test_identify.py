@@ -282,6 +282,18 @@ def test_a_parameter_on_its_bound_is_held_and_the_reason_is_given():
     assert "no peak between slip 0 and 1" in said
 
 
+def test_points_at_two_slips_leave_every_fit_a_number_and_its_two_levels():
+    """The parameters are not determined; the adhesion at the two slips is."""
+    slip = np.repeat([0.02, 0.05], 20)
+    adhesion = np.where(slip < 0.03, 0.2, 0.3) + 0.005 * np.random.default_rng(5).normal(size=40)
+    for fit in fit_all(CURVES, record_of(slip, adhesion)).values():
+        assert np.all(np.isfinite(fit.parameters))
+        assert np.isfinite(fit.log_density)
+        for at in (0.02, 0.05):
+            level, _ = law_with_errors(fit.law, np.array([at]))
+            assert level[0] == pytest.approx(np.mean(adhesion[slip == at]), abs=0.005)
+
+
 @pytest.mark.parametrize("c2", [20.0, 36.6, 100.0, 1000.0])
 @pytest.mark.parametrize(("c3", "falls"), [(0.0, False), (1e-16, False), (1e-6, True), (0.1, True)])
 def test_a_curve_that_becomes_level_has_no_peak_and_one_that_falls_a_little_has(c2, c3, falls):
