@@ -25,7 +25,7 @@ from filelock import FileLock
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from adhesion_jax.keeping import folder, is_outside, of_outside, of_package
-from adhesion_jax.runtime import is_double
+from adhesion_jax.runtime import device, is_double
 
 #: Largest number of bytes of the kept programs, and again of the small ones that jax keeps.
 MOST_BYTES = 2**29
@@ -50,7 +50,7 @@ def digest() -> str:
     """All that a program depends on beside its arguments, in a number of fixed length.
 
     The source of the package and of what was loaded from outside, versions, flags, the settings of
-    jax, and the kind of the processor.
+    jax, and the kind of the processor, and of what jax computes on.
     """
     content = sha256(_of_machine().encode())
     content.update(os.environ.get("XLA_FLAGS", "").encode())
@@ -84,6 +84,7 @@ def _settings() -> Iterable[tuple[str, str]]:
         if "cache" not in name and "log" not in name:
             yield name, repr(value)
     yield "jax_enable_x64", repr(is_double())
+    yield "device", device().device_kind
 
 
 def share_with_jax() -> None:
@@ -267,7 +268,7 @@ class Kept:
         leaves, form = jax.tree.flatten(self._arrays(arguments))
         kinds = tuple(map(_kind, leaves))
         fixed = tuple(arguments[place] for place in self.static)
-        known = (form, kinds, fixed, is_double(), of_outside())
+        known = (form, kinds, fixed, is_double(), device(), of_outside())
         if known not in self.programs:
 
             def of_leaves(leaves: list[Any]) -> Any:

@@ -4,10 +4,11 @@ import os
 import platform
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from functools import wraps
 from importlib.metadata import version
 from itertools import cycle
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import numpy as np
@@ -19,6 +20,8 @@ T = TypeVar("T")
 
 #: Cores this process may use; a campaign starts one worker process on each.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+_CONFIG: Any = jax.config  # which does not declare its settings
 
 # One thread per process: a sum is then taken in the same order whatever the number of cores.
 _FLAGS = {"--xla_cpu_multi_thread_eigen": "false"}
@@ -37,7 +40,10 @@ PACKAGES = (
 
 
 def start() -> None:
-    """Set the flags and the precision that commands, their workers and the tests run with.
+    """Set the flags, the precision and the processor of commands, their workers and the tests.
+
+    They compute on the CPU, also where jax finds a GPU: a run has the same numbers everywhere, and
+    workers would each claim most of the memory of a GPU.
 
     Call it before jax opens a device, which takes the flags of that moment; `describe` returns
     the flags in force. Importing the package sets nothing: a program that uses it as a library
@@ -47,21 +53,43 @@ def start() -> None:
     added = (f"{name}={value}" for name, value in _FLAGS.items() if name not in given)
     os.environ["XLA_FLAGS"] = " ".join([given, *added]).strip()
     jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_platforms", "cpu")
 
 
-def in_double_precision(function: Callable[P, T]) -> Callable[P, T]:
-    """The function with double precision while it runs, whatever the program around it has.
+def as_in_commands(function: Callable[P, T]) -> Callable[P, T]:
+    """The function with double precision and on the CPU, whatever the program around it has.
 
     In single precision a gradient solver claims success with a wrong answer on a third of the
-    NIST StRD problems; in double precision on none, one true local minimum apart.
+    NIST StRD problems; in double precision on none, one true local minimum apart. InputError where
+    jax is set to leave out the CPU.
     """
 
     @wraps(function)
     def scoped(*args: P.args, **kwargs: P.kwargs) -> T:
-        with jax.enable_x64(True):
+        with jax.enable_x64(True), _on_the_cpu():
             return function(*args, **kwargs)
 
     return scoped
+
+
+def _on_the_cpu() -> AbstractContextManager[None]:
+    try:
+        cpu = jax.local_devices(backend="cpu")[0]
+    except RuntimeError:
+        chosen = _CONFIG.jax_platforms
+        raise InputError(
+            f"jax is set to compute on {chosen} alone, and this package computes on the CPU: set "
+            f"JAX_PLATFORMS to {chosen},cpu."
+        ) from None
+    return nullcontext() if device() == cpu else jax.default_device(cpu)
+
+
+def device() -> jax.Device:
+    """What jax computes on in this thread, unless told otherwise."""
+    chosen = _CONFIG.jax_default_device
+    if isinstance(chosen, jax.Device):
+        return chosen
+    return jax.local_devices(backend=chosen)[0]  # of the platform that is named, or of the first
 
 
 def is_double() -> bool:
@@ -88,11 +116,12 @@ def threads() -> ThreadPoolExecutor:
     all of 7 trials. Loops without LAPACK, on stacks of 28 matrices up to 60 x 60, or on one matrix
     of 72 x 72 did not in 144,000 calls, which the threads shared.
     """
-    precise = is_double()
+    precise, chosen = is_double(), _CONFIG.jax_default_device
 
     def begin() -> None:
-        # A new thread has the precision of the program, not that of the thread that starts it.
+        # A new thread has the settings of the program, not those of the thread that starts it.
         jax.enable_x64(precise).__enter__()
+        jax.default_device(chosen).__enter__()
 
     return ThreadPoolExecutor(CORES, initializer=begin)
 

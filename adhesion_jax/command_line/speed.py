@@ -17,8 +17,8 @@ def main(**asked: Any) -> None:
 
     Whole blocks on he2018-blocks beside scipy's differential evolution and others, recursions on
     streams of 10,000 runs beside NumPy, plants beside C, and how near all come to loops in C and to
-    the matrix product of this machine. What is timed takes turns, `repeats` times, so that a
-    machine whose speed drifts is fair to all; the median is reported, and its range. numba, pygmo
-    and evosax are timed where they are installed.
+    the matrix product of this machine; some of them on a GPU, where jax finds one. What is timed
+    takes turns, `repeats` times, so that a machine whose speed drifts is fair to all; the median is
+    reported, and its range. numba, pygmo and evosax are timed where they are installed.
     """
     perform("speed", **asked)

@@ -12,12 +12,21 @@ from tqdm import tqdm
 from adhesion_jax import runtime
 from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.report.studies.speed import draw_rates, draw_scaling, told
-from adhesion_jax.studies.speed import blocks, c_code, jobs, limits, plants, recursions, scaling
+from adhesion_jax.studies.speed import (
+    blocks,
+    c_code,
+    gpu,
+    jobs,
+    limits,
+    plants,
+    recursions,
+    scaling,
+)
 from adhesion_jax.studies.speed.turns import Timed, rates
 
 
 def main(repeats: int, seed: int, out: Path) -> None:
-    """Time identifiers, recursions, plants and whole jobs beside their peers."""
+    """Time identifiers, recursions, plants, a GPU and whole jobs beside their peers."""
     directory = output_directory(out)
     # All but the jobs on one core: a process that may use two spends up to twice the CPU-seconds.
     cores = runtime.cores_of(runtime.CORES)
@@ -49,7 +58,8 @@ def _table(
         ),
     ]
     total = sum((repeats + 1) * _count(part[3]) for part in parts)
-    with tqdm(total=total + len(scaling.sizes()) + len(jobs.jobs()), unit="turn") as bar:
+    total += len(scaling.sizes()) + 1 + len(jobs.jobs())
+    with tqdm(total=total, unit="turn") as bar:
 
         def progress(name: str) -> None:
             bar.set_description(name[:40])
@@ -60,6 +70,8 @@ def _table(
             for part, unit, peer, entries in parts
         ]
         found.append(scaling.table(repeats, seed, progress))
+        found.append(gpu.table(repeats, seed))
+        progress(gpu.PART)
         found.append(jobs.table(cores, progress))
     return pd.concat(found, ignore_index=True)
 

@@ -18,7 +18,7 @@ from adhesion_jax.report.discovery.files import printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.words import verdict
-from adhesion_jax.runtime import in_double_precision, silent
+from adhesion_jax.runtime import as_in_commands, silent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +75,7 @@ class Discovery:
         """The report.html, report.md, law.json, tables and figures that the command writes."""
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
-        in_double_precision(write_discovery)(path, self.findings, self.logs)
+        as_in_commands(write_discovery)(path, self.findings, self.logs)
 
     def __repr__(self) -> str:
         return printed(self.findings)
@@ -85,7 +85,7 @@ class Discovery:
         return text_html(self.verdict) + "".join(table_html(table) for table in tables)
 
 
-@in_double_precision
+@as_in_commands
 def discover(
     data: Data | Sequence[Data],
     test: Data | Sequence[Data] | None = None,

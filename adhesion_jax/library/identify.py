@@ -26,7 +26,7 @@ from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, draw_measured
 from adhesion_jax.report.measured.tables import answer_lines, curve_rows, printed_table
 from adhesion_jax.report.measured.words import verdict
-from adhesion_jax.runtime import in_double_precision, silent
+from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
 
 #: The files of an identification.
@@ -127,7 +127,7 @@ class Identification:
         write_table(path / "curves.csv", self.table)
         (path / "verdict.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
         title = Path(self.measured.name).name
-        draw = in_double_precision(draw_measured)
+        draw = as_in_commands(draw_measured)
         draw(path / "curves.png", title, self.fits, self.residuals, self.answer)
         draw_events(path, self.logs)
         if self.comparison is not None:
@@ -175,7 +175,7 @@ def identify(
     return identify_chosen(logs, curves, citation, by, slip_noise, progress)
 
 
-@in_double_precision
+@as_in_commands
 def identify_chosen(
     logs: Sequence[Chosen],
     curves: str | Sequence[str] | Mapping[str, Curve],

@@ -15,7 +15,7 @@ from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.report.montecarlo.tables import accuracy_table
-from adhesion_jax.runtime import in_double_precision, silent
+from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.scenarios import SCENARIOS, Options, build, declared
 from adhesion_jax.wording import listed
 
@@ -43,7 +43,7 @@ class MonteCarlo:
         return self.summary.to_html(index=False)
 
 
-@in_double_precision
+@as_in_commands
 def montecarlo(
     scenario: str = "single",
     identifiers: str | Sequence[str] | Mapping[str, Identifier] | None = None,

@@ -36,7 +36,7 @@ from adhesion_jax.planning.plan import (
 from adhesion_jax.planning.truth import Truth, curve_of
 from adhesion_jax.report.plan.figure import draw_plan
 from adhesion_jax.report.plan.words import plan_rows, told, wanted_rows
-from adhesion_jax.runtime import in_double_precision
+from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.scenarios.rails import RAILS, rail_named
 from adhesion_jax.wording import listed
 
@@ -104,7 +104,7 @@ class _Settled(NamedTuple):
     log: OwnLog | None
 
 
-@in_double_precision
+@as_in_commands
 def plan(
     source: str | Law | Identification,
     *,

@@ -20,7 +20,7 @@ from adhesion_jax.measured.initial_slope import initial_slope as slope_of
 from adhesion_jax.measured.log import Log, to_log
 from adhesion_jax.report.track.figure import draw_track
 from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, summary_rows, told
-from adhesion_jax.runtime import in_double_precision, silent
+from adhesion_jax.runtime import as_in_commands, silent
 
 #: The files of a followed log.
 TRACK_FILES = ("track.csv", "track.txt", "track.png")
@@ -69,7 +69,7 @@ class Track:
         return self.summary.to_html(index=False) + text_html(self.verdict)
 
 
-@in_double_precision
+@as_in_commands
 def track(
     data: Data,
     identifiers: str | Sequence[str] | Mapping[str, Identifier] = METHODS,

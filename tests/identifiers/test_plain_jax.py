@@ -1,5 +1,7 @@
 """Identifiers under the plain transformations of jax."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ from identifier_cases import FORMS, scenario_of
 from lanes import lanes
 
 from adhesion_jax.errors import InputError
-from adhesion_jax.identifiers import IDENTIFIERS, Status
+from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 
 STREAMS = 3
 
@@ -128,3 +130,15 @@ def test_single_precision_is_refused_in_a_sentence(name):
     known, _ = records(IDENTIFIERS[name], 1)
     with jax.enable_x64(False), pytest.raises(InputError, match="needs double precision"):
         IDENTIFIERS[name].init(known, jax.random.key(0))
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_an_identifier_is_translated_for_a_gpu_without_one(name):
+    identifier = IDENTIFIERS[name]
+    known, blocks = records(identifier)
+    keys = jax.random.split(jax.random.key(1), STREAMS)
+    many = jax.vmap(lambda record, key: identify(identifier, known, record, key))
+    text = jax.jit(many).trace(blocks, keys).lower(lowering_platforms=("cuda",)).as_text()
+    # Beside plain operations there are at most factorisations of a library of the GPU.
+    assert all(call.startswith("cusolver_") for call in re.findall(r"custom_call @(\w+)", text))
+    assert "xla_cpu" not in text

@@ -10,8 +10,9 @@ from matplotlib.image import imread
 from scipy.optimize import least_squares
 
 from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.command_line.speed import main
-from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.identifiers import IDENTIFIERS, Estimate
 from adhesion_jax.records import Record
 from adhesion_jax.report.studies.speed import told
 from adhesion_jax.scenarios import Options
@@ -20,6 +21,7 @@ from adhesion_jax.studies.speed import (
     all_points,
     blocks,
     c_code,
+    gpu,
     jobs,
     plants,
     recursions,
@@ -163,6 +165,54 @@ def test_the_search_over_all_points_finds_the_optimum():
             x_scale=upper - lower,
         )  # fmt: skip
         assert np.sum(left(x, slip, adhesion) ** 2) <= 2 * best.cost * (1 + 1e-6)
+
+
+def test_a_gpu_is_measured_beside_a_core_on_the_same_runs(monkeypatch):
+    # The CPU stands for one.
+    chosen = [case for case in gpu.CASES if case.method in ("ml-exact", "rls-kiencke")]
+    monkeypatch.setattr(gpu, "CASES", chosen)
+    monkeypatch.setattr(gpu, "RUN_COUNTS", (TILE, TILE + 50))
+    monkeypatch.setattr(gpu, "POINTS", 100)
+    table = gpu.measured_on(jax.devices()[0], 1, 3).set_index(["part", "name"])
+    kind = jax.devices()[0].device_kind
+    assert [*table.index] == [
+        (f"GPU: {case.method}", name)
+        for case in chosen
+        for name in (gpu.PEER, f"{kind}, 128 runs", f"{kind}, 178 runs")
+    ]
+    assert (table["rate"] > 0).all()
+    assert (table["ratio"].xs(gpu.PEER, level="name") == 1).all()
+    differ = table["remark"].str.extract(r"differs from that of the core by (\S+) at most")[0]
+    assert differ.isna().sum() == len(chosen)
+    assert (differ.dropna().astype(float) < 1e-10).all()
+    assert "GPU: lm: identifications per second by the clock" in told(
+        table.reset_index().assign(part="GPU: lm", unit="identifications")
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "expected", "apart"),
+    [
+        ([0.5, np.nan, 0.25, 9.0], [0.5, np.nan, 0.5], 0.25),
+        ([0.5, 0.5, 0.5], [0.5, np.nan, 0.5], np.inf),
+        ([np.nan] * 3, [np.nan] * 3, 0.0),
+    ],
+)
+def test_a_run_without_a_result_on_one_of_two_processors_is_told(
+    monkeypatch, found, expected, apart
+):
+    monkeypatch.setattr(gpu, "TILE", 3)
+    both = (
+        Estimate({"mu_max": jnp.array(values)}, *7 * [jnp.zeros(3)]) for values in (found, expected)
+    )
+    assert gpu._apart(*both) == apart
+
+
+def test_without_a_gpu_one_row_says_so(monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    table = gpu.table(1, 0)
+    assert table["remark"].tolist() == ["Not timed: jax finds no GPU."]
+    assert told(table).splitlines()[1].split(maxsplit=1) == ["GPU", table["remark"][0]]
 
 
 @pytest.mark.clock

@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from adhesion_jax.report.style import light_frame, line_styles
+from adhesion_jax.studies.speed.gpu import PART
 from adhesion_jax.wording import number
 
 #: What the size of a part whose name begins with `scaling over` is.
@@ -30,21 +31,27 @@ def told(table: pd.DataFrame) -> str:
             + (f"  {line[3]}" if line[3] else "")
             for line in lines
         ]
-        unit = rows["unit"].iloc[0]
-        per = "second by the clock" if part == "whole job" else "CPU-second"
-        paragraphs.append("\n".join([f"{part}: {unit} per {per}", *text]))
+        paragraphs.append("\n".join([f"{part}: {_units(rows)}", *text]))
     return "\n\n".join(paragraphs)
+
+
+def _units(rows: pd.DataFrame) -> str:
+    """What the rates of a part are of, and per which second."""
+    part, unit = rows["part"].iloc[0], rows["unit"].iloc[0]
+    by_the_clock = part == "whole job" or part.startswith(PART)
+    return f"{unit} per {'second by the clock' if by_the_clock else 'CPU-second of one core'}"
 
 
 def _line(row: Mapping[Hashable, Any]) -> tuple[str, str, str, str]:
     name = str(row["name"])
     if str(row["part"]).startswith("scaling"):
         name = f"{name}, {row['size']:.0f}"
-    remark = row["remark"] if isinstance(row["remark"], str) else ""
+    remarks = [row["remark"]] if isinstance(row["remark"], str) and row["remark"] else []
     if np.isfinite(row["memory_mb"]):
-        remark = f"{remark}, {row['memory_mb']:.0f} MB"
+        remarks.append(f"{row['memory_mb']:.0f} MB")
     if np.isfinite(row["compile_seconds"]):
-        remark = f"{row['compile_seconds']:.1f} CPU-seconds to compile or load"
+        remarks.append(f"{row['compile_seconds']:.1f} CPU-seconds to compile or load")
+    remark = ", ".join(remarks)
     if not np.isfinite(row["rate"]):
         return name, "", "", remark
     ratio = ""
@@ -77,10 +84,10 @@ def draw_rates(path: Path, table: pd.DataFrame) -> None:
         axis.set_xscale("log")
         axis.set_xlim(rate.min() / 3, rate.max() * 12)
         axis.invert_yaxis()
-        axis.tick_params(labelsize=8)
+        axis.tick_params(which="both", labelsize=7)
         light_frame(axis)
         axis.set_title(part, loc="left", fontsize=9)
-        axis.set_xlabel(f"{rows['unit'].iloc[0]} per CPU-second of one core", fontsize=8)
+        axis.set_xlabel(_units(rows), fontsize=8)
     figure.savefig(path, dpi=150)
 
 

@@ -6,12 +6,11 @@ from typing import NamedTuple
 import jax
 import pandas as pd
 
+from adhesion_jax import runtime
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.campaign.tiles import compiler_of
-from adhesion_jax.identifiers import IDENTIFIERS, identify
-from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
 from adhesion_jax.studies.speed import all_points
+from adhesion_jax.studies.speed.batches import batch_on, drawn
 from adhesion_jax.studies.speed.turns import Timed, rates, timed
 
 #: The methods whose rates are followed.
@@ -64,33 +63,25 @@ def _rows(turns: int, seed: int, progress: Callable[[str], None]) -> Iterator[pd
         yield found
 
 
-def _records(runs: int, points: int, seed: int) -> tuple[Config, Record]:
-    config = Config("single", options=Options(points=points))
-    scenario = build_scenario(config)
-    keys = jax.random.split(jax.random.key(seed), runs)
-    return config, jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))(keys)
+def _config(runs: int, points: int, seed: int) -> Config:
+    return Config("single", options=Options(points=points), runs=runs, seed=seed)
 
 
 def _identified(name: str, runs: int, points: int, seed: int) -> Timed:
-    config, records = _records(runs, points, seed)
-    scenario, method = build_scenario(config), IDENTIFIERS[name]
-    keys = jax.random.split(jax.random.key(seed), runs)
-    batch = jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0))
-    program = jax.jit(lambda records, keys: batch(method, scenario.known, records, keys))
-    ready = program.lower(records, keys).compile(compiler_of(method))
+    batch = batch_on(runtime.device(), _config(runs, points, seed), name)
     times = -(-_TOGETHER // runs)
 
     def all_runs() -> None:
         for _ in range(times):
-            jax.block_until_ready(ready(records, keys))
+            batch.run()
 
-    return Timed(timed(all_runs, times * runs))
+    return Timed(timed(all_runs, times * runs), "", batch.compile_seconds)
 
 
 def _evolution(members: int, seed: int) -> Timed:
     """Differential evolution over all points, a fixed number of generations."""
-    config, records = _records(_RUNS, _POINTS, seed)
-    known = build_scenario(config).known
+    config = _config(_RUNS, _POINTS, seed)
+    known, records = build_scenario(config).known, drawn(config)
     box = known.lower, known.upper
     ready = all_points.search(records.slip[0], box, _RUNS, members, _GENERATIONS)
     keys, blocks = jax.random.split(jax.random.key(seed), _RUNS), records.adhesion[:, 0]

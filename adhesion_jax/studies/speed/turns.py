@@ -16,7 +16,8 @@ COLUMNS = (
     *("compile_seconds", "memory_mb", "remark"),
 )
 
-#: A piece of work: its amount, and the CPU-seconds that it took, in the turn of this number.
+#: A piece of work: its amount, and the seconds that it took, in the turn of this number. They are
+#: CPU-seconds of this process, and where other processors or processes take part by the clock.
 Work = Callable[[int], tuple[float, float]]
 
 
@@ -28,13 +29,15 @@ class Timed(NamedTuple):
     compile_seconds: float = np.nan
 
 
-def timed(function: Callable[[], Any], amount: int) -> Work:
+def timed(
+    function: Callable[[], Any], amount: int, clock: Callable[[], float] = time.process_time
+) -> Work:
     """Work of a function that takes no arguments and always does the same."""
 
     def work(_: int) -> tuple[float, float]:
-        began = time.process_time()
+        began = clock()
         function()
-        return float(amount), time.process_time() - began
+        return float(amount), clock() - began
 
     return work
 
@@ -58,7 +61,7 @@ def rates(
     turns: int,
     progress: Callable[[str], None],
 ) -> pd.DataFrame:
-    """The rate of each entry, in amounts per CPU-second: the median of the turns, and its range.
+    """The rate of each entry, in amounts per second: the median of the turns, and its range.
 
     The entries take turns, so that a machine whose speed drifts is fair to all, after one that is
     not counted. A ratio is that of two rates of one turn; the median of the turns is reported.
