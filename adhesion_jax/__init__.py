@@ -1,8 +1,8 @@
 """Identification of wheel-rail adhesion curves, and how well any method can know them.
 
 `import adhesion_jax as aj` imports nothing else and sets nothing: what is named here is imported
-when it is first used. The functions compute in double precision and on the CPU whatever jax is set
-to; how to use them is told, with examples that run, in docs/python.md.
+when it is first used. The functions that do what commands do compute in double precision and on the
+CPU whatever jax is set to; how to use them is told, with examples that run, in docs/python.md.
 """
 
 from importlib import import_module

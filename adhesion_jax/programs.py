@@ -32,6 +32,8 @@ MOST_BYTES = 2**29
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimistix")
 
+_OF_DEVICES = ("jax_platforms", "jax_default_device")
+
 _Form = Any  # jax.tree_util.PyTreeDef
 _Kind = tuple[tuple[int, ...], Any, bool]
 _Options = Mapping[str, str | bool]
@@ -50,7 +52,7 @@ def digest() -> str:
     """All that a program depends on beside its arguments, in a number of fixed length.
 
     The source of the package and of what was loaded from outside, versions, flags, the settings of
-    jax, and the kind of the processor, and of what jax computes on.
+    jax, and the kinds of the processor and of the device that jax computes on.
     """
     content = sha256(_of_machine().encode())
     content.update(os.environ.get("XLA_FLAGS", "").encode())
@@ -79,9 +81,12 @@ def processor() -> str:
 
 
 def _settings() -> Iterable[tuple[str, str]]:
-    """The settings of jax, but for those of its own cache and its log, in this thread."""
+    """The settings of jax, but for those of its own cache and its log, in this thread.
+
+    The settings that choose a device are told by what they lead to.
+    """
     for name, value in jax.config.values.items():
-        if "cache" not in name and "log" not in name:
+        if "cache" not in name and "log" not in name and name not in _OF_DEVICES:
             yield name, repr(value)
     yield "jax_enable_x64", repr(is_double())
     yield "device", device().device_kind
@@ -201,7 +206,11 @@ def _loaded(path: Path) -> jax.stages.Compiled | None:
     # that it calls address zero.
     _find_lapack()
     try:
-        found = deserialize_and_load(*pickle.loads(content[32:]))
+        chosen = device()
+        content, inputs, outputs = pickle.loads(content[32:])
+        found = deserialize_and_load(
+            content, inputs, outputs, backend=chosen.client, execution_devices=[chosen]
+        )
         os.utime(path)  # the time of its last use
     except Exception:  # whatever the error, the program can be made again
         return None
@@ -210,7 +219,8 @@ def _loaded(path: Path) -> jax.stages.Compiled | None:
 
 @cache
 def _find_lapack() -> None:
-    jax.jit(jnp.linalg.cholesky).trace(jax.ShapeDtypeStruct((2, 2), jnp.float32)).lower()
+    traced = jax.jit(jnp.linalg.cholesky).trace(jax.ShapeDtypeStruct((2, 2), jnp.float32))
+    traced.lower(lowering_platforms=("cpu",))
 
 
 def _keep(path: Path, made: jax.stages.Compiled) -> None:
@@ -247,7 +257,8 @@ class Kept:
     """A function of a module, compiled as by `jax.jit`, whose programs are kept.
 
     Its arguments are given by position; `static` are the places of those that are no arrays.
-    Inside another program it is a part of that one, as with `jax.jit`.
+    Inside another program it is a part of that one, and arrays that were put on another device are
+    followed there, as with `jax.jit`.
     """
 
     def __init__(
@@ -259,7 +270,7 @@ class Kept:
 
     def __call__(self, *arguments: Any) -> Any:
         leaves = jax.tree.leaves(self._arrays(arguments))
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        if any(isinstance(leaf, jax.core.Tracer) or _is_elsewhere(leaf) for leaf in leaves):
             return self.jitted(*arguments)
         return self.ready(*arguments)(leaves)
 
@@ -290,6 +301,10 @@ class Kept:
 def kept(*, compiler: _Options = QUICKLY, static: tuple[int, ...] = ()) -> Any:
     """A decorator that makes a function of a module one whose programs are kept (`Kept`)."""
     return lambda function: wraps(function)(Kept(function, compiler, static))
+
+
+def _is_elsewhere(leaf: Any) -> bool:
+    return getattr(leaf, "committed", False) and leaf.devices() != {device()}
 
 
 def _kind(leaf: Any) -> _Kind:

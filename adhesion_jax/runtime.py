@@ -54,6 +54,8 @@ def start() -> None:
     os.environ["XLA_FLAGS"] = " ".join([given, *added]).strip()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_platforms", "cpu")
+    # Where jax has opened its devices before, it has all of them.
+    jax.config.update("jax_default_device", "cpu")
 
 
 def as_in_commands(function: Callable[P, T]) -> Callable[P, T]:
@@ -61,7 +63,7 @@ def as_in_commands(function: Callable[P, T]) -> Callable[P, T]:
 
     In single precision a gradient solver claims success with a wrong answer on a third of the
     NIST StRD problems; in double precision on none, one true local minimum apart. InputError where
-    jax is set to leave out the CPU.
+    jax leaves out the CPU.
     """
 
     @wraps(function)
@@ -75,12 +77,12 @@ def as_in_commands(function: Callable[P, T]) -> Callable[P, T]:
 def _on_the_cpu() -> AbstractContextManager[None]:
     try:
         cpu = jax.local_devices(backend="cpu")[0]
-    except RuntimeError:
-        chosen = _CONFIG.jax_platforms
+    except (RuntimeError, AssertionError) as error:  # jax asserts that it has what it is set to
+        chosen = _CONFIG.jax_platforms or "all that it finds"
         raise InputError(
-            f"jax is set to compute on {chosen} alone, and this package computes on the CPU: set "
-            f"JAX_PLATFORMS to {chosen},cpu."
-        ) from None
+            "This package computes on the CPU, and jax, which is set to compute on "
+            f"{chosen}, has none; set JAX_PLATFORMS to cpu, or to cuda,cpu."
+        ) from error
     return nullcontext() if device() == cpu else jax.default_device(cpu)
 
 

@@ -263,7 +263,7 @@ def _into_box(x: Array, lower: Array, upper: Array, reflect: bool | Bool[Array, 
 
 
 def _three_others(
-    seed: UInt32[Array, "2 runs"], generation: Int[Array, " runs"], members: int
+    seed: UInt32[Array, "2 #runs"], generation: Int[Array, " runs"], members: int
 ) -> tuple[Int[Array, "members runs"], Int[Array, "members runs"], Int[Array, "members runs"]]:
     """For every member three other members, all different, each triple equally likely.
 

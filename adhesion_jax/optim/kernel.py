@@ -63,11 +63,12 @@ def _called(function: Callable[P, T], **marks: str) -> Callable[P, T]:
     return called
 
 
-def _mark_the_call(_: object, value: Any, **marks: str) -> list[Any]:
-    """Mark the call that a value comes from, in the program that is given to the compiler."""
+def _mark_the_call(context: mlir.LoweringRuleContext, value: Any, **marks: str) -> list[Any]:
+    """Mark the call that a value comes from, in a program that is made for the CPU alone."""
     ir: Any = mlir.ir
+    on_cpu = tuple(context.module_context.platforms) == ("cpu",)
     # What a call only passes on comes from elsewhere.
-    if getattr(value.owner, "name", None) == "func.call":
+    if on_cpu and getattr(value.owner, "name", None) == "func.call":
         attributes = {name: ir.StringAttr.get(told) for name, told in marks.items()}
         value.owner.attributes["mhlo.frontend_attributes"] = ir.DictAttr.get(attributes)
     return [value]
@@ -80,6 +81,4 @@ _mark.def_impl(lambda value, **_: value)
 _mark.def_abstract_eval(lambda value, **_: value)
 batching.defvectorized(_mark)
 ad.primitive_jvps[_mark] = lambda primals, tangents, **_: (*primals, *tangents)
-# Other processors' compilers know no such calls.
-mlir.register_lowering(_mark, lambda _, value, **__: [value])
-mlir.register_lowering(_mark, _mark_the_call, platform="cpu", cacheable=False)
+mlir.register_lowering(_mark, _mark_the_call, cacheable=False)

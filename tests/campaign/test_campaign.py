@@ -279,7 +279,8 @@ def test_memory_of_a_campaign_is_that_of_its_tiles(scenario, blocks, bytes_a_run
         return most
 
     peak(2)  # which compiles
-    few, many = peak(20), peak(48)  # the largest shards of both have two tiles
+    # The largest shards of both have two tiles. What else a process does meanwhile adds to a peak.
+    few, many = (min(peak(number) for _ in range(3)) for number in (20, 48))
     assert many - few < 28 * tiles.TILE * bytes_a_run
 
 

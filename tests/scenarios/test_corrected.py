@@ -205,9 +205,9 @@ def test_a_curve_that_falls_with_speed_has_its_peak_at_the_middle_of_the_speeds(
     )
     # A figure has a panel for each of its parameters.
     truth = pd.DataFrame(scenario.quantities()).assign(block=0)
-    figures.tracking(
-        tmp_path / "tracking.png", truth, lambda _, columns: truth[columns], ["lm-optimistix"]
-    )
+    found = truth.melt("block", var_name="quantity", value_name="median")
+    bands = found.assign(p05=found["median"], p95=found["median"], identifier="lm-optimistix")
+    figures.tracking(tmp_path / "tracking.png", truth, bands)
     assert (tmp_path / "tracking.png").stat().st_size > 1000
     # What is told is enough to find the run again.
     told = scenario.known.curve(slip, {name: v[0] for name, v in record.conditions.items()})

@@ -27,6 +27,7 @@ from adhesion_jax.studies.speed import (
     recursions,
     scaling,
 )
+from adhesion_jax.studies.speed.batches import Batch
 from adhesion_jax.studies.speed.turns import Timed, absent, rates
 
 SAMPLES, RUNS, STREAMS = 120, 6, 2000
@@ -191,28 +192,47 @@ def test_a_gpu_is_measured_beside_a_core_on_the_same_runs(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("found", "expected", "apart"),
+    ("found", "expected", "words"),
     [
-        ([0.5, np.nan, 0.25, 9.0], [0.5, np.nan, 0.5], 0.25),
-        ([0.5, 0.5, 0.5], [0.5, np.nan, 0.5], np.inf),
-        ([np.nan] * 3, [np.nan] * 3, 0.0),
+        ([0.5, np.nan, 0.3, 9.0], [0.5, np.nan, 0.5], "differs from that of the core by 0.2 at"),
+        ([0.5, 0.5, 0.5], [np.nan, np.nan, 0.5], "2 of 3 runs have an adhesion maximum on one"),
+        ([np.nan] * 3, [np.nan] * 3, "differs from that of the core by 0 at most"),
     ],
 )
 def test_a_run_without_a_result_on_one_of_two_processors_is_told(
-    monkeypatch, found, expected, apart
+    monkeypatch, found, expected, words
 ):
     monkeypatch.setattr(gpu, "TILE", 3)
     both = (
         Estimate({"mu_max": jnp.array(values)}, *7 * [jnp.zeros(3)]) for values in (found, expected)
     )
-    assert gpu._apart(*both) == apart
+    assert words in gpu._difference(*both)
 
 
 def test_without_a_gpu_one_row_says_so(monkeypatch):
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    monkeypatch.setenv("JAX_PLATFORMS", "cpu")
     table = gpu.table(1, 0)
     assert table["remark"].tolist() == ["Not timed: jax finds no GPU."]
     assert told(table).splitlines()[1].split(maxsplit=1) == ["GPU", table["remark"][0]]
+
+
+def test_a_gpu_that_fails_is_told_and_the_rest_is_timed(monkeypatch):
+    monkeypatch.setenv("JAX_PLATFORMS", "no_such_platform")
+    (remark,) = gpu.table(1, 0)["remark"]
+    assert remark.startswith("Not timed: the GPU cannot be used (")
+    monkeypatch.undo()
+
+    def full(_, config, __):
+        if config.runs > TILE:
+            raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory\nof the GPU")
+        return Batch(lambda: Estimate({"mu_max": jnp.zeros(TILE)}, *7 * [jnp.zeros(TILE)]), 0.1)
+
+    monkeypatch.setattr(gpu, "batch_on", full)
+    table = gpu.measured_on(jax.devices()[0], 1, 0).set_index("name")
+    large = table["remark"][table.index.str.contains("32,768")]
+    assert len(large) == len(gpu.CASES)
+    assert set(large) == {"Not timed: the GPU cannot be used (RESOURCE_EXHAUSTED: out of memory)."}
+    assert (table["rate"][table.index == gpu.PEER] > 0).all()
 
 
 @pytest.mark.clock

@@ -125,15 +125,16 @@ def count_generations(
 
     @jax.jit
     def tile(
-        noise: Key[Array, " runs"], solver: Key[Array, " runs"]
+        known: Known, noise: Key[Array, " runs"], solver: Key[Array, " runs"]
     ) -> Int[Array, "runs blocks 2 2"]:
         records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(noise)
-        one_run = partial(generations_of_run, scenario.known, scenario.sigma)
+        one_run = partial(generations_of_run, known, scenario.sigma)
         return jax.vmap(one_run, in_axes=(scenario.run_axes, 0))(records, solver)
 
     def of_tile(chosen: Int[Array, " runs"]) -> Int[Array, "runs blocks 2 2"]:
         noise = noise_keys(seed, "claims-generations", chosen)
-        return tile(noise, solver_keys(seed, "claims-generations", "ml-de", chosen))
+        solver = solver_keys(seed, "claims-generations", "ml-de", chosen)
+        return tile(scenario.known, noise, solver)
 
     needed = over_runs(runs, of_tile, partial(progress, "generations")).astype(float)
     return np.where(needed > GENERATIONS, np.inf, needed)

@@ -1,13 +1,12 @@
 """Adhesion curves of other families than those that are fitted, each with a peak of one place."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.special import erf
-
-from adhesion_jax.curves.burckhardt import Burckhardt
 
 #: Peak that every true curve is scaled to.
 MU_MAX, SLIP_OPT = 0.31, 0.06
@@ -94,12 +93,12 @@ def _scaled(form: Form) -> Truth:
 def _burckhardt() -> Truth:
     """One of the curves that are fitted, with about this peak."""
     c1, c2, c3 = 0.35, 60.0, 0.5
-    peak = Burckhardt(c1=c1, c2=c2, c3=c3).peak({})
-    return Truth(
-        lambda slip: c1 * (1 - np.exp(-c2 * slip)) - c3 * slip,
-        float(peak.slip),
-        float(peak.adhesion),
-    )
+    peak = math.log(c1 * c2 / c3) / c2  # where the slope c1 c2 exp(-c2 slip) - c3 is 0
+
+    def adhesion(slip: np.ndarray) -> np.ndarray:
+        return c1 * (1 - np.exp(-c2 * slip)) - c3 * slip
+
+    return Truth(adhesion, peak, float(adhesion(np.array([peak]))[0]))
 
 
 #: The curve that is among those fitted, and those that are not.

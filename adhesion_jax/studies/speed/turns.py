@@ -17,7 +17,7 @@ COLUMNS = (
 )
 
 #: A piece of work: its amount, and the seconds that it took, in the turn of this number. They are
-#: CPU-seconds of this process, and where other processors or processes take part by the clock.
+#: CPU-seconds of this process; where another processor takes part, they are seconds by the clock.
 Work = Callable[[int], tuple[float, float]]
 
 
