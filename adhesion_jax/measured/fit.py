@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
 from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
@@ -26,8 +25,7 @@ from adhesion_jax.measured.noise import (
 )
 from adhesion_jax.measured.points import Points, Span, products, weights
 from adhesion_jax.measured.start import parameters_at, stretch_at
-from adhesion_jax.optim.levenberg_marquardt import Local, bounded_step
-from adhesion_jax.programs import kept
+from adhesion_jax.optim.levenberg_marquardt import damped_step
 
 #: Largest slip at which a peak is searched if slip is a velocity, m/s.
 SLIP_VELOCITY_LIMIT = 10.0
@@ -246,20 +244,9 @@ def _step(
     white, share = whitened(state.products, noise), state.share
     hessian = np.where(felt[:, None] & felt, white[: felt.size, : felt.size], 0.0)
     gradient = np.where(felt, -white[: felt.size, -1], 0.0)
-    damped = (damping + ROUNDING) * np.diagonal(hessian)
-    step = np.asarray(_bounded_step(share, gradient, hessian, damped))
+    box = np.zeros_like(share), np.ones_like(share)
+    step = np.asarray(damped_step(share, gradient, hessian, damping + ROUNDING, *box))
     return np.clip(share + step, 0.0, 1.0), 0.5 * abs(float(step @ gradient)) / noise.sigma**2
-
-
-@kept()
-def _bounded_step(
-    share: Float[Array, " free"],
-    gradient: Float[Array, " free"],
-    hessian: Float[Array, "free free"],
-    damping: Float[Array, " free"],
-) -> Float[Array, " free"]:
-    local = Local(jnp.zeros(()), gradient, hessian)
-    return bounded_step(share, local, damping, jnp.zeros_like(share), jnp.ones_like(share))
 
 
 def _described(

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.optim.least_squares import Residual, Result, separated
 from adhesion_jax.optim.turns import Turns, in_turns
+from adhesion_jax.programs import kept
 
 #: Damping of the first step, relative to the diagonal of J'J.
 _FIRST_DAMPING = 1e-3
@@ -179,6 +180,23 @@ def bounded_step(
 
     start = jnp.zeros_like(x), ~held & (jnp.diag(hessian) > 0)
     return jax.lax.fori_loop(0, _CUT_OFF, within_bounds, start)[0]
+
+
+@kept()
+def damped_step(
+    x: Float[Array, " p"],
+    gradient: Float[Array, " p"],
+    hessian: Float[Array, "p p"],
+    damping: Float[Array, ""],
+    lower: Float[Array, " p"],
+    upper: Float[Array, " p"],
+) -> Float[Array, " p"]:
+    """`bounded_step`, compiled, for a search that computes the rest in NumPy.
+
+    The damping is relative to the diagonal of the Hessian.
+    """
+    local = Local(jnp.zeros(()), gradient, hessian)
+    return bounded_step(x, local, damping * jnp.diag(hessian), lower, upper)
 
 
 class Solved(NamedTuple):

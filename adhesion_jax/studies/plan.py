@@ -11,6 +11,7 @@ from scipy.linalg import solve_triangular, toeplitz
 from scipy.signal import lfilter
 
 from adhesion_jax.curves import Conditions, Law, Scalar, free_values
+from adhesion_jax.optim.levenberg_marquardt import fit
 from adhesion_jax.planning.excitation import Excitation
 from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.plan import Plan
@@ -22,9 +23,8 @@ from adhesion_jax.runtime import silent
 #: the bound is that of small errors.
 CELLS, _SMALL = 6, 0.05
 
-#: Simulated measurements that are fitted at a time; steps of a fit, the longest in standard errors,
-#: and the length of the last one of a fit that has converged.
-_TOGETHER, _STEPS, _LONGEST, _SETTLED = 250, 12, 3.0, 1e-3
+#: Simulated measurements that are fitted at a time, and the largest number of steps of a fit.
+_TOGETHER, _STEPS = 250, 50
 
 
 def check_plan(
@@ -126,7 +126,7 @@ def _fitted(
     conditions: Conditions,
     slip_limit: Scalar,
 ) -> tuple[Float[Array, " measurements"], Bool[Array, " measurements"]]:
-    """Mu_max of each fit, by Gauss-Newton from the truth, and whether it ended at a peak."""
+    """Mu_max of each fit from the truth, and whether it ended at a least sum that has a peak."""
 
     def one(
         slip: Float[Array, "runs points"], adhesion: Float[Array, "runs points"]
@@ -135,22 +135,11 @@ def _fitted(
             away = with_parameters(law, values)(slip, conditions) - adhesion
             return (weights @ away.T).ravel()
 
-        def step(values: Float[Array, " free"], _: None) -> tuple[Array, Array]:
-            away, sensitivity = misfit(values), jax.jacfwd(misfit)(values)
-            scale = jnp.linalg.norm(sensitivity, axis=0)
-            root = jnp.linalg.cholesky(sensitivity.T @ sensitivity / jnp.outer(scale, scale))
-            white = jax.scipy.linalg.solve_triangular(
-                root, sensitivity.T @ away / scale, lower=True
-            )
-            # The length of a step in standard errors, which is bounded.
-            length = jnp.linalg.norm(white)
-            white = white * jnp.minimum(1.0, _LONGEST / length)
-            change = jax.scipy.linalg.solve_triangular(root.T, white, lower=False) / scale
-            return values - change, length
-
-        values, lengths = jax.lax.scan(step, free_values(curve_of(law)), None, length=_STEPS)
-        peak = with_parameters(law, values).peak(conditions, slip_limit)
-        return peak.adhesion, peak.found & (lengths[-1] < _SETTLED)
+        start = free_values(curve_of(law))
+        anywhere = jnp.full_like(start, jnp.inf)
+        found = fit(misfit, start, -anywhere, anywhere, _STEPS)
+        peak = with_parameters(law, found.x).peak(conditions, slip_limit)
+        return peak.adhesion, peak.found & found.converged
 
     mu_max, good = jax.vmap(one)(slips, adhesions)
     return mu_max, good

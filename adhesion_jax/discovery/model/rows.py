@@ -17,10 +17,11 @@ from jaxtyping import Array, Bool, Float
 from adhesion_jax.data.condensing import block_means
 from adhesion_jax.data.grouping import places
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.model.fitting import Fitted, fit_model, packed, size_of, solve
+from adhesion_jax.discovery.model.fitting import DETERMINED, Fitted, fit_model, packed, size_of
 from adhesion_jax.discovery.model.noise import Sums, likeliest_of, long_enough
 from adhesion_jax.discovery.model.program import Model, base_curve, base_places, unpack
 from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.optim.levenberg_marquardt import damped_step
 from adhesion_jax.programs import kept
 
 #: Number of cells of one column that are computed at a time.
@@ -37,9 +38,6 @@ _SETTLED = 1e-3
 
 #: Factor on a step after one that did not lower half the deviance.
 _SHORTER = 0.25
-
-#: Numbers of passes in which parameters that reach a bound are found.
-_PASSES = 4
 
 #: The fit to the rows is rejected if it multiplies the sum of squared errors by more than this: the
 #: levels of the runs are then nearly free, and it misses them (`fitting.with_own_noise`). By hand.
@@ -273,8 +271,9 @@ def fitted_to_rows(fitted: Fitted, runs: RunSet, ranges: Ranges, white: bool) ->
     first, noise, loss = under(values)
     for _ in range(_STEPS):
         at = values[list(fitted.places)]
-        step = _step(loss, at, model)
         gradient, hessian = loss.gradient.sum(0), loss.hessian.sum(0)
+        box = model.lower, model.upper
+        step = np.asarray(damped_step(at, gradient, hessian, DETERMINED, *box))
         if -(step @ gradient + 0.5 * step @ hessian @ step) < _SETTLED:
             break
         trial = values.copy()
@@ -333,23 +332,6 @@ def _law(fitted: Fitted, values: np.ndarray, ranges: Ranges) -> CorrectedLaw:
     effects = (*noisy, *unpack(values, fitted.effects))
     law = CorrectedLaw(curve, effects, ranges, problem.calendar)
     return jax.tree.map(np.asarray, law)
-
-
-def _step(loss: _Loss, at: np.ndarray, model: Model) -> np.ndarray:
-    """The step to the least loss, to second order, inside the bounds."""
-    gradient, hessian = loss.gradient.sum(0), loss.hessian.sum(0)
-    step = np.zeros_like(at)
-    held = ((at <= model.lower) & (gradient > 0)) | ((at >= model.upper) & (gradient < 0))
-    loose = ~held
-    for _ in range(_PASSES):
-        kept = np.where(loose, 0.0, step)
-        left = (gradient + hessian @ kept)[loose]
-        step = kept.copy()
-        step[loose] = -solve(hessian[np.ix_(loose, loose)], left)
-        inside = np.clip(step, model.lower - at, model.upper - at)
-        loose &= inside == step
-        step = inside
-    return step
 
 
 def _with(fitted: Fitted, values: np.ndarray, noise: _Noise, loss: _Loss) -> OfRows:
