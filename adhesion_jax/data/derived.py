@@ -15,7 +15,7 @@ from adhesion_jax.wording import percent
 SLOWEST = 0.5
 
 #: What is said of a train that is slower.
-SLOW = f"slower than {SLOWEST:g} m/s, where no slip ratio can be computed,"
+SLOW = f"slower than {SLOWEST:g} m/s, where no slip ratio can be computed"
 
 #: Force, the load of the same body, and the wheels of the body; those of a locomotive are told by
 #: its driven axles.
@@ -161,7 +161,7 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
     if "slip_ratio" not in columns and speed is not None:
         used = speed >= SLOWEST
         if not used.all():
-            notes.append(f"{of_rows(~used)} the train is {SLOW.removesuffix(',')}.")
+            notes.append(f"{of_rows(~used)} the train is {SLOW}.")
         ratio = columns["slip_velocity_mps"] / np.where(used, speed, 1.0)
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:

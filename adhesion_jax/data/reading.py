@@ -143,7 +143,7 @@ def _measured(
     except InputError as error:
         raise _refusal(sheet, [str(error)]) from None
     if not derived.used.any():
-        raise _refusal(sheet, [f"the train is {SLOW} in every row (check the unit of its speed)"])
+        raise _refusal(sheet, [f"the train is {SLOW}, in every row (check the unit of its speed)"])
     _keep(numbers, derived.used)
     kept = rows.kept.copy()
     kept[rows.kept] = derived.used

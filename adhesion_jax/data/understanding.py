@@ -22,7 +22,7 @@ class Taken(NamedTuple):
     column: str
     name: str
     unit: str  # as understood; empty for labels, stamps and columns of an unknown unit
-    conversion: Conversion = Conversion(1.0)
+    conversion: Conversion = Conversion(1.0, 0.0)
     stamp: str = ""  # the form of dates or times of day
 
 

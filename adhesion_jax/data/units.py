@@ -118,12 +118,11 @@ _AT_THE_END = frozenset(
 class Conversion(NamedTuple):
     """A value in the unit of the package is `factor` times the value in the other, plus `offset`.
 
-    `weight` says that the other is a mass, whose weight at standard gravity is taken.
+    Of a mass the weight at standard gravity is taken.
     """
 
     factor: float
-    offset: float = 0.0
-    weight: bool = False
+    offset: float
 
 
 def known(unit: str) -> bool:
@@ -146,7 +145,7 @@ def conversion(unit: str, wanted: str) -> Conversion | None:
         weighed = of * registry.standard_gravity if wanted == "N" else of
         if not weighed.is_compatible_with(to):
             return None
-        return Conversion(float(weighed.m_as(to.units)), 0.0, True)
+        return Conversion(float(weighed.m_as(to.units)), 0.0)
     if (of.check("[]") or _angular(wanted)) and _angular(unit) != _angular(wanted):
         # To pint an angle is a number: a slip of 3 degrees would be one of .05, and a rotation of
         # 1/s, which may be a turn or a radian, one of 1 rad/s.

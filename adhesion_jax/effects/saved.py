@@ -90,12 +90,12 @@ def _check_format(saved: Mapping[str, Any], source: str) -> None:
     if written < 2 and changed:
         raise InputError(
             f"{source} is a law of format 1 with {' and '.join(changed)}, whose formula has "
-            "changed since; find the effects again with experiments.discover of this version."
+            "changed since; find the effects again with adhesion discover of this version."
         )
 
 
 def _no_law(source: str) -> InputError:
-    return InputError(f"{source} is not a law saved by experiments.discover; name its law.json.")
+    return InputError(f"{source} is not a law saved by adhesion discover; name its law.json.")
 
 
 def _numbers(parameters: Mapping[str, Parameter], fields: dict[str, Any]) -> dict[str, Any]:

@@ -33,7 +33,6 @@ class Wave(Scaling):
     cosine2: Scalar
 
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sine", "cosine")
-    REFERENCES: ClassVar[Mapping[str, str]] = {}
     AXIS: eqx.AbstractClassVar[str]
 
     @abstractmethod

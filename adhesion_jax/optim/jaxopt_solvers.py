@@ -10,52 +10,34 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from adhesion_jax.optim.least_squares import Residual, Result, searched
+from adhesion_jax.optim.least_squares import Residual, in_the_box
 
 
+@in_the_box
 def levenberg_marquardt(
-    residual: Residual,
-    start: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    max_steps: int,
-) -> Result:
+    residual: Residual, start: Float[Array, " p"], max_steps: int
+) -> tuple[Float[Array, " p"], Int[Array, ""]]:
     """Jaxopt's Levenberg-Marquardt, with the Jacobian materialised and a Cholesky solve."""
-
-    def search(
-        residual: Residual, u: Float[Array, " p"]
-    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
-        solver = _jaxopt().LevenbergMarquardt(
-            residual,
-            maxiter=max_steps,
-            stop_criterion="madsen-nielsen",
-            xtol=1e-9,
-            gtol=0.0,
-            materialize_jac=True,
-            solver="cholesky",
-        )
-        u, state = solver.run(u)
-        return u, jnp.asarray(state.iter_num)
-
-    return searched(search, residual, start, lower, upper)
+    solver = _jaxopt().LevenbergMarquardt(
+        residual,
+        maxiter=max_steps,
+        stop_criterion="madsen-nielsen",
+        xtol=1e-9,
+        gtol=0.0,
+        materialize_jac=True,
+        solver="cholesky",
+    )
+    best, state = solver.run(start)
+    return best, jnp.asarray(state.iter_num)
 
 
+@in_the_box
 def gauss_newton(
-    residual: Residual,
-    start: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    max_steps: int,
-) -> Result:
+    residual: Residual, start: Float[Array, " p"], max_steps: int
+) -> tuple[Float[Array, " p"], Int[Array, ""]]:
     """Jaxopt's Gauss-Newton: full steps, no safeguard."""
-
-    def search(
-        residual: Residual, u: Float[Array, " p"]
-    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
-        u, state = _jaxopt().GaussNewton(residual, maxiter=max_steps, tol=1e-9).run(u)
-        return u, jnp.asarray(state.iter_num)
-
-    return searched(search, residual, start, lower, upper)
+    best, state = _jaxopt().GaussNewton(residual, maxiter=max_steps, tol=1e-9).run(start)
+    return best, jnp.asarray(state.iter_num)
 
 
 def _jaxopt() -> ModuleType:

@@ -1,10 +1,11 @@
-"""The contract that all gradient least-squares solvers share, and the check of their success.
+"""The contract of a gradient solver of least squares, and how a library fulfils it.
 
-Each library stands behind one adaptor file; both work on unbounded coordinates, mapped into the
-box by a sine.
+Each library stands behind one adaptor file. Its searches work in coordinates without bounds, which
+a sine maps into the box, and their success is checked here.
 """
 
 from collections.abc import Callable
+from functools import wraps
 from typing import Any, NamedTuple
 
 import jax
@@ -59,32 +60,41 @@ def separated(
 #: time than with 128 of them.
 _SIDE_BY_SIDE = 8
 
-#: A search without bounds from a start: the residual and u to the best u and the steps taken.
-LibrarySearch = Callable[[Residual, Float[Array, " p"]], tuple[Float[Array, " p"], Int[Array, ""]]]
+#: A search without bounds: the residual, a start and the largest number of steps, to the best place
+#: and the steps taken.
+LibrarySearch = Callable[
+    [Residual, Float[Array, " p"], int], tuple[Float[Array, " p"], Int[Array, ""]]
+]
 
 
-def searched(
-    search: LibrarySearch,
-    residual: Residual,
-    start: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-) -> Result:
-    """The result of a search of a library, in coordinates in which the box has no bounds.
+def in_the_box(search: LibrarySearch) -> Solver:
+    """A decorator that makes a solver of a search of a library, by coordinates without bounds.
 
     In a batch a few searches at a time: their loops wait for the slowest of these alone.
     """
-    value, data = separated(residual, start)
 
-    def solve(
-        data: list[Array], start: Array, lower: Array, upper: Array
-    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
-        space = Unbounded.around(start, lower, upper)
-        u, steps = search(lambda u: value(data, space.to_box(u)), space.from_box(start))
-        return space.to_box(u), steps
+    @wraps(search)
+    def solver(
+        residual: Residual,
+        start: Float[Array, " p"],
+        lower: Float[Array, " p"],
+        upper: Float[Array, " p"],
+        max_steps: int,
+    ) -> Result:
+        value, data = separated(residual, start)
 
-    x, steps = in_groups(solve, _SIDE_BY_SIDE)(data, start, lower, upper)
-    return finish(residual, x, start, lower, upper, steps)
+        def solve(
+            data: list[Array], start: Array, lower: Array, upper: Array
+        ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+            space = Unbounded.around(start, lower, upper)
+            u = space.from_box(start)
+            u, steps = search(lambda u: value(data, space.to_box(u)), u, max_steps)
+            return space.to_box(u), steps
+
+        x, steps = in_groups(solve, _SIDE_BY_SIDE)(data, start, lower, upper)
+        return finish(residual, x, start, lower, upper, steps)
+
+    return solver
 
 
 def finish(

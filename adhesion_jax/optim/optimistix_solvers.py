@@ -6,57 +6,39 @@ from typing import Any
 import jax
 from jaxtyping import Array, Float, Int
 
-from adhesion_jax.optim.least_squares import Residual, Result, searched
+from adhesion_jax.optim.least_squares import Residual, in_the_box
 
 _RTOL, _ATOL = 1e-9, 1e-12
 
 
+@in_the_box
 def levenberg_marquardt(
-    residual: Residual,
-    start: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    max_steps: int,
-) -> Result:
+    residual: Residual, start: Float[Array, " p"], max_steps: int
+) -> tuple[Float[Array, " p"], Int[Array, ""]]:
     """Optimistix's Levenberg-Marquardt, with a Cholesky solve of the normal equations."""
-
-    def search(
-        residual: Residual, u: Float[Array, " p"]
-    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
-        optimistix, lineax = _libraries()
-        linear = lineax.Normal(lineax.Cholesky())
-        solver = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
-        return _solved(solver, residual, u, max_steps)
-
-    return searched(search, residual, start, lower, upper)
+    optimistix, lineax = _libraries()
+    linear = lineax.Normal(lineax.Cholesky())
+    solver = optimistix.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
+    return _solved(solver, residual, start, max_steps)
 
 
+@in_the_box
 def gauss_newton(
-    residual: Residual,
-    start: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    max_steps: int,
-) -> Result:
+    residual: Residual, start: Float[Array, " p"], max_steps: int
+) -> tuple[Float[Array, " p"], Int[Array, ""]]:
     """Optimistix's Gauss-Newton: full steps, no safeguard."""
-
-    def search(
-        residual: Residual, u: Float[Array, " p"]
-    ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
-        optimistix, lineax = _libraries()
-        linear = lineax.AutoLinearSolver(well_posed=None)
-        solver = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
-        return _solved(solver, residual, u, max_steps)
-
-    return searched(search, residual, start, lower, upper)
+    optimistix, lineax = _libraries()
+    linear = lineax.AutoLinearSolver(well_posed=None)
+    solver = optimistix.GaussNewton(rtol=_RTOL, atol=_ATOL, linear_solver=linear)
+    return _solved(solver, residual, start, max_steps)
 
 
 def _solved(
-    solver: Any, residual: Residual, u: Float[Array, " p"], max_steps: int
+    solver: Any, residual: Residual, start: Float[Array, " p"], max_steps: int
 ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
     optimistix, _ = _libraries()
     found: Any = optimistix.least_squares(
-        lambda u, _: residual(u), solver, u, max_steps=max_steps, throw=False
+        lambda u, _: residual(u), solver, start, max_steps=max_steps, throw=False
     )
     return found.value, found.stats["num_steps"]
 

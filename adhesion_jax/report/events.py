@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
 from adhesion_jax.data.events import Chosen, Events
@@ -41,7 +40,6 @@ def draw_events(folder: Path, logs: Sequence[Chosen]) -> None:
     ]
     lines = -(-len(chosen) // _COLUMNS)
     figure = Figure(figsize=(11, 5.2 + 2.5 * lines), layout="constrained")
-    FigureCanvasAgg(figure)
     above, below = np.asarray(figure.subfigures(2, 1, height_ratios=(4.4, 0.8 + 2.5 * lines)))
     _log(above, title, events)
     _panels(below, events, chosen, points, lines)

@@ -61,7 +61,7 @@ def test_effects_whose_formula_has_changed_are_refused_in_format_one(tmp_path, w
         load_law(path)
     assert str(refused.value) == (
         f"{path} is a law of format 1 with slip_noise and covariate, whose formula has changed "
-        "since; find the effects again with experiments.discover of this version."
+        "since; find the effects again with adhesion discover of this version."
     )
 
 

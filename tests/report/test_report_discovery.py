@@ -36,7 +36,6 @@ from adhesion_jax.report.discovery.files import (
     DISCOVERY_FILES,
     printed,
     report_json,
-    verdict,
     write_discovery,
 )
 from adhesion_jax.report.discovery.levels import level_panels
@@ -52,6 +51,7 @@ from adhesion_jax.report.discovery.words import (
     in_brackets,
     p_value,
     percent_in_brackets,
+    verdict,
 )
 from adhesion_jax.wording import plus_minus
 

@@ -30,8 +30,6 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
     """
     found = []
     for number, effect in enumerate(state.accepted):
-        if not effect.parts:
-            continue
         rest = all_but(state.accepted, number)
         values = state.fitted.base_values.tolist()
         less = nearly_fitted(state.setting, state.base, values, parts_of(rest))

@@ -8,7 +8,7 @@ import numpy as np
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.model.fitting import Fitted, covariance, packed, size_of
 from adhesion_jax.discovery.model.problem import label_of
-from adhesion_jax.discovery.model.program import PROBES, Data, Model, changes
+from adhesion_jax.discovery.model.program import PROBES, Data, changes
 from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
 from adhesion_jax.effects.cause import Remembering
@@ -33,11 +33,10 @@ _FUNCTIONS = {"temperature_C", "lateral_measure"}
 
 
 def dependences(state: Selection, of_rows: Fitted, seed: int) -> tuple[Dependence, ...]:
-    """The dependences of every effect on its varying columns, or on the time since a step.
+    """The dependences of every effect on its varying columns.
 
-    Bands follow from `of_rows`, the fit to all rows.
-
-    Effects with a memory are shown over time, if the runs are long enough to show them.
+    An effect with a memory is shown over the time since a step of its driver instead, if the runs
+    are long enough to show it. Bands follow from `of_rows`, the fit to all rows.
     """
     if not state.accepted:
         return ()
@@ -55,7 +54,7 @@ def dependences(state: Selection, of_rows: Fitted, seed: int) -> tuple[Dependenc
             continue
         columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
         for column in columns or ["slip_ratio"]:
-            if effect.parts and column in flat:
+            if column in flat:
                 found.append(_over(state, effect.name, column, parts, draws))
     return tuple(found)
 
@@ -124,7 +123,7 @@ def _factors(
     kind[list(parts)] = model.kind[list(parts)]
 
     def adhesion(kind: np.ndarray) -> np.ndarray:
-        models = [Model(*model)._replace(values=values, kind=kind) for values in draws]
+        models = [model._replace(values=values, kind=kind) for values in draws]
         nothing = np.zeros(data.slip.shape)
         found = []
         for first in range(0, _DRAWS, PROBES):

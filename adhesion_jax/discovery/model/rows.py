@@ -17,7 +17,14 @@ from jaxtyping import Array, Bool, Float
 from adhesion_jax.data.condensing import block_means
 from adhesion_jax.data.grouping import places
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.model.fitting import DETERMINED, Fitted, fit_model, packed, size_of
+from adhesion_jax.discovery.model.fitting import (
+    DETERMINED,
+    MOST_SQUARES_TIMES,
+    Fitted,
+    fit_model,
+    packed,
+    size_of,
+)
 from adhesion_jax.discovery.model.noise import Sums, likeliest_of, long_enough
 from adhesion_jax.discovery.model.program import Model, base_curve, base_places, unpack
 from adhesion_jax.effects.law import CorrectedLaw
@@ -38,11 +45,6 @@ _SETTLED = 1e-3
 
 #: Factor on a step after one that did not lower half the deviance.
 _SHORTER = 0.25
-
-#: The fit to the rows is rejected if it multiplies the sum of squared errors by more than this: the
-#: levels of the runs are then nearly free, and it misses them (`fitting.with_own_noise`). By hand.
-_MOST_SQUARES_TIMES = 1.1
-
 
 #: By column, the smallest and the largest value of the rows.
 Ranges = Mapping[str, tuple[float, float]]
@@ -279,7 +281,8 @@ def fitted_to_rows(fitted: Fitted, runs: RunSet, ranges: Ranges, white: bool) ->
         trial = values.copy()
         trial[list(fitted.places)] = at + share * step
         squares, other, new = under(trial)
-        if new.total < loss.total and squares <= _MOST_SQUARES_TIMES * first:
+        # A fit that misses the levels of the runs is no fit, though it is the likelier one.
+        if new.total < loss.total and squares <= MOST_SQUARES_TIMES * first:
             values, noise, loss, share = trial, other, new, 1.0
         else:
             share *= _SHORTER

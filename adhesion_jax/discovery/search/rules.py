@@ -1,8 +1,8 @@
 """The numbers that decide what the search tries, accepts, doubts and reports, with their evidence.
 
 Constants of a numerical method (bins, folds, sign flips, buffer sizes) stand beside their
-algorithm; three that decide about the noise stand in `model`, which imports nothing of the search:
-`fitting._MOST_SQUARES_TIMES`, `slip._NOTICEABLE` and `slip._SIGNIFICANT`.
+algorithm; those that decide about the noise stand in `model`, which imports nothing of the search:
+`fitting.MOST_SQUARES_TIMES`, `slip._NOTICEABLE` and `slip._SIGNIFICANT`.
 
 Each comment ends with the evidence, which is one of three kinds. "Convention": a usual choice of
 statistics. "Measured": on simulated sets. "By hand": chosen while the search was built, and never

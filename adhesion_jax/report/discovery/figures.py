@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -61,7 +60,6 @@ def draw_discovery(folder: Path, findings: Findings) -> None:
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         for name, figure in figures.items():
             if figure is not None:
-                FigureCanvasAgg(figure)
                 figure.savefig(folder / name, dpi=_DPI)
 
 

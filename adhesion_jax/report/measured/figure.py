@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from adhesion_jax.measured.answer import Answer, band_of_answer
@@ -38,7 +37,6 @@ def draw_measured(
     ranked = sorted(fits, key=lambda name: -fits[name].log_density)
     best, left = fits[ranked[0]], residuals[ranked[0]]
     figure = Figure(figsize=(10, 8), layout="constrained")
-    FigureCanvasAgg(figure)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
 
     _points(above, left, left.adhesion)
@@ -190,7 +188,6 @@ def draw_comparison(path: Path, title: str, comparison: Comparison) -> None:
     places = np.arange(len(table))
     width = float(np.clip(1.5 + 0.4 * len(table), 7.0, 14.0))
     figure = Figure(figsize=(width, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     half = table["mu_max_hi"] - table["mu_max"]
     axes.errorbar(

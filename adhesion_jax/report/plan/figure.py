@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -37,7 +36,6 @@ def draw_plan(
     The plan has enough largest slips for smooth lines.
     """
     figure = Figure(figsize=(11, 5.6), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for place, (axes, name) in enumerate(zip(panels, QUANTITIES, strict=True)):
         _map(axes, plan, plan.errors[..., place])

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
@@ -21,7 +20,6 @@ def draw_detection(path: Path, rates: pd.DataFrame) -> None:
     styles = line_styles(list(lines))
     rows = -(-len(names) // 3)
     figure = Figure(figsize=(11, 1.2 + 2.6 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
     for axes in panels.flat[len(names) :]:
         axes.set_axis_off()
@@ -59,7 +57,6 @@ def draw_confusion(path: Path, counts: pd.DataFrame, rates: pd.DataFrame) -> Non
     figure = Figure(
         figsize=(4.5 + 0.26 * counts.shape[1], 2.5 + 0.24 * len(counts)), layout="constrained"
     )
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(counts.shape[1], 1))
     totals = np.maximum(counts.sum(axis=1).to_numpy(), 1)[:, None]
     chosen = rates[(rates["part"] == "confusion") & (rates["quantity"] == "in_class")]
@@ -90,7 +87,6 @@ def draw_random(path: Path, sets: pd.DataFrame) -> None:
     chosen = sets[sets["part"] == "random"]
     kinds = {"level": "level of adhesion", "slip": "scale of the slip", "fall": "fall beyond peak"}
     figure = Figure(figsize=(11, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     several = chosen["rests_on"].str.contains("*", regex=False)
     for axes, (kind, title) in zip(panels, kinds.items(), strict=True):

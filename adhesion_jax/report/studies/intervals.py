@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 _NAMES = {"mu_max": "largest adhesion, mu_max", "slip_opt": "its slip, slip_opt"}
@@ -16,7 +15,6 @@ def draw_coverage(path: Path, rates: pd.DataFrame) -> None:
     cells = rates[["truth", "noise"]].drop_duplicates().itertuples(index=False, name=None)
     places = {cell: -place for place, cell in enumerate(cells)}
     figure = Figure(figsize=(10, 1.6 + 0.36 * len(places)), layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.6, 1))
     left.axvspan(0.93, 0.97, color="0.9", zorder=0, label="0.93 to 0.97")
     left.axvline(0.95, color="0.4", linewidth=0.8)

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from adhesion_jax.report.style import line_styles
@@ -53,7 +52,6 @@ def draw_peers(path: Path, rows: pd.DataFrame) -> None:
     first = real[real["method"] == methods[0]].sort_values("removed")
     order = list(first["set"])
     figure = Figure(figsize=(10, 2.5 + 0.28 * max(len(order), 4)), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     for place, method in enumerate(methods):
         own = real[real["method"] == method].set_index("set").reindex(order)

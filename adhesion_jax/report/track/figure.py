@@ -9,7 +9,6 @@ import pandas as pd
 from jaxtyping import Float, Int
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -66,7 +65,6 @@ def track_figure(title: str, log: Log, followed: Mapping[str, Followed]) -> Figu
     events = rows * (_EVENT + _EVENT_SLIP + 1.5 * _GAP)
     height = overview + events + (1.6 if rows else 1.3)
     figure = Figure(figsize=(_WIDTH, height))
-    FigureCanvasAgg(figure)
 
     above = figure.add_gridspec(
         len(heights),

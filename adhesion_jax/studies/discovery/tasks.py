@@ -22,18 +22,17 @@ FOLLOWED = (
 #: Visible misfit, in standard deviations of the noise, at which detection is measured.
 VISIBLE = (0.1, 0.2, 0.35, 0.5, 1.0, 2.0)
 
-
-#: Autocorrelations that the noise of a set is drawn from; those of slow nulls lie between these.
+#: Autocorrelations that the noise of a set is drawn from.
 AUTOCORRELATIONS = (0.0, 0.3, 0.6)
 
-
+#: Smallest and largest autocorrelation of the noise of slow sets with nothing hidden.
 _SLOW = (0.3, 0.95)
 
-
-#: Visible misfits that random effects are given, in sigma, and the least that counts.
+#: Smallest and largest visible misfit that random effects are given, in standard deviations of the
+#: noise.
 _RANDOM_VISIBLE = (0.55, 3.0)
 
-
+#: Least visible misfit at which a random effect counts as one to be found, in the same unit.
 _LEAST_VISIBLE = 0.5
 
 
