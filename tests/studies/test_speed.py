@@ -64,6 +64,19 @@ def test_rates_are_medians_and_ratios_those_of_one_turn():
     assert "Not timed: it is not there." in text
 
 
+def test_quick_work_is_done_again_until_the_clock_tells_it():
+    taken = []
+
+    def work(turn):
+        # The first time after other work is slow.
+        taken.append(turn)
+        return 1.0, 0.03 if taken.count(turn) == 1 else 0.001
+
+    table = rates("part", "units", "", {"quick": Timed(work)}, 1, lambda _: None)
+    assert taken.count(1) == 171
+    assert table["rate"][0] == pytest.approx(171 / 0.2, rel=1e-3)
+
+
 def test_a_package_that_is_not_there_is_said_to_be_missing():
     assert absent("numpy") is None
     assert absent("no_such_package") == "Not timed: no_such_package is not installed."

@@ -19,7 +19,7 @@ from adhesion_jax.studies.speed.turns import COLUMNS
 METHODS = ("ml-exact", "lm")
 
 #: Numbers of runs: few, so that starting and compiling is most of it, and many.
-FEW, MANY = 256, 262_144
+FEW, MANY = 256, 1_048_576
 
 
 class Job(NamedTuple):

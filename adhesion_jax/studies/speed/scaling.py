@@ -25,9 +25,6 @@ _GENERATIONS = 50
 
 _RUNS, _POINTS = 128, 500
 
-#: Least number of identifications that are timed together.
-_TOGETHER = 512
-
 
 class Size(NamedTuple):
     """One quantity that is varied, and its value."""
@@ -69,13 +66,7 @@ def _config(runs: int, points: int, seed: int) -> Config:
 
 def _identified(name: str, runs: int, points: int, seed: int) -> Timed:
     batch = batch_on(runtime.device(), _config(runs, points, seed), name)
-    times = -(-_TOGETHER // runs)
-
-    def all_runs() -> None:
-        for _ in range(times):
-            batch.run()
-
-    return Timed(timed(all_runs, times * runs), "", batch.compile_seconds)
+    return Timed(timed(batch.run, runs), "", batch.compile_seconds)
 
 
 def _evolution(members: int, seed: int) -> Timed:
