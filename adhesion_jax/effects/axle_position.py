@@ -30,6 +30,7 @@ class AxlePosition(Scaling):
         "k5": Parameter("1", -0.9, 3.0, "relative change at axle 5", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "k4", "k5")
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("axle",)
     SENTENCE: ClassVar[str] = "Leading axles run on a dirtier rail than those behind."
     FORMULA: ClassVar[str] = (

@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -32,7 +31,7 @@ class Effect(eqx.Module):
 
     PARAMETERS: eqx.AbstractClassVar[Mapping[str, Parameter]]
     STRENGTHS: eqx.AbstractClassVar[tuple[str, ...]]
-    REFERENCES: ClassVar[Mapping[str, str]] = {}
+    REFERENCES: eqx.AbstractClassVar[Mapping[str, str]]
     NEEDS: eqx.AbstractClassVar[tuple[str, ...]]
     ORDER: eqx.AbstractClassVar[int]
     PHRASE: eqx.AbstractClassVar[str]

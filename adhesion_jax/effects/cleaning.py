@@ -34,6 +34,7 @@ class Cleaning(Changing, Remembering):
         "load_power": Parameter("1", 0.0, 1.0, "power of the load in the work", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "time_s")
     ORDER: ClassVar[int] = 1
     SENTENCE: ClassVar[str] = (

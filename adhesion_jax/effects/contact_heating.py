@@ -25,6 +25,7 @@ class ContactHeating(Changing):
         "k": Parameter("sqrt(s/m)", -2.0, 20.0, "relative fall with heating", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
     ORDER: ClassVar[int] = 1
     SENTENCE: ClassVar[str] = "The contact heats and softens: adhesion falls with friction power."

@@ -26,6 +26,7 @@ class Delay(Changing, Remembering):
         "delay": Parameter("s", -2.0, 5.0, "time by which adhesion is late", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("delay",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
     ORDER: ClassVar[int] = 2
     SENTENCE: ClassVar[str] = "The adhesion signal comes later than the slip signal."

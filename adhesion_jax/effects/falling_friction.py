@@ -24,6 +24,7 @@ class FallingFriction(Scaling):
         "b": Parameter("s/m", 0.02, 20.0, "decay of friction with slip velocity", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("drop",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
     SENTENCE: ClassVar[str] = "Friction falls with slip velocity: Polach's law on any curve."
     FORMULA: ClassVar[str] = (

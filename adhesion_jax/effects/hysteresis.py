@@ -27,6 +27,7 @@ class Hysteresis(Scaling, Remembering):
         "memory": Parameter("s", 0.0, 5.0, "time it takes to turn", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
     SENTENCE: ClassVar[str] = "Adhesion differs between rising and falling slip."
     FORMULA: ClassVar[str] = (

@@ -23,6 +23,7 @@ class Inertia(Changing, Remembering):
         "k": Parameter("s^2/m", -1.0, 1.0, "rotating mass over load", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "acceleration_mps2", "time_s")
     ORDER: ClassVar[int] = 2
     SENTENCE: ClassVar[str] = "The torque that accelerates the wheel was taken for adhesion."

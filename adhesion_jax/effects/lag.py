@@ -23,6 +23,7 @@ class Lag(Changing, Remembering):
         "time_constant": Parameter("s", 0.0, 20.0, "time constant of the filter", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("time_constant",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
     ORDER: ClassVar[int] = 2
     SLOW: ClassVar[bool] = True

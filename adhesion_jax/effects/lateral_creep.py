@@ -34,6 +34,7 @@ class LateralCreep(Cause):
         ),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("gain",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("lateral_measure",)
     ORDER: ClassVar[int] = 0
     SENTENCE: ClassVar[str] = "Lateral creep uses a part of the friction."

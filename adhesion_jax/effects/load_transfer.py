@@ -22,6 +22,7 @@ class LoadTransfer(Scaling):
         "k": Parameter("s^2/m", -1.0, 1.0, "relative change with acceleration", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("acceleration_mps2",)
     SENTENCE: ClassVar[str] = "Acceleration shifts load between axles."
     FORMULA: ClassVar[str] = "mu (1 + k a), a the acceleration of the vehicle in m/s^2"

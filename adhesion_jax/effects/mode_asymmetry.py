@@ -22,6 +22,7 @@ class ModeAsymmetry(Scaling):
         "k": Parameter("1", -0.9, 0.9, "half the relative difference", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("mode",)
     SENTENCE: ClassVar[str] = "Adhesion differs between traction and braking."
     FORMULA: ClassVar[str] = "mu (1 + k m), m = 1 in traction, -1 in braking, 0 in coasting"

@@ -28,6 +28,7 @@ class Patch(Scaling):
         "flatness": Parameter("1", 1.0, 12.0, "power of the distance", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("depth",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("position_m",)
     SENTENCE: ClassVar[str] = "A place on the track where adhesion is low on every pass."
     FORMULA: ClassVar[str] = (

@@ -28,6 +28,7 @@ class Periodic(Effect):
         "frequency": Parameter("1/column", 0.0, 1e12, "waves per unit of the column", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sine", "cosine")
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ()
     ORDER: ClassVar[int] = 1
     FORMULA: ClassVar[str] = (

@@ -23,6 +23,7 @@ class Relaxation(Changing, Remembering):
         "length": Parameter("m", 0.0, 100.0, "relaxation length", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("length",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "time_s")
     ORDER: ClassVar[int] = 2
     SLOW: ClassVar[bool] = True

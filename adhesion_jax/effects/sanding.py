@@ -27,6 +27,7 @@ class Sanding(Scaling, Remembering):
         "decay": Parameter("s", 0.05, 60.0, "time constant of loss", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("sanding", "time_s")
     SENTENCE: ClassVar[str] = "Sand raises adhesion; it takes time to arrive and stays for a while."
     FORMULA: ClassVar[str] = (

@@ -22,6 +22,7 @@ class SlipBias(Bending):
         "bias": Parameter("1", -0.05, 0.05, "slip ratio that is missing", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("bias",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ()
     SENTENCE: ClassVar[str] = (
         "The wheel radius differs from the one that the slip was calculated with."

@@ -42,6 +42,7 @@ class SlipNoise(Bending):
         "roughness": Parameter("1/s^1.5", 1e-9, 1e6, "change of the rate of slip", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sigma",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
     SENTENCE: ClassVar[str] = (
         "The slip signal is noisy: the true slip is estimated from neighbouring points in time."

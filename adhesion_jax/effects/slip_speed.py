@@ -22,6 +22,7 @@ class SlipSpeed(Scaling):
         "c4": Parameter("s/m", -0.2, 2.0, "fall with slip velocity", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("c4",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
     SENTENCE: ClassVar[str] = "Adhesion falls with slip velocity: Burckhardt's c4."
     FORMULA: ClassVar[str] = "mu exp(-c4 |l| V), l the slip ratio, V the vehicle speed in m/s"

@@ -22,6 +22,7 @@ class TorqueOffset(Changing):
         "offset": Parameter("1", -0.5, 0.5, "adhesion that is added", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("offset",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ()
     ORDER: ClassVar[int] = 1
     SENTENCE: ClassVar[str] = "The force signal has an offset, such as the torque of losses."

@@ -22,6 +22,7 @@ class CurveOfTrack(Scaling):
         "k": Parameter("m", -300.0, 300.0, "relative loss per unit of curvature", _SOURCE),
     }
     STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("curvature_per_m",)
     SENTENCE: ClassVar[str] = "Adhesion is lower in curves of the track."
     FORMULA: ClassVar[str] = "mu (1 - k |kappa|), kappa the curvature of the track in 1/m"

@@ -33,6 +33,7 @@ class Wave(Scaling):
     cosine2: Scalar
 
     STRENGTHS: ClassVar[tuple[str, ...]] = ("sine", "cosine")
+    REFERENCES: ClassVar[Mapping[str, str]] = {}
     AXIS: eqx.AbstractClassVar[str]
 
     @abstractmethod

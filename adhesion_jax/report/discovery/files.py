@@ -18,6 +18,7 @@ from adhesion_jax.report.discovery.words import candidates, verdict
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.page import Table
 from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.text import WIDTH, filled
 
 #: The names of the files of the figures; a figure without content is not drawn.
 FIGURES = (
@@ -41,8 +42,6 @@ DISCOVERY_FILES = (
     "ranking.csv",
     *FIGURES,
 )
-
-_WIDTH = 96
 
 
 def write_discovery(folder: Path, findings: Findings, logs: Sequence[Chosen] = ()) -> None:
@@ -81,18 +80,13 @@ def report_json(findings: Findings) -> dict[str, object]:
 def printed(findings: Findings) -> str:
     """The verdict, the errors and the effects, for a terminal."""
     parts = [
-        textwrap.fill(verdict(findings), _WIDTH, break_on_hyphens=False),
+        textwrap.fill(verdict(findings), WIDTH, break_on_hyphens=False),
         _lines(errors_table(findings)),
     ]
     if findings.effects or findings.unexplained:
         parts.append(_lines(effects_table(findings)))
     if findings.warnings:
-        parts.append(
-            "\n".join(
-                textwrap.fill(f"Warning: {text}", _WIDTH, subsequent_indent="  ")
-                for text in findings.warnings
-            )
-        )
+        parts.append("\n".join(filled(f"Warning: {text}") for text in findings.warnings))
     return "\n\n".join(parts)
 
 

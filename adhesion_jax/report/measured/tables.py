@@ -9,6 +9,7 @@ import pandas as pd
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.fit import MeasuredFit
 from adhesion_jax.report.measured.words import LEAST_NAMED, reasons
+from adhesion_jax.report.text import WIDTH, flush_left
 from adhesion_jax.wording import listed, plus_minus
 
 
@@ -29,7 +30,7 @@ def answer_lines(answer: Answer, fit: MeasuredFit) -> str:
         (
             f"mu_max    {_interval(answer.mu_max)}",
             f"slip_opt  {slip}",
-            *textwrap.wrap(said, 96, break_on_hyphens=False),
+            *textwrap.wrap(said, WIDTH, break_on_hyphens=False),
         )
     )
 
@@ -128,10 +129,4 @@ def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
                 ),
             }
         )
-    return "\n\n".join(_aligned(pd.DataFrame(rows)) for rows in (summary, parameters))
-
-
-def _aligned(table: pd.DataFrame) -> str:
-    # pandas can set the headings flush left, the cells only by padding them.
-    padded = table.apply(lambda column: column.str.ljust(column.str.len().max()))
-    return padded.to_string(index=False, justify="left")
+    return "\n\n".join(flush_left(pd.DataFrame(rows)) for rows in (summary, parameters))

@@ -1,6 +1,5 @@
 """The verdict on a measured record in words."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.fit import EXACT, MeasuredFit
 from adhesion_jax.measured.residual import Residual
 from adhesion_jax.measured.slip import SlipErrors
+from adhesion_jax.report.text import filled
 from adhesion_jax.wording import listed, plus_minus
 
 #: The residual is said to have structure if the likeness of its neighbours exceeds this number of
@@ -26,8 +26,6 @@ _APART = 2.0
 
 #: Autocorrelation, run scatter and misfit below this are not worth a number.
 _SLIGHT = 5e-4
-
-_WIDTH = 96
 
 
 def verdict(
@@ -57,9 +55,7 @@ def verdict(
         ("Not to be trusted", _doubts(fits, ranked, not_fitted, answer, slip, measured)),
     ]
     return "\n".join(
-        textwrap.fill(f"{title}: {' '.join(sentences)}", _WIDTH, subsequent_indent="  ")
-        for title, sentences in paragraphs
-        if sentences
+        filled(f"{title}: {' '.join(sentences)}") for title, sentences in paragraphs if sentences
     )
 
 

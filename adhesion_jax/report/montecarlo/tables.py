@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.report.text import with_errors
 from adhesion_jax.wording import plus_minus
 
 
@@ -67,7 +68,4 @@ def tracking_text(table: pd.DataFrame) -> str:
 
 
 def _pairs(table: pd.DataFrame, column: str) -> list[str]:
-    return [
-        plus_minus(value, error)
-        for value, error in zip(table[column], table[f"{column}_se"], strict=True)
-    ]
+    return with_errors(table[column], table[f"{column}_se"])

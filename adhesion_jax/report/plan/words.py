@@ -1,7 +1,5 @@
 """A plan in words and tables: the noise, the errors, what they rest on, what would be enough."""
 
-import textwrap
-
 import numpy as np
 import pandas as pd
 
@@ -10,9 +8,8 @@ from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.own_log import OwnLog
 from adhesion_jax.planning.plan import ROUGH, UNDETERMINED, Plan, Present, Wanted
 from adhesion_jax.planning.truth import curve_of
-from adhesion_jax.wording import listed, number, plus_minus
-
-_WIDTH = 96
+from adhesion_jax.report.text import filled, with_errors
+from adhesion_jax.wording import listed, number
 
 #: Half the width of a 95 % interval in standard errors.
 _QUANTILE = 1.96
@@ -79,22 +76,22 @@ def told(
     peak, unit = plan.planner.peak, plan.planner.truth.slip_unit
     free = curve_of(plan.planner.truth.law).free
     parts = [
-        _filled(
+        filled(
             f"Taken for the truth: {source}, mu_max {number(peak.mu_max)} at slip "
             f"{number(peak.slip_opt)}{unit}; unknown: {listed(free)}."
         ),
-        _filled(_noise_sentences(plan.planner.noise, log)),
-        _filled(_excitation_sentences(plan, log)),
+        filled(_noise_sentences(plan.planner.noise, log)),
+        filled(_excitation_sentences(plan, log)),
     ]
     for place, name in enumerate(QUANTITIES):
         parts.append(f"\nRelative standard error of {name} (%)\n{_table(plan, place)}")
-    parts += ["", *map(_filled, _remarks(plan))]
+    parts += ["", *map(filled, _remarks(plan))]
     if log is not None and log.misfit > 0:
-        parts.append(_filled(_misfit_sentence(log)))
+        parts.append(filled(_misfit_sentence(log)))
     if present is not None:
-        parts += ["", *map(_filled, _present_sentences(plan, present))]
+        parts += ["", *map(filled, _present_sentences(plan, present))]
     if wanted is not None:
-        parts += ["", _filled(_wanted_sentences(plan, wanted)), _wanted_table(plan, wanted)]
+        parts += ["", filled(_wanted_sentences(plan, wanted)), _wanted_table(plan, wanted)]
     return "\n".join(parts)
 
 
@@ -110,19 +107,12 @@ def checked(cells: pd.DataFrame, measurements: int) -> str:
         "samples": cells["samples"].map("{:,}".format),
         "planned (%)": cells["planned"].map(per_cent),
         "simulated (%)": cells["simulated"].map(per_cent),
-        "simulated / planned": [
-            plus_minus(ratio, error)
-            for ratio, error in zip(cells["ratio"], cells["ratio_se"], strict=True)
-        ],
+        "simulated / planned": with_errors(cells["ratio"], cells["ratio_se"]),
         "bias (standard errors)": cells["bias"].map("{:+.2f}".format),
         "fits without a peak": cells["failed"].astype(str),
     }
     table = pd.DataFrame(shown).to_string(index=False)
     return f"Standard error of mu_max in {measurements:,} simulated measurements\n{table}"
-
-
-def _filled(text: str) -> str:
-    return textwrap.fill(text, _WIDTH, subsequent_indent="  ")
 
 
 def _noise_sentences(noise: Noise, log: OwnLog | None) -> str:

@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.report.text import with_errors
 from adhesion_jax.studies.baseline.compare import GONE, NEW, REGRESSIONS, SAME
-from adhesion_jax.wording import plus_minus
 
 #: Verdicts on an identifier that only one of the two tables has.
 _WHOLE = {
@@ -25,8 +25,8 @@ def moved_text(compared: pd.DataFrame) -> str:
         {
             **{name: moved[name] for name in ("verdict", "identifier", "scenario", "rail")},
             **{name: moved[name] for name in ("quantity", "statistic")},
-            "baseline": _pairs(moved["baseline"], moved["baseline_se"]),
-            "fresh": _pairs(moved["fresh"], moved["fresh_se"]),
+            "baseline": with_errors(moved["baseline"], moved["baseline_se"]),
+            "fresh": with_errors(moved["fresh"], moved["fresh_se"]),
             "p": [f"{p:.1g}" if np.isfinite(p) else "" for p in moved["p"]],
         }
     )
@@ -38,7 +38,3 @@ def moved_text(compared: pd.DataFrame) -> str:
         if statistic == ""
     ]
     return "\n".join([lines.to_string(index=False), "", *sentences, count])
-
-
-def _pairs(values: pd.Series, errors: pd.Series) -> list[str]:
-    return [plus_minus(value, error) for value, error in zip(values, errors, strict=True)]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from adhesion_jax.report.montecarlo.figures import LABELS
 from adhesion_jax.report.style import line_styles
+from adhesion_jax.report.text import with_errors
 from adhesion_jax.studies.claims.claim import Claim
 from adhesion_jax.studies.claims.he2018_consistency import Fit
-from adhesion_jax.wording import plus_minus
 
 Array = NDArray[np.float64]
 
@@ -25,12 +25,11 @@ def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:
 def claims_text(table: pd.DataFrame) -> str:
     """The table as text: numbered lines, then a remark on each."""
     width = max(map(len, table["claim"]))
-    pairs = zip(table["ours"], table["ours_error"], strict=True)
     lines = pd.DataFrame(
         {
             "claim": [claim.ljust(width) for claim in table["claim"]],
             "paper's": [f"{x:.4g}" if np.isfinite(x) else "" for x in table["paper_number"]],
-            "ours": [plus_minus(x, error) for x, error in pairs],
+            "ours": with_errors(table["ours"], table["ours_error"]),
             "unit": list(table["unit"]),
             "verdict": list(table["verdict"]),
         },

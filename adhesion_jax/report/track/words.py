@@ -1,6 +1,5 @@
 """The results of a followed log: the table of checkpoints, the summary, the words."""
 
-import textwrap
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -11,9 +10,8 @@ from adhesion_jax.measured.following import QUANTILE, Followed
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.log import Log
 from adhesion_jax.report.measured.words import reasons
+from adhesion_jax.report.text import filled, flush_left, with_errors
 from adhesion_jax.wording import listed, number, plus_minus
-
-_WIDTH = 96
 
 #: Above this share of the initial slope its standard error is said to be large.
 _POORLY = 0.1
@@ -99,8 +97,8 @@ def printed_summary(summary: pd.DataFrame) -> str:
     cells = pd.DataFrame(
         {
             "method": summary["identifier"],
-            "mu_max at the end": _estimates(summary, "mu_max"),
-            "slip_opt": _estimates(summary, "slip_opt"),
+            "mu_max at the end": with_errors(summary["mu_max"], summary["mu_max_se"]),
+            "slip_opt": with_errors(summary["slip_opt"], summary["slip_opt_se"]),
             "status": summary["status"],
             "resets": summary["resets"].astype(str),
             "skipped": [f"{100 * share:.1f} %" for share in summary["skipped"]],
@@ -108,15 +106,7 @@ def printed_summary(summary: pd.DataFrame) -> str:
             "ns per sample": [f"{time:.0f}" for time in summary["ns_per_sample"]],
         }
     )
-    padded = cells.apply(lambda column: column.str.ljust(column.str.len().max()))
-    return padded.to_string(index=False, justify="left")
-
-
-def _estimates(summary: pd.DataFrame, name: str) -> list[str]:
-    return [
-        plus_minus(value, error)
-        for value, error in zip(summary[name], summary[f"{name}_se"], strict=True)
-    ]
+    return flush_left(cells)
 
 
 def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Followed]) -> str:
@@ -129,13 +119,7 @@ def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Fo
         ("Not to be trusted", _doubts(slope, followed, summary)),
     ]
     return "\n".join(
-        textwrap.fill(
-            f"{title}: {' '.join(filter(None, sentences))}",
-            _WIDTH,
-            subsequent_indent="  ",
-            break_on_hyphens=False,  # names of methods have some
-        )
-        for title, sentences in paragraphs
+        filled(f"{title}: {' '.join(filter(None, sentences))}") for title, sentences in paragraphs
     )
 
 
