@@ -2,7 +2,7 @@
 
 `import adhesion_jax as aj` imports nothing else and sets nothing: what is named here is imported
 when it is first used. The functions that do what commands do compute in double precision and on the
-CPU whatever jax is set to; how to use them is told, with examples that run, in docs/python.md.
+CPU whatever jax prefers; how to use them is told, with examples that run, in docs/python.md.
 """
 
 from importlib import import_module

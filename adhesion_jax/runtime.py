@@ -77,13 +77,14 @@ def as_in_commands(function: Callable[P, T]) -> Callable[P, T]:
 def _on_the_cpu() -> AbstractContextManager[None]:
     try:
         cpu = jax.local_devices(backend="cpu")[0]
+        there = device() == cpu
     except (RuntimeError, AssertionError) as error:  # jax asserts that it has what it is set to
         chosen = _CONFIG.jax_platforms or "all that it finds"
         raise InputError(
             "This package computes on the CPU, and jax, which is set to compute on "
             f"{chosen}, has none; set JAX_PLATFORMS to cpu, or to cuda,cpu."
         ) from error
-    return nullcontext() if device() == cpu else jax.default_device(cpu)
+    return nullcontext() if there else jax.default_device(cpu)
 
 
 def device() -> jax.Device:
@@ -154,7 +155,7 @@ def describe() -> dict[str, object]:
     return {
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
-        "devices": [str(device) for device in jax.devices()],
+        "devices": [str(device())],
         "machine": platform.machine(),
         "cores": CORES,
         "xla_flags": os.environ.get("XLA_FLAGS", ""),

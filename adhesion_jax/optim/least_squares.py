@@ -5,7 +5,6 @@ a sine maps into the box, and their success is checked here.
 """
 
 from collections.abc import Callable
-from functools import wraps
 from typing import Any, NamedTuple
 
 import jax
@@ -73,7 +72,6 @@ def in_the_box(search: LibrarySearch) -> Solver:
     In a batch a few searches at a time: their loops wait for the slowest of these alone.
     """
 
-    @wraps(search)
     def solver(
         residual: Residual,
         start: Float[Array, " p"],
@@ -94,6 +92,8 @@ def in_the_box(search: LibrarySearch) -> Solver:
         x, steps = in_groups(solve, _SIDE_BY_SIDE)(data, start, lower, upper)
         return finish(residual, x, start, lower, upper, steps)
 
+    solver.__name__, solver.__qualname__ = search.__name__, search.__qualname__
+    solver.__module__, solver.__doc__ = search.__module__, search.__doc__
     return solver
 
 

@@ -123,6 +123,29 @@ def test_rows_that_are_their_own_blocks_are_fitted_as_the_search_does(fitted, ru
     assert p_of(found.rows, [0]) < 1e-6
 
 
+@pytest.mark.parametrize("spoiled", ["promise", "step"])
+def test_a_bad_step_is_not_the_end_of_the_fit(fitted, runs, monkeypatch, spoiled):
+    """The first step promises a rise, as at a bound, or leads far away."""
+    moved = fitted.base_values * 1.1
+    away = fit_model(fitted.setting, fitted.base, moved.tolist(), fitted.effects, near=np.inf)
+    taken, ahead = [], rows._step
+
+    def step(*given):
+        found, promised = ahead(*given)
+        taken.append(given[-1])
+        if len(taken) > 1:
+            return found, promised
+        return (found, -1.0) if spoiled == "promise" else (-20.0 * found, promised)
+
+    monkeypatch.setattr(rows, "_step", step)
+    found = rows.fitted_to_rows(away, runs, {}, white=False)
+    error = np.sqrt(np.diag(covariance(fitted)))
+    off = (found.rows.values - fitted.values)[list(fitted.places)] / error
+    assert np.abs(off).max() < 0.05
+    # Damped after a step that was refused, and after that one less and less.
+    assert (max(taken) > 1e-4) == (spoiled == "step")
+
+
 def test_p_of_one_strength_is_that_of_students_t(fitted):
     """With the other parameters of an effect held, of which this one has none."""
     place = fitted.places.index(max(fitted.places))

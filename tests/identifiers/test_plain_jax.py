@@ -132,7 +132,7 @@ def test_single_precision_is_refused_in_a_sentence(name):
         IDENTIFIERS[name].init(known, jax.random.key(0))
 
 
-@pytest.mark.parametrize("name", FORMS)
+@pytest.mark.parametrize("name", IDENTIFIERS)
 def test_an_identifier_is_translated_for_a_gpu_without_one(name):
     identifier = IDENTIFIERS[name]
     known, blocks = records(identifier)

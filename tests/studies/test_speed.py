@@ -208,8 +208,9 @@ def test_a_gpu_is_measured_beside_a_core_on_the_same_runs(monkeypatch):
     ("found", "expected", "words"),
     [
         ([0.5, np.nan, 0.3, 9.0], [0.5, np.nan, 0.5], "differs from that of the core by 0.2 at"),
-        ([0.5, 0.5, 0.5], [np.nan, np.nan, 0.5], "2 of 3 runs have an adhesion maximum on one"),
+        ([0.5, 0.5, 0.5], [np.nan, np.nan, 0.5], "2 of 3 runs lack an adhesion maximum on one"),
         ([np.nan] * 3, [np.nan] * 3, "differs from that of the core by 0 at most"),
+        ([[0.5, 0.5]] * 3, [[0.5, 0.5], [np.nan] * 2, [0.5, 0.4]], "1 of 3 runs lack"),
     ],
 )
 def test_a_run_without_a_result_on_one_of_two_processors_is_told(

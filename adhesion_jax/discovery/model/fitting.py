@@ -52,7 +52,7 @@ _TURNS = 4
 
 #: A noise is rejected if refitting a model with effects under it multiplies the sum of squared
 #: errors by more than this. By hand.
-MOST_SQUARES_TIMES = 1.1
+MOST_SQUARES_REFITTED = 1.1
 
 A = TypeVar("A")
 
@@ -162,7 +162,7 @@ def with_own_noise(fitted: Fitted) -> Fitted:
     that raises the sum of squared errors of a model with effects too much is rejected.
     """
     # For a curve without effects any rise is allowed: what it misses is what is searched for.
-    allowed = MOST_SQUARES_TIMES * squares(fitted) if fitted.effects else np.inf
+    allowed = MOST_SQUARES_REFITTED * squares(fitted) if fitted.effects else np.inf
     for _ in range(_TURNS):
         values = fitted.base_values.tolist()
         again = nearly_fitted(own_noise(fitted), fitted.base, values, fitted.effects)

@@ -19,7 +19,7 @@ from adhesion_jax.data.grouping import places
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.fitting import (
     DETERMINED,
-    MOST_SQUARES_TIMES,
+    MOST_SQUARES_REFITTED,
     Fitted,
     fit_model,
     packed,
@@ -43,8 +43,9 @@ _STEPS = 8
 #: The fit ends where a step promises to lower half the deviance by less than this.
 _SETTLED = 1e-3
 
-#: Factor on a step after one that did not lower half the deviance.
-_SHORTER = 0.25
+#: Factors on the damping after a step that lowers half the deviance, and after one that does not;
+#: the least damping after the latter, relative to the curvature.
+_EASED, _RAISED, _LEAST_RAISED = 0.1, 10.0, 1e-3
 
 #: By column, the smallest and the largest value of the rows.
 Ranges = Mapping[str, tuple[float, float]]
@@ -269,23 +270,25 @@ def fitted_to_rows(fitted: Fitted, runs: RunSet, ranges: Ranges, white: bool) ->
         squares = float(products.sums[:2, :, -2, -2].sum())
         return squares, noise, _loss(products, noise, at, model.precision)
 
-    values, share = fitted.values, 1.0
+    values, damping = fitted.values, DETERMINED
     first, noise, loss = under(values)
     for _ in range(_STEPS):
         at = values[list(fitted.places)]
-        gradient, hessian = loss.gradient.sum(0), loss.hessian.sum(0)
-        box = model.lower, model.upper
-        step = np.asarray(damped_step(at, gradient, hessian, DETERMINED, *box))
-        if -(step @ gradient + 0.5 * step @ hessian @ step) < _SETTLED:
+        step, promised = _step(loss, at, model, DETERMINED)
+        # A step that stops at a bound may promise a rise, which is not the end.
+        if 0 <= promised < _SETTLED:
             break
+        if damping > DETERMINED:
+            step, _ = _step(loss, at, model, damping)
         trial = values.copy()
-        trial[list(fitted.places)] = at + share * step
+        trial[list(fitted.places)] = at + step
         squares, other, new = under(trial)
         # A fit that misses the levels of the runs is no fit, though it is the likelier one.
-        if new.total < loss.total and squares <= MOST_SQUARES_TIMES * first:
-            values, noise, loss, share = trial, other, new, 1.0
+        if new.total < loss.total and squares <= MOST_SQUARES_REFITTED * first:
+            values, noise, loss = trial, other, new
+            damping = max(_EASED * damping, DETERMINED)
         else:
-            share *= _SHORTER
+            damping = max(_RAISED * damping, _LEAST_RAISED)
     return _with(fitted, values, noise, loss)
 
 
@@ -335,6 +338,14 @@ def _law(fitted: Fitted, values: np.ndarray, ranges: Ranges) -> CorrectedLaw:
     effects = (*noisy, *unpack(values, fitted.effects))
     law = CorrectedLaw(curve, effects, ranges, problem.calendar)
     return jax.tree.map(np.asarray, law)
+
+
+def _step(loss: _Loss, at: np.ndarray, model: Model, damping: float) -> tuple[np.ndarray, float]:
+    """The damped step inside the bounds, and by how much it promises to lower the loss."""
+    gradient, hessian = loss.gradient.sum(0), loss.hessian.sum(0)
+    box = model.lower, model.upper
+    step = np.asarray(damped_step(at, gradient, hessian, damping, *box))
+    return step, -float(step @ gradient + 0.5 * step @ hessian @ step)
 
 
 def _with(fitted: Fitted, values: np.ndarray, noise: _Noise, loss: _Loss) -> OfRows:

@@ -2,7 +2,7 @@
 
 Constants of a numerical method (bins, folds, sign flips, buffer sizes) stand beside their
 algorithm; those that decide about the noise stand in `model`, which imports nothing of the search:
-`fitting.MOST_SQUARES_TIMES`, `slip._NOTICEABLE` and `slip._SIGNIFICANT`.
+`fitting.MOST_SQUARES_REFITTED`, `slip._NOTICEABLE` and `slip._SIGNIFICANT`.
 
 Each comment ends with the evidence, which is one of three kinds. "Convention": a usual choice of
 statistics. "Measured": on simulated sets. "By hand": chosen while the search was built, and never
