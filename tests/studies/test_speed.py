@@ -27,7 +27,7 @@ from adhesion_jax.studies.speed import (
     recursions,
     scaling,
 )
-from adhesion_jax.studies.speed.batches import Batch
+from adhesion_jax.studies.speed.batches import Batch, drawn
 from adhesion_jax.studies.speed.turns import Timed, absent, rates
 
 SAMPLES, RUNS, STREAMS = 120, 6, 2000
@@ -202,6 +202,22 @@ def test_a_gpu_is_measured_beside_a_core_on_the_same_runs(monkeypatch):
     assert "GPU: lm: identifications per second by the clock" in told(
         table.reset_index().assign(part="GPU: lm", unit="identifications")
     )
+
+
+@pytest.mark.parametrize("case", gpu.CASES, ids=lambda case: case.method)
+def test_what_is_counted_on_a_gpu_is_what_a_run_holds(case, monkeypatch):
+    def batch(_, config, __):
+        estimate = Estimate({"mu_max": jnp.zeros(config.runs)}, *7 * [jnp.zeros(config.runs)])
+        return Batch(lambda: estimate, 0.1)
+
+    seen = []
+    monkeypatch.setattr(gpu, "batch_on", batch)
+    monkeypatch.setattr(gpu, "timed", lambda _, amount, __: seen.append(amount))
+    gpu._entries(case, jax.devices()[0], 0)
+    options = Options(points=gpu.POINTS)
+    (fresh,) = drawn(Config(case.scenario, options=options, runs=1)).fresh[None]
+    each = len(fresh) if case.unit == "identifications" else int(np.sum(fresh))
+    assert seen == [each * runs for runs in (TILE, *gpu.RUN_COUNTS)]
 
 
 @pytest.mark.parametrize(
