@@ -17,6 +17,7 @@ STOREYS = (
     ("effects", "metrics"),
     ("scenarios", "simulation", "data"),
     ("identifiers", "traction"),
+    ("inference",),
     ("measured", "discovery"),
     ("campaign", "planning"),
     ("studies",),

@@ -10,7 +10,7 @@ import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
-from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.reading import CORRECTIONS, FILES, reading
 from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
 
@@ -23,7 +23,7 @@ _MOST_VALUES = 50
 #: they are not given.
 _OF_LOGS: Mapping[str, object] = {
     "columns": {},
-    "wheel_radius": None,
+    "known": {},
     "dry_run": False,
     "events": None,
 }
@@ -195,4 +195,7 @@ def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: 
     """InputError if one of the options, by what it is when it is not given, was given."""
     for option, absent in options.items():
         if asked[option] != absent:
-            raise InputError(f"--{option.replace('_', '-')} does not go with {source}.")
+            name = f"--{option.replace('_', '-')}"
+            if option == "known":
+                name = CORRECTIONS[next(iter(asked[option]))]  # type: ignore[call-overload]
+            raise InputError(f"{name} does not go with {source}.")

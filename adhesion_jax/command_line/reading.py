@@ -1,5 +1,6 @@
 """The options by which every command that reads measurements is told what their columns are."""
 
+import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
@@ -13,6 +14,15 @@ from adhesion_jax.errors import InputError
 
 #: What can be read, for a refusal.
 FILES = "a .csv, .csv.gz, .txt, .tsv or .parquet file"
+
+#: What of sensors and wheelset the columns do not tell, and the option that says it.
+CORRECTIONS: Mapping[str, str] = {
+    "wheel_radius": "--wheel-radius",
+    "delays": "--delay",
+    "inertia": "--inertia",
+    "gear_ratio": "--gear-ratio",
+    "efficiency": "--efficiency",
+}
 
 _OPTIONS = (
     click.option(
@@ -38,6 +48,34 @@ _OPTIONS = (
         "identified.",
     ),
     click.option(
+        "--delay",
+        "delays",
+        multiple=True,
+        metavar="NAME=SECONDS",
+        help="How late a signal is, as in vehicle_speed=0.2; NAME is vehicle_speed, wheel_speed, "
+        "force, load or a quantity. May be given often.",
+    ),
+    click.option(
+        "--inertia",
+        type=FiniteRange(min=0.0, min_open=True),
+        metavar="KG_M2",
+        help="Inertia of a wheelset with all that turns with it, which is taken off the force; "
+        "needs --wheel-radius.",
+    ),
+    click.option(
+        "--gear-ratio",
+        type=FiniteRange(min=0.0, min_open=True),
+        metavar="RATIO",
+        help="Turns of the motor for one of the wheel, where the torque of the motor was measured; "
+        "needs --wheel-radius.",
+    ),
+    click.option(
+        "--efficiency",
+        type=FiniteRange(min=0.0, max=1.0, min_open=True),
+        metavar="SHARE",
+        help="Of the gear between motor and wheel.  [default: 1]",
+    ),
+    click.option(
         "--dry-run",
         is_flag=True,
         help="Print how the columns are understood, and stop there.",
@@ -46,20 +84,43 @@ _OPTIONS = (
 
 
 def reading(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds the options; the command is then called with columns, wheel_radius and dry_run.
+    """Adds the options; the command is then called with columns, known and dry_run.
 
-    `columns` maps a quantity to what was said of it, as the functions of the library take it.
+    `columns` maps a quantity to what was said of it, as the functions of the library take it, and
+    `known` has those of CORRECTIONS that were given, by the names of the arguments of the library.
     """
 
     @wraps(command)
     def told(
         *args: Any, columns_file: Path | None, columns_named: Sequence[str], **asked: Any
     ) -> None:
-        command(*args, columns=_columns(columns_file, columns_named), **asked)
+        asked["delays"] = _delays(asked["delays"]) or None
+        given = {name: asked.pop(name) for name in CORRECTIONS}
+        known = {name: value for name, value in given.items() if value is not None}
+        command(*args, columns=_columns(columns_file, columns_named), known=known, **asked)
 
     for option in reversed(_OPTIONS):
         told = option(told)
     return told
+
+
+def _delays(named: Sequence[str]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for one in named:
+        name, _, written = (part.strip() for part in one.partition("="))
+        try:
+            seconds = float(written)
+        except ValueError:
+            seconds = math.nan
+        if not name or not math.isfinite(seconds):
+            raise InputError(
+                f'--delay "{one}" does not say how late a signal is; write NAME=SECONDS, as in '
+                '"vehicle_speed=0.2".'
+            )
+        if name in found:
+            raise InputError(f"--delay {name} is given twice; name one delay for it.")
+        found[name] = seconds
+    return found
 
 
 def _columns(file: Path | None, named: Sequence[str]) -> Mapping[str, object]:

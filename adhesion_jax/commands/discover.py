@@ -4,6 +4,7 @@ import json
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -28,20 +29,20 @@ def main(
     events: bool | None,
     out: Path,
     columns: Mapping[str, object],
-    wheel_radius: float | None,
+    known: Mapping[str, Any],
     dry_run: bool,
 ) -> None:
     """Write what a curve lacks in the runs, or in simulated ones where effects are planted."""
     if planted is None:
-        measured = read(train, columns, wheel_radius)
-        judged = read(tests, columns, wheel_radius) if tests else []
+        measured = read(train, columns, known)
+        judged = read(tests, columns, known) if tests else []
         if dry_run:
             return
     output_directory(out)
     if planted is not None:
         write_set(out, simulate(planted, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
-        measured, judged = read(train, {}, None), read(tests, {}, None)
+        measured, judged = read(train, {}, {}), read(tests, {}, {})
     logs, judging = events_of(measured, events), events_of(judged, events) if judged else []
     # Nothing holds the logs while effects are searched in their events.
     del measured, judged

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -10,7 +11,7 @@ from adhesion_jax.commands.reading import read
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.events import events_of
 from adhesion_jax.files import output_directory, staged
-from adhesion_jax.library.identify import IDENTIFY_FILES, identify_chosen
+from adhesion_jax.library.identify import IDENTIFY_FILES, identify_chosen, with_groups
 from adhesion_jax.library.reading import citation_of
 
 
@@ -22,11 +23,11 @@ def main(
     slip_noise: float | None,
     out: Path,
     columns: Mapping[str, object],
-    wheel_radius: float | None,
+    known: Mapping[str, Any],
     dry_run: bool,
 ) -> None:
     """Write what the measured points of files, or of sets that ship, say of a curve, or all."""
-    measured = read(files, columns, wheel_radius)
+    measured = read(files, with_groups(columns, by), known)
     if dry_run:
         return
     # Nothing holds the log while the curves are fitted to its events.

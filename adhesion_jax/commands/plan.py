@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 import pandas as pd
@@ -28,7 +29,7 @@ def main(
     law: str | None,
     curve: str | None,
     columns: Mapping[str, object],
-    wheel_radius: float | None,
+    known: Mapping[str, Any],
     dry_run: bool,
     events: bool | None,
     conditions: tuple[tuple[str, float], ...],
@@ -40,7 +41,7 @@ def main(
     """Write the plan for a rail, a curve, a law or a log, and where asked what simulations say."""
     source: str | Law | Identification | None = rail
     if log is not None:
-        measured = read([log], columns, wheel_radius)
+        measured = read([log], columns, known)
         if dry_run:
             return
         chosen = events_of(measured, events)

@@ -1,20 +1,26 @@
 """What every command that takes measurements does first: it reads them and says what it read."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import click
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.data import Measured
+from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.library.reading import all_of
 from adhesion_jax.report.measured.understood import understood
 
 
 def read(
-    files: Sequence[str], columns: Mapping[str, object], wheel_radius: float | None
+    files: Sequence[str], columns: Mapping[str, object], known: Mapping[str, Any]
 ) -> list[Measured]:
-    """The measurements of the files; what was understood of each is printed."""
+    """The measurements of the files; what was understood of each is printed.
+
+    `known` are arguments of `corrections_of`.
+    """
+    corrections = corrections_of(**known)
     with shown() as progress:
-        found = all_of(files, columns, wheel_radius, progress)
+        found = all_of(files, columns, corrections, progress)
     click.echo("\n\n".join(map(understood, found)) + "\n")
     return found

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -18,11 +19,11 @@ def main(
     events: bool | None,
     out: Path,
     columns: Mapping[str, object],
-    wheel_radius: float | None,
+    known: Mapping[str, Any],
     dry_run: bool,
 ) -> None:
     """Write what the methods make of the log of a file, or of a set that ships."""
-    (measured,) = read([log], columns, wheel_radius)
+    (measured,) = read([log], columns, known)
     if dry_run:
         return
     output_directory(out)

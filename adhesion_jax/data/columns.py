@@ -26,6 +26,21 @@ class Column(NamedTuple):
 
 _ANY = math.inf
 
+#: What the standard deviation of a quantity is called.
+_SD = (
+    "{} sd",
+    "{} std",
+    "sd {}",
+    "std {}",
+    "sigma {}",
+    "error of {}",
+    "{} ±",
+    "{} +",
+    "±{}",
+    "+ {}",
+    "standard deviation of {}",
+)
+
 #: Name to column. The ranges are wide: a value outside has a wrong unit or comes from a faulty
 #: sensor.
 COLUMNS: Mapping[str, Column] = {
@@ -140,8 +155,27 @@ COLUMNS: Mapping[str, Column] = {
             "kraftschlussbeiwert",
             "reibwert",
             "traction coefficient",
+            "cof",
         ),
         "give adhesion as force over load, not in per cent",
+    ),
+    "adhesion_sd": Column(
+        "1",
+        1e-9,
+        3.0,
+        "standard deviation of the adhesion in the row, positive",
+        "adhesion_sd",
+        tuple(words.format(mu) for words in _SD for mu in ("mu", "µ", "adhesion", "cof")),
+        "a standard deviation is positive, and in the unit of the adhesion",
+        usual=(1e-5, 0.3),
+    ),
+    "repeats": Column(
+        "1",
+        1.0,
+        1e9,
+        "number of measurements of which the adhesion in the row is the mean",
+        "repeats",
+        advice="the adhesion is the mean of one measurement or more",
     ),
     "tangential_force_N": Column(
         "N",
@@ -172,6 +206,14 @@ COLUMNS: Mapping[str, Column] = {
         "force of all driven wheels along the rail, of the sign of slip",
         "locomotive_force",
         ("zugkraft lok", "lokzugkraft", "zugkraft lokomotive", "zugkraft gesamt"),
+    ),
+    "motor_torque_Nm": Column(
+        "Nm",
+        -1e6,
+        1e6,
+        "torque of the motor of one axle, of the sign of slip",
+        "motor_torque",
+        ("torque", "motormoment", "drehmoment", "motordrehmoment", "antriebsmoment", "m motor"),
     ),
     "normal_load_N": Column(
         "N",
@@ -325,50 +367,26 @@ LABELS: Mapping[str, str] = {
     "run": "number or name of the run",
     "axle": "number or name of the axle",
     "mode": ", ".join(MODES),
+    "group": "what a comparison by a column goes by: any text or number",
 }
 
 #: Names by which columns of labels are recognised, in small letters.
 LABEL_SYNONYMS: Mapping[str, tuple[str, ...]] = {
-    "run": ("lauf", "fahrt", "versuch", "messfahrt", "sweep"),
-    "axle": ("achse", "radsatz", "wheelset"),
+    "run": ("run", "lauf", "fahrt", "versuch", "messfahrt", "sweep"),
+    "axle": ("axle", "achse", "radsatz", "wheelset"),
     "mode": (),
+    "group": (),
 }
+
+#: What a standard deviation is called in the column right after that of its adhesion, and what the
+#: number of repeats is called where a column has the standard deviation; in small letters, with a
+#: space in the place of a hyphen or slash.
+SD_AFTER = ("sd", "std", "stdev", "sigma", "standard deviation", "error", "±", "+")
+REPEATS_BESIDE = ("n", "count", "n repeats", "number of repeats", "wiederholungen", "anzahl")
 
 #: Words that tell a quantity but not of which body, and the columns among which to choose.
 UNDECIDED: Mapping[str, tuple[str, ...]] = {
     "force": ("tangential_force_N", "axle_force_N", "locomotive_force_N"),
     "load": ("normal_load_N", "axle_load_N", "locomotive_load_N"),
     "rotation": ("wheel_rotation_radps",),
-}
-
-#: Names of columns that are one of UNDECIDED, in small letters.
-UNDECIDED_SYNONYMS: Mapping[str, tuple[str, ...]] = {
-    "force": (
-        "f",
-        "fx",
-        "zugkraft",
-        "tractive force",
-        "tractive effort",
-        "traction force",
-        "kraft",
-        "bremskraft",
-        "braking force",
-        "umfangskraft",
-        "längskraft",
-    ),
-    "load": (
-        "fz",
-        "fn",
-        "q",
-        "last",
-        "normalkraft",
-        "normal force",
-        "vertical load",
-        "vertical force",
-        "aufstandskraft",
-        "gewicht",
-        "weight",
-        "fahrzeugmasse",
-    ),
-    "rotation": ("n", "drehzahl", "rpm", "omega", "ω", "motordrehzahl"),
 }

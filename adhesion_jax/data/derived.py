@@ -1,10 +1,14 @@
 """What follows from measured columns: adhesion, load, slip, radius of the wheel."""
 
 from collections.abc import Mapping, Set
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
+from adhesion_jax.data.corrections import NOTHING, Corrections
+from adhesion_jax.data.forces import TORQUE, force_of_torque, without_inertia
 from adhesion_jax.data.gaps import of_rows
 from adhesion_jax.data.plausible import radius_warnings, wrong_unit
 from adhesion_jax.errors import InputError
@@ -51,6 +55,9 @@ _ADHESION = (
     ("axle_force_N", "locomotive_load_N", _AXLES),
     ("locomotive_force_N", "normal_load_N", _AXLES),
     ("locomotive_force_N", "axle_load_N", _AXLES),
+    (TORQUE, "axle_load_N"),
+    (TORQUE, "normal_load_N"),
+    (TORQUE, "locomotive_load_N", _AXLES),
 )
 _NO_SLIP = (
     "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with wheel_speed_mps or "
@@ -58,7 +65,7 @@ _NO_SLIP = (
 )
 _NO_ADHESION = (
     "the column adhesion (or tangential_force_N with normal_load_N, or force and load of an axle "
-    "or of the locomotive) is missing"
+    "or of the locomotive, or motor_torque_Nm and a load) is missing"
 )
 
 #: All of them.
@@ -104,7 +111,11 @@ def needed(names: Set[str]) -> tuple[list[str], list[str]]:
     return list(dict.fromkeys(found)), missing
 
 
-def derive(columns: Columns, wheel_radius: float | None) -> Derived:
+def derive(
+    columns: Columns,
+    known: Corrections = NOTHING,
+    labels: Mapping[str, pd.Categorical] = MappingProxyType({}),
+) -> Derived:
     """Adds to the columns what follows from them, and takes out what has served its purpose.
 
     They are changed in place, for copies of the columns of a whole log do not fit in memory.
@@ -116,12 +127,17 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
         slip velocity = circumferential speed - vehicle speed
         slip ratio = slip velocity / vehicle speed, for vehicle speeds of SLOWEST and more
 
-    so that slip, like adhesion, is positive in traction and negative in braking. InputError where
-    the radius is neither given nor to be found.
+    so that slip, like adhesion, is positive in traction and negative in braking. The force may be
+    that of a motor torque, and the inertia of the wheelset is taken off it (`forces`); runs and
+    axles are told by the `labels`. InputError where the radius is neither given nor to be found.
     """
     sources: dict[str, str] = {}
     notes: list[str] = []
-    used = np.ones(next(iter(columns.values())).size, bool)
+    wheel_radius = known.wheel_radius
+    radius_served = known.inertia is not None or known.gear_ratio is not None
+    notes += force_of_torque(columns, known)
+    with_force, of_inertia = without_inertia(columns, labels, known)
+    notes += of_inertia
 
     def add(name: str, values: np.ndarray, source: str) -> None:
         columns[name] = values
@@ -149,7 +165,7 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
             )
             notes += radius_warnings(found.metres)
         add("wheel_speed_mps", wheel_radius * rotation, f"{wheel_radius:.5g} m x rotation")
-    elif wheel_radius is not None:
+    elif wheel_radius is not None and not radius_served:
         notes.append("The wheel radius is not used: no slip had to be computed from a rotation.")
     if without_slip:
         _check_speeds(columns["wheel_speed_mps"], columns["vehicle_speed_mps"])
@@ -158,11 +174,13 @@ def derive(columns: Columns, wheel_radius: float | None) -> Derived:
             columns["wheel_speed_mps"] - columns["vehicle_speed_mps"],
             "wheel speed - train speed",
         )
+    used = with_force
     if "slip_ratio" not in columns and speed is not None:
-        used = speed >= SLOWEST
-        if not used.all():
-            notes.append(f"{of_rows(~used)} the train is {SLOW}.")
-        ratio = columns["slip_velocity_mps"] / np.where(used, speed, 1.0)
+        moves = speed >= SLOWEST
+        if not moves.all():
+            notes.append(f"{of_rows(~moves)} the train is {SLOW}.")
+        used = with_force & moves
+        ratio = columns["slip_velocity_mps"] / np.where(moves, speed, 1.0)
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
         add("vehicle_speed_mps", _speed(columns), "slip velocity / slip ratio")

@@ -106,7 +106,7 @@ def gather(
                 to = one.conversion
                 if (to.factor, to.offset) != (1.0, 0.0):
                     values = values * to.factor + to.offset
-            if text is not None and one.name in COLUMNS:
+            if text is not None and (one.name in COLUMNS or one.repeat):
                 faults.setdefault(
                     one.name, text_fault(first_row + text, one.column, cells[text].as_py())
                 )
@@ -126,7 +126,8 @@ def gather(
         values = columns[one.name].whole()
         if one.stamp == TIME_OF_DAY:
             values = unwrapped(values)
-        if one.name not in COLUMNS and (reason := _unfit(values, sheet.first_row)):
+        own = one.name not in COLUMNS and not one.repeat
+        if own and (reason := _unfit(values, sheet.first_row)):
             left_out[one.name] = reason
             continue
         numbers_of[one.name] = values

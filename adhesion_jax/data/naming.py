@@ -1,7 +1,7 @@
 """What the name of a column says: the quantity and the unit, where exactly one of each fits."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from adhesion_jax.data.columns import (
@@ -9,17 +9,51 @@ from adhesion_jax.data.columns import (
     LABEL_SYNONYMS,
     LABELS,
     UNDECIDED,
-    UNDECIDED_SYNONYMS,
 )
 from adhesion_jax.data.units import at_the_end, conversion, known
 from adhesion_jax.wording import listed
 
 #: Quantities without a dimension that are ratios wherever no unit is given. A slip is not among
 #: them, for 1.2 is a possible slip in per cent as well as a possible ratio.
-_RATIOS = ("adhesion", "sanding", "driven_axles")
+_RATIOS = ("adhesion", "adhesion_sd", "sanding", "driven_axles")
+
+#: Names of columns that are one of UNDECIDED, in small letters.
+UNDECIDED_SYNONYMS: Mapping[str, tuple[str, ...]] = {
+    "force": (
+        "f",
+        "fx",
+        "zugkraft",
+        "tractive force",
+        "tractive effort",
+        "traction force",
+        "kraft",
+        "bremskraft",
+        "braking force",
+        "umfangskraft",
+        "längskraft",
+    ),
+    "load": (
+        "fz",
+        "fn",
+        "q",
+        "last",
+        "normalkraft",
+        "normal force",
+        "vertical load",
+        "vertical force",
+        "aufstandskraft",
+        "gewicht",
+        "weight",
+        "fahrzeugmasse",
+    ),
+    "rotation": ("n", "drehzahl", "rpm", "omega", "ω", "motordrehzahl"),
+}
 
 #: `v [km/h]` and `rH (%)`.
 _BRACKETS = re.compile(r"(.*?)\s*[\[(<{]\s*([^\[\](){}<>]*?)\s*[\])>}]\s*")
+
+#: `mu_1`, `mu 1` and `mu1`.
+_INDEXED = re.compile(r"(.*?\D)[ _]?(\d+)")
 
 
 class Named(NamedTuple):
@@ -82,6 +116,24 @@ def guess(name: str, row_of_units: str = "") -> Guess:
         return Guess("", unit)
     question = _question(name, "" if unknown else unit, fits)
     return Guess("", unit, f"{question}; the unit {unit} is unknown" if unknown else question, fits)
+
+
+def repeats(names: Sequence[str]) -> list[str]:
+    """The columns such as mu_1, mu_2, mu_3 that hold the adhesion, with an index each, in order.
+
+    The index counts from 0 or 1 without a gap; none are returned where it does not.
+    """
+    found: dict[str, dict[int, str]] = {}
+    for name in names:
+        bracket = _BRACKETS.fullmatch(name)
+        indexed = _INDEXED.fullmatch(bracket[1] if bracket else name)
+        if indexed and QUANTITIES.get(plain(indexed[1])) == ("adhesion",):
+            found.setdefault(plain(indexed[1]), {})[int(indexed[2])] = name
+    for by_index in found.values():
+        first, count = min(by_index), len(by_index)
+        if count > 1 and first in (0, 1) and max(by_index) == first + count - 1:
+            return [by_index[index] for index in sorted(by_index)]
+    return []
 
 
 def goes(unit: str, quantity: str) -> bool:

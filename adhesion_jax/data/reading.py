@@ -9,12 +9,16 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.corrections import NOTHING, Corrections
 from adhesion_jax.data.dates import with_dates_joined
-from adhesion_jax.data.derived import SLOW, SOURCES, derive, needed
+from adhesion_jax.data.delays import without_delays
+from adhesion_jax.data.derived import SLOW, SOURCES, Derived, derive, needed
 from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
 from adhesion_jax.data.gaps import without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
+from adhesion_jax.data.lateness import late_signals
 from adhesion_jax.data.plausible import speed_warnings
+from adhesion_jax.data.repeats import of_means, stacked, stacked_note, with_scatter
 from adhesion_jax.data.schema import label_faults, range_faults, time_faults, unusual
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
@@ -46,23 +50,24 @@ class Measured(NamedTuple):
 def read_measured(
     path: Path,
     columns: Mapping[str, object] | None = None,
-    wheel_radius: float | None = None,
+    known: Corrections = NOTHING,
     progress: Progress = silent,
 ) -> Measured:
     """A measured table with slip and adhesion from a file; see `to_measured`.
 
     Read are .csv, .csv.gz, .txt, .tsv and .parquet. In text, cells are separated by commas,
     semicolons, tabs or bars, numbers have a decimal point or comma, and a row of units may stand
-    under the header. `progress` is called with words and the share that is read.
+    under the header. `known` is what is corrected, and of which sensors the columns do not tell.
+    `progress` is called with words and the share that is read.
     """
-    return _measured(sheet_of_file(path), columns, wheel_radius, progress)
+    return _measured(sheet_of_file(path), columns, known, progress)
 
 
 def to_measured(
     name: str,
     frame: pd.DataFrame,
     columns: Mapping[str, object] | None = None,
-    wheel_radius: float | None = None,
+    known: Corrections = NOTHING,
 ) -> Measured:
     """A measured table with slip and adhesion, or InputError naming all that is wrong with it.
 
@@ -73,13 +78,13 @@ def to_measured(
     out, and so are those with a gap in another one as long as these are few; otherwise that column
     is left out. Whether the points are of use is for `check_curve` and `adhesion_faults` to say.
     """
-    return _measured(sheet_of_frame(frame, name), columns, wheel_radius, silent)
+    return _measured(sheet_of_frame(frame, name), columns, known, silent)
 
 
 def read_all(
     paths: Sequence[Path],
     columns: Mapping[str, object] | None = None,
-    wheel_radius: float | None = None,
+    known: Corrections = NOTHING,
     progress: Progress = silent,
 ) -> list[Measured]:
     """Every file as by `read_measured`; InputError naming all that is wrong with any of them."""
@@ -96,7 +101,7 @@ def read_all(
             progress(words, (before + share) / len(paths))
 
         try:
-            files.append(read_measured(path, columns, wheel_radius, of_all))
+            files.append(read_measured(path, columns, known, of_all))
         except InputError as error:
             faults.append(str(error).removesuffix("."))
     if faults:
@@ -107,7 +112,7 @@ def read_all(
 def _measured(
     sheet: Sheet,
     columns: Mapping[str, object] | None,
-    wheel_radius: float | None,
+    known: Corrections,
     progress: Progress,
 ) -> Measured:
     sheet = with_dates_joined(sheet)
@@ -123,12 +128,21 @@ def _measured(
         *([] if read.rows else [too_few(0)]),
         *read.faults,
         *range_faults(numbers, taken, row_of),
+        *(
+            fault
+            for one in found.taken
+            if one.repeat > 1
+            for fault in range_faults({"adhesion": numbers[one.name]}, {"adhesion": one}, row_of)
+        ),
     ]:
         raise _refusal(sheet, faults)
     understood = [_understood(one, numbers) for one in found.taken if one.name in numbers]
     understood += [
         (one.column, one.name, "", *_NO_RANGE) for one in found.taken if one.name in LABELS
     ]
+    rows_of_file = read.rows
+    read = stacked(read, found.taken)
+    numbers = read.numbers
     rows = without_gaps(numbers, [name for name in names_needed if name in numbers])
     if not rows.kept.any():
         raise _refusal(sheet, [f"no row has a value in {listed(names_needed)}"])
@@ -138,17 +152,25 @@ def _measured(
     for name, value in found.constants.items():
         numbers[name] = np.full(np.count_nonzero(rows.kept), value)
         understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
+    labels = _of_rows(read.labels, rows.kept)
+    count_notes = of_means(numbers)
     try:
-        derived = derive(numbers, wheel_radius)
+        moved, delay_notes = without_delays(numbers, labels, known.delays)
+        _keep(numbers, moved)
+        labels = _of_rows(labels, moved)
+        derived = derive(numbers, known, labels)
     except InputError as error:
         raise _refusal(sheet, [str(error)]) from None
     if not derived.used.any():
         raise _refusal(sheet, [f"the train is {SLOW}, in every row (check the unit of its speed)"])
     _keep(numbers, derived.used)
     kept = rows.kept.copy()
-    kept[rows.kept] = derived.used
-    index = pd.Index(row_of if kept.all() else np.flatnonzero(kept) + sheet.first_row)
-    labels = {name: of if kept.all() else of[kept] for name, of in read.labels.items()}
+    kept[rows.kept] = moved
+    kept[kept] = derived.used
+    whole = kept.all() and read.rows == rows_of_file
+    places = row_of if whole else sheet.first_row + np.flatnonzero(kept) % rows_of_file
+    index = pd.Index(places)
+    labels = _of_rows(labels, derived.used)
     table = pd.DataFrame({**numbers, **labels}, index=index, copy=False)
     if faults := [
         *range_faults({name: numbers[name] for name in derived.sources}, {}, index),
@@ -156,20 +178,30 @@ def _measured(
         *time_faults(table, _column_of(taken, "time_s")),
     ]:
         raise _refusal(sheet, faults)
-    for name, source in derived.sources.items():
-        lowest, highest = numbers[name].min(), numbers[name].max()
+    slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
+    table, scatter_notes = with_scatter(table, slip)
+    sources = dict(derived.sources)
+    if scatter_notes:
+        sources["adhesion_sd"] = "scatter of the repeats"
+    for name, source in sources.items():
+        lowest, highest = table[name].min(), table[name].max()
         understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
     return Measured(
         sheet.name,
         table,
-        "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps",
+        slip,
         tuple(name for name in numbers if name not in COLUMNS),
         (*read.left_out, *rows.left_out),
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
         (
             *_format_notes(sheet, found, read),
+            *stacked_note(found.taken, read.rows),
             *rows.notes,
+            *count_notes,
+            *delay_notes,
             *derived.notes,
+            *(late_signals(numbers, labels) if _may_be_late(derived, known) else ()),
+            *scatter_notes,
             *unusual(numbers, taken),
             *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
         ),
@@ -187,12 +219,13 @@ def _refusal(sheet: Sheet, faults: Sequence[str]) -> InputError:
 def _understood(one: Taken, numbers: Mapping[str, np.ndarray]) -> tuple[object, ...]:
     """A row of the table of what was understood; the range is in the unit of the package."""
     values = numbers[one.name]
+    name = "adhesion" if one.repeat else one.name
     missing = np.isnan(values)
     if missing.all():
-        return one.column, one.name, one.stamp or one.unit, np.nan, np.nan, 1.0
+        return one.column, name, one.stamp or one.unit, np.nan, np.nan, 1.0
     lowest = np.min(values, where=~missing, initial=np.inf)
     highest = np.max(values, where=~missing, initial=-np.inf)
-    return one.column, one.name, one.stamp or one.unit, lowest, highest, missing.mean()
+    return one.column, name, one.stamp or one.unit, lowest, highest, missing.mean()
 
 
 def _column_of(taken: Mapping[str, Taken], name: str) -> str:
@@ -205,6 +238,17 @@ def _keep(columns: dict[str, np.ndarray], rows: np.ndarray) -> None:
     if not rows.all():
         for name in columns:
             columns[name] = columns[name][rows]
+
+
+def _of_rows(
+    labels: Mapping[str, pd.Categorical], rows: np.ndarray
+) -> Mapping[str, pd.Categorical]:
+    return labels if rows.all() else {name: of[rows] for name, of in labels.items()}
+
+
+def _may_be_late(derived: Derived, known: Corrections) -> bool:
+    """Whether to look for a late signal: the slip is that of two speeds, and nothing was said."""
+    return "slip_velocity_mps" in derived.sources and not known.delays
 
 
 def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:

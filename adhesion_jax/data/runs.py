@@ -20,9 +20,9 @@ from adhesion_jax.wording import listed
 #: Largest number of runs of a campaign: every run is at least one point of a search.
 MOST_RUNS = 20_000
 
-#: Columns that are no conditions: the slip, and what is to be explained by it, the adhesion and the
-#: force, which is adhesion times load.
-_EXPLAINED = ("slip_ratio", "adhesion", "tangential_force_N")
+#: Columns that are no conditions: the slip, and what is to be explained by it, the adhesion, its
+#: standard deviation, and the force, which is adhesion times load.
+_EXPLAINED = ("slip_ratio", "adhesion", "adhesion_sd", "tangential_force_N")
 
 #: Conditions that a curve or an effect in time may need, kept whatever else they are equal to.
 _ALWAYS = ("time_s", "vehicle_speed_mps", "slip_velocity_mps", "normal_load_N")

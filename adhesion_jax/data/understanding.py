@@ -1,19 +1,20 @@
 """Which column of a sheet is which quantity, in which unit: as said, as named, or to be asked."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
-from adhesion_jax.data.columns import COLUMNS, LABELS, UNDECIDED
+from adhesion_jax.data.columns import COLUMNS, LABELS, REPEATS_BESIDE, SD_AFTER, UNDECIDED
 from adhesion_jax.data.files import Sheet
 from adhesion_jax.data.mapping import Said, said
-from adhesion_jax.data.naming import Guess, guess
+from adhesion_jax.data.naming import Guess, guess, named, plain, repeats
 from adhesion_jax.data.stamps import EITHER, ORDERS
 from adhesion_jax.data.units import Conversion, conversion
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
 #: Quantities of one body each; a force that is none of them by name is the one to be explained.
-_FORCES = UNDECIDED["force"]
+_FORCES = (*UNDECIDED["force"], "motor_torque_Nm")
 
 
 class Taken(NamedTuple):
@@ -24,6 +25,7 @@ class Taken(NamedTuple):
     unit: str  # as understood; empty for labels, stamps and columns of an unknown unit
     conversion: Conversion = Conversion(1.0, 0.0)
     stamp: str = ""  # the form of dates or times of day
+    repeat: int = 0  # from 1 where several columns hold the quantity, of one repeat each
 
 
 class Question(NamedTuple):
@@ -49,9 +51,18 @@ class Understanding(NamedTuple):
 def understand(sheet: Sheet, columns: Mapping[str, object]) -> Understanding:
     """What the columns of a sheet are; `columns` is what the user says of them, see `said`."""
     guesses = {name: _guess(sheet, name) for name in sheet.columns}
+    side_by_side = repeats(sheet.columns)
+    for name in side_by_side:
+        # The 1 of mu_1 is an index and no unit; a unit stands in brackets or in the row of units.
+        unit = sheet.units.get(name, "") or (named(name).unit if name[-1:] in "])}>" else "")
+        guesses[name] = Guess("adhesion", unit or "1")
     told = said(sheet.name, sheet.columns, columns)
+    guesses = _by_neighbours(guesses, any(one.quantity == "adhesion_sd" for one in told))
     by_column = {one.column: one for one in told if one.column}
     given = {one.quantity for one in told}
+    # In a log, columns with an index are axles, of which the user is asked for one.
+    in_time = "time_s" in given or any(one.quantity == "time_s" for one in guesses.values())
+    repeat_of: dict[str, int] = {}
     questions: list[Question] = []
     chosen: dict[str, list[str]] = {}
     for name, found in guesses.items():
@@ -64,7 +75,10 @@ def understand(sheet: Sheet, columns: Mapping[str, object]) -> Understanding:
     quantity_of: dict[str, str] = {}
     for quantity, names in chosen.items():
         exact = [name for name in names if name == quantity]
-        if len(exact or names) == 1:
+        if {*names} == {*side_by_side} and not in_time:
+            repeat_of = {name: number for number, name in enumerate(side_by_side, 1)}
+            quantity_of |= dict.fromkeys(names, quantity)
+        elif len(exact or names) == 1:
             quantity_of[(exact or names)[0]] = quantity
         else:
             questions.append(_which_column(quantity, names))
@@ -74,7 +88,10 @@ def understand(sheet: Sheet, columns: Mapping[str, object]) -> Understanding:
         if name in by_column:
             taken.append(_as_said(sheet, by_column[name], found))
         elif name in quantity_of:
-            taken.append(_taken(sheet, name, quantity_of[name], found.unit))
+            one = _taken(sheet, name, quantity_of[name], found.unit)
+            repeat = repeat_of.get(name, 0)
+            own = f"{one.name} {repeat}" if repeat > 1 else one.name
+            taken.append(one._replace(name=own, repeat=repeat))
         elif {found.quantity, *found.quantities} & {*_FORCES}:
             left_out.append(name)
         else:
@@ -87,6 +104,25 @@ def understand(sheet: Sheet, columns: Mapping[str, object]) -> Understanding:
         tuple(questions),
         tuple(left_out),
     )
+
+
+def _by_neighbours(guesses: Mapping[str, Guess], with_sd: bool) -> dict[str, Guess]:
+    """The same with what neighbours tell: a standard deviation, and the number of its repeats.
+
+    `std` says of what only where it follows the adhesion, and `n` counts repeats only where there
+    is a standard deviation (`with_sd` where the user named one); elsewhere it may be a rotation.
+    """
+    found = dict(guesses)
+    names = [*found]
+    for before, name in pairwise(names):
+        stem, unit = named(name)
+        if found[before].quantity == "adhesion" and plain(stem) in SD_AFTER:
+            found[name] = Guess("adhesion_sd", unit or found[before].unit)
+    if with_sd or any(one.quantity == "adhesion_sd" for one in found.values()):
+        counts = [name for name in names if plain(name) in REPEATS_BESIDE]
+        if len(counts) == 1:
+            found[counts[0]] = Guess("repeats", "1")
+    return found
 
 
 def _guess(sheet: Sheet, name: str) -> Guess:

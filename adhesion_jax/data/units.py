@@ -58,6 +58,7 @@ _SPELLINGS = {
     "μs": "us",
     "per_m": "1/m",
     "per_km": "1/km",
+    "knm": "kilonewton*meter",
 }
 
 #: Units whose small and capital letters mean the same as written here and nothing else; they may
@@ -74,6 +75,8 @@ _AT_THE_END = frozenset(
         "N",
         "kN",
         "MN",
+        "Nm",
+        "kNm",
         "kg",
         "t",
         "rpm",
@@ -172,6 +175,8 @@ def _parsed(unit: str) -> pint.Quantity | None:
     """One of the unit, without regard to what the unit stands for; None where there is none."""
     text = " ".join(unit.split())
     spelled = {"C": "degC", "K": "kelvin", "N": "newton", "kN": "kilonewton", "MN": "meganewton"}
+    # To pint Nm is a unit of yarn, and nm is one of length.
+    spelled["Nm"] = "newton*meter"
     text = spelled.get(text, _SPELLINGS.get(text.lower(), text))
     if not text or re.fullmatch(r"[\d\s.,+-]+", text):
         return None

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 
 from adhesion_jax.curves import BASES, Curve, Parameter
+from adhesion_jax.curves.bent import FUNCTIONS, Bent
 from adhesion_jax.effects import KINDS, kind_of
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
@@ -31,12 +33,14 @@ def save_law(path: str | PathLike[str], law: CorrectedLaw) -> None:
 
 def law_text(law: CorrectedLaw) -> str:
     """A law as JSON."""
-    curve = law.curve
+    bent = law.curve if isinstance(law.curve, Bent) else None
+    curve = law.curve if bent is None else bent.curve
     assert isinstance(curve, Curve)
     name = next(name for name, known in BASES.items() if type(known) is type(curve))
     told = {
         "format": FORMAT,
         "curve": {"name": name, **_fields(curve)},
+        **({} if bent is None else {"departure": _departure(bent)}),
         "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
         "ranges": dict(law.ranges),
         "calendar": law.calendar._asdict(),
@@ -62,9 +66,14 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
         known, free = type(BASES[curve.pop("name")]), tuple(curve.pop("free"))
         kinds = [KINDS[effect.pop("name")] for effect in effects]
+        base: Curve | Bent = known(
+            **_numbers(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)
+        )
+        if "departure" in saved:
+            base = _bent(base, **saved["departure"])
         column, start, end = (saved["calendar"][name] for name in Calendar._fields)
         return CorrectedLaw(
-            known(**_numbers(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)),
+            base,
             tuple(
                 kind(**_numbers(kind.PARAMETERS, effect))
                 for kind, effect in zip(kinds, effects, strict=True)
@@ -76,6 +85,19 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise _no_law(source) from None
+
+
+def _departure(bent: Bent) -> dict[str, object]:
+    factors = [float(factor) for factor in np.asarray(bent.factors)]
+    return {"factors": factors, "reach": float(bent.reach), "largest": float(bent.largest)}
+
+
+def _bent(curve: Curve, factors: list[float], reach: float, largest: float) -> Bent:
+    """The curve with its departure; a ValueError for numbers that no departure has."""
+    numbers = np.array([*factors, reach, largest], float)
+    if len(factors) != FUNCTIONS or not np.all(np.isfinite(numbers)) or min(reach, largest) <= 0:
+        raise ValueError
+    return Bent(curve, numbers[:FUNCTIONS], float(reach), float(largest))
 
 
 def _check_format(saved: Mapping[str, Any], source: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from adhesion_jax.data import matching, to_runs
+from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
@@ -96,6 +97,10 @@ def discover(
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
     events: bool | None = None,
+    delays: Mapping[str, float] | None = None,
+    inertia: float | None = None,
+    gear_ratio: float | None = None,
+    efficiency: float = 1.0,
 ) -> Discovery:
     """Find which effects an adhesion curve lacks in measured runs.
 
@@ -103,15 +108,17 @@ def discover(
     told) and whatever was measured beside them; several tables are taken together. `test` is
     predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
-    it is known. `progress` is called with words and the share that is done. `columns` and
-    `wheel_radius` are those of `identify`, for `data` and `test`, and so are `events`: each slip
-    event of a long log is a run. InputError names all that is wrong with the data.
+    it is known. `progress` is called with words and the share that is done. `columns`,
+    `wheel_radius`, `delays`, `inertia`, `gear_ratio` and `efficiency` are those of `identify`, for
+    `data` and `test`, and so are `events`: each slip event of a long log is a run. InputError names
+    all that is wrong with the data.
     """
-    logs = events_of(all_of(data, columns, wheel_radius), events)
+    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
+    logs = events_of(all_of(data, columns, known), events)
     train = to_runs([log.points for log in logs])
     judging = None
     if test is not None:
-        judged = events_of(all_of(test, columns, wheel_radius), events)
+        judged = events_of(all_of(test, columns, known), events)
         judging = matching(train, to_runs([log.points for log in judged]))
     remarks = (*(log.sentence for log in logs), *map(citation_of, parts_of(data)))
     findings = engine.discover(

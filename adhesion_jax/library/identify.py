@@ -1,7 +1,7 @@
 """`identify`: which adhesion curve measured points follow."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -9,30 +9,49 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.curves import CURVES, Curve
+from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
+from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.grouping import group
+from adhesion_jax.data.naming import guess
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
+from adhesion_jax.inference.fit import MeasuredFit, missing_columns
+from adhesion_jax.inference.rows import Rows, arranged
+from adhesion_jax.inference.slip import SlipNoise
+from adhesion_jax.inference.start import share_of
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
 from adhesion_jax.library.results import of_numbers, text_html
-from adhesion_jax.measured.answer import Answer, answered
-from adhesion_jax.measured.comparison import MOST_GROUPS, Comparison, compared
-from adhesion_jax.measured.fit import MeasuredFit, missing_columns
+from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate, answered
+from adhesion_jax.measured.comparison import (
+    MOST_GROUPS,
+    Comparison,
+    compared,
+    split_that_predicts,
+)
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
-from adhesion_jax.measured.slip import SlipErrors
+from adhesion_jax.measured.vetoes import Judgement, judged
+from adhesion_jax.records import Record
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, draw_measured
+from adhesion_jax.report.measured.page import page_of
 from adhesion_jax.report.measured.tables import answer_lines, curve_rows, printed_table
-from adhesion_jax.report.measured.words import verdict
+from adhesion_jax.report.measured.words import in_lines, verdict
+from adhesion_jax.report.page_html import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
 
 #: The files of an identification.
 IDENTIFY_FILES = (
     "curves.csv",
+    "law.json",
     "verdict.txt",
+    "report.html",
     "curves.png",
     EVENTS_FIGURE,
     "runs.csv",
@@ -40,13 +59,24 @@ IDENTIFY_FILES = (
 )
 
 
+#: The label that a column which --by names is read as, and the word for the best of all splits.
+GROUP, _AUTO = "group", "auto"
+
+#: Most groups that are fitted each by itself, and the fewest rows of one.
+_MOST_FITTED, _FEWEST_ROWS = 8, 30
+
+#: The calendar of a law that does not know of time.
+_NO_TIME = Calendar("run_order", 0.0, 1.0)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """What measured points say of the peak, and of every curve that was fitted to them.
 
     Slips are ratios, or in m/s where the points have a slip velocity and no vehicle speed.
-    Intervals are of 95 %, under the noise that was found: autocorrelation within the runs, scatter
-    between them, noise in the slip, and what a curve misses. `best` predicts best what is left out.
+    Intervals are of 95 %, whatever the noise of a run depends on. `best` predicts best what is left
+    out. With `vetoes` no number stands for the peak; where the points show none, mu_max is what
+    they reach at least, its interval is open, and there is no slip_opt.
     """
 
     measured: Measured  # the points, with the columns that were derived
@@ -56,9 +86,12 @@ class Identification:
     not_fitted: Mapping[str, Sequence[str]]  # curve to the columns it needs and the points lack
     residuals: Mapping[str, Residual]  # what each curve leaves
     answer: Answer  # the peak, with the choice of the curve
-    slip: SlipErrors  # the errors of the slip that the fits assume
+    judgement: Judgement  # what forbids an answer, and whether the points show a peak
+    slip: SlipNoise  # the noise of the slip that the fits assume
     runs: Sequence[str]  # their names; one for points without runs
-    comparison: Comparison | None  # of runs, or of groups of them, if it was asked for
+    comparison: Comparison | None  # of runs, or of groups of rows, if it was asked for
+    groups: Mapping[str, Answer]  # the peak of each group by itself, where there are a few
+    branches: Comparison | None  # of traction and braking, where both were measured
 
     @property
     def table(self) -> pd.DataFrame:
@@ -76,9 +109,14 @@ class Identification:
         return self.fits[self.best]
 
     @property
-    def curve(self) -> Curve:
-        """The best curve, a function of slip and conditions: `curve(0.02, conditions)`."""
-        return self.fit.curve
+    def vetoes(self) -> Sequence[str]:
+        """Sentences that forbid an answer; none for most measurements."""
+        return self.judgement.vetoes
+
+    @property
+    def curve(self) -> Bent:
+        """The best curve with its departure, whose peak the table has: `curve(0.02, {})`."""
+        return self.fit.law.bent
 
     @property
     def conditions(self) -> Mapping[str, float]:
@@ -87,27 +125,40 @@ class Identification:
 
     @property
     def mu_max(self) -> float:
-        """The largest adhesion, by all curves together."""
-        return self.answer.mu_max.value
+        """The largest adhesion, by all curves together; NaN with a veto."""
+        return self._level.value
 
     @property
     def mu_max_interval(self) -> tuple[float, float]:
-        """It includes the choice of the curve."""
-        return self.answer.mu_max.low, self.answer.mu_max.high
+        """It includes the choice of the curve; open where the points show no peak."""
+        return self._level.low, self._level.high
+
+    @property
+    def _level(self) -> Estimate:
+        if self.vetoes:
+            return NOT_KNOWN
+        return self.judgement.at_least or self.answer.mu_max
+
+    @property
+    def _place(self) -> Estimate:
+        return NOT_KNOWN if self.vetoes or self.judgement.at_least else self.answer.slip_opt
 
     @property
     def slip_opt(self) -> float:
         """The slip of the largest adhesion; NaN where the points show no peak."""
-        return self.answer.slip_opt.value
+        return self._place.value
 
     @property
     def slip_opt_interval(self) -> tuple[float, float]:
         """It includes the choice of the curve; NaN where the points show no peak."""
-        return self.answer.slip_opt.low, self.answer.slip_opt.high
+        return self._place.low, self._place.high
 
     @property
     def verdict(self) -> str:
-        """In words: the best curve, the noise, what is left over, and what not to trust."""
+        """In words: what forbids an answer, the curve, the noise, what is left, what to doubt."""
+        return in_lines(self._sections())
+
+    def _sections(self) -> Sequence[tuple[str, Sequence[str]]]:
         return verdict(
             self.measured,
             " ".join(filter(None, (*(log.sentence for log in self.logs), self.citation))),
@@ -115,32 +166,45 @@ class Identification:
             self.not_fitted,
             self.residuals[self.best],
             self.answer,
+            self.judgement,
             self.slip,
             len(self.runs),
-            self.comparison,
+            [one for one in (self.comparison, self.branches) if one is not None],
+            self.groups,
         )
 
     def write(self, folder: str | PathLike[str]) -> None:
-        """The files IDENTIFY_FILES, as the command writes them; those of runs if compared."""
+        """The files IDENTIFY_FILES, as the command writes them; those of runs if compared.
+
+        law.json has the best curve with its departure, as `load_law` reads it.
+        """
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "curves.csv", self.table)
         (path / "verdict.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
+        save_law(path / "law.json", CorrectedLaw(self.curve, (), {}, _NO_TIME))
         title = Path(self.measured.name).name
         draw = as_in_commands(draw_measured)
-        draw(path / "curves.png", title, self.fits, self.residuals, self.answer)
+        level, place = self._level, self._place
+        draw(path / "curves.png", title, self.fits, self.residuals, self.answer, level, place)
         draw_events(path, self.logs)
         if self.comparison is not None:
             write_table(path / "runs.csv", self.comparison.table)
             draw_comparison(path / "runs.png", title, self.comparison)
+        names = ("curves.png", "runs.png", EVENTS_FIGURE)
+        pictures = {name: (path / name).read_bytes() for name in names if (path / name).exists()}
+        page = page_of(title, self._lines, self._sections(), self.table, [*pictures])
+        (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+
+    @property
+    def _lines(self) -> str:
+        return answer_lines(self.answer, self.fit, self.judgement)
 
     def __repr__(self) -> str:
-        lines = answer_lines(self.answer, self.fit)
-        return f"{lines}\n\n{printed_table(self.fits, self.answer)}\n\n{self.verdict}"
+        return f"{self._lines}\n\n{printed_table(self.fits, self.answer)}\n\n{self.verdict}"
 
     def _repr_html_(self) -> str:
-        lines = answer_lines(self.answer, self.fit)
-        return text_html(lines) + self.table.to_html(index=False) + text_html(self.verdict)
+        return text_html(self._lines) + self.table.to_html(index=False) + text_html(self.verdict)
 
 
 def identify(
@@ -152,6 +216,10 @@ def identify(
     by: str | None = None,
     slip_noise: float | None = None,
     progress: Callable[[str, float], None] = silent,
+    delays: Mapping[str, float] | None = None,
+    inertia: float | None = None,
+    gear_ratio: float | None = None,
+    efficiency: float = 1.0,
 ) -> Identification:
     """Fit adhesion curves to measured points under the noise that the points show.
 
@@ -159,8 +227,12 @@ def identify(
     tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units; several
     tables are taken together. `columns` says which columns these are where they have other names or
     units, as in {"speed": "v [km/h]"}, and `wheel_radius` is in m, for a slip from the rotation of
-    the wheel. Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run
-    are in their order. Of a long log only its slip events are used, as runs (`data.events`), unless
+    the wheel. `delays` are those of late signals in s, as in {"vehicle_speed": 0.2}, `inertia` that
+    of a wheelset in kg m2, which is taken off its force, and `gear_ratio` and `efficiency` those
+    between a motor, whose torque was measured, and the wheel (`data.corrections`).
+
+    Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run are in
+    their order. Of a long log only its slip events are used, as runs (`data.events`), unless
     `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
     of your own by name. `by` is a column whose groups of runs are compared: did the rail change
     between them? (`run` compares the runs themselves.) `slip_noise` is the standard deviation of
@@ -170,9 +242,20 @@ def identify(
     likelihood, Patterson and Thompson 1971; the weights of the curves by pseudo Bayes factors,
     Geisser and Eddy 1979.
     """
-    logs = events_of(all_of(data, columns, wheel_radius), events)
+    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
+    logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)
     citation = " ".join(filter(None, map(citation_of, parts_of(data))))
     return identify_chosen(logs, curves, citation, by, slip_noise, progress)
+
+
+def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, object]:
+    """What is said of columns, with a column to compare by as labels, which may be text.
+
+    A column that is read without that, such as axle or temperature_C, is compared by as it is.
+    """
+    if by in (None, _AUTO) or guess(by).quantity:
+        return columns
+    return {**columns, GROUP: by}
 
 
 @as_in_commands
@@ -198,51 +281,129 @@ def identify_chosen(
             "add it or name another curve."
         )
     grouping = group([points])
-    labels = None if by is None else _labels(points, by, grouping.run)
+    labels = _labels(points, by, grouping.run) if by not in (None, _AUTO) else None
     velocity = points.slip == "slip_velocity_mps"
     found, slip = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
     fits = {name: of_numbers(fit) for name, fit in found.items()}
-    residuals = {name: residual_structure(fit, record) for name, fit in fits.items()}
-    identified = Identification(
+    answer = answered(fits)
+    best = fits[max(fits, key=lambda name: fits[name].log_density)]
+    rows = arranged(record, grouping.run, best.law.curve.NEEDS)
+    order = np.argsort(grouping.run, kind="stable")
+    if by == _AUTO:
+        candidates = {name: column.iloc[order] for name, column in _candidates(points).items()}
+        by = split_that_predicts(best, rows, candidates)
+        labels = None if by is None else _labels(points, by, grouping.run)
+    comparison = None
+    groups: Mapping[str, Answer] = {}
+    if labels is not None and by is not None:
+        comparison = compared(best, rows, labels.iloc[order], by)
+        groups = _each(labels, fits, record, grouping.run, velocity, slip_noise)
+    branches = _branches(best, rows)
+    return Identification(
         points,
         logs,
         citation,
         fits,
         not_fitted,
-        residuals,
-        answered(fits),
+        {name: residual_structure(fit, record) for name, fit in fits.items()},
+        answer,
+        judged(fits, answer, rows, _step(points), branches),
         slip,
         grouping.names,
-        None,
+        comparison,
+        groups,
+        branches,
     )
-    if labels is None or by is None:
-        return identified
-    return replace(identified, comparison=compared(identified.fit, labels, by))
+
+
+def _step(points: Measured) -> float | None:
+    """The usual time between rows, s."""
+    if "time_s" not in points.table:
+        return None
+    steps = np.diff(points.table["time_s"].to_numpy(float))
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else None
+
+
+def _branches(fit: MeasuredFit, rows: Rows) -> Comparison | None:
+    """Traction and braking compared, where both are measured beyond the noise about slip 0."""
+    size = np.abs(rows.slip)
+    aside = size > np.maximum(0.05 * size.max(), 4 * fit.slip_spread)
+    names = np.where(rows.slip < 0, "braking", "traction")
+    count = [int(np.sum(aside & (names == name))) for name in ("braking", "traction")]
+    reach = [float(size[names == name].max(initial=0.0)) for name in ("braking", "traction")]
+    if min(count) < max(20, 0.02 * sum(count)) or min(reach) < 0.3 * max(reach):
+        return None
+    # Points about slip 0, where noise turns the sign, belong to the branch before and do not count.
+    last = np.maximum.accumulate(np.where(aside, np.arange(size.size), 0))
+    own = rows._replace(design=np.where(aside, rows.design, 1e-9))
+    return compared(fit, own, pd.Series(names[last]), "branch")
+
+
+def _each(
+    labels: pd.Series,
+    fits: Mapping[str, MeasuredFit],
+    record: Record,
+    run: np.ndarray,
+    velocity: bool,
+    slip_noise: float | None,
+) -> Mapping[str, Answer]:
+    """The answer of each of a few groups, whose curves are fitted to its rows alone.
+
+    They begin at the curves of all rows. A run that spans a change is cut there.
+    """
+    names = list(dict.fromkeys(labels))
+    if len(names) > _MOST_FITTED:
+        return {}
+    starts = {name: share_of(fit.curve) for name, fit in fits.items()}
+    starts.setdefault("kiencke", share_of(CURVES["kiencke"]))
+    curves = {name: fit.law.curve for name, fit in fits.items()}
+    codes = labels.to_numpy()
+    answers = {}
+    for name in names:
+        own = np.flatnonzero(codes == name)
+        if own.size < _FEWEST_ROWS:
+            continue
+        apart = np.append(True, (np.diff(run[own]) != 0) | (np.diff(own) > 1))
+        part = Record(
+            record.slip[own],
+            record.adhesion[own],
+            record.mask[own],
+            record.fresh[own],
+            {column: values[own] for column, values in record.conditions.items()},
+        )
+        pieces = np.cumsum(apart) - 1
+        found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=lambda *_: starts)
+        answers[str(name)] = answered(found.curves)
+    return answers
+
+
+def _candidates(points: Measured) -> Mapping[str, pd.Series]:
+    """The columns of a few labels or levels by which rows may be split."""
+    table = points.table
+    found = {}
+    for name in ("axle", "mode", "group", *points.covariates):
+        if name in table and 2 <= table[name].nunique() <= _MOST_FITTED:
+            found[name] = table[name].astype(str)
+    return found
 
 
 def _labels(points: Measured, by: str, run: np.ndarray) -> pd.Series:
-    """The group of every run, in the order of the runs."""
+    """The group of every row, as text."""
     table = points.table
-    if by not in table and by != "run":
+    name = by if by in table else GROUP
+    if name not in table and by != "run":
         raise InputError(
             f"{points.name} has no column {by} to compare by; there are "
             f"{', '.join(table.columns.astype(str)[:12])}."
         )
-    column = table[by] if by in table else pd.Series(run + 1, table.index)
-    labels = column.astype(str).groupby(run)
-    mixed = labels.nunique().to_numpy()
-    if mixed.max() > 1:
+    column = table[name] if name in table else pd.Series(run + 1, table.index)
+    labels = column.astype(str)
+    if not 2 <= labels.nunique() <= MOST_GROUPS:
         raise InputError(
-            f"{points.name}: run {mixed.argmax() + 1} has several values of {by}; a run belongs to "
-            "one group."
-        )
-    first = labels.first()
-    if not 2 <= first.nunique() <= MOST_GROUPS:
-        raise InputError(
-            f"{points.name} has {first.nunique()} groups by {by}; from 2 to {MOST_GROUPS} can be "
+            f"{points.name} has {labels.nunique()} groups by {by}; from 2 to {MOST_GROUPS} can be "
             "compared."
         )
-    return first
+    return labels
 
 
 def _curves(curves: str | Sequence[str] | Mapping[str, Curve]) -> Mapping[str, Curve]:

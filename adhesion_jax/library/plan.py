@@ -15,9 +15,9 @@ from adhesion_jax.curves import CURVES, Law
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
+from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.library.identify import Identification
 from adhesion_jax.library.results import text_html
-from adhesion_jax.measured.fit import MeasuredFit
 from adhesion_jax.planning.excitation import Sweeps
 from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.own_log import OwnLog, own_log
@@ -158,7 +158,7 @@ def _settled(
         if samples_per_run is not None:
             raise InputError("samples_per_run does not go with a log, which has runs of its own.")
         name, fit = _best_with_peak(source)
-        log = own_log(fit, source.measured, source.slip, stated)
+        log = own_log(fit, source.measured, stated)
         _refuse_strange(conditions, dict.fromkeys(log.truth.conditions, (-math.inf, math.inf)))
         truth = log.truth._replace(conditions={**log.truth.conditions, **conditions})
         words = f"{name} as fitted to {Path(source.measured.name).name}"
@@ -207,7 +207,7 @@ def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
     fits = {
         name: fit
         for name, fit in found.fits.items()
-        if fit.peak.found and np.all(np.isfinite(fit.covariance))
+        if fit.peak.found and np.isfinite(fit.mu_max_se)
     }
     if not fits:
         raise InputError(

@@ -13,6 +13,7 @@ from adhesion_jax.data import (
     read_measured,
     to_measured,
 )
+from adhesion_jax.data.corrections import NOTHING, Corrections
 from adhesion_jax.data.reading import Progress
 from adhesion_jax.errors import InputError
 from adhesion_jax.runtime import silent
@@ -28,7 +29,7 @@ _FRAME = "the data frame"
 def measured_of(
     data: Data,
     columns: Mapping[str, object] | None = None,
-    wheel_radius: float | None = None,
+    known: Corrections = NOTHING,
     progress: Progress = silent,
 ) -> Measured:
     """The data as measured points; see `data.read_measured`."""
@@ -36,15 +37,15 @@ def measured_of(
         return data
     name = name_of(data)
     if isinstance(data, pd.DataFrame):
-        return to_measured(name, data, columns, wheel_radius)
-    found = read_measured(_path(data), columns, wheel_radius, progress)
+        return to_measured(name, data, columns, known)
+    found = read_measured(_path(data), columns, known, progress)
     return found._replace(name=name)
 
 
 def all_of(
     data: Data | Sequence[Data],
     columns: Mapping[str, object] | None = None,
-    wheel_radius: float | None = None,
+    known: Corrections = NOTHING,
     progress: Progress = silent,
 ) -> list[Measured]:
     """Several tables; InputError names all that is wrong with any file of them."""
@@ -53,11 +54,9 @@ def all_of(
     if len(files) == len(parts):
         return [
             one._replace(name=name_of(part))
-            for part, one in zip(
-                parts, read_all(files, columns, wheel_radius, progress), strict=True
-            )
+            for part, one in zip(parts, read_all(files, columns, known, progress), strict=True)
         ]
-    tables = [measured_of(part, columns, wheel_radius, progress) for part in parts]
+    tables = [measured_of(part, columns, known, progress) for part in parts]
     if len(tables) > 1 and any(isinstance(part, pd.DataFrame) for part in parts):
         # Runs of one name are told apart by that of their table.
         return [table._replace(name=f"table {i}") for i, table in enumerate(tables, 1)]

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data import check_curve
+from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
@@ -78,10 +79,15 @@ def track(
     wheel_radius: float | None = None,
     events: bool | None = None,
     report: Callable[[int, int], object] = silent,
+    delays: Mapping[str, float] | None = None,
+    inertia: float | None = None,
+    gear_ratio: float | None = None,
+    efficiency: float = 1.0,
 ) -> Track:
     """Follow a log by online methods, sample by sample in the order of time.
 
-    `data`, `columns` and `wheel_radius` are as for `identify`. `identifiers` are names of
+    `data`, `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio` and `efficiency` are as for
+    `identify`. `identifiers` are names of
     IDENTIFIERS, or methods of your own by name. The initial slope a0 of Kiencke's curve is
     `initial_slope`, or that of a fit to the log. With `events` slip events alone are used, and
     where it is False all samples are; by default events are cut out of a log that hardly slips.
@@ -90,7 +96,8 @@ def track(
     """
     methods = _methods(identifiers)
     _refuse(methods)
-    measured = measured_of(data, columns, wheel_radius)
+    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
+    measured = measured_of(data, columns, known)
     check_curve(measured)
     log = to_log(measured, events)
     if initial_slope is not None and not (np.isfinite(initial_slope) and initial_slope > 0):

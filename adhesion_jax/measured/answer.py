@@ -8,11 +8,13 @@ import scipy
 from jaxtyping import Float
 from scipy.special import stdtr
 
-from adhesion_jax.measured.fit import MeasuredFit
-from adhesion_jax.measured.law import law_with_errors
+from adhesion_jax.inference.fit import MeasuredFit
 
 #: Curves of less weight are not asked for the peak.
 _LEAST_WEIGHT = 1e-4
+
+#: Draws of the weights of the parts that were left out.
+_DRAWS = 1000
 
 
 class Estimate(NamedTuple):
@@ -23,13 +25,16 @@ class Estimate(NamedTuple):
     high: float
 
 
+#: Where there is nothing to be said.
+NOT_KNOWN = Estimate(np.nan, np.nan, np.nan)
+
+
 class Answer(NamedTuple):
     """The peak, as a mixture of what each curve says of it.
 
-    Each curve with what it misses gives a Student distribution about its own estimate. An end of
-    the interval has 2.5 % of the mixture of these beyond it (Turek and Fletcher 2012,
-    Computational Statistics and Data Analysis 56:2809-2815). The weights are those of
-    `predictive_weights`.
+    Each curve with its departure gives a Student distribution of the logarithm about its own
+    estimate, so that no end is negative. An end of the interval has 2.5 % of the mixture of these
+    beyond it (Turek and Fletcher 2012, Computational Statistics and Data Analysis 56:2809-2815).
     """
 
     weights: Mapping[str, float]  # by the name of the curve, of sum 1
@@ -43,59 +48,84 @@ def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
     usable = {
         name: fit
         for name, fit in fits.items()
-        if np.all(np.isfinite(fit.left_out)) and np.isfinite(fit.mu_max_se)
+        if np.all(np.isfinite(fit.left_out)) and fit.peak.adhesion > 0 and fit.mu_max_se < np.inf
     }
-    nothing = Estimate(np.nan, np.nan, np.nan)
     if not usable:
-        return Answer(dict.fromkeys(fits, 0.0), nothing, nothing, 1.0)
-    found = predictive_weights(np.stack([fit.left_out for fit in usable.values()]))
+        return Answer(dict.fromkeys(fits, 0.0), NOT_KNOWN, NOT_KNOWN, 1.0)
+    # Rows that depend on their neighbours tell less than they seem to: of all curves, the one that
+    # leaves least of itself in the residual says how much less.
+    depend = max(min(fit.departure.inflation for fit in usable.values()), 1.0)
+    found = predictive_weights(
+        np.stack([fit.left_out for fit in usable.values()]) / depend,
+        np.array([fit.departure.occam for fit in usable.values()]),
+    )
     weights = dict.fromkeys(fits, 0.0) | dict(zip(usable, found.tolist(), strict=True))
     counted = [(fit, weights[name]) for name, fit in fits.items() if weights[name] > _LEAST_WEIGHT]
     peaked = [(fit, weight) for fit, weight in counted if fit.peak.found]
     with_peak = sum(weight for _, weight in peaked)
+    level = [(f.peak.adhesion, *_of(f, f.peak.by_law), w) for f, w in counted]
+    place = [(f.peak.slip, *_of(f, f.peak.by_slip), w) for f, w in peaked]
     return Answer(
         weights,
-        _mixture([(float(f.peak.adhesion), f.mu_max_se, f.degrees, w) for f, w in counted]),
-        _mixture([(float(f.peak.slip), f.slip_opt_se, f.degrees, w) for f, w in peaked])
-        if with_peak > 0.5
-        else nothing,
+        _mixture(level),
+        _mixture(place) if with_peak > 0.5 else NOT_KNOWN,
         1.0 - with_peak / sum(weight for _, weight in counted),
     )
 
 
+def _of(fit: MeasuredFit, direction: np.ndarray) -> tuple[float, float]:
+    errors, degrees = fit.errors(direction[None])
+    return float(errors[0]), float(degrees[0])
+
+
 def predictive_weights(
-    log_density: Float[np.ndarray, "curves parts"],
+    log_density: Float[np.ndarray, "curves parts"], cost: Float[np.ndarray, " curves"]
 ) -> Float[np.ndarray, " curves"]:
     """How much more probable each curve made the parts that were left out than the others did.
 
-    w_k is proportional to prod_i p_ki, p_ki the density of part i by curve k fitted to all others:
-    pseudo Bayes factors (Geisser and Eddy 1979, J. Am. Stat. Assoc. 74:153-160). Curves that
-    predict alike have like weights, so that the doubt between them stays in the answer. The
-    mixture that predicts best (stacking) may give all the weight to one of them.
+    The mean, over draws of the weights of the parts (Dirichlet, all alike), of weights proportional
+    to the product of their densities: pseudo Bayesian model averaging with the Bayesian bootstrap
+    (Yao, Vehtari, Simpson and Gelman 2018, Bayesian Analysis 13:917-1007). A curve that is better
+    in a few parts alone does not take all the weight. `cost` is taken off the sum of each curve:
+    the freedom of its departure, so that of curves that predict alike the one from which the
+    points depart least has most weight.
     """
-    total = log_density.sum(axis=1)
-    weights = np.exp(total - total.max())
-    return weights / weights.sum()
+    parts = log_density.shape[1]
+    drawn = np.random.default_rng(0).dirichlet(np.ones(parts), _DRAWS) * parts
+    total = drawn @ log_density.T - cost
+    weights = np.exp(total - total.max(axis=1, keepdims=True))
+    return np.mean(weights / weights.sum(axis=1, keepdims=True), axis=0)
 
 
 def band_of_answer(
     fits: Mapping[str, MeasuredFit], answer: Answer, slip: Float[np.ndarray, " points"]
 ) -> Float[np.ndarray, "points 3"]:
     """Median and ends of the pointwise 95 % interval of the mixture of the laws."""
-    chosen = [(fits[name], w) for name, w in answer.weights.items() if w > _LEAST_WEIGHT]
-    told = [(*law_with_errors(fit.law, slip), fit.degrees, weight) for fit, weight in chosen]
+    told = []
+    for name, weight in answer.weights.items():
+        if weight > _LEAST_WEIGHT:
+            found = fits[name].law.at(slip)
+            told.append((found.adhesion, *fits[name].errors(found.by_parameter), weight))
     return np.array(
         [
-            _mixture([(law[i], error[i], degrees, weight) for law, error, degrees, weight in told])
+            _mixture(
+                [(law[i], error[i], degrees[i], weight) for law, error, degrees, weight in told]
+            )
             for i in range(slip.size)
         ]
     )
 
 
 def _mixture(parts: list[tuple[float, float, float, float]]) -> Estimate:
-    """Median and 2.5 % ends of Student distributions: centre, standard error, degrees, weight."""
+    """Median and 2.5 % ends of Student distributions of the logarithm, or of what is not positive.
+
+    Each is given by its centre, standard error, degrees of freedom and weight.
+    """
     centre, error, degrees, weight = np.array(parts).T
-    error, weight = np.maximum(error, 1e-12 * np.abs(centre) + 1e-300), weight / weight.sum()
+    positive = bool(np.all(centre > 0))
+    if positive:
+        centre, error = np.log(centre), error / centre
+    error, weight = np.maximum(error, 1e-12 * np.abs(centre) + 1e-15), weight / weight.sum()
 
     def share_below(value: float) -> float:
         return float(weight @ stdtr(degrees, (value - centre) / error))
@@ -107,4 +137,5 @@ def _mixture(parts: list[tuple[float, float, float, float]]) -> Estimate:
             scipy.optimize.brentq(lambda value: share_below(value) - share, low, high, xtol=1e-14)
         )
 
-    return Estimate(at(0.5), at(0.025), at(0.975))
+    ends = at(0.5), at(0.025), at(0.975)
+    return Estimate(*(float(np.exp(min(end, 700.0))) if positive else end for end in ends))

@@ -1,15 +1,16 @@
-"""Whether the rail changed between runs, or between groups of them: a test of levels."""
+"""Whether the rail changed between runs, or between groups of rows: tests of level and of shape."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import scipy
-from jaxtyping import Float
-from scipy.linalg import helmert
+from jaxtyping import Float, Int
 
-from adhesion_jax.measured.fit import MeasuredFit
-from adhesion_jax.measured.noise import MISFITS, normal_equations, without_correlation
+from adhesion_jax.inference.fit import MeasuredFit
+from adhesion_jax.inference.rows import Rows
+from adhesion_jax.inference.sums import residuals
 
 #: Largest number of groups that are compared.
 MOST_GROUPS = 1000
@@ -17,114 +18,159 @@ MOST_GROUPS = 1000
 #: A change between groups is claimed if its p is at most this.
 _SIGNIFICANT = 0.01
 
-#: Places along the variance of the runs within their groups.
-_PLACES = 400
+#: A group of fewer pieces is cut into this number of stretches, whose scatter judges it.
+_STRETCHES = 6
 
 
 class Comparison(NamedTuple):
-    """The largest adhesion of each group, and the test that all are alike."""
+    """The largest adhesion of each group, and the tests that all are alike."""
 
     by: str
-    table: pd.DataFrame  # group, runs, mu_max, mu_max_se, mu_max_lo, mu_max_hi
-    statistic: float  # Wald's, by the number of differences: F if nothing changed
+    table: pd.DataFrame  # group, runs, points, mu_max, mu_max_se, mu_max_lo, mu_max_hi
+    statistic: float  # F if no level changed
     differences: int
-    degrees: float  # of freedom of the noise
-    p: float
-    run_scatter: float  # of the runs of a group, relative; 0 where a group is a single run
+    degrees: float  # of freedom of the scatter within the groups
+    p: float  # that all levels are alike
+    p_shape: float  # that the course over slip is alike
+    run_scatter: float  # standard deviation of the levels within groups, relative
 
     @property
     def changed(self) -> bool:
         return self.p <= _SIGNIFICANT
 
+    @property
+    def bent(self) -> bool:
+        return self.p_shape <= _SIGNIFICANT
 
-def compared(fit: MeasuredFit, labels: pd.Series, by: str) -> Comparison:
-    """The levels of the groups of runs, under one curve whose other parameters are common.
 
-    Run i has the adhesion (1 + l_i) f(s). The levels and the parameters of the curve (with what it
-    misses) are estimated together, under the autocorrelation that was found. Between groups of
-    several runs a difference counts beyond the scatter of the runs within them, whose variance w^2
-    is estimated by restricted maximum likelihood: l = X g + w u + errors. The Wald statistic for
-    equal g has F's distribution, with as many degrees of freedom as there are independent points
-    beyond the parameters, or runs beyond the groups. `labels` is the group of each run.
+class Pieces(NamedTuple):
+    """Stretches of one group each: their levels under one curve, relative, and their weight."""
+
+    group: Int[np.ndarray, " pieces"]
+    level: Float[np.ndarray, " pieces"]
+    shape: Float[np.ndarray, " pieces"]
+    weight: Float[np.ndarray, " pieces"]
+    shape_weight: Float[np.ndarray, " pieces"]
+
+
+def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> Pieces:
+    """Level and shape of every piece: a run, cut where the group changes.
+
+    The residual is regressed on the curve, and on the curve times the logarithm of slip less its
+    mean. Groups of fewer than six pieces are cut into as many stretches: what varies slowly within
+    a run then counts as scatter.
     """
-    codes, groups = pd.factorize(labels)
-    runs, count = len(labels), len(groups)
-    contrasts = helmert(runs)  # [runs - 1, runs]: the mean level belongs to the curve
-    estimate, covariance = _levels(fit, contrasts)
-    members = (codes[:, None] == np.arange(count)).astype(float)
-    single = count == runs
-    variance = 0.0 if single else _within(estimate, covariance, contrasts @ members)
-    whole = covariance + variance * np.eye(runs - 1)
+    law = fit.law
+    left, _, mean = residuals(rows, law.curve, law.parameters, law.span, fit.slip_spread)
+    limit = 3 * fit.noise.sigma + 0.1 * float(np.abs(mean).max())
+    left = np.clip(left, -limit, limit)
+    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
+    new = np.append(True, (np.diff(run) != 0) | (np.diff(group) != 0))
+    count = np.bincount(group[new])
+    starts = [
+        first + np.linspace(0, last - first, pieces, endpoint=False).astype(int)
+        for first, last, pieces in zip(
+            np.flatnonzero(new),
+            np.append(np.flatnonzero(new)[1:], group.size),
+            -(-_STRETCHES // np.maximum(count[group[new]], 1)),
+            strict=True,
+        )
+    ]
+    begin = np.unique(np.concatenate(starts))
+    place = np.log1p(np.abs(rows.slip) / law.span.reach)
+    weight = rows.design * mean**2
+    place = place - float(weight @ place) / float(weight.sum())
 
-    # Groups' levels about their mean over the runs: of g, the part that the contrasts see.
-    design = contrasts @ members @ helmert(count).T
-    weighed = np.linalg.solve(whole, np.column_stack([design, estimate]))
-    of_groups = np.linalg.inv(design.T @ weighed[:, :-1])
-    level = of_groups @ (design.T @ weighed[:, -1])
-    degrees = _degrees(fit, runs) if single else float(runs - count)
-    statistic = float(level @ np.linalg.solve(of_groups, level)) / (count - 1)
+    def total(column: np.ndarray) -> np.ndarray:
+        return np.add.reduceat(column, begin)
 
-    share = members.sum(axis=0) / runs
-    about = helmert(count).T - share @ helmert(count).T  # levels less their mean over the runs
-    levels, errors = about @ level, about @ of_groups @ about.T
+    size = np.maximum(total(weight), 1e-300)
+    middle = total(weight * place) / size
+    inner = np.maximum(total(weight * place**2) - size * middle**2, 1e-12 * size)
+    cross = rows.design * mean * left
+    level = total(cross) / size
+    shape = (total(cross * place) - middle * total(cross)) / inner
+    return Pieces(group[begin], level, shape, size, inner)
+
+
+def analysed(
+    values: Float[np.ndarray, " pieces"],
+    weight: Float[np.ndarray, " pieces"],
+    group: Int[np.ndarray, " pieces"],
+) -> tuple[Float[np.ndarray, " groups"], float, float, float]:
+    """Weighted means of the groups, F between them, its degrees of freedom within, and the scatter.
+
+    One-way analysis of variance; the weights are relative precisions of the values.
+    """
+    count = int(group.max()) + 1
+    size = np.bincount(group, weight, count)
+    mean = np.bincount(group, weight * values, count) / size
+    degrees = float(values.size - count)
+    within = float(weight @ (values - mean[group]) ** 2) / max(degrees, 1.0)
+    between = float(size @ (mean - float(size @ mean) / size.sum()) ** 2) / (count - 1)
+    return mean, between / max(within, 1e-300), degrees, within
+
+
+def compared(fit: MeasuredFit, rows: Rows, labels: pd.Series, by: str) -> Comparison:
+    """The levels of the groups under one curve; `labels` is the group of each row, in their order.
+
+    Source: Fisher's analysis of variance over runs, or stretches of them.
+    """
+    codes, names = pd.factorize(labels)
+    pieces = pieces_of(fit, rows, codes)
+    level, statistic, degrees, within = analysed(pieces.level, pieces.weight, pieces.group)
+    _, bend, _, _ = analysed(pieces.shape, pieces.shape_weight, pieces.group)
+    count = len(names)
+    size = np.bincount(pieces.group, pieces.weight, count)
     mu_max = float(fit.peak.adhesion)
-    half = fit.quantile
-    # Of these runs, not of further ones: their scatter is no part of the error of their mean.
-    common = max((fit.mu_max_se / mu_max) ** 2 - fit.run_scatter**2 / runs, 0.0)
-    se = mu_max * np.sqrt(np.diagonal(errors) + common)
-    height = mu_max * (1 + levels)
+    height = mu_max * (1 + level)
+    se = mu_max * np.sqrt(within / size + (fit.mu_max_se / mu_max) ** 2)
+    half = float(scipy.special.stdtrit(max(degrees, 1.0), 0.975)) * se / np.maximum(height, 1e-300)
+    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
+    runs = pd.Series(run).groupby(codes).nunique()
     table = pd.DataFrame(
         {
-            by: groups,
-            "runs": members.sum(axis=0).astype(int),
+            by: names,
+            "runs": runs.to_numpy(),
+            "points": np.bincount(codes, minlength=count),
             "mu_max": height,
             "mu_max_se": se,
-            "mu_max_lo": height - half * se,
-            "mu_max_hi": height + half * se,
+            "mu_max_lo": height * np.exp(-half),
+            "mu_max_hi": height * np.exp(half),
         }
     )
-    p = float(scipy.stats.f.sf(statistic, count - 1, degrees))
-    return Comparison(by, table, statistic, count - 1, degrees, p, float(np.sqrt(variance)))
+    f = scipy.stats.f
+    return Comparison(
+        by,
+        table,
+        statistic,
+        count - 1,
+        degrees,
+        float(f.sf(statistic, count - 1, degrees)),
+        float(f.sf(bend, count - 1, degrees)),
+        float(np.sqrt(within / np.median(pieces.weight))),
+    )
 
 
-def _levels(
-    fit: MeasuredFit, contrasts: Float[np.ndarray, "contrasts runs"]
-) -> tuple[Float[np.ndarray, " contrasts"], Float[np.ndarray, "contrasts contrasts"]]:
-    """Contrasts of the levels of the runs, and their covariance by the noise within the runs."""
-    found, noise = fit.products, fit.noise
-    white = without_correlation(found.parts.sum(axis=1), noise.autocorrelation)
-    rows = without_correlation(found.levels, noise.autocorrelation)
-    matrix, right, used = normal_equations(white, noise.misfit, ~fit.held)
-    # The mean level stands beside the parameters, with which it may be one and the same.
-    used = np.append(used, found.derivatives + MISFITS)
-    matrix = np.block([[matrix, white[used[:-1], -2][:, None]], [white[-2, used]]])
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
-    inverse = np.linalg.pinv(matrix * scale[:, None] * scale, rcond=1e-11, hermitian=True)
-    inverse = inverse * scale[:, None] * scale
-    across = contrasts @ rows[:, used]
-    own = contrasts @ (rows[:, -2, None] * contrasts.T) - across @ inverse @ across.T
-    error = contrasts @ rows[:, -1] - across @ inverse @ np.append(right, white[-2, -1])
-    covariance = np.linalg.inv(own)
-    return covariance @ error, noise.sigma**2 * covariance
+def split_that_predicts(
+    fit: MeasuredFit, rows: Rows, candidates: Mapping[str, pd.Series]
+) -> str | None:
+    """The column whose groups predict the levels of pieces that are left out best, if any does.
 
-
-def _within(
-    estimate: np.ndarray, covariance: np.ndarray, design: Float[np.ndarray, "contrasts groups"]
-) -> float:
-    """The variance of the levels of runs within groups, by restricted maximum likelihood."""
-    # What the groups do not explain.
-    left = np.linalg.svd(design)[0][:, np.linalg.matrix_rank(design) :]
-    if left.shape[1] == 0:
-        return 0.0
-    values, vectors = np.linalg.eigh(left.T @ covariance @ left)
-    along = (vectors.T @ left.T @ estimate) ** 2
-    highest = max(float(along.sum()), 1e-300)
-    variances = np.concatenate([[0.0], np.geomspace(1e-9 * highest, 10 * highest, _PLACES)])
-    size = values + variances[:, None]
-    loss = np.sum(np.log(size) + along / size, axis=1)
-    return float(variances[loss.argmin()])
-
-
-def _degrees(fit: MeasuredFit, runs: int) -> float:
-    r = fit.noise.autocorrelation
-    return max(fit.points * (1 - r) / (1 + r) - float(np.sum(~fit.held)) - runs, 1.0)
+    A piece is predicted by the others of its group, and without groups by all others.
+    """
+    gains = {}
+    for name, labels in candidates.items():
+        codes = pd.factorize(labels)[0]
+        pieces = pieces_of(fit, rows, codes)
+        if np.bincount(pieces.group).min() < 2:
+            continue
+        size = np.bincount(pieces.group, pieces.weight)
+        mean, *_ = analysed(pieces.level, pieces.weight, pieces.group)
+        own, whole = size[pieces.group], float(size.sum())
+        others = (own * mean[pieces.group] - pieces.weight * pieces.level) / (own - pieces.weight)
+        every = (float(size @ mean) - pieces.weight * pieces.level) / (whole - pieces.weight)
+        gain = pieces.weight * ((pieces.level - every) ** 2 - (pieces.level - others) ** 2)
+        if gain.sum() > 2 * np.sqrt(gain.size) * gain.std():
+            gains[name] = float(gain.sum() / np.sum(pieces.weight * (pieces.level - every) ** 2))
+    return max(gains, key=lambda name: gains[name]) if gains else None

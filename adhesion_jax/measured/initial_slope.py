@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from adhesion_jax.curves import CURVES, Peak
-from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.log import Log
 from adhesion_jax.records import Record
@@ -71,7 +71,7 @@ def initial_slope(log: Log, given: float | None = None) -> InitialSlope:
     every = jnp.ones(chosen.size, dtype=bool)
     record = Record(slip, adhesion, every, every, {})
     one_run, curve = np.zeros(chosen.size, dtype=int), {_FORM: CURVES[_FORM]}
-    fits = fit_curves(curve, record, one_run, log.slip_is_velocity, slip_noise=0.0).curves
+    fits = fit_curves(curve, record, one_run, log.slip_is_velocity, given=0.0).curves
     fit = fits[_FORM]
     alone = fit.curve.peak(fit.conditions, fit.slip_limit)
     found = InitialSlope(0.0, 0.0, given is not None, fit, alone, _form(fit, alone), chosen.size)

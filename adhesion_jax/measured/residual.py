@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from adhesion_jax.curves import adhesion_of
-from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.inference.fit import MeasuredFit
+from adhesion_jax.inference.values import values
 from adhesion_jax.records import Record
 
 #: If no peak lies among the points, the slope is taken beyond the slip at which the curve first
@@ -54,8 +54,10 @@ def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
     measured = np.asarray(record.adhesion)[order]
     slip, side = np.abs(signed), np.where((signed < 0) & (measured < 0), -1.0, 1.0)
     adhesion = side * measured
-    needed = {name: np.asarray(record.conditions[name])[order] for name in fit.curve.NEEDS}
-    residual = adhesion - side * np.asarray(adhesion_of(fit.curve, signed, needed))
+    law, needed = fit.law, fit.law.curve.NEEDS
+    conditions = {name: np.asarray(record.conditions[name])[order] for name in needed}
+    expected = values(law.curve, law.parameters, law.span, signed, conditions).adhesion
+    residual = adhesion - side * expected
 
     points = slip.size
     centred = residual - residual.mean()

@@ -8,8 +8,7 @@ import numpy as np
 
 from adhesion_jax.data import Measured
 from adhesion_jax.data.grouping import group
-from adhesion_jax.measured.fit import MeasuredFit
-from adhesion_jax.measured.slip import SlipErrors
+from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.planning.excitation import Again, again
 from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.truth import Truth
@@ -28,12 +27,10 @@ class OwnLog(NamedTuple):
     misfit: float  # what the curve misses: its root mean square over the samples, relative
 
 
-def own_log(
-    fit: MeasuredFit, measured: Measured, errors: SlipErrors, stated: Mapping[str, float]
-) -> OwnLog:
+def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -> OwnLog:
     """The fitted curve as the truth, and the noise of its fit where none is `stated`.
 
-    Parameters that the fit holds are taken as known. The slips are those to be expected, and their
+    Parameters that the fit holds are taken as known. The slips are the measured ones, and their
     noise is the mean one by which the fit weighs its points.
     """
     free = tuple(
@@ -43,13 +40,13 @@ def own_log(
     found = Noise(
         fit.noise.sigma,
         fit.noise.autocorrelation,
-        fit.run_scatter,
-        float(np.sqrt(np.mean(errors.noise))),
+        fit.noise.run_scatter,
+        float(np.sqrt(np.mean(fit.slip_spread**2))),
     )
     runs = group([measured]).run
     order = np.argsort(runs, kind="stable")
     starts = np.flatnonzero(np.diff(runs[order], prepend=-1))
-    slip = errors.slip[order]
+    slip = measured.table[measured.slip].to_numpy(float)[order]
     return OwnLog(
         Truth(curve, dict(fit.conditions), fit.slip_limit, fit.slip_unit),
         found._replace(**stated),

@@ -85,6 +85,13 @@ def test_a_file_says_the_same_and_the_option_goes_before_it(log, monkeypatch, ca
         (("--columns", "nowhere.toml"), "nowhere.toml cannot be read (No such file"),
         (("--columns", "LOG"), "is not TOML"),
         (("--wheel-radius", "0"), "--wheel-radius"),
+        (("--delay", "force"), '--delay "force" does not say how late a signal is'),
+        (("--delay", "force=inf"), "write NAME=SECONDS"),
+        (("--delay", "force=0.1", "--delay", "force=0.2"), "--delay force is given twice"),
+        ((*SAID, "--delay", "force=0.1"), "because there is no time"),
+        ((*SAID, "--inertia", "420"), "the inertia cannot be taken off the force, which needs"),
+        (("--inertia", "0"), "--inertia"),
+        (("--efficiency", "1.5"), "--efficiency"),
         (("--wheel-radius", "nan"), "is not a finite number"),
     ],
 )
@@ -95,6 +102,25 @@ def test_what_cannot_be_meant_is_refused_in_one_sentence(options, says, log, mon
     assert says in err
     assert err.count("\n") == 1
     assert "Traceback" not in err
+
+
+def test_what_is_known_of_the_sensors_goes_to_the_reading(tmp_path, monkeypatch, capsys):
+    time = 0.05 * np.arange(200)
+    train = 10 + 0.1 * time
+    torque = 20 * time
+    table = pd.DataFrame({"t [s]": time, "v [m/s]": train - 0.02, "v_Rad [m/s]": 1.01 * train})
+    path = tmp_path / "log.csv"
+    table.assign(**{"Motormoment [Nm]": torque, "Achslast [kN]": 200}).to_csv(path, index=False)
+    known = ("--wheel-radius", "0.5", "--gear-ratio", "4", "--efficiency", "0.9")
+    late = ("--delay", "vehicle_speed=0.2", "--inertia", "100")
+    status, out, err = answer("identify", path, monkeypatch, capsys, "--dry-run", *known, *late)
+    assert (status, err) == (0, "")
+    assert "log.csv: 196 rows are used." in out
+    # The delay is what the offset of the speed looks like; 1 % of slip is left.
+    rows = [" ".join(row.split()) for row in out.splitlines()]
+    assert "computed: slip velocity / train speed slip_ratio 1 0.01 to 0.01 0 %" in rows
+    assert "motor torque x 4 x 0.9 (in braking / 0.9) / 0.5 m" in out
+    assert "The inertia of the wheelset, 100 kg m2 at 0.5 m" in out
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -15,7 +15,7 @@ from adhesion_jax.library.track import METHODS, TRACK_FILES
 
 COLUMNS = (
     "identifier time_s sample mu_max mu_max_se mu_max_lo mu_max_hi slip_opt slip_opt_se status "
-    "reset resets skipped"
+    "at_least reset resets skipped"
 )
 
 

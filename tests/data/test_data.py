@@ -262,6 +262,7 @@ def test_the_known_columns_are_those_promised():
         "normal_load_N temperature_C relative_humidity_pct position_m curvature_per_m "
         "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad "
         "slip_angle_deg lateral_creepage wheel_speed_mps wheel_rotation_radps axle_force_N "
-        "axle_load_N locomotive_force_N locomotive_load_N driven_axles"
+        "axle_load_N locomotive_force_N locomotive_load_N driven_axles adhesion_sd motor_torque_Nm "
+        "group repeats"
     )
     assert {*COLUMNS, *LABELS} == {*promised.split()}

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import to_measured
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.derived import rolling_radius
 from adhesion_jax.errors import InputError
 
@@ -34,7 +35,9 @@ def test_slip_comes_from_the_speeds_of_wheel_and_train():
     table = trip().assign(wheel_speed_mps=lambda one: RADIUS * one["wheel_rotation_radps"])
     slip = table["wheel_speed_mps"] / table["vehicle_speed_mps"] - 1
     by_speed = to_measured("log", table.drop(columns="wheel_rotation_radps"))
-    by_radius = to_measured("log", table.drop(columns="wheel_speed_mps"), wheel_radius=RADIUS)
+    by_radius = to_measured(
+        "log", table.drop(columns="wheel_speed_mps"), known=Corrections(wheel_radius=RADIUS)
+    )
     for found in (by_speed, by_radius):
         assert found.slip == "slip_ratio"
         np.testing.assert_allclose(found.table["slip_ratio"], slip, atol=1e-12)
@@ -50,7 +53,7 @@ def test_slip_comes_from_the_speeds_of_wheel_and_train():
 def test_rows_near_standstill_are_not_used_and_counted():
     table = trip()
     table.loc[100:149, "vehicle_speed_mps"] = np.linspace(0, 0.49, 50)
-    found = to_measured("log", table, wheel_radius=RADIUS)
+    found = to_measured("log", table, known=Corrections(wheel_radius=RADIUS))
     assert len(found.table) == 5950
     assert not found.table.index.isin(range(100, 150)).any()
     assert any(
@@ -84,7 +87,10 @@ def test_a_radius_that_cannot_be_identified_is_asked_for():
     table["adhesion"] = 0.1 + table["adhesion"]
     with pytest.raises(InputError, match=r"log cannot be used: the wheel radius .*--wheel-radius"):
         to_measured("log", table)
-    assert "not used" in to_measured("log", good_with_slip(), wheel_radius=0.5).notes[-1]
+    assert (
+        "not used"
+        in to_measured("log", good_with_slip(), known=Corrections(wheel_radius=0.5)).notes[-1]
+    )
 
 
 def good_with_slip():

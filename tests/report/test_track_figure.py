@@ -8,7 +8,7 @@ from adhesion_jax.identifiers import Status
 from adhesion_jax.measured.following import Followed
 from adhesion_jax.measured.log import Log
 from adhesion_jax.report.track.figure import MOST_EVENTS, track_figure
-from adhesion_jax.report.track.words import checkpoint_rows, summary_rows
+from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, summary_rows
 
 
 def a_log(events=0, timed=True, samples=6000):
@@ -35,10 +35,12 @@ def a_log(events=0, timed=True, samples=6000):
     )
 
 
-def a_method(log, resets=(), untrusted=slice(0)):
+def a_method(log, resets=(), untrusted=slice(0), bare=slice(0)):
     rows = log.used[:: max(1, log.used.size // 50)]
     status = np.full(rows.size, Status.TRUSTED.value)
     status[untrusted] = Status.NO_PEAK.value
+    at_least = np.zeros(rows.size, dtype=bool)
+    at_least[bare] = True
     table = pd.DataFrame(
         {
             "sample": rows,
@@ -50,6 +52,8 @@ def a_method(log, resets=(), untrusted=slice(0)):
             "reset": np.isin(np.arange(rows.size), resets),
             "resets": 0,
             "skipped": 0,
+            "at_least": at_least,
+            "reached": 0.21,
         }
     )
     return Followed(table, len(resets), 0, int(np.sum(status == 0)), 0.0, 1.0, 1e-6)
@@ -109,6 +113,33 @@ def test_nothing_of_a_long_log_is_hidden():
     envelope = figure.axes[0].collections[0]
     high = envelope.get_datalim(figure.axes[0].transData).y1
     assert high == pytest.approx(0.29)
+
+
+def test_where_adhesion_does_not_fall_the_adhesion_reached_is_drawn_and_told():
+    log = a_log()
+    some = {"one": a_method(log, bare=slice(20, 30)), "two": a_method(log, bare=slice(30, None))}
+    figure = track_figure("a log", log, some)
+    estimates = figure.axes[0]
+    place = log.time - 500  # s
+    at = some["one"].estimates["sample"].to_numpy()
+    line = next(line for line in estimates.lines if line.get_marker() == "^")
+    drawn = np.isfinite(line.get_ydata())
+    assert set(line.get_ydata()[drawn]) == {0.21}
+    assert line.get_xdata()[drawn].min() == place[at[20]]
+    assert line.get_xdata()[drawn].max() == place[at[30]]
+    whole = next(line for line in estimates.lines if line.get_linewidth() == 1.7)
+    np.testing.assert_array_equal(np.isnan(whole.get_ydata()), drawn)
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "at least: adhesion does not fall" in legend
+    table = checkpoint_rows(log, some)
+    assert list(np.flatnonzero(table["at_least"][:50])) == list(range(20, 30))
+    bare = table[table["at_least"]]
+    assert set(bare["mu_max"]) == {0.21}
+    assert bare[["mu_max_lo", "mu_max_hi", "slip_opt"]].isna().all(axis=None)
+    printed = printed_summary(summary_rows(log, some)).splitlines()
+    assert "0.300 ± 0.010" in printed[1]
+    assert "at least 0.210" in printed[2]
+    assert "0.050" not in printed[2]
 
 
 def test_the_table_and_the_summary_hold_the_estimates():

@@ -7,10 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from adhesion_jax.measured.answer import Answer, band_of_answer
+from adhesion_jax.inference.fit import MeasuredFit
+from adhesion_jax.measured.answer import Answer, Estimate, band_of_answer
 from adhesion_jax.measured.comparison import Comparison
-from adhesion_jax.measured.fit import MeasuredFit
-from adhesion_jax.measured.law import law_at
 from adhesion_jax.measured.residual import Residual, running_mean
 from adhesion_jax.report.style import root_axis
 
@@ -32,6 +31,8 @@ def draw_measured(
     fits: Mapping[str, MeasuredFit],
     residuals: Mapping[str, Residual],
     answer: Answer,
+    level: Estimate,
+    place: Estimate,
 ) -> None:
     """The one answer over the points with the curves and, below it, what each curve leaves."""
     ranked = sorted(fits, key=lambda name: -fits[name].log_density)
@@ -42,7 +43,7 @@ def draw_measured(
     _points(above, left, left.adhesion)
     end, begin = 1.04 * left.slip[-1], min(1.04 * left.turned.min(), 0.0)
     grid = end * np.linspace(0.0, 1.0, 800) ** 2
-    _answer(above, answer, fits, grid, left.slip)
+    _answer(above, answer, fits, grid, left.slip, level, place)
     for rank, name in enumerate(ranked):
         _curve(above, name, fits[name], answer.weights[name], grid, rank)
     above.set_title(
@@ -107,8 +108,10 @@ def _answer(
     fits: Mapping[str, MeasuredFit],
     grid: np.ndarray,
     measured_slip: np.ndarray,
+    level: Estimate,
+    place: Estimate,
 ) -> None:
-    """The band of all curves together, and the peak with its intervals."""
+    """The band of all curves together, and the peak with its intervals, or what is reached."""
     # Outside the measured slips the width of a band follows from the form of the curves alone.
     seen = grid[(grid >= measured_slip[0]) & (grid <= measured_slip[-1])][::8]
     if not answer.mu_max.value > 0:
@@ -117,10 +120,11 @@ def _answer(
     axes.fill_between(
         seen, low, high, color="#9ecae1", alpha=0.6, linewidth=0, label="all curves: 95 % band"
     )
-    level, place = answer.mu_max, answer.slip_opt
+    if np.isnan(level.value):
+        return
     if np.isnan(place.value):
-        axes.axhspan(
-            level.low, level.high, color="0.85", zorder=0, label="largest adhesion, 95 % interval"
+        axes.axhline(
+            level.value, color="0.4", linestyle=(0, (6, 3)), label=f"at least {level.value:.4f}"
         )
         return
     axes.errorbar(
@@ -143,17 +147,17 @@ def _answer(
 def _curve(
     axes: Axes, name: str, fit: MeasuredFit, weight: float, grid: np.ndarray, rank: int
 ) -> None:
-    """The curve with what it misses."""
+    """The curve with its departure."""
     colour, line, marker = _STYLES[rank % len(_STYLES)]
     axes.plot(
         grid,
-        law_at(fit.law, grid)[0],
+        fit.law.at(grid).adhesion,
         color=colour,
         linestyle=line,
         linewidth=2.6 if rank == 0 else 1.5,
         zorder=20 - rank,
     )
-    label = f"{name}: weight {weight:.2f}, misfit {100 * fit.misfit:.1f} %"
+    label = f"{name}: weight {weight:.2f}, departure {100 * fit.misfit:.1f} %"
     if fit.peak.found:
         label += f", peak at {float(fit.peak.slip):.3g}{fit.slip_unit}"
         axes.plot(

@@ -6,21 +6,36 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate
-from adhesion_jax.measured.fit import MeasuredFit
+from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.measured.words import LEAST_NAMED, reasons
 from adhesion_jax.report.text import WIDTH, flush_left
 from adhesion_jax.wording import listed, plus_minus
 
 
-def answer_lines(answer: Answer, fit: MeasuredFit) -> str:
+def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement) -> str:
     """The peak by all curves together, for a terminal; `fit` is that of any of them."""
     unit = fit.slip_unit
+    if judgement.vetoes:
+        return "\n".join(
+            (
+                "mu_max    not known",
+                "slip_opt  not known",
+                *textwrap.wrap(" ".join(judgement.vetoes), WIDTH, break_on_hyphens=False),
+            )
+        )
+    if judgement.at_least is not None:
+        return "\n".join(
+            (
+                f"mu_max    at least {judgement.at_least.value:.4f} "
+                f"(95 %: {judgement.at_least.low:.4f})",
+                "slip_opt  no peak is seen among the points",
+                *textwrap.wrap(judgement.why, WIDTH, break_on_hyphens=False),
+            )
+        )
     weights = {name: w for name, w in answer.weights.items() if w >= LEAST_NAMED}
     ranked = sorted(weights, key=lambda name: -weights[name])
-    slip = f"{_interval(answer.slip_opt)}{unit}"
-    if np.isnan(answer.slip_opt.value):
-        slip = f"no peak between slip 0 and {fit.slip_limit:g}{unit}"
     names = listed([f"{name} {weights[name]:.2f}" for name in ranked])
     said = (
         "The peak with its 95 % interval, the choice of the curve included. Weights of the curves "
@@ -29,7 +44,7 @@ def answer_lines(answer: Answer, fit: MeasuredFit) -> str:
     return "\n".join(
         (
             f"mu_max    {_interval(answer.mu_max)}",
-            f"slip_opt  {slip}",
+            f"slip_opt  {_interval(answer.slip_opt)}{unit}",
             *textwrap.wrap(said, WIDTH, break_on_hyphens=False),
         )
     )
@@ -48,24 +63,24 @@ def curve_rows(
 ) -> pd.DataFrame:
     """One row for each curve; NaN where a quantity does not apply.
 
-    Columns: curve, rms, bic, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status,
+    Columns: curve, rms, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status,
     each parameter with its standard error (`_se`), then the weight in the answer, log_density (of
-    what was left out), and the noise: sigma, autocorrelation, run_scatter, misfit (both relative),
-    effective_samples. `not_fitted` names the columns that a curve needs and the data lack.
+    what was left out), the departure (misfit, relative), the degrees of freedom of the interval,
+    and the noise: sigma, autocorrelation, run_scatter and slow_level (both relative). `not_fitted`
+    names the columns that a curve needs and the data lack.
     """
     rows: list[dict[str, object]] = []
     noises: dict[str, dict[str, float]] = {}
     for name, fit in fits.items():
-        mu_max, half = float(fit.peak.adhesion), fit.quantile * fit.mu_max_se
+        mu_max, (low, high) = float(fit.peak.adhesion), fit.interval
         row: dict[str, object] = {
             "curve": name,
             "rms": fit.rms,
-            "bic": fit.bic,
             "slip_opt": float(fit.peak.slip),
             "slip_opt_se": fit.slip_opt_se,
             "mu_max": mu_max,
-            "mu_max_lo": mu_max - half,
-            "mu_max_hi": mu_max + half,
+            "mu_max_lo": low,
+            "mu_max_hi": high,
             "status": f"{fit.status.name}: {' '.join(reasons(fit))}",
         }
         for parameter, value, error in zip(
@@ -78,9 +93,10 @@ def curve_rows(
             "log_density": fit.log_density,
             "sigma": fit.noise.sigma,
             "autocorrelation": fit.noise.autocorrelation,
-            "run_scatter": fit.run_scatter,
+            "run_scatter": fit.noise.run_scatter,
+            "slow_level": fit.noise.slow_level,
             "misfit": fit.misfit,
-            "effective_samples": fit.effective,
+            "degrees": fit.degrees,
         }
         rows.append(row)
     rows += [
@@ -98,8 +114,7 @@ def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
     summary, parameters = [], []
     for name in ranked:
         fit = fits[name]
-        half = fit.quantile * fit.mu_max_se
-        low, high = float(fit.peak.adhesion) - half, float(fit.peak.adhesion) + half
+        low, high = fit.interval
         slip_opt = (
             f"{plus_minus(float(fit.peak.slip), fit.slip_opt_se)}{fit.slip_unit}"
             if fit.peak.found
@@ -109,7 +124,7 @@ def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
             {
                 "curve": name,
                 "rms": f"{fit.rms:.5f}",
-                "misfit": f"{100 * fit.misfit:.1f} %",
+                "departure": f"{100 * fit.misfit:.1f} %",
                 "log density": f"{fit.log_density - most:.1f}",
                 "weight": f"{answer.weights[name]:.2f}",
                 "peak at slip": slip_opt,

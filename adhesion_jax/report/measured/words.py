@@ -6,13 +6,15 @@ import numpy as np
 
 from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
+from adhesion_jax.inference.fit import EXACT, MeasuredFit
+from adhesion_jax.inference.sandwich import COSINES
+from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.measured.answer import Answer
 from adhesion_jax.measured.comparison import Comparison
-from adhesion_jax.measured.fit import EXACT, MeasuredFit
 from adhesion_jax.measured.residual import Residual
-from adhesion_jax.measured.slip import SlipErrors
+from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.text import filled
-from adhesion_jax.wording import listed, plus_minus
+from adhesion_jax.wording import listed, percent, plus_minus
 
 #: The residual is said to have structure if the likeness of its neighbours exceeds this number of
 #: standard deviations.
@@ -24,8 +26,11 @@ LEAST_NAMED = 0.005
 #: Curves are told apart if their log densities differ by this multiple of its standard error.
 _APART = 2.0
 
-#: Autocorrelation, run scatter and misfit below this are not worth a number.
+#: Autocorrelation, run scatter, slow level and departure below this are not worth a number.
 _SLIGHT = 5e-4
+
+
+Sections = Sequence[tuple[str, Sequence[str]]]
 
 
 def verdict(
@@ -35,28 +40,35 @@ def verdict(
     not_fitted: Mapping[str, Sequence[str]],
     left: Residual,
     answer: Answer,
-    slip: SlipErrors,
+    judgement: Judgement,
+    slip: SlipNoise,
     runs: int,
-    comparison: Comparison | None,
-) -> str:
-    """The verdict in words: the best curve, the peak, the noise, the residual, and doubts.
+    comparisons: Sequence[Comparison],
+    groups: Mapping[str, Answer],
+) -> Sections:
+    """The verdict in sentences under titles: what forbids an answer comes first.
 
     `left` is the residual of the curve with the largest log density.
     """
     ranked = sorted(fits, key=lambda name: -fits[name].log_density)
     best = fits[ranked[0]]
-    paragraphs = [
+    peak = [] if judgement.vetoes else _peak_sentences(answer, judgement, best, measured)
+    sections = [
+        ("No answer", list(judgement.vetoes)),
         ("Data", _data_sentences(measured, citation)),
         ("Curve", _curve_sentences(fits, ranked, answer)),
-        ("Peak", _peak_sentences(answer, best, measured)),
-        ("Noise", _noise_sentences(ranked[0], best, slip, runs, "time_s" in measured.table)),
+        ("Peak", peak),
+        ("Noise", _noise_sentences(best, slip, runs, measured)),
         ("Residual", _residual_sentences(best, left)),
-        *([("Runs", _run_sentences(comparison))] if comparison is not None else []),
+        *(("Groups", _group_sentences(one, groups)) for one in comparisons),
         ("Not to be trusted", _doubts(fits, ranked, not_fitted, answer, slip, measured)),
     ]
-    return "\n".join(
-        filled(f"{title}: {' '.join(sentences)}") for title, sentences in paragraphs if sentences
-    )
+    return [(title, sentences) for title, sentences in sections if sentences]
+
+
+def in_lines(sections: Sections) -> str:
+    """The verdict for a terminal and a text file."""
+    return "\n".join(filled(f"{title}: {' '.join(sentences)}") for title, sentences in sections)
 
 
 def reasons(fit: MeasuredFit) -> list[str]:
@@ -69,12 +81,10 @@ def reasons(fit: MeasuredFit) -> list[str]:
             f"Adhesion has no peak between slip 0 and {fit.slip_limit:g}{fit.slip_unit}; "
             "mu_max is the largest adhesion in that range."
         )
-    if not np.all(np.isfinite(fit.covariance)):
+    if not np.isfinite(fit.mu_max_se):
         sentences.append("The data do not determine all parameters: there are no standard errors.")
     elif not fit.converged:
-        sentences.append(
-            "The solver stopped before it converged; the values are those of its last step."
-        )
+        sentences.append(Status.NOT_CONVERGED.sentence)
     for name, value, bound, unfelt in zip(
         fit.curve.free, fit.parameters, fit.on_bound, fit.no_influence, strict=True
     ):
@@ -132,6 +142,7 @@ def _curve_sentences(
     by_weight = sorted(heavy, key=lambda name: -heavy[name])
     weights = listed([f"{name} {heavy[name]:.2f}" for name in by_weight])
     return [
+        _departure_sentence(ranked[0], best),
         f"{ranked[0]} predicts best the points that are left out of its fit: their log density is "
         f"{plus_minus(float(gain.sum()), error)} above that by {ranked[1]} (rms {best.rms:.4f} "
         f"against {second.rms:.4f}), so the points "
@@ -140,41 +151,44 @@ def _curve_sentences(
     ]
 
 
-def _peak_sentences(answer: Answer, fit: MeasuredFit, measured: Measured) -> list[str]:
-    slip = measured.table[measured.slip].abs()
-    level, place = answer.mu_max, answer.slip_opt
-    interval = f"{level.value:.4f} (95 % interval {level.low:.4f} to {level.high:.4f})"
-    unit, largest = fit.slip_unit, float(slip.max())
-    if np.isnan(place.value):
-        return [
-            f"there is none between slip 0 and {fit.slip_limit:g}{unit}; the largest adhesion "
-            f"there is {interval}, while the points end at {largest:.4g}{unit}."
-        ]
-    sentences = [
-        f"by all curves together, adhesion {interval} at slip {place.value:.4g}{unit} (95 % "
-        f"interval {place.low:.4g} to {place.high:.4g}{unit})."
-    ]
-    if place.value > largest:
-        sentences.append(f"It is extrapolated: the points end at slip {largest:.4g}{unit}.")
-    elif place.value < slip.min():
-        sentences.append(f"It is extrapolated: the points begin at slip {slip.min():.4g}{unit}.")
-    elif place.high > largest:
-        sentences.append(
-            f"It lies within the measured slips, but its interval reaches beyond their end at "
-            f"{largest:.4g}{unit}."
-        )
-    else:
-        behind = int((slip > place.value).sum())
-        sentences.append(f"It lies within the measured slips, with {behind} points beyond it.")
-    return sentences
+def _departure_sentence(name: str, fit: MeasuredFit) -> str:
+    """How far the points leave the curve of this name, and where most."""
+    bent = fit.law.bent
+    slip = np.linspace(0.02, 1.0, 50) * fit.law.span.largest
+    departure = np.asarray(bent.departure(slip))
+    most = int(np.argmax(np.abs(departure)))
+    if abs(departure[most]) < _SLIGHT:
+        return f"The points follow {name} itself: no departure from it is seen."
+    return (
+        f"The points depart from {name} by {percent(fit.misfit)} (rms), most at slip "
+        f"{slip[most]:.3g}{fit.slip_unit}, where they lie {percent(abs(departure[most]))} "
+        f"{'above' if departure[most] > 0 else 'below'} it; the peak is that of the bent curve."
+    )
 
 
-def _noise_sentences(
-    name: str, fit: MeasuredFit, slip: SlipErrors, runs: int, in_time: bool
+def _peak_sentences(
+    answer: Answer, judgement: Judgement, fit: MeasuredFit, measured: Measured
 ) -> list[str]:
+    if judgement.at_least is not None:
+        return [judgement.why]
+    slip = measured.table[measured.slip].abs()
+    level, place, unit = answer.mu_max, answer.slip_opt, fit.slip_unit
+    behind, largest = int((slip > place.value).sum()), float(slip.max())
+    return [
+        f"by all curves together, adhesion {level.value:.4f} (95 % interval {level.low:.4f} to "
+        f"{level.high:.4f}) at slip {place.value:.4g}{unit} (95 % interval {place.low:.4g} to "
+        f"{place.high:.4g}{unit}).",
+        f"It lies within the measured slips, with {behind} points beyond it."
+        if place.high <= largest
+        else "It lies within the measured slips, but its interval reaches beyond their end at "
+        f"{largest:.4g}{unit}.",
+    ]
+
+
+def _noise_sentences(fit: MeasuredFit, slip: SlipNoise, runs: int, measured: Measured) -> list[str]:
     if fit.rms <= EXACT * float(fit.peak.adhesion):
         return []
-    noise = fit.noise
+    noise, in_time = fit.noise, "time_s" in measured.table
     found = [f"standard deviation of a point {noise.sigma:.4f}"]
     if in_time:
         found.append(
@@ -184,30 +198,34 @@ def _noise_sentences(
         )
     if runs > 1:
         found.append(
-            f"scatter of the levels of the {runs} runs {100 * fit.run_scatter:.2g} %"
-            if fit.run_scatter > _SLIGHT
+            f"scatter of the levels of the {runs} runs {100 * noise.run_scatter:.2g} %"
+            if noise.run_scatter > _SLIGHT
             else f"no scatter between the levels of the {runs} runs"
         )
-    found.append(
-        f"a smooth misfit of {100 * fit.misfit:.2g} % that {name} leaves"
-        if fit.misfit > _SLIGHT
-        else f"no smooth misfit that {name} leaves"
+    if noise.slow_level > _SLIGHT:
+        seconds = noise.slow_rows * float(np.median(np.diff(measured.table["time_s"])))
+        found.append(
+            f"a level of the rail that varies within a run by {100 * noise.slow_level:.2g} % with "
+            f"a correlation time of {seconds:.2g} s"
+        )
+    sentences = [f"{listed(found)}."]
+    if noise.slip > 0:
+        unit = " m/s of wheel speed" if slip.of_wheel_speed else ""
+        sentences.append(
+            f"The slip has noise of standard deviation {noise.slip:.2g}{unit} "
+            f"({'given' if slip.given else 'estimated from its course in time'}): points where the "
+            "curve is steep count less, and the curve is the mean over this noise."
+        )
+    slow = f"the {COSINES} slowest waves of the residual"
+    if fit.sandwich.blocks is None:
+        basis, reach = "the scatter of the points about the curve", "if points are independent"
+    else:
+        both = f"the scatter between runs or on {slow}, whichever is larger"
+        basis = both if fit.sandwich.clusters is not None else slow
+        reach = "whatever a point depends on within its run"
+    sentences.append(
+        f"The intervals rest on {basis}: they hold {reach} ({fit.degrees:.0f} degrees of freedom)."
     )
-    sentences = [f"{listed(found)}; the intervals include all of these."]
-    if fit.effective < 0.95 * fit.points:
-        sentences.append(
-            f"For the largest adhesion the {fit.points} points tell as much as "
-            f"{fit.effective:.0f} independent ones would."
-        )
-    if slip.sigma > 0:
-        unit = " m/s of wheel speed" if slip.falls_with else ""
-        interval = f"95 % interval {slip.low:.2g} to {slip.high:.2g}"
-        known = "given" if slip.low == slip.high else interval
-        sentences.append(
-            f"The slip has noise of standard deviation {slip.sigma:.2g}{unit} ({known}): the "
-            "curves follow the slip that is to be expected "
-            + ("from its course in time." if in_time else "at each measured one.")
-        )
     return sentences
 
 
@@ -218,7 +236,8 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
         f"the likeness of neighbours in slip is {left.likeness:.1f} standard deviations above that "
         "of white noise"
     )
-    seen = fit.misfit > _SLIGHT or fit.noise.autocorrelation > _SLIGHT or fit.run_scatter > _SLIGHT
+    noise = fit.noise
+    seen = max(noise.autocorrelation, noise.run_scatter, noise.slow_level) > _SLIGHT
     sentences = [
         f"rms {fit.rms:.4f}, where neighbouring points scatter by {left.scatter:.4f};",
         f"structure is left ({alike})"
@@ -243,25 +262,30 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
     return sentences
 
 
-def _run_sentences(comparison: Comparison) -> list[str]:
+def _group_sentences(comparison: Comparison, groups: Mapping[str, Answer]) -> list[str]:
     table, by = comparison.table, comparison.by
     order = np.argsort(table["mu_max"].to_numpy())
     low, high = table.iloc[order[0]], table.iloc[order[-1]]
-    beyond = (
-        f" beyond the scatter of {100 * comparison.run_scatter:.2g} % between runs of one {by}"
-        if comparison.run_scatter > 0
-        else ""
-    )
-    test = (
-        f"(F = {comparison.statistic:.2f} with {comparison.differences} and "
-        f"{comparison.degrees:.0f} degrees of freedom, p = {comparison.p:.2g})"
-    )
-    return [
-        f"compared by {by}, the largest adhesion "
-        + (f"changes{beyond}" if comparison.changed else f"shows no change{beyond}")
-        + f" {test}; it is from {low['mu_max']:.4f} ({by} {low[by]}) to {high['mu_max']:.4f} "
-        f"({by} {high[by]}). The form of the curve is taken as common to all."
+    sentences = [
+        f"compared by {by}, the level of adhesion "
+        + ("differs" if comparison.changed else "shows no difference")
+        + f" (F = {comparison.statistic:.2f} with {comparison.differences} and "
+        f"{comparison.degrees:.0f} degrees of freedom, p = {comparison.p:.2g}); under one curve "
+        f"the largest adhesion is from {low['mu_max']:.4f} ({by} {low[by]}) to "
+        f"{high['mu_max']:.4f} ({by} {high[by]}).",
+        f"Its course over slip {'differs' if comparison.bent else 'shows no difference'} "
+        f"(p = {comparison.p_shape:.2g}).",
     ]
+    if (comparison.changed or comparison.bent) and by != "branch":
+        each = [
+            f"{name}: {one.mu_max.value:.4f} [{one.mu_max.low:.4f}, {one.mu_max.high:.4f}]"
+            for name, one in groups.items()
+        ]
+        sentences.append(
+            f"One curve for all of {by} is a mean of different rails: use the answer of each"
+            + (f", each fitted by itself: {'; '.join(each)}." if each else ".")
+        )
+    return sentences
 
 
 def _doubts(
@@ -269,7 +293,7 @@ def _doubts(
     ranked: Sequence[str],
     not_fitted: Mapping[str, Sequence[str]],
     answer: Answer,
-    slip: SlipErrors,
+    slip: SlipNoise,
     measured: Measured,
 ) -> list[str]:
     doubts = []
@@ -278,7 +302,7 @@ def _doubts(
             f"Curves without a peak have {100 * answer.without_peak:.0f} % of the weight: whether "
             "there is a peak is not certain."
         )
-    if slip.sigma == 0 and "time_s" not in measured.table:
+    if slip.sigma == 0 and not slip.given and "time_s" not in measured.table:
         doubts.append(
             "The slip is taken as exact: without the column time_s its noise cannot be estimated. "
             "Where it is known, give it by --slip-noise."
@@ -287,25 +311,6 @@ def _doubts(
         f"{name}: {' '.join(reasons(fits[name]))}"
         for name in ranked
         if fits[name].status is not Status.TRUSTED
-    ]
-    loose = {
-        name: [
-            parameter
-            for parameter, value, error in zip(
-                fits[name].curve.free,
-                fits[name].parameters,
-                fits[name].standard_errors,
-                strict=True,
-            )
-            if error > 0.5 * abs(value)
-        ]
-        for name in ranked
-    }
-    doubts += [
-        f"{name}: the points hardly determine {', '.join(parameters)} (standard error above "
-        "half the value), so the standard errors and intervals of this curve are rough."
-        for name, parameters in loose.items()
-        if parameters
     ]
     doubts += [
         f"{name} was not fitted: it needs the column {' and '.join(columns)}."

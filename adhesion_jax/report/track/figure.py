@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from adhesion_jax.identifiers.base import Status
-from adhesion_jax.measured.following import QUANTILE, Followed
+from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.log import Log
 from adhesion_jax.report.style import POINT, label_text, light_frame, line_styles
 
@@ -35,6 +35,8 @@ _EVENT, _EVENT_SLIP, _GAP = 1.9, 0.65, 0.42
 #: Colours of the samples of an event that the methods are given, and of those that they are not.
 _USED, _PASSED_OVER = "0.45", "0.78"
 
+#: Line of the adhesion reached where no fall shows that it is the largest.
+_AT_LEAST: Mapping[str, Any] = {"linewidth": 0.7, "marker": "^", "markersize": 3.5, "alpha": 0.7}
 
 #: Colour, dash and marker of each method.
 Styles = Mapping[str, Mapping[str, Any]]
@@ -193,10 +195,18 @@ def _estimates(
     styles: Styles,
     top: float,
 ) -> None:
-    """Every method as a step line with its band; thin, without a band, where it is not trusted."""
+    """Every method as a step line with its band; thin, without a band, where it is not trusted.
+
+    Where adhesion does not fall, the adhesion reached is a thin line with triangles that point up.
+    """
     for name, one in followed.items():
         style = styles[name]
-        place, value, error, trusted = _steps(axis, one.estimates, "mu_max", "mu_max_se")
+        place, value, error, bare, trusted = _steps(
+            axis, as_told(one.estimates), "mu_max", "mu_max_se", "at_least"
+        )
+        reached = np.where(bare, value, np.nan)
+        panel.plot(place, reached, color=style["color"], markevery=0.03, **_AT_LEAST)
+        trusted, untrusted = trusted & (bare == 0), ~trusted & (bare == 0)
         half = np.where(np.isfinite(error) & trusted, QUANTILE * error, np.nan)
         panel.fill_between(
             place, value - half, value + half, color=style["color"], alpha=0.2, linewidth=0
@@ -210,7 +220,7 @@ def _estimates(
             zorder=5,
         )
         # Lines to and from what lies outside the axis would cover what lies inside.
-        seen = ~trusted & (value > 0) & (value < top)
+        seen = untrusted & (value > 0) & (value < top)
         panel.plot(
             place, np.where(seen, value, np.nan), color=style["color"], linestyle=":", linewidth=0.7
         )
@@ -304,6 +314,8 @@ def _legend(
         )
         for name in followed
     }
+    if any(one.estimates["at_least"].any() for one in followed.values()):
+        entries["at least: adhesion does not fall"] = Line2D([], [], color="black", **_AT_LEAST)
     entries["not trusted"] = Line2D([], [], color="black", linestyle=":", linewidth=0.9)
     entries["status: not trusted"] = Patch(facecolor="none", hatch="//////", edgecolor="0.5")
     entries["reset: the past is given up"] = _mark("|", "black", 10.0)

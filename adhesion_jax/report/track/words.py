@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.identifiers.base import Status
-from adhesion_jax.measured.following import QUANTILE, Followed
+from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.log import Log
 from adhesion_jax.report.measured.words import reasons
@@ -31,12 +31,13 @@ def checkpoint_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
     """One row for each method and checkpoint.
 
     Columns: identifier, time_s (NaN without time), sample (from 1), mu_max, mu_max_se, mu_max_lo,
-    mu_max_hi (95 %), slip_opt, slip_opt_se, status, reset (whether at this sample), resets and
-    skipped (both so far).
+    mu_max_hi (95 %), slip_opt, slip_opt_se, status, at_least, reset (whether at this sample),
+    resets and skipped (both so far). Where `at_least`, mu_max is the adhesion that was reached,
+    without a band, and there is no slip_opt.
     """
     parts = []
     for name, one in followed.items():
-        table = one.estimates
+        table = as_told(one.estimates)
         half = QUANTILE * table["mu_max_se"]
         parts.append(
             pd.DataFrame(
@@ -44,16 +45,12 @@ def checkpoint_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
                     "identifier": name,
                     "time_s": np.nan if log.time is None else log.time[table["sample"]],
                     "sample": 1 + table["sample"],
-                    "mu_max": table["mu_max"],
-                    "mu_max_se": table["mu_max_se"],
+                    **table[["mu_max", "mu_max_se"]],
                     "mu_max_lo": table["mu_max"] - half,
                     "mu_max_hi": table["mu_max"] + half,
-                    "slip_opt": table["slip_opt"],
-                    "slip_opt_se": table["slip_opt_se"],
+                    **table[["slip_opt", "slip_opt_se"]],
                     "status": [Status(code).name for code in table["status"]],
-                    "reset": table["reset"],
-                    "resets": table["resets"],
-                    "skipped": table["skipped"],
+                    **table[["at_least", "reset", "resets", "skipped"]],
                 }
             )
         )
@@ -64,23 +61,23 @@ def summary_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
     """One row for each method: its last estimate, and what happened on the way.
 
     Columns: identifier, mu_max, mu_max_se, mu_max_lo, mu_max_hi (95 %), slip_opt, slip_opt_se,
-    status (all after the last sample), resets, samples (given to it), skipped and trusted (shares
-    of these), error_correlation (of consecutive predictions), ns_per_sample.
+    status, at_least (all after the last sample, as in `checkpoint_rows`), resets, samples (given to
+    it), skipped and trusted (shares of these), error_correlation (of consecutive predictions),
+    ns_per_sample.
     """
     rows = []
     for name, one in followed.items():
-        last, given = one.estimates.iloc[-1], log.used.size
+        last, given = as_told(one.estimates.iloc[-1:]).iloc[0], log.used.size
         half = QUANTILE * last["mu_max_se"]
         rows.append(
             {
                 "identifier": name,
-                "mu_max": last["mu_max"],
-                "mu_max_se": last["mu_max_se"],
+                **last[["mu_max", "mu_max_se"]],
                 "mu_max_lo": last["mu_max"] - half,
                 "mu_max_hi": last["mu_max"] + half,
-                "slip_opt": last["slip_opt"],
-                "slip_opt_se": last["slip_opt_se"],
+                **last[["slip_opt", "slip_opt_se"]],
                 "status": Status(last["status"]).name,
+                "at_least": last["at_least"],
                 "resets": one.resets,
                 "samples": given,
                 "skipped": one.skipped / given,
@@ -94,10 +91,14 @@ def summary_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
 
 def printed_summary(summary: pd.DataFrame) -> str:
     """The summary, aligned for a terminal."""
+    told = ["mu_max", "mu_max_se", "at_least"]
     cells = pd.DataFrame(
         {
             "method": summary["identifier"],
-            "mu_max at the end": with_errors(summary["mu_max"], summary["mu_max_se"]),
+            "mu_max at the end": [
+                f"at least {value:.3f}" if bare else plus_minus(value, error)
+                for value, error, bare in summary[told].itertuples(index=False)
+            ],
             "slip_opt": with_errors(summary["slip_opt"], summary["slip_opt_se"]),
             "status": summary["status"],
             "resets": summary["resets"].astype(str),
@@ -190,6 +191,12 @@ def _form(slope: InitialSlope) -> str:
 def _ends(log: Log, followed: Mapping[str, Followed], summary: pd.DataFrame) -> Iterable[str]:
     for row in summary.to_dict("records"):
         name, status = str(row["identifier"]), Status[row["status"]]
+        if row["at_least"]:
+            yield (
+                f"{name} ends with mu_max at least {row['mu_max']:.3f}: adhesion does not fall in "
+                f"the window{_resets(log, followed[name])}; the driver or the brake may limit it."
+            )
+            continue
         band = (
             f" (95 % band {row['mu_max_lo']:.4f} to {row['mu_max_hi']:.4f})"
             if np.isfinite(row["mu_max_se"])

@@ -87,8 +87,8 @@ def one_set(cell: Cell, seed: int) -> dict[str, object]:
     return row | {
         "heaviest": best,
         "weight": answer.weights[best],
-        "slip_noise": fits.slip.sigma,
-        "effective": fits.curves[best].effective,
+        "slip_noise": fits.curves[best].noise.slip,
+        "degrees": fits.curves[best].degrees,
         "not_converged": sum(not fit.converged for fit in fits.curves.values()),
     }
 

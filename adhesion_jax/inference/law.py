@@ -1,4 +1,4 @@
-"""A fitted curve with what it misses: adhesion, its errors, and the peak."""
+"""A fitted curve with its departure: adhesion, derivatives, and the peak."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from adhesion_jax.curves import Curve
-from adhesion_jax.measured.points import Span, misfit_functions
-from adhesion_jax.measured.values import values
+from adhesion_jax.curves import Curve, with_free_values
+from adhesion_jax.curves.bent import Bent
+from adhesion_jax.inference.values import Span, Values, values
 
 #: Number of slips among which the largest adhesion is looked for; then three about it, at this
 #: share of the distance to its neighbours.
@@ -19,20 +19,28 @@ _GRID, _NEARER = 1024, 0.1
 _LEVEL = 1e-12
 
 
-class Law(NamedTuple):
-    """f(s; theta) + sum_j b_j (phi_j(s) - df/dtheta lean_j), with the covariance of theta and b."""
+class FittedLaw(NamedTuple):
+    """A curve with the values of its free parameters, then of the factors of its departure."""
 
     curve: Curve
-    parameters: Float[np.ndarray, " free"]
-    missed: Float[np.ndarray, " misfits"]  # b
-    lean: Float[np.ndarray, "free misfits"]  # what phi has in common with the curve
-    covariance: Float[np.ndarray, "all all"]  # zero where held
-    span: Span  # of phi
+    parameters: Float[np.ndarray, " all"]
+    span: Span
     conditions: Mapping[str, float]
+
+    @property
+    def bent(self) -> Bent:
+        """The law itself, a function of slip and conditions."""
+        count = len(self.curve.free)
+        curve = with_free_values(self.curve, self.parameters[:count])
+        return Bent(curve, self.parameters[count:], *self.span)
+
+    def at(self, slip: Float[np.ndarray, " points"]) -> Values:
+        """Adhesion with its derivatives, under the conditions of the law."""
+        return values(self.curve, self.parameters, self.span, slip, self.conditions)
 
 
 class LawPeak(NamedTuple):
-    """The largest adhesion for slips from 0 to a limit, and derivatives by theta and b."""
+    """The largest adhesion for slips from 0 to a limit, and derivatives by the parameters."""
 
     slip: float
     adhesion: float
@@ -41,32 +49,16 @@ class LawPeak(NamedTuple):
     by_slip: Float[np.ndarray, " all"]  # of the slip
 
 
-def law_at(
-    law: Law, slip: Float[np.ndarray, " points"]
-) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, "points all"]]:
-    """Adhesion, and its derivatives by theta and b."""
-    found = values(law.curve, law.parameters, slip, law.conditions)
-    functions = misfit_functions(slip, law.span) - found.by_parameter @ law.lean
-    return found.adhesion + functions @ law.missed, np.hstack([found.by_parameter, functions])
-
-
-def law_with_errors(
-    law: Law, slip: Float[np.ndarray, " points"]
-) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """Adhesion and its standard errors, by the delta method."""
-    adhesion, slopes = law_at(law, slip)
-    return adhesion, np.sqrt(np.einsum("ni,ij,nj->n", slopes, law.covariance, slopes))
-
-
-def peak_of(law: Law, limit: float) -> LawPeak:
+def peak_of(law: FittedLaw, limit: float) -> LawPeak:
     """By a grid that is dense where the curve rises, then by parabolas through three points.
 
     Without a peak within the limit it is the adhesion there, as for a curve that becomes level.
     """
-    middle = law.span.middle
+    middle = min(5 * law.span.reach, 0.5 * limit)
     even = np.linspace(0.0, 1.0, _GRID) * limit / (limit + middle)
     slips = even * middle / (1 - even)
-    adhesion, slopes = law_at(law, slips)
+    found = law.at(slips)
+    adhesion, slopes = found.adhesion, found.by_parameter
     heights = np.where(np.isfinite(adhesion), adhesion, -np.inf)
     top = int(np.argmax(heights))
     near = slice(max(top - 1, 0), top + 2)
@@ -77,9 +69,10 @@ def peak_of(law: Law, limit: float) -> LawPeak:
         return LawPeak(slips[top], adhesion[top], False, slopes[top], 0 * slopes[top])
     at, _, _ = _vertex(slips[near], adhesion[near])
     closer = at + _NEARER * 0.5 * (slips[top + 1] - slips[top - 1]) * np.array([-1.0, 0.0, 1.0])
-    adhesion, slopes = law_at(law, closer)
-    at, weights, tilt = _vertex(closer, adhesion)
-    return LawPeak(at, float(weights @ adhesion), True, weights @ slopes, tilt @ slopes)
+    found = law.at(closer)
+    at, weights, tilt = _vertex(closer, found.adhesion)
+    slopes = found.by_parameter
+    return LawPeak(at, float(weights @ found.adhesion), True, weights @ slopes, tilt @ slopes)
 
 
 def _vertex(slips: np.ndarray, heights: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:

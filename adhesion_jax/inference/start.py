@@ -56,6 +56,17 @@ def parameters_at(curve: Curve, share: Any) -> Any:
     return lower * ratio**share + width * share
 
 
+def share_of(curve: Curve) -> Float[np.ndarray, " free"]:
+    """The inverse of `parameters_at`: shares of the box of the values of the free parameters."""
+    values = np.array([float(getattr(curve, name)) for name in curve.free])
+    described = [curve.PARAMETERS[name] for name in curve.free]
+    lower, upper = np.array([[p.lower, p.upper] for p in described]).T
+    logarithmic = lower > 0
+    ratio = np.where(logarithmic, upper, 2.0) / np.where(logarithmic, lower, 1.0)
+    along = np.log(np.where(logarithmic, values / np.where(logarithmic, lower, 1.0), 1.0))
+    return np.where(logarithmic, along / np.log(ratio), (values - lower) / (upper - lower))
+
+
 def stretch_at(curve: Curve, share: Float[np.ndarray, " free"]) -> Float[np.ndarray, " free"]:
     """The derivatives of the parameters by the shares of the box."""
     described = [curve.PARAMETERS[name] for name in curve.free]

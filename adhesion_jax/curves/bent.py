@@ -1,0 +1,46 @@
+"""A curve that may bend: the form of a name, times a smooth departure from it."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
+from adhesion_jax.curves.peak import find_peak
+
+#: Number of functions that a departure is made of.
+FUNCTIONS = 10
+
+
+class Bent(Law):
+    """mu(l) = m(l) (1 + d(l)), m the curve and d its departure from the points, a share of it.
+
+    d(l) = sum_j factors_j sin(pi (j - 1/2) u), u = log(1 + |l|/reach) / log(1 + largest/reach): it
+    is 0 at slip 0 and, beyond the largest slip of the points, what it is there. Without factors it
+    is the curve itself.
+    """
+
+    curve: Curve
+    factors: Float[Array | np.ndarray, " functions"]
+    reach: Scalar  # the slip below which the functions are straight rather than logarithmic
+    largest: Scalar
+
+    def __call__(
+        self, slip: Float[Array, "*shape"], conditions: Conditions
+    ) -> Float[Array, "*shape"]:
+        return self.curve(slip, conditions) * (1 + self.departure(slip))
+
+    def departure(self, slip: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
+        """D at these slips."""
+        return functions(slip, self.reach, self.largest) @ jnp.asarray(self.factors)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        return find_peak(lambda slip: self(slip, conditions), slip_limit)
+
+
+def functions(
+    slip: Float[ArrayLike, "*shape"], reach: Scalar, largest: Scalar
+) -> Float[Array, "*shape functions"]:
+    """The functions of a departure at these slips."""
+    size = jnp.minimum(jnp.abs(slip), largest)
+    place = jnp.log1p(size / reach) / jnp.log1p(largest / reach)
+    return jnp.sin(jnp.pi * (jnp.arange(FUNCTIONS) + 0.5) * place[..., None])

@@ -1,0 +1,330 @@
+"""Whether one of two speeds of a log is late: by slip and by the time of their accelerations."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import scipy
+
+from adhesion_jax.data.stretches import series_of, stretches, usual_step
+from adhesion_jax.wording import plus_minus
+
+#: Delays are sought up to this size, on a grid no finer than this, both in s.
+_LONGEST_S, _FINEST_S = 1.0, 0.02
+
+#: Signals are differentiated over this time, in s: a slope in a shorter one is mostly noise.
+_SLOPE_S = 0.5
+
+#: At most so many rows are looked at, in this number of contiguous blocks.
+_ROWS, _BLOCKS = 200_000, 20
+
+#: The fewest blocks in which something happens whose scatter tells an error.
+_FEWEST_BLOCKS = 8
+
+#: A delay is clear where it exceeds one sample and this multiple of its standard error, and takes
+#: away this share of what the correlation at no delay leaves unexplained.
+_ERRORS, _GAIN = 4.0, 0.02
+
+#: Slip is micro-slip, proportional to adhesion, where the adhesion is at most this share of its
+#: largest (that of 1 row in 1000), and an event where the slip exceeds this ratio.
+_LOW, _EVENT = 0.2, 0.03
+
+#: Below this speed, m/s, or a quarter of the highest, nothing is told of a delay.
+_SLOW = 2.0
+
+#: Two ways agree if they differ by no more than this share, or than their errors allow.
+_AGREE = 0.25
+
+
+class Delay(NamedTuple):
+    """By how much a first signal is late against a second; negative where it is the other way."""
+
+    seconds: float
+    standard_error: float  # by the jackknife over blocks of the log
+    correlation_gain: float  # share of what is unexplained without the delay that it explains
+    clear: bool
+
+
+class Lateness(NamedTuple):
+    """By how much the speed of the vehicle is late against that of the wheel, found in two ways."""
+
+    seconds: float
+    standard_error: float
+    clear: bool  # in both ways, which agree
+    by_slip: tuple[float, float]  # from the slip at a small force, and its standard error
+    by_accelerations: tuple[float, float]  # from the lag of the slopes of both speeds
+
+
+NO_DELAY = Delay(0.0, np.inf, 0.0, False)
+
+
+class _Grid(NamedTuple):
+    """Signals of some stretches at equal times, end to end; arrays [places]."""
+
+    step: float  # s
+    stretch: np.ndarray  # the number of the stretch of each place
+    block: np.ndarray  # the number of the block of the log of each place
+    half: int  # steps before and after a place from which its slope is taken
+    signals: Mapping[str, np.ndarray]
+    slopes: Mapping[str, np.ndarray]  # of the signals, per s
+
+
+def delay_between(
+    time_s: np.ndarray,
+    first: np.ndarray,
+    second: np.ndarray,
+    run: np.ndarray,
+    used: np.ndarray | None = None,
+) -> Delay:
+    """By how much the first of two signals [rows] is late against the second.
+
+    The lag within 1 s at which their slopes correlate best, with a parabola through it and its
+    neighbours. `run` tells rows that are not of one course in time apart; only rows that are `used`
+    count. Source: Knapp and Carter 1976, IEEE Trans. ASSP 24:320-327 (the unweighted estimator);
+    the standard error is that of the jackknife over blocks of the log.
+    """
+    signals = {"first": first, "second": second}
+    if used is not None:
+        signals["used"] = used.astype(float)
+    grid = _grid(time_s, run, signals)
+    return NO_DELAY if grid is None else _best_lag(grid, "first", "second")
+
+
+def _best_lag(grid: _Grid, first: str, second: str) -> Delay:
+    """The lag at which the slopes of two signals of a grid correlate best."""
+    most = round(_LONGEST_S / grid.step)
+    sums = _products(grid, grid.slopes[first], grid.slopes[second], most)
+    whole = sums.sum(axis=0)
+    if sums.shape[0] < _FEWEST_BLOCKS or not _top(whole, most)[1] > 0:
+        return NO_DELAY
+    lag, best = _top(whole, most)
+    without = np.array([_top(whole - one, most)[0] for one in sums])
+    error = _jackknife(without) * grid.step
+    none = _correlation(whole)[most]
+    gain = float((best**2 - none**2) / max(1 - none**2, 1e-12))
+    return _judged(float(lag * grid.step), float(error), gain, grid.step)
+
+
+def _judged(seconds: float, error: float, gain: float, step: float) -> Delay:
+    clear = abs(seconds) > max(step, _ERRORS * error) and gain > _GAIN
+    return Delay(seconds, error, gain, clear)
+
+
+def _products(grid: _Grid, first: np.ndarray, second: np.ndarray, most: int) -> np.ndarray:
+    """Sums over the blocks of first(t + lag) second(t) and of both squares, [blocks, 3, lags]."""
+    used = grid.signals.get("used")
+    fine = np.isfinite(first) & np.isfinite(second)
+    if used is not None:
+        fine &= used > 0.999
+    first, second = np.where(fine, first, 0.0), np.where(fine, second, 0.0)
+    blocks = int(grid.block.max()) + 1
+    sums = np.zeros((blocks, 3, 2 * most + 1))
+    for place, lag in enumerate(range(-most, most + 1)):
+        ahead = slice(max(lag, 0), first.size + min(lag, 0))
+        behind = slice(max(-lag, 0), first.size - max(lag, 0))
+        both = fine[ahead] & fine[behind] & (grid.stretch[ahead] == grid.stretch[behind])
+        one, other = first[ahead] * both, second[behind] * both
+        for row, values in enumerate((one * other, one * one, other * other)):
+            sums[:, row, place] = np.bincount(grid.block[behind], values, blocks)
+    return sums[sums[:, 2, most] > 0]
+
+
+def _correlation(sums: np.ndarray) -> np.ndarray:
+    """The correlation at each lag of sums of products and squares, [3, lags]."""
+    both: np.ndarray = sums[0] / np.sqrt(np.maximum(sums[1] * sums[2], 1e-300))
+    return both
+
+
+def _top(sums: np.ndarray, most: int) -> tuple[float, float]:
+    """The lag in steps at which the correlation is largest, and that correlation."""
+    level = _correlation(sums)
+    place = int(np.clip(np.argmax(level), 1, level.size - 2))
+    before, here, after = level[place - 1 : place + 2]
+    bend = before - 2 * here + after
+    shift = float(np.clip(0.5 * (before - after) / bend, -1, 1)) if bend < 0 else 0.0
+    return place - most + shift, float(here - 0.25 * (before - after) * shift)
+
+
+def _jackknife(without: np.ndarray) -> float:
+    count = without.shape[0]
+    return float(np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2)))
+
+
+def _grid(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]) -> _Grid | None:
+    """The signals of the stretches of a log at equal times; None if all of them are short."""
+    step = max(usual_step(time, run), _FINEST_S)
+    if step > _SLOPE_S / 2:
+        return None
+    half = round(_SLOPE_S / step / 2)
+    parts: list[dict[str, np.ndarray]] = []
+    steepness: list[dict[str, np.ndarray]] = []
+    blocks: list[int] = []
+    for block, rows in _blocks(time, run):
+        lasted = time[rows[-1]] - time[rows[0]]
+        if lasted < 2 * _LONGEST_S + 2 * _SLOPE_S:
+            continue
+        at = np.arange(time[rows[0]], time[rows[-1]], step)
+        some = {name: np.interp(at, time[rows], values[rows]) for name, values in signals.items()}
+        parts.append(some)
+        steepness.append({name: _slope(values, half, step) for name, values in some.items()})
+        blocks.append(block)
+    if not parts:
+        return None
+    sizes = [len(next(iter(part.values()))) for part in parts]
+
+    def joined(of: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        return {name: np.concatenate([one[name] for one in of]) for name in signals}
+
+    number = np.unique(blocks, return_inverse=True)[1]
+    return _Grid(
+        step,
+        np.repeat(np.arange(len(sizes)), sizes),
+        np.repeat(number, sizes),
+        half,
+        joined(parts),
+        joined(steepness),
+    )
+
+
+def _slope(values: np.ndarray, half: int, step: float) -> np.ndarray:
+    """The slope of the straight line through 2 half + 1 values about each; NaN at both ends."""
+    weights = np.arange(-half, half + 1) / (step * 2 * np.sum(np.arange(1, half + 1) ** 2))
+    slope: np.ndarray = scipy.ndimage.correlate1d(values, weights, mode="nearest")
+    slope[:half] = slope[max(slope.size - half, 0) :] = np.nan
+    return slope
+
+
+def _looked_at(count: int) -> np.ndarray | slice:
+    """The places of the rows of the blocks of a log with so many rows; all of a short one."""
+    if count <= _ROWS:
+        return slice(None)
+    size = _ROWS // _BLOCKS
+    begins = np.linspace(0, count - size, _BLOCKS).astype(int)
+    places: np.ndarray = (begins[:, None] + np.arange(size)).ravel()
+    return places
+
+
+def _blocks(time: np.ndarray, run: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """The rows of each stretch of each of equal blocks of a log, with the number of the block."""
+    size = time.size // _BLOCKS
+    if not size:
+        return
+    for block, begin in enumerate(range(0, size * _BLOCKS, size)):
+        part = slice(begin, begin + size)
+        for rows in stretches(time[part], run[part]):
+            yield block, begin + rows
+
+
+def lateness(
+    time_s: np.ndarray, vehicle: np.ndarray, wheel: np.ndarray, force: np.ndarray, run: np.ndarray
+) -> Lateness | None:
+    """By how much the speed of the vehicle is late against that of the wheel; None if untold.
+
+    A speed that is late by T is v(t) - T dv/dt, so that the slip velocity that is computed is
+
+        T dv/dt + k force v + r v + c
+
+    at a small force, where micro-slip is proportional to it (k), with an error r of the radius of
+    the wheel. Signals are [rows]: speeds in m/s, or the wheel as a rotation, and force in any unit,
+    such as adhesion. The first way is a fit of this where the force is at most 20 % of its largest.
+    Its instrument for dv/dt is the acceleration of the wheel, for the noise of a measured dv/dt
+    would make T too small (instrumental variables, Reiersol 1945, Arkiv Mat. Astr. Fys. 32A). The
+    second is the lag at which the slope of the speed of the vehicle agrees best with that of the
+    wheel less the micro-slip k force v, outside of slip events. The delay is that of the first.
+    """
+    grid = _grid(time_s, run, {"speed": vehicle, "wheel": wheel, "force": force})
+    if grid is None:
+        return None
+    speed, size = grid.signals["speed"], np.abs(grid.signals["force"])
+    fast = (speed > max(_SLOW, 0.25 * float(speed.max()))) & (grid.signals["wheel"] > 0)
+    fast &= np.isfinite(grid.slopes["speed"])
+    low = fast & (size <= _LOW * np.quantile(size, 0.999))
+    if not low.any():
+        return None
+    radius = float(np.median(speed[low] / grid.signals["wheel"][low]))
+    slip = radius * grid.signals["wheel"] - speed
+    micro = fast & (np.abs(slip) < _EVENT * speed)
+    fitted = _by_slip(grid, radius, slip, low & micro)
+    if fitted is None:
+        return None
+    by_slip, creep = fitted
+    half = grid.half
+    rolling = radius * grid.signals["wheel"] - creep * grid.signals["force"] * speed
+    near = scipy.ndimage.minimum_filter1d(micro.astype(np.uint8), 4 * half + 1).astype(float)
+    lagged = grid._replace(
+        signals={**grid.signals, "used": near},
+        slopes={**grid.slopes, "rolling": _slope(rolling, half, grid.step)},
+    )
+    by_lag = _best_lag(lagged, "speed", "rolling")
+    apart = abs(by_slip.seconds - by_lag.seconds)
+    error = float(np.hypot(by_slip.standard_error, by_lag.standard_error))
+    agree = apart <= max(_ERRORS * error, _AGREE * abs(by_slip.seconds))
+    clear = by_slip.clear and by_lag.clear and agree
+    return Lateness(by_slip.seconds, by_slip.standard_error, clear, by_slip[:2], by_lag[:2])
+
+
+def _by_slip(
+    grid: _Grid, radius: float, slip: np.ndarray, rows: np.ndarray
+) -> tuple[Delay, float] | None:
+    """T and k of the slip velocity (see `lateness`) from some places of a grid; None if too few."""
+    speed = grid.signals["speed"]
+    slope = grid.slopes["speed"]
+    terms = np.column_stack([slope, grid.signals["force"] * speed, speed, np.ones(speed.size)])
+    instruments = terms.copy()
+    instruments[:, 0] = radius * grid.slopes["wheel"]
+    size = np.sqrt(np.mean(terms[rows] ** 2, axis=0))
+    if not (size > 0).all():
+        return None
+    terms, instruments = terms / size, instruments / size
+    blocks = [rows & (grid.block == number) for number in range(int(grid.block.max()) + 1)]
+    blocks = [one for one in blocks if np.count_nonzero(one) > 4 * size.size]
+    if len(blocks) < _FEWEST_BLOCKS:
+        return None
+    squares = np.array([instruments[one].T @ terms[one] for one in blocks])
+    products = np.array([instruments[one].T @ slip[one] for one in blocks])
+
+    def solved(kept: list[int]) -> np.ndarray:
+        sums = squares[kept].sum(axis=0), products[kept].sum(axis=0)
+        found: np.ndarray = np.linalg.lstsq(*sums, rcond=1e-10)[0] / size
+        return found
+
+    every = list(range(len(blocks)))
+    fit = solved(every)
+    without = [solved([other for other in every if other != one])[0] for one in every]
+    used = np.logical_or.reduce(blocks)
+    left = slip[used] - (terms[used] * size) @ fit
+    others = terms[used][:, 1:]
+    worse = slip[used] - others @ np.linalg.lstsq(others, slip[used], rcond=None)[0]
+    gain = 1 - float(left @ left) / max(float(worse @ worse), 1e-300)
+    delay = _judged(float(fit[0]), _jackknife(np.array(without)), gain, grid.step)
+    return delay, float(fit[1])
+
+
+def late_signals(
+    columns: Mapping[str, np.ndarray], labels: Mapping[str, pd.Categorical]
+) -> tuple[str, ...]:
+    """A sentence on the speed of a log that seems late, and how to correct it; mostly none.
+
+    `columns` [rows] have the slip velocity as it was computed from two speeds.
+    """
+    names = ("time_s", "vehicle_speed_mps", "slip_velocity_mps", "adhesion")
+    if not {*names} <= {*columns}:
+        return ()
+    rows = _looked_at(columns["time_s"].size)
+    time, speed, slip, adhesion = (columns[name][rows] for name in names)
+    run = series_of(labels, columns["time_s"].size)[rows]
+    found = lateness(time, speed, speed + slip, adhesion, run)
+    return (_speed_note(found),) if found is not None and found.clear else ()
+
+
+def _speed_note(found: Lateness) -> str:
+    late, size = ("vehicle", "large") if found.seconds > 0 else ("wheel", "small")
+    seconds = f"{abs(found.seconds):.2g}"
+    return (
+        f"The {late} speed seems late by {plus_minus(abs(found.seconds), found.standard_error)} s "
+        "(standard error): at a small force the slip follows the acceleration of the train, and "
+        f"the two speeds change together if one is moved by {abs(found.by_accelerations[0]):.2g} "
+        f"s. This makes the slip velocity too {size} by {seconds} m/s for each m/s^2 of "
+        f"acceleration. Nothing is corrected; to do so add --delay {late}_speed={seconds}."
+    )

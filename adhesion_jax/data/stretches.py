@@ -1,0 +1,63 @@
+"""Rows of a log that follow each other in time: of one run and one axle, and without a gap."""
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+#: A step in time is a gap if it exceeds this multiple of the median step and this time.
+GAP_STEPS, GAP_S = 10.0, 1.0
+
+
+def series_of(labels: Mapping[str, pd.Categorical], rows: int) -> np.ndarray:
+    """A number for each run and axle of the rows, [rows]: what is one signal in time."""
+    series = np.zeros(rows, np.int64)
+    for name in ("run", "axle"):
+        if name in labels:
+            series = series * (len(labels[name].categories) + 1) + labels[name].codes
+    return series
+
+
+def usual_step(time: np.ndarray, series: np.ndarray) -> float:
+    """The median step in time within a series, of the steps that are not 0; 0 without any."""
+    steps = np.diff(time)[series[1:] == series[:-1]]
+    forward = steps[steps > 0]
+    return float(np.median(forward)) if forward.size else 0.0
+
+
+def stretches(time: np.ndarray, series: np.ndarray) -> Iterator[np.ndarray]:
+    """The places of the rows of each stretch, in the order of time, without a gap between them."""
+    order = None
+    if not (series[1:] >= series[:-1]).all():
+        order = np.argsort(series, kind="stable")
+        time, series = time[order], series[order]
+    longest = max(GAP_STEPS * usual_step(time, series), GAP_S)
+    cut = (series[1:] != series[:-1]) | (np.diff(time) > longest)
+    edges = np.concatenate([[0], 1 + np.flatnonzero(cut), [time.size]])
+    for begin, end in pairwise(edges):
+        yield np.arange(begin, end) if order is None else order[begin:end]
+
+
+def slope_in_time(
+    time: np.ndarray, values: np.ndarray, series: np.ndarray, half_s: float
+) -> np.ndarray:
+    """The slope of values [rows] per s; NaN in a stretch of fewer than three rows.
+
+    It is the central difference over about `half_s` before and after a row, and at least over its
+    neighbours; at the ends of a stretch it reaches to one side only.
+    """
+    step = usual_step(time, series)
+    half = max(1, round(half_s / step)) if step > 0 else 1
+    slope = np.full(time.size, np.nan)
+    for rows in stretches(time, series):
+        if rows.size < 3:
+            continue
+        place = np.arange(rows.size)
+        before = rows[np.maximum(place - half, 0)]
+        after = rows[np.minimum(place + half, rows.size - 1)]
+        lasted = time[after] - time[before]
+        passed = lasted > 0
+        change = values[after] - values[before]
+        slope[rows] = np.where(passed, change / np.where(passed, lasted, 1.0), 0.0)
+    return slope

@@ -1,0 +1,103 @@
+"""What the noise of measured runs is: told from the residual, used to plan and to simulate."""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+
+from adhesion_jax.inference.rows import Rows
+from adhesion_jax.inference.slip import SlipNoise
+from adhesion_jax.inference.sums import Variance
+
+#: Lags at which rows are compared, at most; correlations of neighbours that are tried; times of a
+#: slow level that are tried, as numbers of rows, from this to a third of the usual run.
+_LAGS, _CORRELATIONS = 24, np.concatenate([np.linspace(0, 0.9, 19), [0.95, 0.975]])
+_SLOW = 20
+
+#: Most rows that are compared.
+_MOST_ROWS = 200_000
+
+
+class RunNoise(NamedTuple):
+    """The residual is e + level x curve; e has the standard deviation sigma.
+
+    The level is the sum of one of each run and one that varies slowly within it.
+    """
+
+    sigma: float
+    autocorrelation: float  # of e, from row to row
+    run_scatter: float  # standard deviation of the levels of the runs, relative
+    slow_level: float  # standard deviation of the slow level, relative
+    slow_rows: float  # rows after which its correlation has fallen to 1/e
+    slip: (
+        float  # standard deviation of the slip's noise that acts; of wheel speed where SlipNoise is
+    )
+
+
+def described(
+    rows: Rows,
+    residual: Float[np.ndarray, " rows"],
+    slope: Float[np.ndarray, " rows"],
+    mean: Float[np.ndarray, " rows"],
+    variance: Variance,
+    slip: SlipNoise,
+) -> RunNoise:
+    """By the products of residuals at some lags within runs, and between their means.
+
+    The mean product at a lag is sigma^2 r^lag of the noise, plus, times the mean product of the
+    curve at that lag, the variance of the slow level times exp(-lag/slow) and that of the levels
+    of the runs; non-negative least squares over grids of r and slow. Rows whose noise is mostly
+    that of the slip are left out.
+    """
+    acting = (
+        float(np.median(variance.spread / np.maximum(slip.spread, 1e-300))) if slip.sigma else 0.0
+    )
+    sigma_slip = acting * slip.sigma
+    clipped = np.clip(residual, *(3 * np.sqrt(np.median(variance.row)) * np.array([-1, 1])))
+    quiet = (slope * variance.spread) ** 2 < variance.sigma**2 / rows.design
+    if not rows.ordered:
+        scatter = _levels(rows, clipped, mean) if rows.several else 0.0
+        return RunNoise(variance.sigma, 0.0, scatter, 0.0, 0.0, sigma_slip)
+    length = int(np.median(np.diff(rows.starts)))
+    lags = np.unique(np.geomspace(1, max(length // 2, 2), _LAGS).astype(int))
+    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
+    step = max(rows.slip.size // _MOST_ROWS, 1)
+    products, curves, counts = [], [], []
+    for lag in (0, *lags.tolist()):
+        first = np.arange(0, rows.slip.size - lag, step)
+        first = first[(run[first] == run[first + lag]) & quiet[first] & quiet[first + lag]]
+        counts.append(first.size)
+        products.append(float(np.mean(clipped[first] * clipped[first + lag])) if first.size else 0)
+        curves.append(float(np.mean(mean[first] * mean[first + lag])) if first.size else 0)
+    lag, product, curve = np.append(0, lags), np.array(products), np.array(curves)
+    weight = np.sqrt(np.maximum(counts, 1) / np.maximum(lag, 1))
+    slow_rows = np.geomspace(_SLOW, max(length / 3, _SLOW + 1), 8)
+    best = (np.inf, 0.0, 0.0, np.zeros(3))
+    for r in _CORRELATIONS:
+        for slow in slow_rows:
+            columns = [r**lag, curve * np.exp(-lag / slow)]
+            if rows.several:
+                columns.append(curve)
+            design = np.column_stack(columns) * weight[:, None]
+            amounts, misfit = scipy.optimize.nnls(design, product * weight)
+            if misfit < best[0] - 1e-12:
+                best = (misfit, float(r), float(slow), np.append(amounts, np.zeros(1))[:3])
+    _, r, slow, (own, of_slow, of_runs) = best
+    return RunNoise(
+        float(np.sqrt(own)) if own > 0 else variance.sigma,
+        r,
+        float(np.sqrt(of_runs)),
+        float(np.sqrt(of_slow)),
+        slow if of_slow > 0 else 0.0,
+        sigma_slip,
+    )
+
+
+def _levels(rows: Rows, residual: np.ndarray, mean: np.ndarray) -> float:
+    """The scatter of the levels of runs beyond what independent rows make."""
+    cross = np.add.reduceat(residual * mean, rows.starts[:-1])
+    size = np.add.reduceat(mean**2, rows.starts[:-1])
+    level = cross / size
+    own = float(np.mean(residual**2)) * float(np.mean(1 / size))
+    return float(np.sqrt(max(float(np.var(level)) * rows.runs / (rows.runs - 1) - own, 0.0)))

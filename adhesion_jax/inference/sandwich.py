@@ -1,0 +1,168 @@
+"""Standard errors that hold whatever the noise depends on: runs as clusters, cosines over time."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from adhesion_jax.inference.sums import Sums
+
+#: Number of cosines, slower than which noise is not told from the curve.
+COSINES = 6
+
+#: Fewest degrees of freedom with which runs as clusters count: with fewer runs cosines alone do.
+_FEWEST_DEGREES = 4.0
+
+#: Degrees of freedom of the size of the departure, which its functions tell.
+_OF_PRIOR = 8.0
+
+#: Largest leverage of a cluster: one alone that determines a direction has no residual there.
+_MOST_LEVERAGE = 1 - 1e-6
+
+
+class Clusters(NamedTuple):
+    """Of each cluster, in coordinates in which the inverse of the information is the identity."""
+
+    score: Float[np.ndarray, "clusters all"]  # adjusted for leverage
+    across: Float[np.ndarray, "clusters all all"]  # leverage/sqrt(1 - leverage), as matrices
+    own: Float[np.ndarray, "clusters all all"]  # leverage/(1 - leverage)
+
+
+class Blocks(NamedTuple):
+    """Of each block in its order, in the same coordinates."""
+
+    score: Float[np.ndarray, "blocks all"]
+    matrix: Float[np.ndarray, "blocks all all"]
+
+
+class Sandwich(NamedTuple):
+    """The covariance of parameters whose fit minimises a sum over rows and a penalty.
+
+    V = B (M + c P) B, B = (H + P)^-1 of the information H and the penalty P, M the covariance of
+    the score, by clusters or by cosines, and c the variance of the score of a smooth function over
+    that of independent rows: c P is what the penalty, as the prior of the departure, is uncertain
+    by.
+    """
+
+    root: Float[np.ndarray, "all all"]  # L of B = L L', zero where a parameter is held
+    prior: Float[np.ndarray, "all all"]  # c L' P L
+    clusters: Clusters | None
+    blocks: Blocks | None  # None where rows have no order
+
+    def errors(
+        self, directions: Float[np.ndarray, "n all"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Standard errors of linear functions of the parameters, and their degrees of freedom.
+
+        The larger of both variances, with its own degrees of freedom; in quadrature that of the
+        prior (Satterthwaite 1946, Biometrics Bull. 2:110-114).
+        """
+        along = directions @ self.root
+        variance, degrees = np.zeros(len(along)), np.ones(len(along))
+        if self.clusters is not None:
+            variance, degrees = by_clusters(self.clusters, along)
+            if self.blocks is not None:
+                variance = np.where(degrees < _FEWEST_DEGREES, 0.0, variance)
+        if self.blocks is not None:
+            slow = by_cosines(self.blocks, along)
+            larger = slow > variance
+            variance = np.where(larger, slow, variance)
+            degrees = np.where(larger, float(COSINES), degrees)
+        of_prior = np.einsum("ni,ij,nj->n", along, self.prior, along)
+        whole = np.maximum(variance + of_prior, 1e-300)
+        known = (variance / whole) ** 2 / degrees + (of_prior / whole) ** 2 / _OF_PRIOR
+        degrees = 1 / np.maximum(known, 1e-6)
+        return np.sqrt(whole), degrees
+
+
+def sandwich(
+    found: Sums,
+    cluster: Int[np.ndarray, " blocks"],
+    free: Bool[np.ndarray, " all"],
+    penalty: Float[np.ndarray, " all"],
+    inflation: float,
+    ordered: bool,
+) -> Sandwich:
+    """The sandwich at a minimum. Rows of no known order are independent by clusters alone."""
+    width = free.size
+    information = found.matrix.sum(axis=0) + np.diag(penalty)
+    used = np.flatnonzero(free)
+    root = np.zeros((width, width))
+    values, vectors = _inverse_root(information[used[:, None], used])
+    root[used[:, None], np.arange(used.size)] = vectors * values
+    matrix = root.T @ found.matrix @ root
+    score = found.score @ root
+    prior = inflation * (root.T * penalty) @ root
+    count = int(cluster[-1]) + 1
+    grouped = np.zeros((count, width, width)), np.zeros((count, width))
+    np.add.at(grouped[0], cluster, matrix)
+    np.add.at(grouped[1], cluster, score)
+    clusters = _clusters(*grouped) if count > 1 else None
+    return Sandwich(root, prior, clusters, Blocks(score, matrix) if ordered else None)
+
+
+def _inverse_root(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factors and vectors, scaled back, of which the product is a root of the inverse."""
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix * scale[:, None] * scale)
+    return 1 / np.sqrt(np.maximum(values, 1e-12)), vectors * scale[:, None]
+
+
+def _clusters(matrix: np.ndarray, score: np.ndarray) -> Clusters:
+    """The correction CR2: with (I - leverage)^-1/2 the score is unbiased if rows are independent.
+
+    Bell and McCaffrey 2002, Survey Methodology 28:169-181; Pustejovsky and Tipton 2018, J. Bus.
+    Econ. Stat. 36:672-683.
+    """
+    leverage, vectors = np.linalg.eigh(matrix)
+    leverage = np.clip(leverage, 0.0, _MOST_LEVERAGE)
+
+    def with_values(values: np.ndarray) -> np.ndarray:
+        return (vectors * values[:, None, :]) @ vectors.mT
+
+    adjusted = (with_values((1 - leverage) ** -0.5) @ score[:, :, None])[:, :, 0]
+    return Clusters(
+        adjusted,
+        with_values(leverage / np.sqrt(1 - leverage)),
+        with_values(leverage / (1 - leverage)),
+    )
+
+
+def by_clusters(
+    found: Clusters, along: Float[np.ndarray, "n all"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Variances, and degrees of freedom as if rows were independent.
+
+    (sum of the eigenvalues)^2 / sum of their squares, of the matrix of the quadratic form that the
+    estimate is (Bell and McCaffrey 2002, Eq. 12).
+    """
+    variance = np.sum((along @ found.score.T) ** 2, axis=1)
+    degrees = np.empty(len(along))
+    for i, direction in enumerate(along):
+        across = found.across @ direction
+        form = np.diag(np.einsum("i,cij,j->c", direction, found.own, direction))
+        form -= across @ across.T
+        degrees[i] = np.trace(form) ** 2 / max(float(np.sum(form**2)), 1e-300)
+    return variance, np.maximum(degrees, 1.0)
+
+
+def by_cosines(found: Blocks, along: Float[np.ndarray, "n all"]) -> Float[np.ndarray, " n"]:
+    """Variances from the COSINES slowest cosines of the score over information time.
+
+    Time is the share of the information about the quantity that has come so far, so that the
+    cosines have no part in common with the estimate. Each square is divided by its expectation for
+    independent rows. Degrees of freedom are the cosines (Mueller 2004; Lazarus, Lewis, Stock and
+    Watson 2018, J. Bus. Econ. Stat. 36:541-559).
+    """
+    variance = np.empty(len(along))
+    order = np.arange(1, COSINES + 1)[:, None]
+    for i, direction in enumerate(along):
+        told = found.matrix @ direction  # [blocks, all]
+        share = told @ direction
+        whole = max(float(share.sum()), 1e-300)
+        time = (np.cumsum(share) - 0.5 * share) / whole
+        cosine = np.sqrt(2) * np.cos(np.pi * order * time)
+        amount = cosine @ (found.score @ direction)
+        expected = cosine**2 @ share - np.sum((cosine @ told) ** 2, axis=1)
+        variance[i] = whole * np.mean(amount**2 / np.maximum(expected, 1e-3 * whole))
+    return variance
