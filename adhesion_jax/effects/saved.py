@@ -66,11 +66,8 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
         known, free = type(BASES[curve.pop("name")]), tuple(curve.pop("free"))
         kinds = [KINDS[effect.pop("name")] for effect in effects]
-        base: Curve | Bent = known(
-            **_numbers(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free)
-        )
-        if "departure" in saved:
-            base = _bent(base, **saved["departure"])
+        alone = known(**_numbers(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free))
+        base = _bent(alone, **saved["departure"]) if "departure" in saved else alone
         column, start, end = (saved["calendar"][name] for name in Calendar._fields)
         return CorrectedLaw(
             base,

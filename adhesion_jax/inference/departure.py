@@ -44,7 +44,9 @@ def departure_of(
     With the free parameters of the curve projected out, the score z of the factors b is normal of
     mean S b, S their information, and of covariance c S: c is judged from the scatter of z between
     clusters or, of a single log, from its slow cosines, so that slow noise is not taken for a
-    departure. The size is the likeliest.
+    departure where slip passes the same values several times; of a single sweep the two cannot be
+    told apart. The sums are those at the least penalised sum for these factors. The size is the
+    likeliest.
     """
     count = free.size - FUNCTIONS
     used, last = np.flatnonzero(free[:count]), np.arange(count, free.size)

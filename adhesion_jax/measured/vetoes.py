@@ -73,16 +73,15 @@ def judged(
     side = np.where(rows.slip < 0, -1.0, 1.0)
     noise = np.sqrt(fit.noise.sigma**2 / rows.design + (slope * fit.slip_spread) ** 2)
     points = _Turned(np.abs(rows.slip), side * rows.adhesion, side * left, side * mean, noise)
-    found = [_independent(points), _strange(points)]
-    if not found[0]:
-        found += [*_shifted(points, rows, step_s), _passed_by(points, fit)]
+    found = [_strange(points), *_shifted(points, rows, step_s)]
+    if not any(found):
+        found.append(_independent(points) or _no_rise(points, fit) or _passed_by(points, fit))
     if np.all(fit.held):
         found.append("Every parameter of the curve is held at a bound or has no influence.")
     if branches is not None and (branches.changed or branches.bent):
         found.append(_two_branches(branches))
-    flat = found[0] != ""
-    if not flat:
-        found += [_above(points, answer), _wide(answer), _no_rise(points, fit)]
+    if not any(found):
+        found += [_above(points, answer), _wide(answer)]
     vetoes = tuple(dict.fromkeys(filter(None, found)))
     at_least, why = _reached(points, fit, answer) if not vetoes else (None, "")
     return Judgement(vetoes, at_least, why)
@@ -144,28 +143,27 @@ def _independent(points: _Turned) -> str:
 
 
 def _no_rise(points: _Turned, fit: MeasuredFit) -> str:
-    low = float(np.quantile(points.slip, 0.02))
-    first = float(fit.law.at(np.array([low])).adhesion[0])
-    highest = float(np.quantile(points.mean, 0.99))
-    if first < (1 - _RISE) * max(highest, 1e-300) or low <= 0.02 * points.slip.max():
+    groups = _bins(points.slip)
+    medians = np.array([np.median(points.adhesion[group]) for group in groups])
+    low, highest = float(np.median(points.slip[groups[0]])), float(medians.max())
+    if medians[0] < (1 - _RISE) * highest or highest <= 0:
         return ""
     return (
         f"No rise was measured: at the smallest slips ({low:.3g}{fit.slip_unit}) adhesion is "
-        f"already {percent(first / highest)} of its largest value, so that the course from slip 0 "
-        "is that of the formula alone, and so is the peak."
+        f"already {percent(medians[0] / highest)} of its largest value, so that the course from "
+        "slip 0 is that of the formula alone, and so is the peak."
     )
 
 
 def _passed_by(points: _Turned, fit: MeasuredFit) -> str:
-    top = float(np.quantile(points.mean, 0.99))
+    top = float(np.quantile(points.adhesion, 0.95))
     # Nearer to slip 0 than its noise, or than the departure reaches, points say little of a curve.
     least = max(fit.law.span.reach, 3 * float(np.median(fit.slip_spread)))
     for group in _bins(np.where(points.slip < least, least, points.slip)):
         if points.slip[group].max() <= least:
             continue
         middle, error = _median(points.residual[group])
-        noise = 1.25 * float(np.median(points.spread[group])) / np.sqrt(min(group.size, _TELLING))
-        if abs(middle) > _PASSED * top + 3 * max(error, noise):
+        if abs(middle) > _PASSED * top + 3 * error:
             low, high = points.slip[group].min(), points.slip[group].max()
             return (
                 f"The fit passes by the points: between slips {low:.3g} and {high:.3g}"
