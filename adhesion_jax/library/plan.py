@@ -207,7 +207,7 @@ def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
     fits = {
         name: fit
         for name, fit in found.fits.items()
-        if fit.peak.found and np.isfinite(fit.mu_max_se)
+        if np.isfinite(found.slip_opt) and fit.curve.peak(fit.conditions, fit.slip_limit).found
     }
     if not fits:
         raise InputError(

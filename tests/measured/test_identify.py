@@ -102,8 +102,8 @@ def test_the_measured_locomotive(told):
     # Two independent analyses of these points have .0254 for Burckhardt's and .0242 for Polach's.
     assert table["rms"].between(0.0236, 0.0257).all()
     assert table["status"].str.startswith(("TRUSTED", "ON_BOX")).all()
-    # Coulomb's friction cannot fall: what it misses is the largest.
-    assert table["misfit"].idxmax() == "polach"
+    # Coulomb's friction cannot fall: the points depart from it.
+    assert table["misfit"]["polach"] > 0.05
     # Engel et al. report adhesion of .3 and more at 2 % creep.
     assert table["mu_max"].between(0.29, 0.32).all()
     assert table["slip_opt"].between(0.015, 0.035).all()
