@@ -122,9 +122,11 @@ def compared(fit: MeasuredFit, rows: Rows, labels: pd.Series, by: str) -> Compar
     _, bend, _, _ = analysed(pieces.shape, pieces.shape_weight, pieces.group)
     count = len(names)
     size = np.bincount(pieces.group, pieces.weight, count)
-    mu_max = float(fit.peak.adhesion)
+    # Beyond the points a curve says nothing of a rail: the largest adhesion is that among them.
+    last = min(float(fit.peak.slip), fit.law.span.largest)
+    mu_max = float(fit.law.at(np.array([last])).adhesion[0])
     height = mu_max * (1 + level)
-    se = mu_max * np.sqrt(within / size + (fit.mu_max_se / mu_max) ** 2)
+    se = mu_max * np.sqrt(within / size + (fit.mu_max_se / float(fit.peak.adhesion)) ** 2)
     half = float(scipy.special.stdtrit(max(degrees, 1.0), 0.975)) * se / np.maximum(height, 1e-300)
     run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
     runs = pd.Series(run).groupby(codes).nunique()
