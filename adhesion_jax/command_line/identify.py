@@ -27,7 +27,8 @@ KNOWN = catalogue()
 @click.option(
     "--by",
     metavar="COLUMN",
-    help="Compare the largest adhesion of the groups of runs by this column, or by run.",
+    help="Compare the groups of rows by this column, text included, by run, or by auto: the column "
+    "that predicts best.",
 )
 @click.option(
     "--slip-noise",
@@ -39,8 +40,8 @@ KNOWN = catalogue()
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for curves.csv, curves.png, verdict.txt, of a log events.png, and with --by "
-    "runs.csv and runs.png.",
+    help="Folder for report.html, curves.csv, curves.png, law.json, verdict.txt, of a log "
+    "events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
 def main(**asked: Any) -> None:

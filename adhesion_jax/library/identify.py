@@ -221,7 +221,7 @@ def identify(
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
 ) -> Identification:
-    """Fit adhesion curves to measured points under the noise that the points show.
+    """Fit adhesion curves that may bend to measured points, whatever their noise depends on.
 
     `data` has a row a point, with the columns slip_ratio (or slip_velocity_mps) and adhesion (or
     tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units; several
@@ -234,13 +234,14 @@ def identify(
     Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run are in
     their order. Of a long log only its slip events are used, as runs (`data.events`), unless
     `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
-    of your own by name. `by` is a column whose groups of runs are compared: did the rail change
-    between them? (`run` compares the runs themselves.) `slip_noise` is the standard deviation of
-    the noise of the wheel speed in m/s (of the slip, where there is no vehicle speed), 0 for an
-    exact slip; by default it is estimated where there is time_s. `progress` is called with words
-    and the share done. InputError names all that is wrong with the data. Source: restricted maximum
-    likelihood, Patterson and Thompson 1971; the weights of the curves by pseudo Bayes factors,
-    Geisser and Eddy 1979.
+    of your own by name. `by` is a column whose groups of rows are compared: did the rail change
+    between them? (`run` compares the runs, `auto` the groups that predict best.) `slip_noise` is the
+    standard deviation of the noise of the wheel speed in m/s (of the slip, where there is no
+    vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.
+    `progress` is called with words and the share done. InputError names all that is wrong with the
+    data. Source: least squares with Huber's loss 1964; covariance by clusters, Bell and McCaffrey
+    2002, and by cosines, Lazarus et al. 2018; the weights of the curves by pseudo Bayesian model
+    averaging, Yao et al. 2018.
     """
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)

@@ -28,7 +28,7 @@ class InitialSlope(NamedTuple):
     """Adhesion per slip near slip 0, a0 of Kiencke's curve, and what a log says of that curve.
 
     `form` has the standard error that the form of the curve makes, relative to mu_max and to
-    slip_opt: the difference of the peak of the fitted curve with what it misses (`measured.fit`)
+    slip_opt: the difference of the peak of the fitted curve with its departure (`inference.fit`)
     from that of the curve alone. It is zero where the curve misses nothing.
     """
 
@@ -36,7 +36,7 @@ class InitialSlope(NamedTuple):
     standard_error: float  # 0 where it was given
     given: bool
     fit: MeasuredFit  # of Kiencke's curve, a0 among what is fitted
-    alone: Peak  # of the fitted curve, without what it misses
+    alone: Peak  # of the fitted curve, without its departure
     form: Mapping[str, float]
     samples: int  # that it was fitted to
 
