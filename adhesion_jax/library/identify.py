@@ -235,7 +235,7 @@ def identify(
     their order. Of a long log only its slip events are used, as runs (`data.events`), unless
     `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
     of your own by name. `by` is a column whose groups of rows are compared: did the rail change
-    between them? (`run` compares the runs, `auto` the groups that predict best.) `slip_noise` is the
+    between them? (`run` compares the runs, `auto` the best groups.) `slip_noise` is the
     standard deviation of the noise of the wheel speed in m/s (of the slip, where there is no
     vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.
     `progress` is called with words and the share done. InputError names all that is wrong with the
