@@ -17,10 +17,9 @@ _CELLS, _OF_SLIP, _OF_ADHESION = 48, 4, 8
 #: What a sample leaves of the adhesion held before it.
 _HOLDS = 0.9
 
-#: What is remembered of earlier samples after one at the slip of the peak is what the method
-#: remembers, within these bounds: one that forgets by its error may forget all at a single sample,
-#: and one that forgets nothing does not know that a rail changes slowly.
-_REMEMBERED = (1 - 1 / 200, 1 - 1 / 2000)
+#: Most that is remembered of earlier samples after one at the slip of the peak: a method that
+#: forgets nothing does not know that a rail changes slowly.
+_REMEMBERED = 1 - 1 / 2000
 
 #: Samples around the peak have a slip down to 1/1.4 and up to 1.4 times its own; those beyond it
 #: have more, by three standard deviations of the noise of their slip.
@@ -85,21 +84,22 @@ def extended(
 ) -> Window:
     """The window after one more sample; with a `reset` it holds this sample alone.
 
-    The past is forgotten by 1 - (1 - forgetting) min(1, slip/slip_opt): samples at small slip
-    hardly tell of the peak, so they do not displace those that do. Without a peak below `limit`
-    the share is 1. After a `start` no earlier slip is used.
+    A fall is forgotten at any slip as the method forgets it, by `forgetting` (NaN: not at all): an
+    estimate that has outlived it is no peak that was seen. The adhesion reached, and a fall at the
+    least, are discounted by 1 - (1 - forgetting) min(1, slip/slip_opt), as samples at small slip
+    hardly tell of the peak; without a peak below `limit` the share is 1. After a `start` no earlier
+    slip is used.
     """
     size, upward = jnp.abs(slip), jnp.sign(slip) * adhesion
-    taken = jnp.isfinite(size) & jnp.isfinite(upward) & (size > 0)
+    taken = jnp.isfinite(size) & jnp.isfinite(upward)
     last, earlier = jnp.where(start, slip, window.before)
     bend = jnp.maximum(jnp.abs(slip - 2 * last + earlier), _LEAST_BEND * limit)
     cell, level = _cell(size / limit, _OF_SLIP), _cell(window.held, _OF_ADHESION)
-    remembered = jnp.clip(jnp.where(jnp.isnan(forgetting), 1.0, forgetting), *_REMEMBERED)
     share = jnp.where(slip_opt < limit, jnp.minimum(size / _positive(slip_opt), 1.0), 1.0)
-    kept = 1 - (1 - remembered) * share
+    kept = 1 - (1 - jnp.fmin(forgetting, _REMEMBERED)) * share
     one = jnp.stack([jnp.ones(()), upward, upward**2, jnp.log(bend)])
     kept = jnp.where(reset, 0.0, kept)
-    sums = (window.sums * kept).at[:, cell].add(one)
+    sums = (window.sums * jnp.fmin(forgetting, kept)).at[:, cell].add(one)
     levels = (window.levels * kept).at[:, level].add(one[:3])
     held = jnp.where(start, upward, _HOLDS * window.held + (1 - _HOLDS) * upward)
     after = Window(sums, levels, jnp.stack([slip, last]), held)
