@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from adhesion_jax.curves.bent import FUNCTIONS
-from adhesion_jax.inference.sandwich import COSINES
+from adhesion_jax.inference.sandwich import COSINES, grouped
 from adhesion_jax.inference.sums import Sums
 
 #: Standard deviations of the factors, relative to the first: a curve without corners.
@@ -65,7 +65,7 @@ def departure_of(
     step = np.zeros(free.size)
     step[last] = loose - factors
     step[used] = -lean @ (loose - factors)
-    left = score - np.einsum("bij,j,ik->bk", found.matrix, step, projected)
+    left = score - (found.matrix @ step) @ projected
     inflation = max(_scatter(left, cluster, ordered) / max(np.trace(even), 1e-300), 1.0)
 
     values, vectors = np.linalg.eigh(even)
@@ -84,9 +84,7 @@ def _scatter(left: np.ndarray, cluster: np.ndarray, ordered: bool) -> float:
     """The sum over the functions of the variance of their score."""
     clusters = int(cluster[-1]) + 1
     if clusters >= _FEWEST_CLUSTERS or not ordered:
-        sums = np.zeros((clusters, left.shape[1]))
-        np.add.at(sums, cluster, left)
-        return float(np.sum(sums**2)) * clusters / max(clusters - 1, 1)
+        return float(np.sum(grouped(left, cluster) ** 2)) * clusters / max(clusters - 1, 1)
     time = (np.arange(len(left)) + 0.5) / len(left)
     cosine = np.sqrt(2) * np.cos(np.pi * np.arange(1, COSINES + 1)[:, None] * time)
     return float(np.sum((cosine @ left) ** 2)) / COSINES

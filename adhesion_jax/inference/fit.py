@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import scipy
 from jaxtyping import Bool, Float
@@ -13,15 +12,16 @@ from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.inference.departure import Departure, departure_of
+from adhesion_jax.inference.descent import STRAIGHT, Problem, descended, felt, passed_through
 from adhesion_jax.inference.law import FittedLaw, LawPeak, peak_of
 from adhesion_jax.inference.noise import RunNoise, described
+from adhesion_jax.inference.prediction import left_out
 from adhesion_jax.inference.rows import Rows, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich
+from adhesion_jax.inference.shares import parameters_at
 from adhesion_jax.inference.slip import SlipNoise
-from adhesion_jax.inference.start import parameters_at, stretch_at
-from adhesion_jax.inference.sums import Sums, Variance, residuals, sums
+from adhesion_jax.inference.sums import Variance, left_over, residuals
 from adhesion_jax.inference.values import Span
-from adhesion_jax.optim.levenberg_marquardt import Local, advanced, arrived, begin
 
 #: Largest slip at which a peak is searched if slip is a velocity, m/s.
 SLIP_VELOCITY_LIMIT = 10.0
@@ -29,20 +29,8 @@ SLIP_VELOCITY_LIMIT = 10.0
 #: Most rows of the search; and those of a longer record are then passed through a few times.
 _SEARCH_ROWS = 20_000
 
-#: Rounds of fit, weights and size of the departure; most evaluations of the fit in one.
-_ROUNDS, _MOST_STEPS = 4, 40
-
-#: A fit has arrived where a step promises to lower half the deviance by less than this.
-_NEAR = 1e-4
-
-#: The program of a step serves parameters up to a multiple of this number.
-_WIDTH = 16
-
-#: Largest factor of a departure.
-_MOST_DEPARTURE = 1.0
-
-#: A parameter has no influence if its whole range changes adhesion by less than this (rms).
-_NO_INFLUENCE = 1e-7
+#: Rounds of fit, weights and size of the departure.
+_ROUNDS = 4
 
 #: A residual below this share of the adhesion is due to the rounding of numbers, not to noise.
 EXACT = 1e-10
@@ -60,13 +48,6 @@ _TOLD, _SILENT, _NEVER = 3.0, 1e6, 1e6
 
 #: The standard deviation of a normal variable over the median of its size.
 _NORMAL = 1.4826
-
-#: Parts that are left out to judge a curve, where there are fewer runs.
-_PARTS = 12
-
-
-#: No departure at all.
-STRAIGHT = Departure(0.0, np.full(FUNCTIONS, np.inf), 1.0, 0.0, 0.0)
 
 
 class MeasuredFit(NamedTuple):
@@ -170,13 +151,6 @@ def missing_columns(curve: Curve, columns: Mapping[str, object]) -> tuple[str, .
     return tuple(name for name in curve.NEEDS if name not in columns)
 
 
-class _Place(NamedTuple):
-    """Coordinates of a fit, shares of the box and factors, and where it ended."""
-
-    share: Float[np.ndarray, " all"]
-    converged: bool
-
-
 def fitted(
     curve: Curve,
     start: Float[np.ndarray, " free"],
@@ -194,20 +168,19 @@ def fitted(
     """
     problem, conditions, limit = _posed(curve, start, rows, slip_is_velocity)
     some = thinned(rows, _SEARCH_ROWS)
-    place = _Place(np.append(np.clip(start, 0.0, 1.0), np.zeros(FUNCTIONS)), False)
-    variance, departure = _thinned(weights, rows, some), STRAIGHT
-    for turn in range(2):
-        variance = _scaled(problem, place.share, some, departure, variance)
-        place = _descended(problem, place.share, some, variance, STRAIGHT, turn > 0)
-    for _ in range(_ROUNDS):
-        variance = _scaled(problem, place.share, some, departure, variance)
-        departure = _departure(problem, place.share, some, variance)
-        place = _descended(problem, place.share, some, variance, departure, True)
-    variance = _scaled(problem, place.share, rows, departure, weights)
+    share, reached, departure = _from(start), False, STRAIGHT
+    variance = _thinned(weights, rows, some)
+    for turn in range(2 + _ROUNDS):
+        variance = _scaled(problem, share, some, departure, variance)
+        if turn >= 2:
+            departure = _departure(problem, share, some, variance)
+        share, reached = descended(problem, share, some, variance, departure, turn > 0)
+    variance = _scaled(problem, share, rows, departure, weights)
     if some is not rows:
-        departure = _departure(problem, place.share, rows, variance)
-        place = _descended(problem, place.share, rows, variance, departure, True)
-    return _described(problem, place, rows, slip, variance, departure, conditions, limit)
+        departure = _departure(problem, share, rows, variance)
+        share, reached = passed_through(problem, share, rows, variance, departure)
+    fit = _described(problem, share, rows, slip, variance, departure, conditions, limit)
+    return fit._replace(converged=reached)
 
 
 def alike(rows: Rows) -> Variance:
@@ -230,21 +203,25 @@ def weighed(
     problem, _, _ = _posed(curve, start, rows, slip_is_velocity)
     some = thinned(rows, _SEARCH_ROWS)
     noise = slip._replace(spread=_chosen(slip.spread, some.slip.size))
-    share = np.append(np.clip(start, 0.0, 1.0), np.zeros(FUNCTIONS))
+    share = _from(start)
     for turn in range(_ROUNDS):
         variance = _variance(problem, share, some, noise)
-        share = _descended(problem, share, some, variance, STRAIGHT, turn > 0).share
+        share, _ = descended(problem, share, some, variance, STRAIGHT, turn > 0)
     return _variance(problem, share, rows, slip)
 
 
 def _posed(
     curve: Curve, start: np.ndarray, rows: Rows, slip_is_velocity: bool
-) -> tuple["_Problem", Mapping[str, float], float]:
+) -> tuple[Problem, Mapping[str, float], float]:
     """The problem, the conditions of its peak, and the largest slip of that."""
     limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
     conditions = {name: float(np.median(rows.conditions[name])) for name in curve.NEEDS}
     largest = float(max(rows.slip.max(), -rows.slip.min(), np.finfo(float).tiny))
-    return _Problem(curve, _span(curve, start, conditions, limit, largest)), conditions, limit
+    return Problem(curve, _span(curve, start, conditions, limit, largest)), conditions, limit
+
+
+def _from(start: np.ndarray) -> np.ndarray:
+    return np.append(np.clip(start, 0.0, 1.0), np.zeros(FUNCTIONS))
 
 
 def _chosen(column: np.ndarray, count: int) -> np.ndarray:
@@ -256,30 +233,6 @@ def _thinned(weights: Variance, rows: Rows, some: Rows) -> Variance:
         return weights
     count = some.slip.size
     return Variance(weights.sigma, _chosen(weights.row, count), _chosen(weights.spread, count))
-
-
-class _Problem(NamedTuple):
-    """A curve and where its departure lives."""
-
-    curve: Curve
-    span: Span
-
-    @property
-    def free(self) -> int:
-        return len(self.curve.free)
-
-    def parameters(self, share: np.ndarray) -> np.ndarray:
-        return np.append(parameters_at(self.curve, share[: self.free]), share[self.free :])
-
-    def stretch(self, share: np.ndarray) -> np.ndarray:
-        own = stretch_at(self.curve, share[: self.free])
-        return np.append(own, np.ones(FUNCTIONS))
-
-    def sums(
-        self, share: np.ndarray, rows: Rows, variance: Variance, robust: bool, searching: bool
-    ) -> Sums:
-        place = self.parameters(share), self.stretch(share)
-        return sums(rows, self.curve, *place, self.span, variance, robust, searching)
 
 
 def _span(
@@ -294,11 +247,11 @@ def _span(
 
 
 def _scaled(
-    problem: _Problem, share: np.ndarray, rows: Rows, departure: Departure, weights: Variance
+    problem: Problem, share: np.ndarray, rows: Rows, departure: Departure, weights: Variance
 ) -> Variance:
     """The weights with the size that the residual has, robust, less what the fit takes of it."""
     parameters = problem.parameters(share)
-    left, _, _ = residuals(rows, problem.curve, parameters, problem.span, weights.spread)
+    left = left_over(rows, problem.curve, parameters, problem.span, weights.spread)
     telling = weights.row < _NEVER * weights.sigma**2
     count = int(telling.sum())
     degrees = count / max(count - problem.free - departure.degrees, 0.25 * count)
@@ -308,7 +261,7 @@ def _scaled(
     return Variance(weights.sigma * own, weights.row * own**2, weights.spread)
 
 
-def _variance(problem: _Problem, share: np.ndarray, rows: Rows, slip: SlipNoise) -> Variance:
+def _variance(problem: Problem, share: np.ndarray, rows: Rows, slip: SlipNoise) -> Variance:
     """Of every row, from the residual: sigma, and how much of the slip's noise acts.
 
     Rows of like slope x spread make groups; their robust variances are sigma^2 + share^2 (slope x
@@ -338,64 +291,17 @@ def _variance(problem: _Problem, share: np.ndarray, rows: Rows, slip: SlipNoise)
     return Variance(float(np.sqrt(own)), row, spread)
 
 
-def _departure(problem: _Problem, share: np.ndarray, rows: Rows, variance: Variance) -> Departure:
-    found = problem.sums(share, rows, variance, True, False)
-    free = _felt(found, rows.slip.size, variance) & (share > 0) & (share < 1)
+def _departure(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> Departure:
+    found = problem.sums(share, rows, variance)
+    free = felt(found, rows.slip.size, variance) & (share > 0) & (share < 1)
     free[problem.free :] = True
     ordered = rows.ordered or rows.several
     return departure_of(found, share[problem.free :], free, rows.cluster, ordered)
 
 
-def _felt(found: Sums, points: int, variance: Variance) -> np.ndarray:
-    squares = np.diagonal(found.matrix.sum(axis=0))
-    return np.sqrt(squares / points) * variance.sigma >= _NO_INFLUENCE
-
-
-def _descended(
-    problem: _Problem,
-    share: np.ndarray,
-    rows: Rows,
-    variance: Variance,
-    departure: Departure,
-    robust: bool,
-) -> _Place:
-    """The least penalised sum, by the package's Levenberg-Marquardt."""
-    width = -(-share.size // _WIDTH) * _WIDTH
-    empty = np.zeros(width - share.size)
-    penalty = np.where(np.isfinite(departure.penalty), departure.penalty, 0.0)
-    held = ~np.isfinite(departure.penalty)
-    bound = np.where(held, 0.0, _MOST_DEPARTURE)
-    lower = np.concatenate([np.zeros(problem.free), -bound, empty])
-    upper = np.concatenate([np.ones(problem.free), bound, empty])
-
-    def local_at(place: np.ndarray) -> Local:
-        found = problem.sums(place, rows, variance, robust, True)
-        factors = place[problem.free :]
-        loss = found.loss[0] + 0.5 * float(penalty @ factors**2)
-        gradient, hessian = np.zeros(width), np.zeros((width, width))
-        gradient[: share.size] = -found.score[0]
-        gradient[problem.free : share.size] += penalty * factors
-        hessian[: share.size, : share.size] = found.matrix[0]
-        diagonal = np.arange(problem.free, share.size)
-        hessian[diagonal, diagonal] += penalty
-        loss = loss if np.isfinite(loss) else np.inf
-        return Local(jnp.asarray(loss), jnp.asarray(gradient), jnp.asarray(hessian))
-
-    search = begin(jnp.append(share, empty))
-    converged = False
-    for _ in range(_MOST_STEPS):
-        local = local_at(np.asarray(search.trial)[: share.size])
-        near = jnp.asarray(_NEAR / max(float(local.loss), 1e-300))
-        search = advanced(search, local, lower, upper, near)
-        converged = bool(arrived(search, near))
-        if converged:
-            break
-    return _Place(np.asarray(search.x)[: share.size], converged)
-
-
 def _described(
-    problem: _Problem,
-    place: _Place,
+    problem: Problem,
+    share: np.ndarray,
     rows: Rows,
     slip: SlipNoise,
     variance: Variance,
@@ -403,69 +309,35 @@ def _described(
     conditions: Mapping[str, float],
     limit: float,
 ) -> MeasuredFit:
-    share, count = place.share, problem.free
-    found = problem.sums(share, rows, variance, True, False)
-    felt = _felt(found, rows.slip.size, variance)[:count]
-    bound = felt & ((share[:count] <= 0) | (share[:count] >= 1))
-    free = np.append(felt & ~bound, np.ones(FUNCTIONS, dtype=bool))
+    count = problem.free
+    found = problem.sums(share, rows, variance)
+    has_influence = felt(found, rows.slip.size, variance)[:count]
+    bound = has_influence & ((share[:count] <= 0) | (share[:count] >= 1))
+    free = np.append(has_influence & ~bound, np.ones(FUNCTIONS, dtype=bool))
     penalty = np.append(np.zeros(count), departure.penalty)
     ordered = rows.ordered or rows.several
     covariance = sandwich(found, rows.cluster, free, penalty, departure.inflation, ordered)
     law = FittedLaw(problem.curve, problem.parameters(share), problem.span, conditions)
-    left, slope, mean = residuals(
-        rows, problem.curve, law.parameters, problem.span, variance.spread
-    )
-    bare = FittedLaw(
-        problem.curve,
-        np.append(law.parameters[:count], np.zeros(FUNCTIONS)),
-        problem.span,
-        conditions,
-    )
+    left = residuals(rows, problem.curve, law.parameters, problem.span, variance.spread)
     grid = np.quantile(np.abs(thinned(rows, _SEARCH_ROWS).slip), np.linspace(0, 1, 200))
-    missed = law.at(grid).adhesion - bare.at(grid).adhesion
+    bare = law._replace(parameters=np.append(law.parameters[:count], np.zeros(FUNCTIONS)))
+    bare_at = bare.at(grid).adhesion
+    missed = law.at(grid).adhesion - bare_at
     return MeasuredFit(
         law,
         limit,
         " m/s" if limit == SLIP_VELOCITY_LIMIT else "",
         rows.slip.size,
         found.plain,
-        described(rows, left, slope, mean, variance, slip),
+        described(rows, *left, variance, slip),
         departure,
-        float(np.sqrt(np.mean(missed**2) / max(np.mean(bare.at(grid).adhesion ** 2), 1e-300))),
+        float(np.sqrt(np.mean(missed**2) / max(np.mean(bare_at**2), 1e-300))),
         covariance,
         problem.stretch(share),
         bound,
-        ~felt,
+        ~has_influence,
         peak_of(law, limit),
         variance.spread,
-        _left_out(found, rows, variance, free, penalty),
-        place.converged,
+        left_out(found, rows, variance, free, penalty),
+        True,
     )
-
-
-def _left_out(
-    found: Sums,
-    rows: Rows,
-    variance: Variance,
-    free: np.ndarray,
-    penalty: np.ndarray,
-) -> Float[np.ndarray, " parts"]:
-    """The log density of each part, given the fit to all others: runs, or a twelfth of a log."""
-    parts = rows.cluster
-    if rows.clusters < 2:
-        parts = np.arange(parts.size) * _PARTS // parts.size
-    elif not (rows.ordered or rows.several):  # points in no order: every twelfth
-        parts = np.argsort(np.argsort(rows.slip[rows.blocks[:-1]], kind="stable")) % _PARTS
-    count, used = int(parts.max()) + 1, np.flatnonzero(free)
-    matrix = np.zeros((count, used.size, used.size))
-    score, own = np.zeros((count, used.size)), np.zeros(count)
-    np.add.at(matrix, parts, found.matrix[:, used[:, None], used])
-    np.add.at(score, parts, found.score[:, used])
-    spread = np.add.reduceat(np.log(variance.row), rows.blocks[:-1])
-    np.add.at(own, parts, found.squares + spread)
-    others = matrix.sum(axis=0) + np.diag(penalty[used]) - matrix
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(others, axis1=1, axis2=2), 1e-300))
-    even = others * scale[:, :, None] * scale[:, None, :] + 1e-10 * np.eye(used.size)
-    step = -scale * np.linalg.solve(even, (scale * score)[:, :, None])[:, :, 0]
-    bend = np.einsum("pi,pij,pj->p", step, matrix, step)
-    return -0.5 * (own - 2 * np.sum(step * score, axis=1) + bend)

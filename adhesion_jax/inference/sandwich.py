@@ -93,12 +93,14 @@ def sandwich(
     matrix = root.T @ found.matrix @ root
     score = found.score @ root
     prior = inflation * (root.T * penalty) @ root
-    count = int(cluster[-1]) + 1
-    grouped = np.zeros((count, width, width)), np.zeros((count, width))
-    np.add.at(grouped[0], cluster, matrix)
-    np.add.at(grouped[1], cluster, score)
-    clusters = _clusters(*grouped) if count > 1 else None
+    several = cluster[-1] > 0
+    clusters = _clusters(grouped(matrix, cluster), grouped(score, cluster)) if several else None
     return Sandwich(root, prior, clusters, Blocks(score, matrix) if ordered else None)
+
+
+def grouped(of_blocks: np.ndarray, cluster: Int[np.ndarray, " blocks"]) -> np.ndarray:
+    """The sums over the blocks of each cluster, which follow upon each other."""
+    return np.add.reduceat(of_blocks, np.searchsorted(cluster, np.arange(cluster[-1] + 1)))
 
 
 def _inverse_root(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

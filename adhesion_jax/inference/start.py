@@ -1,7 +1,6 @@
 """The start of a fit: the curve of least squares within its physical bounds, wherever it lies."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,51 +8,61 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Curve, with_free_values
-from adhesion_jax.optim import differential_evolution as de
+from adhesion_jax.curves.bent import FUNCTIONS
+from adhesion_jax.inference.descent import Problem, descended
+from adhesion_jax.inference.grouping import evenly, means, of_like
+from adhesion_jax.inference.rows import Rows
+from adhesion_jax.inference.shares import parameters_at
+from adhesion_jax.inference.sums import Variance, left_over
+from adhesion_jax.inference.values import Span
 from adhesion_jax.optim import levenberg_marquardt
 from adhesion_jax.programs import QUICKLY, kept
 from adhesion_jax.records import Record
 
-#: Polach's curve with falling friction has two valleys: of 48 noisy records a population of 50
-#: with F = .6 ended in the wrong one in 15, one of 100 with F = .8 in 1, these in none.
-_POPULATION, _SCALE, _CROSSOVER = 200, 0.9, 0.9
-_GENERATIONS, _SPREAD, _SEED = 2000, 1e-8, 0
+#: Places of the box that are tried, in as many groups as searches start from the best of each; most
+#: steps of a search.
+_TRIED, _STARTS, _STEPS, _SEED = 1024, 32, 100, 0
 
-#: Largest number of steps of Levenberg-Marquardt.
-_STEPS = 500
+#: Most points of a record, chosen evenly; and groups of like slip, or of like slip and of like
+#: values of the first column that a curve needs, by whose means the start is searched.
+_POINTS, _GROUPS = 20_000, (256, (64, 16))
 
-#: Largest numbers of points of the search and of its last steps, chosen evenly in slip.
-_SEARCH_POINTS, _POLISH_POINTS = 1000, 20_000
+#: The last search ends where a step promises to lower half the deviance by less than this.
+_NEAR = 1e-10
 
 
 def least_squares(curve: Curve, record: Record) -> Float[np.ndarray, " free"]:
     """The best parameters for a record of up to 20,000 points, and of so many of a longer one.
 
     As shares of the physical box; those with a positive lower bound on a logarithmic scale.
-    Differential evolution over the whole box, then Levenberg-Marquardt from its best. `record` must
-    hold the conditions the curve NEEDS.
+    Levenberg-Marquardt from many places of the box for the means of groups of like points, then
+    from the best of its ends for the points. `record` must hold the conditions the curve NEEDS.
     """
-    size = np.abs(np.asarray(record.slip))
-    order = np.argsort(size, kind="stable")
-    order = order[:: -(-order.size // _POLISH_POINTS)]
-    order.sort()  # rows of a short record stay as they are
-    slip, adhesion = np.asarray(record.slip)[order], np.asarray(record.adhesion)[order]
-    conditions = {name: np.asarray(record.conditions[name])[order] for name in curve.NEEDS}
-    by_size = np.argsort(size[order], kind="stable")
-    chosen = by_size[:: -(-by_size.size // _SEARCH_POINTS)]
-    return np.asarray(_least_squares(curve, slip, adhesion, conditions, chosen))
+    chosen = evenly(np.asarray(record.slip).size, _POINTS)
+    slip, adhesion = np.asarray(record.slip)[chosen], np.asarray(record.adhesion)[chosen]
+    conditions = {name: np.asarray(record.conditions[name])[chosen] for name in curve.NEEDS}
+    alike, exact, whole = np.ones(slip.size), np.zeros(slip.size), np.array([0, slip.size])
+    group = of_like(slip, conditions, *_GROUPS)
+    found = means(group, alike, slip, adhesion, conditions, exact)
+    lacking = _GROUPS[1][0] * _GROUPS[1][1] if conditions else _GROUPS[0]
+    lacking -= found.slip.size
 
+    def filled(column: np.ndarray) -> np.ndarray:
+        return np.pad(column, (0, lacking), "edge")
 
-def parameters_at(curve: Curve, share: Any) -> Any:
-    """The parameters at shares of the physical box, [free ...], of NumPy or of jax."""
-    described = [curve.PARAMETERS[name] for name in curve.free]
-    shape = (-1, *(1,) * (share.ndim - 1))
-    lower = np.reshape([p.lower for p in described], shape)
-    upper = np.reshape([p.upper for p in described], shape)
-    logarithmic = lower > 0
-    ratio = np.where(logarithmic, upper, 1.0) / np.where(logarithmic, lower, 1.0)
-    width = np.where(logarithmic, 0.0, upper - lower)
-    return lower * ratio**share + width * share
+    few = (
+        filled(found.slip),
+        filled(found.adhesion),
+        {n: filled(c) for n, c in found.conditions.items()},
+    )
+    weight = np.pad(found.weight, (0, lacking))
+    share = np.append(_best(curve, weight, *few), np.zeros(FUNCTIONS))
+    rows = Rows(slip, adhesion, conditions, alike, whole, whole, np.zeros(1, int), False, False)
+    problem = Problem(curve, Span(1.0, 1.0))
+    left = left_over(rows, curve, problem.parameters(share), problem.span, exact)
+    square = max(float(np.mean(left**2)), 1e-24 * float(np.mean(adhesion**2)), 1e-300)
+    variance = Variance(float(np.sqrt(square)), square * alike, exact)
+    return descended(problem, share, rows, variance, robust=False, near=_NEAR)[0][: problem.free]
 
 
 def share_of(curve: Curve) -> Float[np.ndarray, " free"]:
@@ -67,45 +76,29 @@ def share_of(curve: Curve) -> Float[np.ndarray, " free"]:
     return np.where(logarithmic, along / np.log(ratio), (values - lower) / (upper - lower))
 
 
-def stretch_at(curve: Curve, share: Float[np.ndarray, " free"]) -> Float[np.ndarray, " free"]:
-    """The derivatives of the parameters by the shares of the box."""
-    described = [curve.PARAMETERS[name] for name in curve.free]
-    lower, upper = np.array([[p.lower, p.upper] for p in described]).T
-    ratio = np.where(lower > 0, upper, 1.0) / np.where(lower > 0, lower, 1.0)
-    return np.where(lower > 0, parameters_at(curve, share) * np.log(ratio), upper - lower)
-
-
-# Compiling takes many times as long as running: unoptimised and without the fusion emitters, of the
-# six curves together, 11 CPU-seconds instead of 37, and running 2.4 instead of 1.2.
+# Compiling takes many times as long as running: unoptimised and without the fusion emitters.
 @kept(compiler={"xla_backend_optimization_level": "0", **QUICKLY})
-def _least_squares(
+def _best(
     curve: Curve,
-    slip: Float[Array, " points"],
-    adhesion: Float[Array, " points"],
-    conditions: Mapping[str, Float[Array, " points"]],
-    chosen: Array,
+    weight: Float[Array, " groups"],
+    slip: Float[Array, " groups"],
+    adhesion: Float[Array, " groups"],
+    conditions: Mapping[str, Float[Array, " groups"]],
 ) -> Float[Array, " free"]:
-    zero, one = jnp.zeros(len(curve.free)), jnp.ones(len(curve.free))
+    count = len(curve.free)
+    zero, one = jnp.zeros(count), jnp.ones(count)
 
-    def misfit(share: Float[Array, " free"]) -> Float[Array, " points"]:
-        parameters = parameters_at(curve, share)
-        return with_free_values(curve, parameters)(slip, conditions) - adhesion
+    def misfit(share: Float[Array, " free"]) -> Float[Array, " groups"]:
+        model = with_free_values(curve, parameters_at(curve, share))(slip, conditions)
+        return jnp.sqrt(weight) * (model - adhesion)
 
-    few = {name: column[chosen] for name, column in conditions.items()}
-
-    def objective(share: Float[Array, " free"]) -> Float[Array, ""]:
-        model = with_free_values(curve, parameters_at(curve, share))(slip[chosen], few)
-        value = jnp.sum((model - adhesion[chosen]) ** 2)
+    def amount(share: Float[Array, " free"]) -> Float[Array, ""]:
         # A denominator may vanish inside the box: such a curve counts as worse than any other.
+        value = jnp.sum(misfit(share) ** 2)
         return jnp.where(jnp.isfinite(value), value, jnp.inf)
 
-    population_key, search_key = jax.random.split(jax.random.key(_SEED))
-    settings = de.Settings(
-        scale=jnp.asarray(_SCALE),
-        crossover=jnp.asarray(_CROSSOVER),
-        reflect=jnp.asarray(True),
-        tolerance=jnp.asarray(_SPREAD),
-    )
-    population = jax.random.uniform(population_key, (len(curve.free), _POPULATION))
-    search = de.minimise(objective, population, zero, one, search_key, settings, _GENERATIONS)
-    return levenberg_marquardt.fit(misfit, search.x, zero, one, _STEPS).x
+    tried = jax.random.uniform(jax.random.key(_SEED), (_STARTS, _TRIED // _STARTS, count))
+    best = jnp.argmin(jax.lax.map(jax.vmap(amount), tried), axis=1)
+    starts = jnp.take_along_axis(tried, best[:, None, None], axis=1)[:, 0]
+    ends = jax.lax.map(lambda x: levenberg_marquardt.fit(misfit, x, zero, one, _STEPS).x, starts)
+    return ends[jnp.argmin(jax.vmap(amount)(ends))]

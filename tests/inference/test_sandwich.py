@@ -35,7 +35,8 @@ def summed(x, residual, block):
     np.add.at(score, block, x * residual[:, None])
     np.add.at(matrix, block, x[:, :, None] * x[:, None, :])
     squares = np.bincount(block, residual**2)
-    return Sums(0.5 * squares, score, matrix, squares, float(residual @ residual))
+    plain = float(residual @ residual)
+    return Sums(0.5 * squares, score, matrix, squares, plain, matrix.sum(axis=0))
 
 
 def dense(x, penalty):
@@ -209,10 +210,10 @@ def test_a_row_of_double_weight_counts_as_two_rows():
         place = np.append(np.asarray(free_values(curve)), np.full(FUNCTIONS, 0.01))
         stretch = np.ones(place.size)
         variance = alike(rows)
-        return sums(rows, curve, place, stretch, Span(0.01, 0.2), variance, False, False)
+        return sums(rows, curve, place, stretch, Span(0.01, 0.2), variance, False, edges)
 
     once, doubled = told(np.arange(12), design_weight), told(twice, np.ones(twice.size))
-    for name in ("loss", "score", "matrix", "squares"):
+    for name in ("loss", "score", "matrix", "squares", "pulled"):
         np.testing.assert_allclose(getattr(once, name), getattr(doubled, name), rtol=1e-10)
 
 

@@ -1,0 +1,163 @@
+"""The least penalised sum of Huber's function of the residuals, by Levenberg and Marquardt."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from adhesion_jax.curves import Curve
+from adhesion_jax.curves.bent import FUNCTIONS
+from adhesion_jax.inference.departure import Departure
+from adhesion_jax.inference.grouping import means, of_like
+from adhesion_jax.inference.rows import Rows
+from adhesion_jax.inference.shares import parameters_at, stretch_at
+from adhesion_jax.inference.sums import Sums, Variance, left_over, pull, sums
+from adhesion_jax.inference.values import Span
+from adhesion_jax.optim.levenberg_marquardt import Local, Search, advanced, arrived, begin
+
+#: Most evaluations of a descent.
+_MOST_STEPS = 40
+
+#: A fit has arrived where a step promises to lower half the deviance by less than this.
+_NEAR = 1e-4
+
+#: The program of a step serves parameters up to a multiple of this number.
+_WIDTH = 16
+
+#: Largest factor of a departure.
+_MOST_DEPARTURE = 1.0
+
+#: A parameter has no influence if its whole range changes adhesion by less than this (rms).
+_NO_INFLUENCE = 1e-7
+
+#: Times that all rows of a long record are passed through; groups of them by slip, or by slip and
+#: the first condition of a curve; most evaluations of the means of these.
+_PASSES, _GROUPS, _MOST_OF_FEW = 2, (2700, (400, 50)), 400
+
+#: No departure at all.
+STRAIGHT = Departure(0.0, np.full(FUNCTIONS, np.inf), 1.0, 0.0, 0.0)
+
+
+class Problem(NamedTuple):
+    """A curve and where its departure lives; coordinates are shares of the box, then factors."""
+
+    curve: Curve
+    span: Span
+
+    @property
+    def free(self) -> int:
+        return len(self.curve.free)
+
+    def parameters(self, share: Float[np.ndarray, " all"]) -> Float[np.ndarray, " all"]:
+        return np.append(parameters_at(self.curve, share[: self.free]), share[self.free :])
+
+    def stretch(self, share: Float[np.ndarray, " all"]) -> Float[np.ndarray, " all"]:
+        """The derivatives of the parameters by the coordinates."""
+        return np.append(stretch_at(self.curve, share[: self.free]), np.ones(FUNCTIONS))
+
+    def sums(
+        self,
+        share: Float[np.ndarray, " all"],
+        rows: Rows,
+        variance: Variance,
+        robust: bool = True,
+        blocks: Int[np.ndarray, " edges"] | None = None,
+    ) -> Sums:
+        """Over the blocks of the rows, unless others are given."""
+        place = self.parameters(share), self.stretch(share)
+        edges = rows.blocks if blocks is None else blocks
+        return sums(rows, self.curve, *place, self.span, variance, robust, edges)
+
+
+def felt(found: Sums, points: int, variance: Variance) -> Bool[np.ndarray, " all"]:
+    """Which parameters have an influence."""
+    squares = np.diagonal(found.matrix.sum(axis=0))
+    return np.sqrt(squares / points) * variance.sigma >= _NO_INFLUENCE
+
+
+@cache
+def _begun(width: int) -> Search:
+    """A search before its first evaluation."""
+    return begin(jnp.zeros(width))
+
+
+def descended(
+    problem: Problem,
+    share: Float[np.ndarray, " all"],
+    rows: Rows,
+    variance: Variance,
+    departure: Departure = STRAIGHT,
+    robust: bool = True,
+    near: float = _NEAR,
+    most: int = _MOST_STEPS,
+) -> tuple[Float[np.ndarray, " all"], bool]:
+    """The place of the least sum, with the penalty of the departure, and whether it was reached."""
+    width = -(-share.size // _WIDTH) * _WIDTH
+    empty = np.zeros(width - share.size)
+    whole = np.array([0, rows.slip.size])
+    held = ~np.isfinite(departure.penalty)
+    penalty = np.where(held, 0.0, departure.penalty)
+    bound = np.where(held, 0.0, _MOST_DEPARTURE)
+    lower = np.concatenate([np.zeros(problem.free), -bound, empty])
+    upper = np.concatenate([np.ones(problem.free), bound, empty])
+
+    def local_at(place: np.ndarray) -> Local:
+        found = problem.sums(place, rows, variance, robust, whole)
+        factors = place[problem.free :]
+        loss = found.loss[0] + 0.5 * float(penalty @ factors**2)
+        gradient: Any = np.zeros(width)
+        hessian: Any = np.zeros((width, width))
+        gradient[: share.size] = -found.score[0]
+        gradient[problem.free : share.size] += penalty * factors
+        hessian[: share.size, : share.size] = found.pulled
+        diagonal = np.arange(problem.free, share.size)
+        hessian[diagonal, diagonal] += penalty
+        finite: Any = np.asarray(loss if np.isfinite(loss) else np.inf)
+        return Local(finite, gradient, hessian)
+
+    start, converged = jnp.append(share, empty), False
+    search = _begun(width)._replace(x=start, trial=start)
+    for _ in range(most):
+        local = local_at(np.asarray(search.trial)[: share.size])
+        enough = jnp.asarray(near / max(float(local.loss), 1e-300))
+        search = advanced(search, local, lower, upper, enough)
+        converged = bool(arrived(search, enough))
+        if converged:
+            break
+    return np.asarray(search.x)[: share.size], converged
+
+
+def passed_through(
+    problem: Problem,
+    share: Float[np.ndarray, " all"],
+    rows: Rows,
+    variance: Variance,
+    departure: Departure,
+) -> tuple[Float[np.ndarray, " all"], bool]:
+    """As `descended`, for many rows, from a near place: each is evaluated a few times.
+
+    Huber's weights at a place make all rows those of least squares, for which the weighted means of
+    groups of like rows stand; their least sum is the next place (Holland and Welsch 1977, Commun.
+    Stat. A 6:813-827).
+    """
+    needed = {name: rows.conditions[name] for name in problem.curve.NEEDS}
+    group = of_like(rows.slip, needed, *_GROUPS)
+    reached = False
+    for _ in range(_PASSES):
+        place = problem.parameters(share)
+        left = left_over(rows, problem.curve, place, problem.span, variance.spread)
+        weight = pull(left / np.sqrt(variance.row)) / variance.row
+        found = means(group, weight, rows.slip, rows.adhesion, needed, variance.spread)
+        one, whole = np.ones(found.slip.size), np.array([0, found.slip.size])
+        few = rows._replace(
+            slip=found.slip,
+            adhesion=found.adhesion,
+            conditions=found.conditions,
+            design=one,
+            blocks=whole,
+        )
+        alike = Variance(variance.sigma, 1 / found.weight, np.sqrt(found.square))
+        share, reached = descended(problem, share, few, alike, departure, False, most=_MOST_OF_FEW)
+    return share, reached
