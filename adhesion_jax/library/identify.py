@@ -21,22 +21,22 @@ from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
-from adhesion_jax.inference.rows import Rows, arranged
+from adhesion_jax.inference.rows import arranged
 from adhesion_jax.inference.slip import SlipNoise
-from adhesion_jax.inference.start import share_of
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
 from adhesion_jax.library.results import of_numbers, text_html
 from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate, answered
-from adhesion_jax.measured.comparison import (
-    MOST_GROUPS,
-    Comparison,
-    compared,
-    split_that_predicts,
+from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
+from adhesion_jax.measured.groups import (
+    GROUP,
+    branches_of,
+    candidates,
+    each_by_itself,
+    labels_of,
 )
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged
-from adhesion_jax.records import Record
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, draw_measured
 from adhesion_jax.report.measured.page import page_of
@@ -59,11 +59,8 @@ IDENTIFY_FILES = (
 )
 
 
-#: The label that a column which --by names is read as, and the word for the best of all splits.
-GROUP, _AUTO = "group", "auto"
-
-#: Most groups that are fitted each by itself, and the fewest rows of one.
-_MOST_FITTED, _FEWEST_ROWS = 8, 30
+#: The word for the best of all splits.
+_AUTO = "auto"
 
 #: The calendar of a law that does not know of time.
 _NO_TIME = Calendar("run_order", 0.0, 1.0)
@@ -159,7 +156,7 @@ class Identification:
         return in_lines(self._sections())
 
     def _sections(self) -> Sequence[tuple[str, Sequence[str]]]:
-        return verdict(
+        told = verdict(
             self.measured,
             " ".join(filter(None, (*(log.sentence for log in self.logs), self.citation))),
             self.fits,
@@ -172,6 +169,8 @@ class Identification:
             [one for one in (self.comparison, self.branches) if one is not None],
             self.groups,
         )
+        warning = self.judgement.warning
+        return [("Warning", [warning]), *told] if warning else told
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them; those of runs if compared.
@@ -282,7 +281,7 @@ def identify_chosen(
             "add it or name another curve."
         )
     grouping = group([points])
-    labels = _labels(points, by, grouping.run) if by not in (None, _AUTO) else None
+    labels = labels_of(points, by, grouping.run) if by not in (None, _AUTO) else None
     velocity = points.slip == "slip_velocity_mps"
     found, slip = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
     fits = {name: of_numbers(fit) for name, fit in found.items()}
@@ -291,15 +290,15 @@ def identify_chosen(
     rows = arranged(record, grouping.run, best.law.curve.NEEDS)
     order = np.argsort(grouping.run, kind="stable")
     if by == _AUTO:
-        candidates = {name: column.iloc[order] for name, column in _candidates(points).items()}
-        by = split_that_predicts(best, rows, candidates)
-        labels = None if by is None else _labels(points, by, grouping.run)
+        splits = {name: column.iloc[order] for name, column in candidates(points).items()}
+        by = split_that_predicts(best, rows, splits)
+        labels = None if by is None else labels_of(points, by, grouping.run)
     comparison = None
     groups: Mapping[str, Answer] = {}
     if labels is not None and by is not None:
         comparison = compared(best, rows, labels.iloc[order], by)
-        groups = _each(labels, fits, record, grouping.run, velocity, slip_noise)
-    branches = _branches(best, rows)
+        groups = each_by_itself(labels, fits, record, grouping.run, velocity, slip_noise)
+    branches = branches_of(best, rows)
     return Identification(
         points,
         logs,
@@ -323,88 +322,6 @@ def _step(points: Measured) -> float | None:
         return None
     steps = np.diff(points.table["time_s"].to_numpy(float))
     return float(np.median(steps[steps > 0])) if np.any(steps > 0) else None
-
-
-def _branches(fit: MeasuredFit, rows: Rows) -> Comparison | None:
-    """Traction and braking compared, where both are measured beyond the noise about slip 0."""
-    size = np.abs(rows.slip)
-    aside = size > np.maximum(0.05 * size.max(), 4 * fit.slip_spread)
-    names = np.where(rows.slip < 0, "braking", "traction")
-    count = [int(np.sum(aside & (names == name))) for name in ("braking", "traction")]
-    reach = [float(size[names == name].max(initial=0.0)) for name in ("braking", "traction")]
-    if min(count) < max(20, 0.02 * sum(count)) or min(reach) < 0.3 * max(reach):
-        return None
-    # Points about slip 0, where noise turns the sign, belong to the branch before and do not count.
-    last = np.maximum.accumulate(np.where(aside, np.arange(size.size), 0))
-    own = rows._replace(design=np.where(aside, rows.design, 1e-9))
-    return compared(fit, own, pd.Series(names[last]), "branch")
-
-
-def _each(
-    labels: pd.Series,
-    fits: Mapping[str, MeasuredFit],
-    record: Record,
-    run: np.ndarray,
-    velocity: bool,
-    slip_noise: float | None,
-) -> Mapping[str, Answer]:
-    """The answer of each of a few groups, whose curves are fitted to its rows alone.
-
-    They begin at the curves of all rows. A run that spans a change is cut there.
-    """
-    names = list(dict.fromkeys(labels))
-    if len(names) > _MOST_FITTED:
-        return {}
-    starts = {name: share_of(fit.curve) for name, fit in fits.items()}
-    starts.setdefault("kiencke", share_of(CURVES["kiencke"]))
-    curves = {name: fit.law.curve for name, fit in fits.items()}
-    codes = labels.to_numpy()
-    answers = {}
-    for name in names:
-        own = np.flatnonzero(codes == name)
-        if own.size < _FEWEST_ROWS:
-            continue
-        apart = np.append(True, (np.diff(run[own]) != 0) | (np.diff(own) > 1))
-        part = Record(
-            record.slip[own],
-            record.adhesion[own],
-            record.mask[own],
-            record.fresh[own],
-            {column: values[own] for column, values in record.conditions.items()},
-        )
-        pieces = np.cumsum(apart) - 1
-        found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=lambda *_: starts)
-        answers[str(name)] = answered(found.curves)
-    return answers
-
-
-def _candidates(points: Measured) -> Mapping[str, pd.Series]:
-    """The columns of a few labels or levels by which rows may be split."""
-    table = points.table
-    found = {}
-    for name in ("axle", "mode", "group", *points.covariates):
-        if name in table and 2 <= table[name].nunique() <= _MOST_FITTED:
-            found[name] = table[name].astype(str)
-    return found
-
-
-def _labels(points: Measured, by: str, run: np.ndarray) -> pd.Series:
-    """The group of every row, as text."""
-    table = points.table
-    name = by if by in table else GROUP
-    if name not in table and by != "run":
-        raise InputError(
-            f"{points.name} has no column {by} to compare by; there are "
-            f"{', '.join(table.columns.astype(str)[:12])}."
-        )
-    column = table[name] if name in table else pd.Series(run + 1, table.index)
-    labels = column.astype(str)
-    if not 2 <= labels.nunique() <= MOST_GROUPS:
-        raise InputError(
-            f"{points.name} has {labels.nunique()} groups by {by}; from 2 to {MOST_GROUPS} can be "
-            "compared."
-        )
-    return labels
 
 
 def _curves(curves: str | Sequence[str] | Mapping[str, Curve]) -> Mapping[str, Curve]:

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from scipy.stats import norm
 
 from adhesion_jax.inference.fit import MeasuredFit
@@ -12,11 +11,12 @@ from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.sums import residuals
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.measured.signals import Points, bins_of, passages, shifted, strange, swapped
 from adhesion_jax.wording import percent
 
-#: Bins of slip, the fewest points of one, and the most that count as independent; medians differ
-#: that are this multiple of their errors apart.
-_BINS, _FEWEST, _TELLING, _APART = 12, 5, 12, 4.5
+#: Most points of a bin that count as independent; medians differ that are this multiple of their
+#: errors apart.
+_TELLING, _APART = 12, 4.5
 
 #: Least share of the largest adhesion by which the curve rises among the points.
 _RISE = 0.1
@@ -28,17 +28,18 @@ _FALL = 2.0
 #: errors is passed by. Share of the points that may lie above the interval beyond what noise makes.
 _PASSED, _ABOVE = 0.1, 0.1
 
-#: Longest shift that is tried, s, and the share of what is left over which another moment takes.
-_LONGEST_S, _SHIFTED = 2.0, 0.2
-
-#: Most rows that a shift is judged by, and bins of slip for it.
-_MOST_ROWS, _SHIFT_BINS = 200_000, 30
-
-#: Largest adhesions between which a measurement lies.
-_STRANGE = (0.003, 10.0)
-
 #: A largest adhesion whose ends are further apart than this factor is not known.
 _WIDEST = 2.0
+
+#: Passages of a slip in one rise and return.
+_ONE_EVENT = 2
+
+#: What an answer assumes if slip passes its values once in time.
+_ONE_SWEEP = (
+    "Slip passes its values only once: a slow change of the rail within this one sweep and the "
+    "shape of the curve cannot be told apart, and the answer holds if the rail did not change; "
+    "measure further sweeps, or the way back."
+)
 
 
 class Judgement(NamedTuple):
@@ -47,16 +48,7 @@ class Judgement(NamedTuple):
     vetoes: tuple[str, ...]
     at_least: Estimate | None  # the largest adhesion among the points, where no peak is seen
     why: str  # no peak is seen; empty where one is
-
-
-class _Turned(NamedTuple):
-    """Points of both branches on one side, in their order."""
-
-    slip: Float[np.ndarray, " rows"]
-    adhesion: Float[np.ndarray, " rows"]
-    residual: Float[np.ndarray, " rows"]
-    mean: Float[np.ndarray, " rows"]
-    spread: Float[np.ndarray, " rows"]  # standard deviation of the residual by the noise
+    warning: str  # what the answer assumes that the points cannot show; empty with a veto
 
 
 def judged(
@@ -72,10 +64,14 @@ def judged(
     left, slope, mean = residuals(rows, fit.law.curve, fit.law.parameters, fit.law.span, nothing)
     side = np.where(rows.slip < 0, -1.0, 1.0)
     noise = np.sqrt(fit.noise.sigma**2 / rows.design + (slope * fit.slip_spread) ** 2)
-    points = _Turned(np.abs(rows.slip), side * rows.adhesion, side * left, side * mean, noise)
-    found = [_strange(points), *_shifted(points, rows, step_s)]
+    points = Points(np.abs(rows.slip), side * rows.adhesion, side * left, side * mean, noise)
+    sweeps, late = passages(points, rows), shifted(points, rows, step_s)
+    # Of one rise and return of slip, a slow change of the rail makes the same loop as a shift.
+    clearly_late = late if sweeps > _ONE_EVENT else ""
+    found = [strange(points), clearly_late or swapped(points)]
     if not any(found):
-        found.append(_independent(points) or _no_rise(points, fit) or _passed_by(points, fit))
+        other = _independent(points) or _no_rise(points, fit) or _passed_by(points, fit)
+        found.append(late if other and late else other)
     if np.all(fit.held):
         found.append("Every parameter of the curve is held at a bound or has no influence.")
     if branches is not None and (branches.changed or branches.bent):
@@ -83,8 +79,9 @@ def judged(
     if not any(found):
         found += [_above(points, answer), _wide(answer)]
     vetoes = tuple(dict.fromkeys(filter(None, found)))
+    single = rows.ordered and sweeps <= 1
     at_least, why = _reached(points, fit, answer) if not vetoes else (None, "")
-    return Judgement(vetoes, at_least, why)
+    return Judgement(vetoes, at_least, why, _ONE_SWEEP if single and not vetoes else "")
 
 
 def _two_branches(branches: Comparison) -> str:
@@ -98,29 +95,6 @@ def _two_branches(branches: Comparison) -> str:
     )
 
 
-def _strange(points: _Turned) -> str:
-    """Whether adhesion is none that a wheel or a tyre has."""
-    top = float(np.quantile(np.abs(points.adhesion), 0.99))
-    if _STRANGE[0] <= top <= _STRANGE[1]:
-        return ""
-    return (
-        f"Adhesion reaches {top:.2g}, which no wheel has: the unit of the force or of the load is "
-        'probably another one; say it, as in --column "axle_force=F [kN]".'
-    )
-
-
-def _bins(slip: np.ndarray) -> list[np.ndarray]:
-    """Rows of bins of equal width in the root of slip; one of too few rows joins the next."""
-    order = np.argsort(slip, kind="stable")
-    place = (_BINS * np.sqrt(slip[order] / max(float(slip.max()), 1e-300))).astype(int)
-    groups, begin = [], 0
-    for end in np.append(np.flatnonzero(np.diff(place)) + 1, slip.size).tolist():
-        if end - begin >= _FEWEST:
-            groups.append(order[begin:end])
-            begin = end
-    return groups
-
-
 def _median(values: np.ndarray) -> tuple[float, float]:
     """The median and its standard error, as of at most `_TELLING` independent values."""
     middle = float(np.median(values))
@@ -128,9 +102,9 @@ def _median(values: np.ndarray) -> tuple[float, float]:
     return middle, 1.25 * scatter / np.sqrt(min(values.size, _TELLING))
 
 
-def _independent(points: _Turned) -> str:
+def _independent(points: Points) -> str:
     """Whether the medians of adhesion over bins of slip are alike within their errors."""
-    medians = [_median(points.adhesion[group]) for group in _bins(points.slip)]
+    medians = [_median(points.adhesion[group]) for group in bins_of(points.slip)]
     if len(medians) > 1:
         low, high = min(medians), max(medians)
         if high[0] - low[0] > _APART * float(np.hypot(low[1], high[1])):
@@ -142,8 +116,8 @@ def _independent(points: _Turned) -> str:
     )
 
 
-def _no_rise(points: _Turned, fit: MeasuredFit) -> str:
-    groups = _bins(points.slip)
+def _no_rise(points: Points, fit: MeasuredFit) -> str:
+    groups = bins_of(points.slip)
     medians = np.array([np.median(points.adhesion[group]) for group in groups])
     low, highest = float(np.median(points.slip[groups[0]])), float(medians.max())
     if medians[0] < (1 - _RISE) * highest or highest <= 0:
@@ -155,11 +129,11 @@ def _no_rise(points: _Turned, fit: MeasuredFit) -> str:
     )
 
 
-def _passed_by(points: _Turned, fit: MeasuredFit) -> str:
+def _passed_by(points: Points, fit: MeasuredFit) -> str:
     top = float(np.quantile(points.adhesion, 0.95))
     # Nearer to slip 0 than its noise, or than the departure reaches, points say little of a curve.
     least = max(fit.law.span.reach, 3 * float(np.median(fit.slip_spread)))
-    for group in _bins(np.where(points.slip < least, least, points.slip)):
+    for group in bins_of(np.where(points.slip < least, least, points.slip)):
         if points.slip[group].max() <= least:
             continue
         middle, error = _median(points.residual[group])
@@ -174,7 +148,7 @@ def _passed_by(points: _Turned, fit: MeasuredFit) -> str:
     return ""
 
 
-def _above(points: _Turned, answer: Answer) -> str:
+def _above(points: Points, answer: Answer) -> str:
     high = answer.mu_max.high
     share = float(np.mean(points.adhesion > high))
     expected = float(np.mean(norm.sf((high - points.mean) / np.maximum(points.spread, 1e-300))))
@@ -197,46 +171,7 @@ def _wide(answer: Answer) -> str:
     )
 
 
-def _shifted(points: _Turned, rows: Rows, step_s: float | None) -> list[str]:
-    """Whether adhesion follows the slip of another moment clearly better than that of its own."""
-    if not step_s:
-        return []
-    slip, adhesion = points.slip[:_MOST_ROWS], points.adhesion[:_MOST_ROWS]
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))[: slip.size]
-    reach = min(round(_LONGEST_S / step_s), int(np.median(np.diff(rows.starts))) // 8)
-    if reach < 1 or slip.size < 20 * reach:
-        return []
-    edges = np.quantile(slip, np.linspace(0, 1, _SHIFT_BINS + 1)[1:-1])
-    bins = np.searchsorted(edges, slip)
-    # The same rows for every shift: those that have neighbours in their run on both sides.
-    inner = np.arange(reach, slip.size - reach)
-    inner = inner[run[inner - reach] == run[inner + reach]]
-
-    def left(lag: int) -> float:
-        """How far adhesion lies from its median over slips of `lag` rows before, in the median."""
-        value, group = adhesion[inner], bins[inner - lag]
-        middle = np.zeros(_SHIFT_BINS)
-        for number in np.unique(group):
-            middle[number] = np.median(value[group == number])
-        return float(np.median(np.abs(value - middle[group])))
-
-    if not inner.size:
-        return []
-    lags = np.unique(np.linspace(-reach, reach, min(2 * reach + 1, 81)).astype(int))
-    scatter = np.array([left(int(lag)) for lag in lags])
-    at_zero, best = left(0), int(scatter.argmin())
-    lag = int(lags[best])
-    if abs(lag) < 2 or scatter[best] >= (1 - _SHIFTED) * at_zero:
-        return []
-    when = "before" if lag > 0 else "after"
-    return [
-        "Slip and adhesion are not of one moment: adhesion follows the slip of "
-        f"{abs(lag) * step_s:.2g} s {when}, about which it scatters "
-        f"{percent(1 - scatter[best] / at_zero)} less; shift the late signal by --delay."
-    ]
-
-
-def _reached(points: _Turned, fit: MeasuredFit, answer: Answer) -> tuple[Estimate | None, str]:
+def _reached(points: Points, fit: MeasuredFit, answer: Answer) -> tuple[Estimate | None, str]:
     """The largest adhesion among the points, where adhesion is not seen to fall behind it."""
     # The end of a long record is that of its true slips: noise of the slip reaches further.
     last = float(np.quantile(points.slip, 0.99)) - 2 * float(np.median(fit.slip_spread))

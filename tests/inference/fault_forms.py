@@ -240,6 +240,34 @@ def shifted_signals(seed: int = 0) -> Fault:
     return pd.DataFrame(table), _peak(DRY, right, delay_s=1.0)
 
 
+def late_in_few_rows(seed: int = 0) -> Fault:
+    """Adhesion stands .6 s too late beside slip, in three runs of 40 rows at 10 Hz."""
+    rng = np.random.default_rng([seed, 13])
+    rows, late = 40, 6
+    slip = _bumps(rng, 3, rows)
+    clean = DRY.adhesion(slip).reshape(3, rows)
+    shifted = np.concatenate([np.repeat(clean[:, :1], late, 1), clean[:, :-late]], 1).ravel()
+    table = {
+        **_rows(3, rows, 0.1),
+        "slip_ratio": slip,
+        "adhesion": shifted + rng.normal(0.0, 0.004, slip.size),
+    }
+    right = "A sentence that adhesion follows slip by about .6 s."
+    return pd.DataFrame(table), _peak(DRY, right, delay_s=0.6)
+
+
+def one_sweep_slow_rail(seed: int = 0) -> Fault:
+    """One sweep of 200 rows at 20 Hz; the level varies by 3 % over 2.5 s, noise .002."""
+    rng = np.random.default_rng([seed, 14])
+    rows, step = 200, 0.05
+    slip = np.linspace(0.001, 0.12, rows)
+    level = autoregression(rng, rows, np.exp(-step / 2.5), 0.03)
+    adhesion = DRY.adhesion(slip) * (1 + level) + rng.normal(0.0, 0.002, rows)
+    table = {**_rows(1, rows, step), "slip_ratio": slip, "adhesion": adhesion}
+    right = "A warning that the rail and the shape of the curve cannot be told apart."
+    return pd.DataFrame(table), _peak(DRY, right)
+
+
 def rails_in_one_log(seed: int = 0) -> Fault:
     """One log of 150 s at 20 Hz with five events; in the third the rail turns from dry to wet."""
     rng = np.random.default_rng([seed, 12])
@@ -280,6 +308,8 @@ FAULTS: dict[str, Callable[[int], Fault]] = {
         two_surfaces,
         tooth_spikes,
         shifted_signals,
+        late_in_few_rows,
+        one_sweep_slow_rail,
         rails_in_one_log,
     )
 }

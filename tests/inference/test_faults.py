@@ -22,7 +22,14 @@ from adhesion_jax.errors import InputError
 CURVES = ("kiencke", "burckhardt", "exponential")
 
 #: Forms whose veto is by the points themselves, whatever curve is fitted to them.
-ANY_CURVE = ("stuck_sensor", "independent_of_slip", "shifted_signals")
+ANY_CURVE = (
+    "stuck_sensor",
+    "independent_of_slip",
+    "swapped_columns",
+    "shifted_signals",
+    "late_in_few_rows",
+    "one_sweep_slow_rail",
+)
 
 FOLDER = Path(__file__).parents[3] / "shared/faults"
 
@@ -138,10 +145,28 @@ def test_traction_and_braking_that_differ_are_no_one_curve():
     assert "identify each by itself" in veto
 
 
-def test_adhesion_a_second_late_has_no_peak():
-    found = of_form("shifted_signals")
-    assert found.vetoes
-    assert np.isnan([found.mu_max, *found.mu_max_interval, found.slip_opt]).all()
+@pytest.mark.parametrize("name", ["shifted_signals", "late_in_few_rows"])
+def test_adhesion_that_is_late_is_said_to_follow_the_slip_by_so_much(name):
+    """A slip event's top is flat: the delay is known to about two rows."""
+    table, truth = FAULTS[name](0)
+    veto = one_veto(of_form(name), "not of one moment")
+    seconds, when = veto.split("follows the slip of ")[1].split(" s ")
+    assert when.startswith("before")
+    step = float(np.diff(table["time_s"])[0])
+    assert float(seconds) == pytest.approx(truth["delay_s"], abs=2.5 * step)
+
+
+def test_columns_that_are_exchanged_are_said_to_look_so():
+    veto = one_veto(of_form("swapped_columns"), "look exchanged")
+    assert "what is called slip is a function of what is called adhesion" in veto
+
+
+def test_one_sweep_does_not_tell_a_slow_rail_from_the_shape_of_the_curve():
+    warned = "Slip passes its values only once"
+    one = of_form("one_sweep_slow_rail")
+    assert not one.vetoes
+    assert one.verdict.startswith(f"Warning: {warned}")
+    assert warned not in unwrapped(of_form("slow_level_noisy_slip").verdict)
 
 
 @pytest.mark.parametrize(
@@ -168,6 +193,13 @@ def test_a_column_to_compare_by_that_is_absent_is_named():
     table, _ = FAULTS["two_surfaces"](0)
     with pytest.raises(InputError, match="has no column ground"):
         aj.identify(table, CURVES, by="ground")
+
+
+@pytest.mark.parametrize(("by", "near"), [("Surface", "is surface."), ("axle", "are ")])
+def test_a_column_to_compare_by_that_is_misspelt_or_absent_is_answered_with_those_there(by, near):
+    table, _ = FAULTS["two_surfaces"](0)
+    with pytest.raises(InputError, match=f"has no column {by}.* there {near}"):
+        aj.identify(table, CURVES, by=by)
 
 
 def test_a_group_by_a_label_that_is_known_is_compared_as_that_label():
@@ -245,6 +277,7 @@ def test_events_that_hold_a_slip_tell_the_least_that_adhesion_reaches():
         ),
         ("newcomer/noise_only.csv", "no dependence on slip", "one number (0."),
         ("newcomer/force_wrong_unit.csv", "Adhesion reaches 0.0003", "axle_force=F [kN]"),
+        ("newcomer/swapped.csv", "look exchanged", "--column"),
         pytest.param(
             "field/sandwheel_straight.csv",
             "Traction and braking",
@@ -257,15 +290,9 @@ def test_a_file_without_a_peak_has_a_veto_that_says_why(name, words, more):
     assert more in one_veto(of_file(name), words)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "newcomer/swapped.csv",
-        pytest.param("field/rock_velocity_step.csv", marks=pytest.mark.thorough),
-    ],
-)
-def test_a_file_of_what_is_no_adhesion_over_slip_has_no_peak(name):
-    found = of_file(name)
+@pytest.mark.thorough
+def test_a_file_of_what_is_no_adhesion_over_slip_has_no_peak():
+    found = of_file("field/rock_velocity_step.csv")
     assert found.vetoes
     assert np.isnan([found.mu_max, *found.mu_max_interval, found.slip_opt]).all()
 

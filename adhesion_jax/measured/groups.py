@@ -1,0 +1,108 @@
+"""Groups of rows: what tells them apart, and what each says by itself."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.curves import CURVES
+from adhesion_jax.data import Measured
+from adhesion_jax.errors import InputError
+from adhesion_jax.inference.fit import MeasuredFit
+from adhesion_jax.inference.rows import Rows
+from adhesion_jax.inference.start import share_of
+from adhesion_jax.measured.answer import Answer, answered
+from adhesion_jax.measured.comparison import MOST_GROUPS, Comparison, compared
+from adhesion_jax.measured.identification import fit_curves
+from adhesion_jax.records import Record
+
+#: The label that a column is read as whose groups are compared.
+GROUP = "group"
+
+#: Most groups that are fitted each by itself, and the fewest rows of one.
+_MOST_FITTED, _FEWEST_ROWS = 8, 30
+
+
+def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
+    """The group of every row, as text."""
+    table = points.table
+    name = by if by in table else GROUP
+    if name not in table and by != "run":
+        names = [*table.columns.astype(str), "run"]
+        near = get_close_matches(by, names, 3) or names[:12]
+        raise InputError(
+            f"{points.name} has no column {by} to compare by; there "
+            f"{'is' if len(near) == 1 else 'are'} {', '.join(dict.fromkeys(near))}."
+        )
+    column = table[name] if name in table else pd.Series(run + 1, table.index)
+    labels = column.astype(str)
+    if not 2 <= labels.nunique() <= MOST_GROUPS:
+        raise InputError(
+            f"{points.name} has {labels.nunique()} groups by {by}; from 2 to {MOST_GROUPS} can be "
+            "compared."
+        )
+    return labels
+
+
+def candidates(points: Measured) -> Mapping[str, pd.Series]:
+    """The columns of a few labels or levels by which rows may be split."""
+    table = points.table
+    found = {}
+    for name in ("axle", "mode", "group", *points.covariates):
+        if name in table and 2 <= table[name].nunique() <= _MOST_FITTED:
+            found[name] = table[name].astype(str)
+    return found
+
+
+def branches_of(fit: MeasuredFit, rows: Rows) -> Comparison | None:
+    """Traction and braking compared, where both are measured beyond the noise about slip 0."""
+    size = np.abs(rows.slip)
+    aside = size > np.maximum(0.05 * size.max(), 4 * fit.slip_spread)
+    names = np.where(rows.slip < 0, "braking", "traction")
+    count = [int(np.sum(aside & (names == name))) for name in ("braking", "traction")]
+    reach = [float(size[names == name].max(initial=0.0)) for name in ("braking", "traction")]
+    if min(count) < max(20, 0.02 * sum(count)) or min(reach) < 0.3 * max(reach):
+        return None
+    # Points about slip 0, where noise turns the sign, belong to the branch before and do not count.
+    last = np.maximum.accumulate(np.where(aside, np.arange(size.size), 0))
+    own = rows._replace(design=np.where(aside, rows.design, 1e-9))
+    return compared(fit, own, pd.Series(names[last]), "branch")
+
+
+def each_by_itself(
+    labels: pd.Series,
+    fits: Mapping[str, MeasuredFit],
+    record: Record,
+    run: np.ndarray,
+    velocity: bool,
+    slip_noise: float | None,
+) -> Mapping[str, Answer]:
+    """The answer of each of a few groups, whose curves are fitted to its rows alone.
+
+    They begin at the curves of all rows. A run that spans a change is cut there.
+    """
+    names = list(dict.fromkeys(labels))
+    if len(names) > _MOST_FITTED:
+        return {}
+    starts = {name: share_of(fit.curve) for name, fit in fits.items()}
+    starts.setdefault("kiencke", share_of(CURVES["kiencke"]))
+    curves = {name: fit.law.curve for name, fit in fits.items()}
+    codes = labels.to_numpy()
+    answers = {}
+    for name in names:
+        own = np.flatnonzero(codes == name)
+        if own.size < _FEWEST_ROWS:
+            continue
+        apart = np.append(True, (np.diff(run[own]) != 0) | (np.diff(own) > 1))
+        part = Record(
+            record.slip[own],
+            record.adhesion[own],
+            record.mask[own],
+            record.fresh[own],
+            {column: values[own] for column, values in record.conditions.items()},
+        )
+        pieces = np.cumsum(apart) - 1
+        found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=lambda *_: starts)
+        answers[str(name)] = answered(found.curves)
+    return answers
