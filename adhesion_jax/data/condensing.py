@@ -30,9 +30,6 @@ _MEANS_A_BLOCK = 4
 #: Numbers of stretches and of rows of each from which the autocorrelation of the rows is taken.
 _STRETCHES, _ROWS_A_STRETCH = 100, 10_000
 
-#: Labels, which have no mean.
-_LABELS = ("axle", "mode")
-
 #: Largest autocorrelation of neighbouring rows that is taken into account.
 _MOST_CORRELATED = 0.99
 
@@ -50,7 +47,7 @@ def condensed(runs: RunSet, most: int = MOST_POINTS) -> RunSet:
         return runs
     begins, starts = _cuts(runs, most)
     number = np.diff(begins, append=count)
-    kept = _of_one_label(runs.whole, begins, number)
+    kept = _of_one_label(runs, begins, number)
 
     def mean(values: np.ndarray) -> np.ndarray:
         if kept is None:
@@ -113,7 +110,7 @@ def hidden_shares(runs: RunSet, blocks: RunSet) -> dict[str, float]:
     found = {}
     for name, values in runs.whole.conditions.items():
         spread = float(np.var(values))
-        if name not in ("time_s", *_LABELS) and spread > 0:
+        if name not in ("time_s", *_labels(runs)) and spread > 0:
             away = block_means(values, blocks) - float(np.mean(values))
             found[name] = max(1 - float(np.average(away**2, weights=number)) / spread, 0.0)
     return found
@@ -173,14 +170,19 @@ def _within(share: np.ndarray, largest: np.ndarray) -> np.ndarray:
     return share
 
 
-def _of_one_label(rows: Rows, begins: np.ndarray, number: np.ndarray) -> np.ndarray | None:
+def _labels(runs: RunSet) -> tuple[str, ...]:
+    """The conditions that are labels, which have no mean."""
+    return (*runs.named, "mode")
+
+
+def _of_one_label(runs: RunSet, begins: np.ndarray, number: np.ndarray) -> np.ndarray | None:
     """The rows of each block whose labels are those of one of its rows; None if all are alike."""
     kept = None
     block = np.repeat(np.arange(begins.size), number)
     chosen = begins + np.arange(begins.size) % number
-    for name in _LABELS:
-        if name in rows.conditions:
-            values = rows.conditions[name]
+    for name in _labels(runs):
+        if name in runs.whole.conditions:
+            values = runs.whole.conditions[name]
             alike = values == values[chosen][block]
             if not alike.all():
                 kept = alike if kept is None else kept & alike

@@ -19,6 +19,9 @@ from adhesion_jax.errors import InputError
 #: How many numbers with a mark show whether it is decimal.
 _SHOWN = 1000
 
+#: A column of text with more different entries than this is none of labels.
+_MOST_LABELS = 40
+
 #: Numbers beyond this size cannot be squared and summed.
 _LARGEST = 1e100
 
@@ -92,7 +95,7 @@ def gather(
             cells = block[one.column]
             if one.name in left_out:
                 continue
-            if one.name in LABELS:
+            if one.name in labels:
                 labels[one.name].add(cells)
                 continue
             if one.stamp:
@@ -111,10 +114,14 @@ def gather(
                     one.name, text_fault(first_row + text, one.column, cells[text].as_py())
                 )
             elif text is not None:
-                left_out[one.name] = (
-                    f"row {first_row + text} has the text '{shown(cells[text].as_py())}'"
-                )
                 del columns[one.name]
+                if first_row == sheet.first_row and not np.isfinite(values[:text]).any():
+                    labels[one.name] = _Labels()
+                    labels[one.name].add(cells)
+                else:
+                    left_out[one.name] = (
+                        f"row {first_row + text} has the text '{shown(cells[text].as_py())}'"
+                    )
                 continue
             columns[one.name].add(values)
         first_row += len(next(iter(block.values()), ()))
@@ -131,6 +138,13 @@ def gather(
             left_out[one.name] = reason
             continue
         numbers_of[one.name] = values
+    for name in [name for name in labels if name not in LABELS]:
+        count = len(labels[name].names)
+        if count > _MOST_LABELS:
+            left_out[name] = (
+                f"it has {count} different texts, and labels are at most {_MOST_LABELS}"
+            )
+            del labels[name]
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)

@@ -322,7 +322,7 @@ def to_record(measured: Measured) -> Record:
     conditions = {
         name: jnp.asarray(table[name].to_numpy(float))
         for name in table.columns.astype(str)
-        if name not in LABELS
+        if not isinstance(table[name].dtype, pd.CategoricalDtype)
     }
     if measured.slip == "slip_velocity_mps":
         # Falling friction multiplies the slip by the vehicle speed to get the slip velocity. Here

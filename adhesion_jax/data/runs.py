@@ -41,8 +41,8 @@ class RunSet(NamedTuple):
 
     Its rows lie one after the other, so that memory does not depend on how the lengths of the runs
     differ; `record` lays them side by side. The conditions are the numeric columns without slip
-    ratio, adhesion and force, the `axle` as codes, and the `mode` as +1 traction, -1 braking, 0
-    coasting.
+    ratio, adhesion and force, those of labels as codes, and the `mode` as +1 traction, -1 braking,
+    0 coasting.
     """
 
     whole: Rows
@@ -52,7 +52,7 @@ class RunSet(NamedTuple):
     names: tuple[str, ...]  # of the runs
     blocks: bool  # contiguous blocks of one run take the place of runs
     covariates: tuple[str, ...]  # the conditions that the project does not know
-    axles: tuple[str, ...]  # labels in the order of their codes, () without such a column
+    named: Mapping[str, tuple[str, ...]]  # the labels of a condition, in the order of their codes
     left_out: tuple[str, ...]  # columns that are not numbers throughout
     warnings: tuple[str, ...]  # whole sentences
     slip: str  # the column that is the slip: slip_ratio, or slip_velocity_mps without a speed
@@ -131,7 +131,7 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     grouping = in_blocks(whole)
     table, incomplete = _joined(files)
     _refuse_useless(files, table, slip, grouping)
-    columns, axles = _conditions(table, slip)
+    columns, named = _conditions(table, slip)
     same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})
     order = _order(grouping.run)
     rows = Rows(
@@ -149,7 +149,7 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
         grouping.names,
         grouping.blocks,
         tuple(name for name in rows.conditions if name not in {*COLUMNS, *LABELS}),
-        axles,
+        named,
         left_out,
         (
             *_slip_warnings(slip),
@@ -194,9 +194,9 @@ def as_one(files: Sequence[Measured]) -> Measured:
 
 
 def matching(runs: RunSet, test: RunSet) -> RunSet:
-    """The runs of `test` with the conditions of `runs` and no others, the axles by its codes.
+    """The runs of `test` with the conditions of `runs` and no others, labels by its codes.
 
-    An axle that `runs` lacks has the code -1. InputError where a condition is missing.
+    A label that `runs` lacks has the code -1. InputError where a condition is missing.
     """
     rows = test.whole
     there = {**rows.conditions, test.slip: rows.slip, "adhesion": rows.adhesion}
@@ -214,19 +214,26 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
         )
     conditions = {name: there[name] for name in runs.whole.conditions}
     warnings = test.warnings
-    if "axle" in conditions:
-        codes = [runs.axles.index(axle) if axle in runs.axles else -1 for axle in test.axles]
-        conditions["axle"] = np.array(codes, dtype=float)[conditions["axle"].astype(int)]
-        strange = [axle for axle in test.axles if axle not in runs.axles]
+    for name, known in runs.named.items():
+        labels = test.named.get(name, ())
+        if not labels:
+            # The column has numbers in the test data.
+            labels = tuple(f"{value:g}" for value in np.unique(conditions[name]))
+            codes_of = np.searchsorted(np.unique(conditions[name]), conditions[name])
+        else:
+            codes_of = conditions[name].astype(int)
+        codes = [known.index(label) if label in known else -1 for label in labels]
+        conditions[name] = np.array(codes, dtype=float)[codes_of]
+        strange = [label for label in labels if label not in known]
         if strange:
             warnings += (
-                f"The training data have no axle {listed(strange)}: effects found on the other "
-                "axles are not applied to it.",
+                f"The training data have no {name} {listed(strange)}: what was found of the others "
+                "is not applied to it.",
             )
     return test._replace(
         whole=rows._replace(slip=there[runs.slip], conditions=conditions),
         covariates=runs.covariates,
-        axles=runs.axles,
+        named=runs.named,
         warnings=warnings,
         slip=runs.slip,
     )
@@ -268,10 +275,19 @@ def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
 
 
 def _one_after_the_other(parts: Sequence[pd.Series]) -> np.ndarray | pd.Categorical:
-    """The values of columns of one name, those of labels with the labels of all."""
-    if isinstance(parts[0].dtype, pd.CategoricalDtype):
-        return pd.api.types.union_categoricals([*parts])
-    return np.concatenate([part.to_numpy() for part in parts])
+    """The values of columns of one name, those of labels with the labels of all.
+
+    Where some files have labels, the numbers of the others are labels as well.
+    """
+    if not any(isinstance(part.dtype, pd.CategoricalDtype) for part in parts):
+        return np.concatenate([part.to_numpy() for part in parts])
+    labels = [
+        part
+        if isinstance(part.dtype, pd.CategoricalDtype)
+        else part.map(lambda value: f"{value:g}").astype("category")
+        for part in parts
+    ]
+    return pd.api.types.union_categoricals(labels)
 
 
 def _refuse_useless(
@@ -298,23 +314,28 @@ def _refuse_useless(
         raise InputError(f"{names} cannot be used: {'; '.join(faults)}.")
 
 
-def _conditions(table: pd.DataFrame, slip: str) -> tuple[dict[str, pd.Series], tuple[str, ...]]:
-    """Every condition by its name, [rows], and the labels of the axles."""
+def _conditions(
+    table: pd.DataFrame, slip: str
+) -> tuple[dict[str, pd.Series], dict[str, tuple[str, ...]]]:
+    """Every condition by its name, [rows], and the labels of those that have some."""
     columns = {str(name): table[name] for name in table if name not in {*_EXPLAINED, *LABELS}}
     if slip == "slip_velocity_mps":
         # As in `to_record`: a curve multiplies slip by this speed to have the slip velocity.
         columns["vehicle_speed_mps"] = pd.Series(1.0, index=table.index)
     if "mode" in table:
         columns["mode"] = table["mode"].str.lower().map(MODES)
-    axles: tuple[str, ...] = ()
     if "axle" in table:
-        axles = tuple(sorted(table["axle"].unique(), key=_by_number))
-        columns["axle"] = table["axle"].map({axle: code for code, axle in enumerate(axles)})
-    return columns, axles
+        columns["axle"] = table["axle"]
+    named: dict[str, tuple[str, ...]] = {}
+    for name, values in columns.items():
+        if isinstance(values.dtype, pd.CategoricalDtype) and name != "mode":
+            named[name] = tuple(sorted(values.unique(), key=_by_number))
+            columns[name] = values.map({label: code for code, label in enumerate(named[name])})
+    return columns, named
 
 
 def _by_number(label: str) -> tuple[float, str]:
-    """The key by which axles are sorted: numbers by their value, then names."""
+    """The key by which labels are sorted: numbers by their value, then names."""
     return (float(label) if label.isdecimal() else np.inf, label)
 
 

@@ -46,7 +46,7 @@ def test_runs_stand_side_by_side_padded_with_their_last_row(tmp_path):
     found = read_runs([written(tmp_path, table)])
     assert found.names == ("a", "b", "c")
     assert found.covariates == ("wear",)
-    assert (found.blocks, found.axles, found.left_out, found.warnings) == (False, (), (), ())
+    assert (found.blocks, found.named, found.left_out, found.warnings) == (False, {}, (), ())
     assert found.rows.tolist() == [
         [0, 1, 2, 3, 4, 5],
         [6, 7, 8, 9, -1, -1],
@@ -152,28 +152,31 @@ def test_several_files_never_share_a_run(tmp_path):
 
 
 def test_a_column_that_one_file_lacks_is_left_out(tmp_path):
-    first = written(tmp_path, campaign().assign(wear=1.0, axle=1), "x.csv")
+    first = written(tmp_path, campaign().assign(axle=1), "x.csv")
+    found = read_runs([first, written(tmp_path, campaign(), "y.csv")])
+    assert (found.left_out, found.named, found.covariates) == ((), {}, ())
+    assert found.warnings == ("The column axle is left out: not every file has it.",)
+
+
+def test_numbers_of_one_file_are_labels_where_another_has_labels(tmp_path):
+    first = written(tmp_path, campaign().assign(wear=1.0), "x.csv")
     second = written(tmp_path, campaign().assign(wear="new"), "y.csv")
     found = read_runs([first, second])
-    assert found.left_out == ("wear",)
-    assert found.axles == found.covariates == ()
-    assert found.warnings == (
-        "The column wear is left out: it is not a number in every row.",
-        "The column axle is left out: not every file has it.",
-    )
+    assert found.named == {"wear": ("1", "new")}
+    assert found.whole.conditions["wear"].tolist() == [0.0] * 15 + [1.0] * 15
 
 
 def test_axle_and_mode_become_numbers(tmp_path):
     modes = ["Traction", "braking", "COASTING"] * 5
     table = campaign().assign(axle=[10, 9, 1] * 5, mode=modes)
     found = read_runs([written(tmp_path, table)])
-    assert found.axles == ("1", "9", "10")
+    assert found.named == {"axle": ("1", "9", "10")}
     np.testing.assert_array_equal(found.record.conditions["axle"][0], [2, 1, 0, 2, 1, 0])
     np.testing.assert_array_equal(found.record.conditions["mode"][0], [1, -1, 0, 1, -1, 0])
     assert found.covariates == ()
     # Whole numbers that a parquet file holds as floats are the same labels.
     table.assign(axle=table["axle"].astype(float)).to_parquet(tmp_path / "a.parquet")
-    assert read_runs([tmp_path / "a.parquet"]).axles == found.axles
+    assert read_runs([tmp_path / "a.parquet"]).named == found.named
 
 
 def test_labels_that_are_none_are_faults(tmp_path):
@@ -236,12 +239,37 @@ def test_what_a_curve_needs_is_kept_though_it_repeats_another(tmp_path):
     assert {"time_s", "vehicle_speed_mps"} <= {*found.record.conditions}
 
 
-def test_text_is_left_out_and_unknown_columns_are_covariates(tmp_path):
-    table = campaign().assign(note="dry", pressure_K=290.0, slip_angle_deg=1.0)
+def test_text_that_is_none_of_labels_is_left_out_and_unknown_columns_are_covariates(tmp_path):
+    mixed = [1.0, "two", *range(13)]
+    table = campaign().assign(note=mixed, pressure_K=290.0, slip_angle_deg=1.0)
     found = read_runs([written(tmp_path, table)])
     assert found.left_out == ("note",)
     assert found.covariates == ("pressure_K",)
     assert found.warnings == ("The column note is left out: it is not a number in every row.",)
+    # Forty different texts are labels, one more is none.
+    for count, left_out in ((40, ()), (41, ("note",))):
+        table = good(82).assign(note=[f"no {row % count}" for row in range(82)])
+        found = read_runs([written(tmp_path, table)])
+        assert found.left_out == left_out
+        assert len(found.named.get("note", ())) == (0 if left_out else count)
+
+
+def test_text_becomes_numbers_from_zero_in_the_order_of_the_names(tmp_path):
+    """Numbers by their value, then the names; whole decimals alone count as numbers."""
+    table = campaign().assign(
+        rail=["wet", "dry", "leaves"] * 5, team=["B", "10", "9", "A", "9"] * 3
+    )
+    table.to_parquet(tmp_path / "set.parquet")
+    for path in (written(tmp_path, table.drop(columns="team")), tmp_path / "set.parquet"):
+        found = read_runs([path])
+        assert found.named["rail"] == ("dry", "leaves", "wet")
+        assert found.left_out == ()
+        assert "rail" in found.covariates
+        codes = np.asarray(found.record.conditions["rail"])
+        np.testing.assert_array_equal(codes[0], [2, 0, 1, 2, 0, 1])
+        np.testing.assert_array_equal(codes[2, :5], [0, 1, 2, 0, 1])
+    assert found.named["team"] == ("9", "10", "A", "B")
+    np.testing.assert_array_equal(found.record.conditions["team"][0], [3, 1, 0, 2, 0, 3])
 
 
 def test_the_force_is_no_condition(tmp_path):
@@ -317,12 +345,35 @@ def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):
     runs_of = [read_runs([written(tmp_path, table)]) for table in (train, test)]
     seen = matching(*runs_of)
     assert {*seen.record.conditions} == {*runs_of[0].record.conditions}
-    assert (seen.covariates, seen.axles) == (runs_of[0].covariates, ("1", "2", "4"))
+    assert seen.covariates == runs_of[0].covariates
+    assert seen.named == {"axle": ("1", "2", "4")}
     np.testing.assert_array_equal(seen.record.conditions["load"], runs_of[1].rows)
     np.testing.assert_array_equal(seen.record.conditions["axle"][0], [2, -1, 2, -1, 2])
     assert seen.warnings[-1].startswith("The training data have no axle 7:")
     with pytest.raises(InputError, match=r"^The test data lack wear, load and axle, which"):
         matching(runs_of[0], read_runs([written(tmp_path, campaign())]))
+
+
+def test_labels_of_a_test_set_have_the_codes_of_the_training_set(tmp_path):
+    """Those that the training set lacks are -1, and told; numbers are labels of the same text."""
+    train = campaign().assign(rail=["wet", "dry", "leaves"] * 5, team=["x", "2", "1"] * 5)
+    test = campaign((5, 5)).assign(rail=["icy", "wet", "dry", "wet", "icy"] * 2, team=[2, 3] * 5)
+    runs_of = [read_runs([written(tmp_path, table)]) for table in (train, test)]
+    # In the test set alone the order of the names is another one.
+    assert runs_of[1].named == {"rail": ("dry", "icy", "wet")}
+    seen = matching(*runs_of)
+    assert seen.named == runs_of[0].named
+    np.testing.assert_array_equal(seen.record.conditions["rail"][0], [-1, 2, 0, 2, -1])
+    np.testing.assert_array_equal(seen.record.conditions["team"][0], [1, -1, 1, -1, 1])
+    rail, team = seen.warnings[-2:]
+    assert rail.startswith("The training data have no rail icy: what was found of the others is")
+    assert team.startswith("The training data have no team 3:")
+    # Of itself every label is known.
+    again = matching(runs_of[0], runs_of[0])
+    np.testing.assert_array_equal(
+        again.record.conditions["rail"], runs_of[0].record.conditions["rail"]
+    )
+    assert again.warnings == runs_of[0].warnings
 
 
 def test_the_test_set_has_the_same_slip(tmp_path):
@@ -375,7 +426,7 @@ def test_labels_of_several_files_are_those_of_all(tmp_path):
     for table, path in zip(tables, paths, strict=True):
         table.to_csv(path, index=False)
     found = read_runs(paths)
-    assert found.axles == ("a", "b", "c")
+    assert found.named == {"axle": ("a", "b", "c")}
     expected = [1.0, 0.0] * 6 + [2.0, 1.0] * 6
     np.testing.assert_array_equal(found.whole.conditions["axle"], expected)
 
