@@ -7,8 +7,9 @@ from jaxtyping import Array, ArrayLike, Float
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
 from adhesion_jax.curves.peak import find_peak
 
-#: Number of functions that a departure is made of.
-FUNCTIONS = 10
+#: Number of functions that the departure of a single curve is made of, and of one below effects:
+#: there a column must not be named for what the curve could not follow.
+FUNCTIONS, FINE = 10, 16
 
 
 class Bent(Law):
@@ -16,13 +17,14 @@ class Bent(Law):
 
     d(l) = sum_j factors_j sin(pi (j - 1/2) u), u = log(1 + |l|/reach) / log(1 + largest/reach): it
     is 0 at slip 0 and, beyond the largest slip of the points, what it is there. Without factors it
-    is the curve itself.
+    is the curve itself. At negative slips the factors of `braking`, if there are any, are added.
     """
 
     curve: Curve
     factors: Float[Array | np.ndarray, " functions"]
     reach: Scalar  # the slip below which the functions are straight rather than logarithmic
     largest: Scalar
+    braking: Float[Array | np.ndarray, " functions"] | None = None
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -31,16 +33,21 @@ class Bent(Law):
 
     def departure(self, slip: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """D at these slips."""
-        return functions(slip, self.reach, self.largest) @ jnp.asarray(self.factors)
+        shape = functions(slip, self.reach, self.largest, len(self.factors))
+        departure = shape @ jnp.asarray(self.factors)
+        if self.braking is None:
+            return departure
+        apart = jnp.where(jnp.asarray(slip) < 0, shape @ jnp.asarray(self.braking), 0.0)
+        return departure + apart
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         return find_peak(lambda slip: self(slip, conditions), slip_limit)
 
 
 def functions(
-    slip: Float[ArrayLike, "*shape"], reach: Scalar, largest: Scalar
+    slip: Float[ArrayLike, "*shape"], reach: Scalar, largest: Scalar, count: int = FUNCTIONS
 ) -> Float[Array, "*shape functions"]:
-    """The functions of a departure at these slips."""
+    """The first `count` functions of a departure at these slips."""
     size = jnp.minimum(jnp.abs(slip), largest)
     place = jnp.log1p(size / reach) / jnp.log1p(largest / reach)
-    return jnp.sin(jnp.pi * (jnp.arange(FUNCTIONS) + 0.5) * place[..., None])
+    return jnp.sin(jnp.pi * (jnp.arange(count) + 0.5) * place[..., None])

@@ -16,11 +16,13 @@ from adhesion_jax.effects.humidity import Humidity
 from adhesion_jax.effects.hysteresis import Hysteresis
 from adhesion_jax.effects.inertia import Inertia
 from adhesion_jax.effects.interaction import Interaction as Interaction
+from adhesion_jax.effects.labels import Labels as Labels
 from adhesion_jax.effects.lag import Lag
 from adhesion_jax.effects.lateral_creep import LateralCreep
 from adhesion_jax.effects.load_peak import LoadPeak
 from adhesion_jax.effects.load_slope import LoadSlope
 from adhesion_jax.effects.load_transfer import LoadTransfer
+from adhesion_jax.effects.memory import Memory as Memory
 from adhesion_jax.effects.mode_asymmetry import ModeAsymmetry
 from adhesion_jax.effects.patch import Patch
 from adhesion_jax.effects.periodic import Periodic as Periodic
@@ -78,6 +80,8 @@ KINDS: Mapping[str, type[Effect]] = {
     **EFFECTS,
     "covariate": Covariate,
     "spline": Spline,
+    "labels": Labels,
+    "memory": Memory,
     "threshold": Threshold,
     "product": Product,
     "interaction": Interaction,

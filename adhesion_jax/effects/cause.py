@@ -18,15 +18,13 @@ class Cause(Effect, Plantable):
     SENTENCE tells what the cause does. RESTS_ON names the columns that a claim of it rests on,
     slip_ratio among them where it is a function of the slip. OF_SLIP_ALONE: it is a function
     of nothing else, an error of a signal that hardly any data tell from another shape of the
-    curve. SLOW: it may be so slow that what a little of it changes says nothing of what it
-    changes in whole. SCREENED: it is looked for among the candidates of the search, rather than
+    curve. SCREENED: it is looked for among the candidates of the search, rather than
     by a test of its own.
     """
 
     SENTENCE: eqx.AbstractClassVar[str]
     RESTS_ON: eqx.AbstractClassVar[tuple[str, ...]]
     OF_SLIP_ALONE: ClassVar[bool] = False
-    SLOW: ClassVar[bool] = False
     SCREENED: ClassVar[bool] = True
 
 

@@ -26,7 +26,6 @@ class Lag(Changing, Remembering):
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
     ORDER: ClassVar[int] = 2
-    SLOW: ClassVar[bool] = True
     SENTENCE: ClassVar[str] = "The adhesion signal passes a first-order filter."
     FORMULA: ClassVar[str] = "T dmu/dt + mu = mu_steady, T in s"
     PHRASE: ClassVar[str] = "a lag of the adhesion signal"

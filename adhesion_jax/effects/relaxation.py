@@ -26,7 +26,6 @@ class Relaxation(Changing, Remembering):
     REFERENCES: ClassVar[Mapping[str, str]] = {}
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps", "time_s")
     ORDER: ClassVar[int] = 2
-    SLOW: ClassVar[bool] = True
     SENTENCE: ClassVar[str] = "The contact takes a distance, not a time, to build up force."
     FORMULA: ClassVar[str] = (
         "(s/V) dmu/dt + mu = mu_steady, s the relaxation length in m, V the vehicle speed in m/s"

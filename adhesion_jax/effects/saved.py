@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from adhesion_jax.curves import BASES, Curve, Parameter
-from adhesion_jax.curves.bent import FUNCTIONS, Bent
+from adhesion_jax.curves.bent import FINE, FUNCTIONS, Bent
 from adhesion_jax.effects import KINDS, kind_of
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
@@ -85,16 +85,32 @@ def law_from(text: str, source: str) -> CorrectedLaw:
 
 
 def _departure(bent: Bent) -> dict[str, object]:
-    factors = [float(factor) for factor in np.asarray(bent.factors)]
-    return {"factors": factors, "reach": float(bent.reach), "largest": float(bent.largest)}
+    told: dict[str, object] = {
+        "factors": np.asarray(bent.factors, float).tolist(),
+        "reach": float(bent.reach),
+        "largest": float(bent.largest),
+    }
+    if bent.braking is not None:
+        told["braking"] = np.asarray(bent.braking, float).tolist()
+    return told
 
 
-def _bent(curve: Curve, factors: list[float], reach: float, largest: float) -> Bent:
+def _bent(
+    curve: Curve,
+    factors: list[float],
+    reach: float,
+    largest: float,
+    braking: list[float] | None = None,
+) -> Bent:
     """The curve with its departure; a ValueError for numbers that no departure has."""
-    numbers = np.array([*factors, reach, largest], float)
-    if len(factors) != FUNCTIONS or not np.all(np.isfinite(numbers)) or min(reach, largest) <= 0:
+    both = [factors] if braking is None else [factors, braking]
+    rows = np.array(both, float)
+    ends = np.array([reach, largest], float)
+    finite = np.all(np.isfinite(rows)) and np.all(np.isfinite(ends))
+    known = rows.shape[1:] in ((FUNCTIONS,), (FINE,))
+    if not known or not finite or ends.min() <= 0:
         raise ValueError
-    return Bent(curve, numbers[:FUNCTIONS], float(reach), float(largest))
+    return Bent(curve, rows[0], *ends.tolist(), *rows[1:])
 
 
 def _check_format(saved: Mapping[str, Any], source: str) -> None:

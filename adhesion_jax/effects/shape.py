@@ -1,4 +1,4 @@
-"""What bends the adhesion curve itself by a column: its level, its slip scale, or its fall."""
+"""What changes the adhesion curve by a column: level, slip scale, fall, an offset or a shift."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +15,7 @@ from adhesion_jax.curves import Conditions
 from adhesion_jax.effects.base import Columns, Effect
 
 #: What a term may act on, in the order in which programs number them.
-ACTS_ON = ("level", "slip", "fall")
+ACTS_ON = ("level", "slip", "fall", "offset", "shift")
 
 #: Slips among which the peak is looked for, and the ratios between the three slips of the parabolas
 #: that close in on it.
@@ -28,11 +28,11 @@ _SPREAD = 1.5
 
 
 class ShapeTerm(Effect):
-    """A function g of columns that bends the curve mu(l), in one of three ways.
+    """A function g of columns that changes the curve mu(l), in one of five ways.
 
     level: mu exp(g). slip: mu(l exp(g)), so that the initial slope and the place of the peak move
-    and the maximum stays. fall: mu_max - (mu_max - mu) exp(g) beyond the peak, mu below it. The
-    terms of a law that act on the same add up in g.
+    and the maximum stays. fall: mu_max - (mu_max - mu) exp(g) beyond the peak, mu below it. offset:
+    mu + g. shift: mu(l + g). The terms of a law that act on the same add up in g.
     """
 
     acts_on: str = eqx.field(static=True, default="level", kw_only=True)
@@ -82,10 +82,12 @@ def shaped(
 ) -> Float[Array, "*shape"]:
     """The curve under the sums g of its terms, by what they act on; what is absent is zero."""
     bent = slip * jnp.exp(exponents["slip"]) if "slip" in exponents else slip
+    bent = bent + exponents["shift"] if "shift" in exponents else bent
     adhesion = curve(bent)
     if "fall" in exponents:
         adhesion = fallen(curve, bent, adhesion, exponents["fall"], peak_slips(curve, bent))
-    return adhesion * jnp.exp(exponents["level"]) if "level" in exponents else adhesion
+    adhesion = adhesion * jnp.exp(exponents["level"]) if "level" in exponents else adhesion
+    return adhesion + exponents["offset"] if "offset" in exponents else adhesion
 
 
 def peak_slips(

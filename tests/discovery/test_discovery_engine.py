@@ -1,7 +1,8 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from discovery_campaigns import SIZE, runs_of
+from discovery_campaigns import SIZE, curve, noise, runs_of
+from discovery_campaigns import campaign as small
 from scipy.optimize import least_squares
 from scipy.stats import binom
 
@@ -28,7 +29,7 @@ def names_of(effects):
 
 @pytest.fixture(scope="module")
 def campaign():
-    return simulate(["humidity", "patch"], seed=9, **SIZE)
+    return simulate(["humidity", "patch"], seed=9, runs=40, points=SIZE["points"])
 
 
 @pytest.fixture(scope="module")
@@ -88,28 +89,28 @@ def test_two_effects_at_once_are_named(two, campaign):
 def test_the_error_falls_to_the_noise_on_runs_never_seen(two, campaign):
     found, test, _ = two
     before, after = found.test.before.value, found.test.after.value
-    # The base curve by plain least squares, which counts all points alike, on the runs never seen.
-    assert before == pytest.approx(unseen_by_least_squares(campaign), rel=0.1)
+    # A base that bends fits the training runs no worse than plain least squares of the formula.
+    assert found.train.before.value < 1.01 * left_by_least_squares(campaign)
     # A twentieth above what no law can do better than.
     assert after < 1.05 * campaign.test_rms_noise
     assert found.test.removed.value > 0.95
     assert found.test.removed.value == pytest.approx(1 - (after / before) ** 2, rel=1e-12)
     assert found.test.after.low < after < found.test.after.high
-    assert found.test.runs == 7
+    assert found.test.runs == 12
     assert after == pytest.approx(rms(found.predictions["corrected"] - test["adhesion"]), rel=1e-12)
     assert found.validation.after.value >= found.train.after.value
 
 
-def unseen_by_least_squares(campaign):
-    """Rms on the test set of the base curve fitted to the training set by scipy."""
+def left_by_least_squares(campaign):
+    """Rms on the training set of the base curve fitted to it by scipy."""
+    table = campaign.train
 
-    def left(values, table):
+    def left(values):
         law = with_free_values(campaign.curve, jnp.asarray(values))
         return np.asarray(law(jnp.asarray(table["slip_ratio"]), {})) - table["adhesion"].to_numpy()
 
     start = np.asarray(free_values(campaign.curve))
-    fitted = least_squares(left, start, x_scale=np.abs(start), args=(campaign.train,))
-    return rms(left(fitted.x, campaign.test))
+    return rms(left(least_squares(left, start, x_scale=np.abs(start)).x))
 
 
 def test_predictions_are_one_line_a_row_in_the_order_of_the_file(two):
@@ -118,7 +119,7 @@ def test_predictions_are_one_line_a_row_in_the_order_of_the_file(two):
     assert before_after(found.predictions, test) == pytest.approx(
         (found.test.before.value, found.test.after.value), rel=1e-12
     )
-    assert len(found.points) == 17 * 100
+    assert len(found.points) == 28 * 100
 
 
 def before_after(predictions, test):
@@ -202,17 +203,6 @@ def test_a_column_that_is_absent_is_named(campaign):
                for text in found.untested)  # fmt: skip
 
 
-def fitted_rms(table):
-    """What Burckhardt's curve by least squares leaves of a table."""
-    slip, adhesion = table["slip_ratio"].to_numpy(), table["adhesion"].to_numpy()
-
-    def left(c):
-        size = np.abs(slip)
-        return np.sign(slip) * (c[0] * -np.expm1(-c[1] * size) - c[2] * size) - adhesion
-
-    return rms(least_squares(left, [0.4, 60.0, 0.4], x_scale=[0.1, 10.0, 0.1], xtol=1e-12).fun)
-
-
 def only_slip_and_adhesion(table):
     return table[["run", "slip_ratio", "adhesion"]]
 
@@ -235,8 +225,8 @@ def test_odd_tables_are_searched_as_others_are(change):
     table = simulate(seed=2, base="burckhardt", **SIZE).train
     found = discover(runs_of(change(table)), base="burckhardt")
     assert found.effects == found.unexplained == ()
-    # Burckhardt's curve by least squares, .00703, whatever is beside slip and adhesion.
-    assert found.train.after.value == pytest.approx(fitted_rms(table), rel=1e-6)
+    # The noise of the simulator, .007, whatever is beside slip and adhesion.
+    assert found.train.after.value == pytest.approx(0.007, rel=0.06)
 
 
 @pytest.mark.slow
@@ -289,15 +279,6 @@ def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs():
     assert found.noise["autocorrelation"] > 0.05
     # A search that begins again does not take the bar back.
     assert shares == sorted(shares)
-
-
-@pytest.mark.slow
-def test_effects_that_make_the_error_larger_are_none(train, monkeypatch):
-    monkeypatch.setattr("adhesion_jax.discovery.search.rules.MOST_SQUARES_TIMES", 0.0)
-    found = discover(train)
-    assert found.effects == found.unexplained == ()
-    assert found.train.after.value == found.train.before.value
-    assert any("humidity" in word and "not lower the error" in word for word in found.warnings)
 
 
 @pytest.mark.thorough
@@ -354,6 +335,36 @@ def test_a_lag_slower_than_the_slip_is_found_though_a_curve_with_slow_noise_fits
     assert [effect.name for effect in found.effects] == ["lag"]
     constant = found.effects[0].parameters["time_constant"]
     assert constant.low < campaign.parameters["lag"]["time_constant"] < constant.high
+
+
+@pytest.mark.thorough
+def test_three_runs_claim_nothing_and_say_so(campaign):
+    few = campaign.train[campaign.train["run"].isin(campaign.train["run"].unique()[:3])]
+    found = discover(runs_of(few), base=campaign.base)
+    assert found.effects == found.unexplained == ()
+    assert any(words.startswith("There are 3 runs.") for words in found.warnings)
+    assert all(row.p_adjusted > 0.01 for row in found.ranking)
+
+
+@pytest.mark.thorough
+def test_a_cause_in_words_is_found_and_a_column_computed_from_adhesion_is_left_out():
+    draw = np.random.default_rng(2)
+    table = small(draw)
+    level = table["place"].map({"a": 1.0, "b": 0.9, "c": 1.08, "d": 0.97}).to_numpy()
+    adhesion = curve(table["slip_ratio"]) * level + noise(draw, correlation=0.3)
+    found = discover(runs_of(table.assign(adhesion=adhesion, drive_Nm=4e3 * adhesion + 1)))
+    (claim,) = (*found.effects, *found.unexplained)
+    assert claim.covariates == ("place",)
+    assert claim.p_adjusted <= 0.01
+    assert any("drive_Nm repeats the adhesion row by row" in words for words in found.warnings)
+    assert found.validation.removed.value > 0.7
+    # A place that was never seen has the curve alone.
+    conditions = {"place": jnp.array([-1.0, 0.0, 2.0])}
+    slip = jnp.full(3, 0.05)
+    strange, first, third = np.asarray(found.law(slip, conditions))
+    bare = np.asarray(found.law.curve(slip, {}))[0]
+    assert strange == pytest.approx(bare, rel=1e-9)
+    assert third / first == pytest.approx(1.08, abs=0.03)
 
 
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):

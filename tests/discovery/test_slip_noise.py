@@ -7,24 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from discovery_campaigns import runs_of
 from scipy import stats
 
-from adhesion_jax.discovery.engine import discover
-from adhesion_jax.discovery.model.bases import first_fits, fits_alone
-from adhesion_jax.discovery.model.fitting import Setting
-from adhesion_jax.discovery.model.noise import slip_variance, white_noise
-from adhesion_jax.discovery.model.problem import prepare
-from adhesion_jax.discovery.model.slip import error_covariances, roughness, with_slip_errors
-from adhesion_jax.effects import EFFECTS
-from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.slip_noise import (
     SlipNoise,
     expected_slip,
     log_density,
     smoothed_slip,
 )
-from adhesion_jax.simulation.one_log import one_log
 
 POINTS = 12
 DRAW = np.random.default_rng(1)
@@ -75,8 +65,6 @@ def test_the_smoothed_slip_is_that_of_the_normal_distribution(noise):
     np.testing.assert_allclose(found.variance, np.diag(left), rtol=1e-3, atol=1e-10)
     np.testing.assert_allclose(found.covariance[1:], np.diag(left, 1), rtol=1e-3, atol=1e-10)
     assert float(found.covariance[0]) == 0
-    runs = jax.tree.map(lambda values: np.asarray(values)[None], found)
-    np.testing.assert_allclose(*error_covariances(runs), left, rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("noise", [NOISE, SPEED_NOISE], ids=["of the slip", "of the speed"])
@@ -173,55 +161,3 @@ def test_the_errors_are_those_of_drawn_slips():
     left = gain @ signal - drawn
     found = smoothed(SPEED_NOISE)
     np.testing.assert_allclose(left.var(axis=1), found.variance, rtol=5 * np.sqrt(2 / count))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("planted", [0.01, 0.03])
-def test_a_planted_noise_of_the_wheel_speed_is_estimated(planted):
-    campaign = one_log(seed=0, wheel_speed_noise=planted)
-    found = discover(runs_of(campaign.train), base="burckhardt")
-    (effect,) = [effect for effect in found.effects if effect.name == "slip_noise"]
-    sigma = effect.parameters["sigma"]
-    assert sigma.value == pytest.approx(planted, rel=0.1)
-    assert sigma.low < sigma.value < sigma.high
-    (kind,) = [part for part in found.law.effects if isinstance(part, EFFECTS["slip_noise"])]
-    assert kind.falls_with == "vehicle_speed_mps"
-
-
-@pytest.mark.slow
-def test_what_the_slip_leaves_of_a_log_is_white_once_it_is_whitened():
-    """The true curve leaves the noise of adhesion, .008, and the errors of the expected slip."""
-    campaign = one_log(seed=72, wheel_speed_noise=0.01)
-    runs = runs_of(campaign.train)
-    exact = prepare(runs.record, Calendar("time_s", 0.0, 300.0), runs.blocks)
-    adhesion = np.asarray(exact.data.adhesion)
-
-    def fitted(setting):
-        return first_fits(fits_alone(setting, ["burckhardt"]))["burckhardt"]
-
-    rough = roughness(
-        runs.record, fitted(Setting(exact, white_noise(exact.points, 0.02), adhesion)), None
-    )
-    noisy = prepare(runs.record, exact.calendar, runs.blocks, rough.effect)
-    found = fitted(with_slip_errors(noisy, white_noise(exact.points, 0.02), ["burckhardt"]))
-    noise = found.setting.noise
-    assert float(noise.sigma) == pytest.approx(0.008, rel=0.04)
-    # Of sums over 25 neighbours; 2.5 to 4 where errors of the slip are known one neighbour far.
-    left = found.residual[noise.weight > 0]
-    sums = left[: left.size // 25 * 25].reshape(-1, 25).sum(axis=1)
-    assert (sums**2).mean() / 25 == pytest.approx(1.0, abs=4 * np.sqrt(2 / sums.size))
-    nearest = noise._replace(modes=noise.modes[:, :, :0], variance=slip_variance(noise))
-    plain = fitted(found.setting._replace(noise=nearest))
-    assert plain.total > found.total + 30
-
-
-@pytest.mark.thorough
-def test_what_happened_once_in_a_log_is_told_but_is_no_effect():
-    """A twentieth less adhesion for 18 s of a log of 300 s, in which nothing else is hidden."""
-    campaign = one_log(seed=1)
-    table = campaign.train.copy()
-    table.loc[1200:1379, "adhesion"] *= 0.95
-    found = discover(runs_of(table), base="burckhardt")
-    assert not (*found.effects, *found.unexplained)
-    (doubt,) = found.doubts
-    assert "one stretch of the only run" in doubt.sentence

@@ -14,11 +14,7 @@ from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.law import CorrectedLaw, with_effects
 
 GENERIC = [name for name in KINDS if name not in EFFECTS]
-COLUMNS_OF = {"covariate": 1, "spline": 1, "threshold": 1, "periodic": 1} | {
-    "product": 2,
-    "interaction": 2,
-    "surface": 2,
-}
+TWO_COLUMNS = ("product", "interaction", "surface")
 BARE = CURVES["burckhardt"]
 POINTS = 120
 STILL = jnp.arange(float(POINTS))
@@ -69,7 +65,7 @@ def start(name):
     """An effect as the search would first try it, stronger."""
     kind = KINDS[name]
     if name in GENERIC:
-        columns = ("wear", "gap")[: COLUMNS_OF[name]]
+        columns = {"labels": ("axle",)}.get(name, ("wear", "gap")[: 1 + (name in TWO_COLUMNS)])
         first = kind.starts({column: FLAT[column] for column in columns})[0]
     else:
         first = kind.starts(FLAT)[0]

@@ -8,7 +8,7 @@ import numpy as np
 from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
-from adhesion_jax.discovery.search.probes import directions_of
+from adhesion_jax.discovery.search.probes import directions_of, null_of
 from adhesion_jax.discovery.search.state import Selection, all_but, parts_of
 from adhesion_jax.discovery.types import Proposal
 
@@ -41,7 +41,7 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
             and not (entry.generic and entry.family == effect.family)
         ]
         probes = [effect.parts[0], *(start for entry in others for start in entry.starts)]
-        testable, directions, _ = directions_of(less, probes)
+        testable, directions = directions_of(null_of(less), probes)
         cosines = np.abs(directions[:, 1:].T @ directions[:, 0]) * testable[1:]
         place = 0
         for entry in others:

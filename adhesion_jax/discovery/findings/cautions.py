@@ -5,15 +5,21 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
+from adhesion_jax.curves import BASES
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.condensing import condensed
 from adhesion_jax.data.runs import RunSet
+from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import why_untested
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.inference.noise import RunNoise
+
+#: Stretches of slip in which the departure of the curve is looked at.
+_STRETCHES = 20
 
 #: Columns that an engineer may have measured, each with the columns that can replace it.
 _EXPECTED: Mapping[str, tuple[str, ...]] = {
@@ -119,25 +125,57 @@ def extrapolated(
     return sorted((one for one in found if one[0] > 0), reverse=True)
 
 
-def noise_words(state: Selection) -> tuple[str, ...]:
+def shape_words(state: Selection) -> tuple[str, ...]:
+    """How far the curve departs from the formula that it is named after, if that is seen."""
+    fitted = state.fitted
+    problem = fitted.setting.problem
+    inside = problem.points > 0
+    slip = np.asarray(problem.data.slip)[inside]
+    plain = fitted.setting._replace(problem=problem._replace(branches=0))
+    values = fitted.base_values[: len(BASES[fitted.base].free)].tolist()
+    bare = nearly_fitted(plain, fitted.base, values, fitted.effects)
+    top = float(np.quantile(np.abs(fitted.adhesion[inside]), 0.98))
+    away = (np.abs(fitted.adhesion) - np.abs(bare.adhesion))[inside] / top
+    if not np.max(np.abs(away)) > rules.REPORTED_DEPARTURE:
+        return ()
+    middle = [
+        (float(np.median(away[some])), float(np.median(np.abs(slip[some]))))
+        for some in np.array_split(np.argsort(np.abs(slip), kind="stable"), _STRETCHES)
+        if some.size
+    ]
+    share, at = max(middle, key=lambda one: abs(one[0]))
+    if abs(share) < rules.REPORTED_DEPARTURE:
+        return ()
+    return (
+        f"The shape of the curve: near slip {at:.2g} it is {abs(share) * 100:.2g} % of the largest "
+        f"adhesion {'above' if share > 0 else 'below'} the best curve of {fitted.base}; it bends "
+        "as the points do, and no column is named for that.",
+    )
+
+
+def noise_words(state: Selection, noise: RunNoise) -> tuple[str, ...]:
     """Sentences on the structure of the noise, none of which is an effect."""
     fitted = state.fitted
-    weight = np.asarray(state.setting.noise.weight) > 0
+    weight = state.setting.root > 0
     runs = int(weight.any(1).sum())
     sentences = []
     adhesion = np.asarray(state.setting.problem.data.adhesion)
-    noise = state.setting.noise
     if noise.autocorrelation > rules.REPORTED_AUTOCORRELATION:
         sentences.append(
             "Noise: neighbouring points of a run are correlated by "
-            f"{noise.autocorrelation:.2f}; intervals and p-values take that into account."
+            f"{noise.autocorrelation:.2f}; intervals and p hold for any correlation within runs."
         )
     if noise.run_scatter > rules.REPORTED_RUN_SCATTER and runs > 2:
         sentences.append(
             f"Noise: the level of adhesion differs from run to run by "
             f"{100 * noise.run_scatter:.1f} % beyond what the effects explain."
         )
-    white = fitted.residual[weight]
+    if noise.slow_level > rules.REPORTED_RUN_SCATTER:
+        sentences.append(
+            f"Noise: the level of adhesion varies slowly by {100 * noise.slow_level:.1f} %; it "
+            f"keeps its value over about {noise.slow_rows:.0f} points."
+        )
+    white = fitted.error[weight]
     if white.size < rules.FEWEST_POINTS_OF_NOISE:
         return tuple(sentences)
     spread = 1.4826 * float(np.median(np.abs(white)))

@@ -6,9 +6,9 @@ import jax
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.model.fitting import Fitted, covariance, packed, size_of
+from adhesion_jax.discovery.model.fitting import Fitted, covariance, size_of
 from adhesion_jax.discovery.model.problem import label_of
-from adhesion_jax.discovery.model.program import PROBES, Data, changes
+from adhesion_jax.discovery.model.program import PROBES, Data, changes, pack
 from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
 from adhesion_jax.effects.cause import Remembering
@@ -32,15 +32,15 @@ _DRAWS = 64
 _FUNCTIONS = {"temperature_C", "lateral_measure"}
 
 
-def dependences(state: Selection, of_rows: Fitted, seed: int) -> tuple[Dependence, ...]:
+def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
     """The dependences of every effect on its varying columns.
 
     An effect with a memory is shown over the time since a step of its driver instead, if the runs
-    are long enough to show it. Bands follow from `of_rows`, the fit to all rows.
+    are long enough to show it.
     """
     if not state.accepted:
         return ()
-    draws = _draws(state.fitted, of_rows, seed)
+    draws = _draws(state.fitted, seed)
     flat = state.setting.problem.flat
     found = []
     slots = slots_of(state.accepted)
@@ -59,9 +59,9 @@ def dependences(state: Selection, of_rows: Fitted, seed: int) -> tuple[Dependenc
     return tuple(found)
 
 
-def _draws(fitted: Fitted, of_rows: Fitted, seed: int) -> np.ndarray:
+def _draws(fitted: Fitted, seed: int) -> np.ndarray:
     """Parameters of the whole model, [draws, flat]: first the fitted ones, then drawn ones."""
-    matrix = covariance(of_rows)
+    matrix = covariance(fitted)
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS - 1, matrix.shape[0]))
@@ -118,7 +118,12 @@ def _factors(
 ) -> np.ndarray:
     """Adhesion with the parts over adhesion without any effect, [draws, runs, points]."""
     data = _at(state, columns)
-    model = packed(state.setting, state.fitted, state.fitted.effects, _size(state))
+    fitted, problem = state.fitted, state.setting.problem
+    size = size_of(fitted.base, fitted.effects)
+    values, columns_of = fitted.base_values.tolist(), (*problem.columns, "")
+    model = pack(
+        fitted.base, values, fitted.effects, columns_of, *size, problem.branches, problem.bend
+    )
     kind = np.zeros_like(model.kind)
     kind[list(parts)] = model.kind[list(parts)]
 
@@ -162,11 +167,7 @@ def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
         for place, name in enumerate(problem.columns)
     ]
     stacked += [np.ones(problem.points.shape)] * (len(problem.data.columns) - len(stacked))
-    return Data(slip, problem.data.adhesion, conditions, np.stack(stacked))
-
-
-def _size(state: Selection) -> tuple[int, int]:
-    return size_of(state.base, state.fitted.effects)
+    return Data(slip, problem.data.adhesion, problem.data.span, conditions, np.stack(stacked))
 
 
 def _banded(name: str, column: str, unit: str, grid: np.ndarray, factors: np.ndarray) -> Dependence:

@@ -11,16 +11,21 @@ from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.condensing import block_means
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.findings.alternatives import confounded, likenesses, proposals
-from adhesion_jax.discovery.findings.cautions import absent, extrapolated, noise_words, untested
+from adhesion_jax.discovery.findings.cautions import (
+    absent,
+    extrapolated,
+    noise_words,
+    shape_words,
+    untested,
+)
 from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
-from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
-from adhesion_jax.discovery.model.noise import Noise
+from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted, quantile
+from adhesion_jax.discovery.model.noise import NoisySlip, noise_of
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
 from adhesion_jax.discovery.model.rows import Ranges, predicted
-from adhesion_jax.discovery.model.slip import NoisySlip
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
@@ -33,11 +38,14 @@ from adhesion_jax.discovery.types import (
     Interval,
     Opinion,
 )
-from adhesion_jax.effects import Cause, Effect, ShapeTerm, kind_of
+from adhesion_jax.effects import Cause, Effect, Labels, ShapeTerm, kind_of
+from adhesion_jax.effects.labels import NO_LABEL
 from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.inference.noise import RunNoise
+from adhesion_jax.inference.slip import SlipNoise
 
-#: Parameters of the noise that are reported.
-_NOISE = ("sigma", "autocorrelation", "run_scatter")
+#: What is reported of the noise.
+_NOISE = ("sigma", "autocorrelation", "run_scatter", "slow_level")
 
 #: Conditions that are not clipped to the range of the training data when a law is evaluated.
 _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")
@@ -50,10 +58,8 @@ def summarise(
     test: RunSet | None,
     plain: Selection,
     final: Selection,
-    plain_rows: Fitted,
-    final_rows: Fitted,
-    ranges: Ranges,
-    slip_noise: NoisySlip | None,
+    slip: SlipNoise,
+    noisy: NoisySlip | None,
     line: Torsion | None,
     warnings: Sequence[str],
     doubts: Sequence[Doubt],
@@ -66,35 +72,37 @@ def summarise(
     """The findings of two states fitted to all runs: without (`plain`) and with effects (`final`).
 
     `runs` are all rows, `blocks` the blocks of them that the states were searched in (the rows, if
-    they are few); `plain_rows` and `final_rows` are the fits of the two states to all rows, and
-    `ranges` those of their columns. `began` is the time at which the search began, by
-    `time.perf_counter`.
+    they are few). `began` is the time at which the search began, by `time.perf_counter`.
     """
+    problem = final.setting.problem
+    ranges = ranges_of(problem, runs)
     law, bare = law_of(final, ranges), law_of(plain, ranges)
     before, after = predicted(bare, runs), predicted(law, runs)
     train = _errors(runs, before, after, seed)
-    validation = _validation(runs, before, after, plain_rows, final_rows, seed)
+    validation = _validation(runs, before, after, plain.fitted, final.fitted, seed)
     tested = predictions = None
     if test is not None:
         test_before, test_after = predicted(bare, test), predicted(law, test)
         tested = _errors(test, test_before, test_after, seed)
         predictions = _predictions(test.places, test_before, test_after)
-    noise = final_rows.setting.noise
+    refuted = _refuted(final, validation, tested)
+    noise = noise_of(final.fitted, slip)
     level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
-    floor = float(np.sqrt(noise.sigma**2 + noise.run_scatter**2 * level))
+    slow = noise.run_scatter**2 + noise.slow_level**2
+    floor = float(np.sqrt(noise.sigma**2 + slow * level))
     outside = extrapolated(final, law, runs, test)
-    entries = library_of(final.setting.problem)
+    entries = library_of(problem)
     alike = likenesses(final, entries)
-    effects = _found(final, final_rows, validation)
-    found = [*_slip_noise(slip_noise), *effects, *_torsion(line, validation)]
+    effects = _found(final, validation)
+    found = [*_slip_noise(noisy, validation), *effects, *_torsion(line, validation)]
     return Findings(
         source,
         final.base,
-        _base_parameters(plain, plain_rows, final, final_rows),
-        law,
+        _base_parameters(plain, final),
+        bare if refuted else law,
         bare,
         floor,
-        _noise(noise),
+        {name: float(getattr(noise, name)) for name in _NOISE},
         train,
         validation,
         tested,
@@ -102,12 +110,14 @@ def summarise(
         tuple(effect for effect in found if ":" in effect.name),
         final.ranking,
         confounded(final, alike),
-        untested(final.setting.problem, runs),
+        untested(problem, runs),
         proposals(final, alike),
-        dependences(final, final_rows, seed),
+        dependences(final, seed),
         (
+            *refuted,
+            *shape_words(final),
             *warnings,
-            *noise_words(final),
+            *noise_words(final, noise),
             *(sentence for _, sentence in outside),
             absent(runs),
         ),
@@ -120,7 +130,7 @@ def summarise(
         tuple(doubts),
         opinion,
         None if runs.blocks else _levels(runs, before, after, noise),
-        "" if plain.base == final.base else plain.base,
+        "",
         tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
     )
 
@@ -132,7 +142,7 @@ def ranges_of(problem: Problem, runs: RunSet) -> Ranges:
     return {
         name: (float(values.min()), float(values.max()))
         for name, values in whole.items()
-        if name not in _UNBOUNDED
+        if name not in _UNBOUNDED and name not in problem.named
     }
 
 
@@ -145,10 +155,8 @@ def law_of(state: Selection, ranges: Ranges) -> CorrectedLaw:
     for name in needed & problem.constant - {*_UNBOUNDED}:
         value = float(np.asarray(problem.data.conditions[name])[inside][0])
         ranges[name] = (value, value)
-    curve = base_curve(state.base, state.fitted.base_values)
-    noisy = () if problem.slip_noise is None else (problem.slip_noise,)
-    effects = (*noisy, *state.fitted.effects)
-    return CorrectedLaw(curve, effects, ranges, problem.calendar)
+    curve = base_curve(state.base, state.fitted.base_values, problem.data.span)
+    return CorrectedLaw(curve, state.fitted.effects, ranges, problem.calendar)
 
 
 def _by_run(runs: RunSet, sum_of: Callable[[slice], float]) -> np.ndarray:
@@ -186,7 +194,22 @@ def _validation(
 
 def _growth(fitted: Fitted) -> np.ndarray:
     """The loss of each run when it is left out, over that of the fit to all runs, [runs]."""
-    return np.where(fitted.loss > 0, held_out_loss(fitted) / np.maximum(fitted.loss, 1e-300), 1.0)
+    growth = held_out_loss(fitted) / np.maximum(fitted.loss, 1e-300)
+    return np.where(fitted.loss > 0, growth, 1.0)[: fitted.setting.problem.runs]
+
+
+def _refuted(final: Selection, validation: Errors, test: Errors | None) -> list[str]:
+    """What says that the law is worse than the curve alone: then the curve alone is saved."""
+    if not final.accepted:
+        return []
+    for errors_of, where in ((validation, "on runs left out"), (test, "on the test data")):
+        if errors_of is not None and errors_of.removed.high < 0:
+            return [
+                f"With the effects the error {where} is larger, {errors_of.after.value:.3g} "
+                f"instead of {errors_of.before.value:.3g}: the law that is saved is the curve "
+                "alone."
+            ]
+    return []
 
 
 def _predictions(rows: np.ndarray, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
@@ -208,7 +231,7 @@ def _points(blocks: RunSet, before: np.ndarray, after: np.ndarray) -> pd.DataFra
     return pd.DataFrame({**columns, **whole.conditions})
 
 
-def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: Noise) -> pd.DataFrame:
+def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: RunNoise) -> pd.DataFrame:
     """The level of each run without and with the effects, relative to the prediction.
 
     It is the regression coefficient of the residual on the prediction. Its error is that of the
@@ -241,26 +264,24 @@ def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: Noise) -
     )
 
 
-def _base_parameters(
-    plain: Selection, plain_rows: Fitted, final: Selection, final_rows: Fitted
-) -> pd.DataFrame:
+def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
     """The parameters of the base curve, fitted without and with the effects."""
     rows: dict[str, dict[str, object]] = {}
-    for state, of_rows, when in ((plain, plain_rows, "before"), (final, final_rows, "after")):
+    for state, when in ((plain, "before"), (final, "after")):
         curve = BASES[state.base]
-        error = np.sqrt(np.maximum(np.diag(covariance(of_rows)), 0.0))
-        for place, name in zip(base_places(state.base), curve.free, strict=True):
-            key = f"{state.base} {name}" if plain.base != final.base else name
-            row = rows.setdefault(key, {"parameter": key, "unit": curve.PARAMETERS[name].unit})
+        error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0))
+        # The departure is told by its largest size, and has no parameters of its own.
+        for place, name in zip(base_places(state.base), curve.free, strict=False):
+            row = rows.setdefault(name, {"parameter": name, "unit": curve.PARAMETERS[name].unit})
             row[when] = float(state.fitted.values[place])
             row[f"{when}_se"] = float(error[place])
     columns = ["parameter", "unit", "before", "before_se", "after", "after_se"]
     return pd.DataFrame(list(rows.values())).reindex(columns=columns)
 
 
-def _found(state: Selection, of_rows: Fitted, validation: Errors) -> list[FoundEffect]:
+def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
     """The effects with their intervals, and the error with each added to those before it."""
-    intervals = _intervals(state, of_rows)
+    intervals = _intervals(state)
     values = state.fitted.base_values.tolist()
     whole = float(held_out_loss(state.fitted).sum())
     found = []
@@ -272,7 +293,7 @@ def _found(state: Selection, of_rows: Fitted, validation: Errors) -> list[FoundE
         for place, part in enumerate(effect.parts):
             prefix = "" if place == 0 else f"{kind_of(part)} "
             for name, described in part.PARAMETERS.items():
-                if name in part.REFERENCES:
+                if name in part.REFERENCES or _no_label(part, name):
                     continue
                 interval = parameters[prefix + name] = intervals[number, place][name]
                 if not described.lower < interval.value < described.upper:
@@ -299,11 +320,18 @@ def _found(state: Selection, of_rows: Fitted, validation: Errors) -> list[FoundE
     return found
 
 
+def _no_label(part: Effect, name: str) -> bool:
+    """Whether a strength is that of a label that the data lack."""
+    return isinstance(part, Labels) and getattr(part, f"label{name[1:]}") == NO_LABEL
+
+
 #: The curve mu(l) changed by a function g of columns, by the part of the curve that g acts on.
 _BENT = {
     "level": "mu exp(g)",
     "slip": "mu(l exp(g))",
     "fall": "mu_max - (mu_max - mu) exp(g) beyond the peak",
+    "offset": "mu + g",
+    "shift": "mu(l + g)",
 }
 
 
@@ -327,46 +355,42 @@ def _sentence(effect: Accepted) -> str:
     return f"{first.SENTENCE}{refined}"
 
 
-def _intervals(state: Selection, of_rows: Fitted) -> Mapping[Place, Mapping[str, Interval]]:
+def _intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
     """95 % intervals of the parameters of every part, by parameter name."""
-    error = np.sqrt(np.maximum(np.diag(covariance(of_rows)), 0.0))
+    error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0)) * quantile(state.fitted)
     at = {place: number for number, place in enumerate(state.fitted.places)}
     slots = slots_of(state.accepted)
     found = {}
     for slot, (part, effect) in enumerate(zip(slots, state.fitted.effects, strict=True)):
         found[part] = {
-            name: Interval(value, value - 1.96 * error[at[place]], value + 1.96 * error[at[place]])
+            name: Interval(value, value - error[at[place]], value + error[at[place]])
             for name, place in effect_places(slot, effect).items()
             for value in (float(getattr(effect, name)),)
         }
     return found
 
 
-def _noise(noise: Noise) -> Mapping[str, float]:
-    return {name: float(getattr(noise, name)) for name in _NOISE}
-
-
-def _slip_noise(noise: NoisySlip | None) -> list[FoundEffect]:
-    if noise is None:
+def _slip_noise(noisy: NoisySlip | None, validation: Errors) -> list[FoundEffect]:
+    if noisy is None or noisy.p > rules.SIGNIFICANT:
         return []
-    kind = noise.effect
-    what = (
-        f"{kind.sigma:.2g} m/s of a wheel speed" if kind.falls_with else f"{kind.sigma:.2g} of slip"
-    )
+    what = f"{noisy.sigma:.2g} m/s of a wheel speed"
+    if not noisy.of_wheel_speed:
+        what = f"{noisy.sigma:.2g} of slip"
     sentence = (
-        f"The slip signal has white noise of {what}: adhesion follows the slip expected from the "
-        "neighbours in time, not the measured one. Points where the curve is steep count less."
+        f"The slip signal has noise of {what} that adhesion does not follow: points where the "
+        "curve is steep count less."
     )
+    nothing = float("nan")
     return [
         FoundEffect(
             "slip_noise",
             ("slip_noise",),
             ("slip_ratio",),
-            "mu(E[l])",
-            {"sigma": noise.sigma, "roughness": Interval(float(kind.roughness), np.nan, np.nan)},
-            {"sigma": "m/s" if kind.falls_with else "1", "roughness": "1/s^1.5"},
-            noise.p,
-            noise.rmse_after,
+            "mu(l - error of l)",
+            {"sigma": Interval(noisy.sigma, nothing, nothing)},
+            {"sigma": "m/s" if noisy.of_wheel_speed else "1"},
+            noisy.p,
+            validation.after.value,
             sentence,
             "slip",
         )

@@ -1,6 +1,6 @@
 """The base curve below the effects: its fits from several starts, and the choice among curves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,59 +8,56 @@ from adhesion_jax.curves import BASES
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
-    likeliest,
     nearly_fitted,
-    precise,
+    robustly_fitted,
     side_by_side,
-    with_own_noise,
 )
-from adhesion_jax.effects import Effect
+from adhesion_jax.discovery.model.prediction import expected_loss, gain_of
+from adhesion_jax.discovery.model.problem import Problem
+
+#: Prior sizes of the departure among which runs left out choose.
+_BENDS = (0.01, 0.03, 0.1, 0.3, 1.0)
+
+#: Standard deviation of the noise of the first fits, relative to the adhesion.
+_FIRST_SIGMA = 0.1
 
 
-def fits_alone(setting: Setting, bases: Sequence[str]) -> dict[str, Fitted]:
-    """Each curve alone under a given noise, from the best of its starts."""
-    fits = starts_under(setting, bases)
-    return {
-        base: min((one for one in fits if one.base == base), key=lambda fitted: fitted.total)
-        for base in bases
-    }
+def best_alone(problem: Problem, spread: np.ndarray, bases: Sequence[str]) -> Fitted:
+    """The curve that fits best with its departure, each from the best of its starts.
 
+    The size of the departure is the least with which runs left out are predicted as well as with
+    any, within a standard error.
 
-def first_fits(alone: Mapping[str, Fitted]) -> dict[str, Fitted]:
-    """The same curves, each refitted with a noise of its own."""
-    own = side_by_side(with_own_noise, list(alone.values()))
-    return dict(zip(alone, side_by_side(precise, own), strict=True))
-
-
-def starts_under(setting: Setting, bases: Sequence[str]) -> list[Fitted]:
-    """Each curve alone under a given noise, from each of its starts."""
-    top = _top(setting)
+    `spread` [runs, points] is the standard deviation of the slip.
+    """
+    size = np.abs(np.asarray(problem.data.adhesion)[problem.points > 0])
+    top = float(np.quantile(size, 0.98))
+    sigma = max(_FIRST_SIGMA * float(np.sqrt(np.mean(size**2))), 1e-12)
+    setting = Setting(problem, spread, np.sqrt(problem.points) / sigma, sigma, 1.0)
     starts = [(base, start) for base in bases for start in BASES[base].starts(top)]
-    return side_by_side(lambda one: nearly_fitted(setting, *one, ()), starts)
+    fits = side_by_side(lambda one: nearly_fitted(setting, *one, ()), starts)
+    best = [min((one for one in fits if one.base == base), key=_cost) for base in bases]
+    robust = side_by_side(robustly_fitted, best)
+    same = min(robust, key=lambda fitted: fitted.setting.sigma).setting
+    chosen = min(robust, key=lambda one: _cost(_under(same, one)))
+    bent = [_under(_of_bend(same, bend), chosen) for bend in _BENDS]
+    losses = [expected_loss(one) for one in bent]
+    lowest = min(losses, key=lambda one: float(one.sum()))
+    # The least bend that is not surely worse: what is hidden is not to be taken for a bend.
+    enough = (gain_of(loss - lowest) for loss in losses)
+    least = next(place for place, one in enumerate(enough) if one.total <= one.error)
+    return robustly_fitted(bent[least])
 
 
-def middle_start_under(setting: Setting, base: str, effects: Sequence[Effect]) -> Fitted:
-    """A curve with effects under a given noise, from the middle one of the curve's starts only."""
-    starts = BASES[base].starts(_top(setting))
-    return nearly_fitted(setting, base, starts[len(starts) // 2], effects)
+def _of_bend(setting: Setting, bend: float) -> Setting:
+    return setting._replace(problem=setting.problem._replace(bend=bend))
 
 
-def _top(setting: Setting) -> float:
-    """The 98 % quantile of adhesion, which stands for its maximum."""
-    inside = setting.problem.points > 0
-    return float(np.quantile(np.abs(setting.problem.data.adhesion[inside]), 0.98))
+def _under(setting: Setting, fitted: Fitted) -> Fitted:
+    return nearly_fitted(setting, fitted.base, fitted.base_values.tolist(), ())
 
 
-def refits(fits: Mapping[str, Fitted], effects: Sequence[Effect]) -> dict[str, Fitted]:
-    """Each curve refitted with the effects, from the parameters that it has."""
-
-    def refit(fitted: Fitted) -> Fitted:
-        return likeliest(fitted.setting, fitted.base, fitted.base_values.tolist(), effects)
-
-    return dict(zip(fits, side_by_side(refit, list(fits.values())), strict=True))
-
-
-def bic(fitted: Fitted) -> float:
-    """-2 ln L + p ln N for N points and p fitted parameters of curve and effects. Schwarz 1978."""
-    points = int((np.asarray(fitted.setting.noise.weight) > 0).sum())
-    return 2 * fitted.total + len(fitted.places) * float(np.log(points))
+def _cost(fitted: Fitted) -> float:
+    """Half the deviance and half a log of the points a parameter of the curve. Schwarz 1978."""
+    points = int((fitted.setting.root > 0).sum())
+    return fitted.total + 0.5 * len(BASES[fitted.base].free) * float(np.log(points))

@@ -1,4 +1,4 @@
-"""Fits of a curve with effects to measured runs."""
+"""Robust weighted least squares of a curve with effects, and what is known of its parameters."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeVar
@@ -9,14 +9,8 @@ import scipy
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES
+from adhesion_jax.curves.bent import FINE
 from adhesion_jax.discovery.model.levenberg_marquardt import fit
-from adhesion_jax.discovery.model.noise import (
-    Noise,
-    determinant,
-    estimated,
-    slip_variance,
-    whitening,
-)
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import (
     PROBES,
@@ -26,47 +20,47 @@ from adhesion_jax.discovery.model.program import (
     effect_places,
     pack,
     unpack,
-    whiten,
 )
-from adhesion_jax.effects import Effect
+from adhesion_jax.effects import Covariate, Effect
 
 #: Sizes of the program: (slots, free parameters). The larger one is compiled when it is needed.
-_SIZES = ((8, 32), (12, 64))
+_SIZES = ((6, 72), (12, 128))
 
 #: If the curvature along each parameter is scaled to one, the data do not determine a direction
 #: whose curvature is below this.
 DETERMINED = 1e-7
 
-#: A fit ends where a step promises to lower its loss by no more than this share, which is little
-#: more than the rounding of the loss: parameters are as precise as the square root of it.
-_PRECISE = 1e-14
+#: A fit ends where a step promises to lower its loss by no more than this share of it.
+_PRECISE, _NEAR = 1e-12, 1e-5
 
-#: The same for fits that are only compared with others.
-_NEAR = 1e-5
+#: Residuals beyond this number of standard deviations count as much as one there. Huber 1964, Ann.
+#: Math. Stat. 35:73-101.
+_TUNING = 2.0
 
-#: Noise and fit are estimated in turns until half the deviance falls by less than this.
-_STANDS = 0.1
+#: Turns of fits and weights, and of the standard deviation within one.
+_TURNS, _ROUNDS = 3, 4
 
-#: Largest number of turns of noise and fit.
-_TURNS = 4
+#: Shares of the slip's noise that are tried: what jumps in the slip from row to row may be true.
+_SHARES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
-#: A noise is rejected if refitting a model with effects under it multiplies the sum of squared
-#: errors by more than this. By hand.
-MOST_SQUARES_REFITTED = 1.1
+#: Size of the shift by which the slope of the curve is taken, in slip.
+_NUDGE = 1e-5
 
 A = TypeVar("A")
 
 
 class Setting(NamedTuple):
-    """The data, and the noise under which models are fitted."""
+    """The data, and the weights under which models are fitted."""
 
     problem: Problem
-    noise: Noise
-    level: np.ndarray  # [runs, points]: the adhesion that the random level of a run multiplies
+    spread: np.ndarray  # [runs, points]: standard deviation of the slip
+    root: np.ndarray  # [runs, points]: reciprocal standard deviation of a point, less far outside
+    sigma: float  # standard deviation of the noise of adhesion, of a point of weight 1
+    share: float  # of the noise of the slip that acts
 
 
 class Fitted(NamedTuple):
-    """A model at its least squares under a noise; sums of squares are in units of that noise."""
+    """A model at its least squares; sums of squares are in units of the noise of its setting."""
 
     setting: Setting
     base: str
@@ -74,12 +68,11 @@ class Fitted(NamedTuple):
     values: np.ndarray
     places: tuple[int, ...]  # of the free parameters in `values`
     loss: np.ndarray  # [runs]: half the sum of squares
-    determinant: np.ndarray  # [runs]: half the log determinant of the covariance of the noise
     gradient: np.ndarray  # [runs, free]
     hessian: np.ndarray  # [runs, free, free]
     adhesion: np.ndarray  # [runs, points]
-    residual: np.ndarray  # [runs, points], whitened, prediction less data
-    jacobian: np.ndarray  # [free, runs, points], whitened
+    residual: np.ndarray  # [runs, points], in units of the noise, prediction less data
+    jacobian: np.ndarray  # [free, runs, points], in units of the noise
 
     @property
     def blocks(self) -> bool:
@@ -93,12 +86,17 @@ class Fitted(NamedTuple):
 
     @property
     def base_values(self) -> np.ndarray:
-        return self.values[list(base_places(self.base))]
+        return self.values[base_places(self.base)]
 
     @property
     def total(self) -> float:
-        """Minus the log likelihood, up to a constant of the data."""
-        return float(self.loss.sum() + self.determinant.sum())
+        """Half the sum of squares, with the prior."""
+        return float(self.loss.sum())
+
+    @property
+    def error(self) -> np.ndarray:
+        """Data less prediction, [runs, points]."""
+        return np.asarray(self.setting.problem.data.adhesion) - self.adhesion
 
 
 def fit_model(
@@ -113,10 +111,11 @@ def fit_model(
     `near` is the share of the loss below which a promised step ends the fit.
     """
     effects = in_order(effects)
+    problem = setting.problem
     size = size_of(base, effects)
-    model = pack(base, base_values, effects, (*setting.problem.columns, ""), *size)
-    white = whitening(setting.noise, setting.level)
-    found = fit(model, setting.problem.data, white, np.asarray(near))
+    columns = (*problem.columns, "")
+    model = pack(base, base_values, effects, columns, *size, problem.branches, problem.bend)
+    found = fit(model, problem.data, setting.root, np.asarray(near))
     free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
     values = np.asarray(found.values)
     return Fitted(
@@ -126,7 +125,6 @@ def fit_model(
         values,
         tuple(np.asarray(model.free)[:free].tolist()),
         np.asarray(found.loss),
-        determinant(white),
         np.asarray(found.gradient)[:, :free],
         np.asarray(found.hessian)[:, :free, :free],
         np.asarray(found.adhesion),
@@ -142,73 +140,80 @@ def nearly_fitted(
     return fit_model(setting, base, base_values, effects, _NEAR)
 
 
-def precise(fitted: Fitted) -> Fitted:
-    """The same model under the same noise, fitted to full precision."""
-    return fit_model(fitted.setting, fitted.base, fitted.base_values.tolist(), fitted.effects)
-
-
-def likeliest(
-    setting: Setting, base: str, base_values: Sequence[float], effects: Sequence[Effect]
-) -> Fitted:
-    """The model and its noise of greatest likelihood, estimated in turns from those given."""
-    return with_own_noise(nearly_fitted(setting, base, base_values, effects))
-
-
-def with_own_noise(fitted: Fitted) -> Fitted:
-    """The same model, fit and noise estimated in turns until the likelihood changes no more.
-
-    If much is missing, the noise of greatest likelihood may have levels of the runs that are nearly
-    free: a fit under it follows the shape within the runs and misses every level. Therefore a noise
-    that raises the sum of squared errors of a model with effects too much is rejected.
-    """
-    # For a curve without effects any rise is allowed: what it misses is what is searched for.
-    allowed = MOST_SQUARES_REFITTED * squares(fitted) if fitted.effects else np.inf
-    for _ in range(_TURNS):
-        values = fitted.base_values.tolist()
-        again = nearly_fitted(own_noise(fitted), fitted.base, values, fitted.effects)
-        if not again.total < fitted.total or squares(again) > allowed:
-            return fitted
-        gained, fitted = fitted.total - again.total, again
-        if gained < _STANDS:
-            break
+def robustly_fitted(fitted: Fitted) -> Fitted:
+    """The same model with the weights that its own residual asks for, in turns."""
+    for turn in range(_TURNS):
+        setting = weighed(fitted)
+        near = _PRECISE if turn == _TURNS - 1 else _NEAR
+        fitted = fit_model(setting, fitted.base, fitted.base_values.tolist(), fitted.effects, near)
     return fitted
 
 
-def own_noise(fitted: Fitted) -> Setting:
-    """The same data with the noise of greatest likelihood for the residual of a model."""
+def weighed(fitted: Fitted) -> Setting:
+    """The weights of the points by the residual of a model.
+
+    The variance of a point of weight w is sigma^2/w + (share spread slope)^2, the slope that of the
+    curve over slip; sigma is 1.48 times the median size where the noise of the slip is less, and
+    the share the likeliest one. Points further out than two standard deviations count less.
+    """
     setting = fitted.setting
-    problem = setting.problem
-    residual = np.asarray(problem.data.adhesion) - fitted.adhesion
-    return Setting(
-        problem, noise_of(problem, setting.noise, residual, fitted.adhesion), fitted.adhesion
-    )
+    points = setting.problem.points
+    inside = points > 0
+    error = fitted.error[inside]
+    weight = points[inside]
+    by_slip = np.zeros_like(error)
+    if setting.spread.any():
+        by_slip = (setting.spread * slope_of(fitted))[inside] ** 2
+    best = (-np.inf, 0.0, 0.0)
+    for share in _SHARES if by_slip.any() else _SHARES[:1]:
+        sigma = _sigma(error, weight, share**2 * by_slip)
+        variance = sigma**2 / weight + share**2 * by_slip
+        size = np.minimum(np.abs(error) / np.sqrt(variance), 2 * _TUNING)
+        told = -0.5 * float(np.sum(np.log(variance) + size**2))
+        if told > best[0]:
+            best = (told, sigma, float(share))
+    _, sigma, share = best
+    variance = sigma**2 / weight + share**2 * by_slip
+    far = np.abs(error) / np.sqrt(variance) / _TUNING
+    root = np.zeros(points.shape)
+    root[inside] = 1 / np.sqrt(variance * np.maximum(far, 1.0))
+    return setting._replace(root=root, sigma=sigma, share=share)
 
 
-def with_noise_left(fitted: Fitted) -> Fitted:
-    """The same fit with the noise estimated from its residual, whichever it was fitted under."""
-    problem = fitted.setting.problem._replace(even=False)
-    uneven = fitted._replace(setting=fitted.setting._replace(problem=problem))
-    return fitted._replace(setting=own_noise(uneven))
+def _sigma(error: np.ndarray, weight: np.ndarray, by_slip: np.ndarray) -> float:
+    """1.48 times the median size of an error of a point of weight 1, where the slip is calm."""
+    size = np.abs(error) * np.sqrt(weight)
+    sigma = 1.4826 * float(np.median(size))
+    for _ in range(_ROUNDS if by_slip.any() else 0):
+        calm = by_slip * weight <= max(sigma**2, float(np.quantile(by_slip * weight, 0.1)))
+        left = np.sqrt(np.maximum(1 - 0.5 * np.median((by_slip * weight)[calm]) / sigma**2, 0.25))
+        sigma = 1.4826 * float(np.median(size[calm])) * float(left)
+    return max(sigma, 1e-9 * float(np.sqrt(np.mean(error**2))), 1e-150)
 
 
-def noise_of(problem: Problem, start: Noise, residual: np.ndarray, level: np.ndarray) -> Noise:
-    """The noise of greatest likelihood for a residual; `start` has its weights and slip noise."""
-    in_order = (problem.in_time or not problem.blocks) and not problem.even
-    by_run = not (problem.blocks or problem.even)
-    return estimated(start, residual, level, in_order, by_run)
+def slope_of(fitted: Fitted) -> np.ndarray:
+    """The change of the prediction per change of the slip, [runs, points]."""
+    shift = Covariate(_NUDGE, 0.0, 1.0, column="", acts_on="shift")
+    return raw_changes(fitted, [shift])[0] / _NUDGE
 
 
 def raw_changes(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
     """The change of a model's prediction by each probe added to it, [probes, runs, points]."""
-    setting = fitted.setting
+    problem = fitted.setting.problem
     size = max(size_of(fitted.base, (*fitted.effects, probe)) for probe in probes)
-    models = [packed(setting, fitted, (*fitted.effects, probe), size) for probe in probes]
+    values, columns = fitted.base_values.tolist(), (*problem.columns, "")
+
+    def packed(probe: Effect) -> Model:
+        effects = in_order((*fitted.effects, probe))
+        return pack(fitted.base, values, effects, columns, *size, problem.branches, problem.bend)
+
+    models = [packed(probe) for probe in probes]
 
     def some(first: int) -> np.ndarray:
         these = models[first : first + PROBES]
         padded = these + [these[0]] * (PROBES - len(these))
         stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
-        return np.asarray(changes(stacked, setting.problem.data, fitted.adhesion))[: len(these)]
+        return np.asarray(changes(stacked, problem.data, fitted.adhesion))[: len(these)]
 
     with runtime.threads() as pool:
         return np.concatenate(list(pool.map(some, range(0, len(models), PROBES))))
@@ -222,14 +227,6 @@ def side_by_side(task: Callable[[A], Fitted], items: Sequence[A]) -> list[Fitted
         return found + list(pool.map(task, items[1:]))
 
 
-def packed(
-    setting: Setting, fitted: Fitted, effects: Sequence[Effect], size: tuple[int, int]
-) -> Model:
-    """The curve of a fit with other effects as numbers, for a program of that size."""
-    values = fitted.base_values.tolist()
-    return pack(fitted.base, values, in_order(effects), (*setting.problem.columns, ""), *size)
-
-
 def size_of(base: str, effects: Sequence[Effect]) -> tuple[int, int]:
     """The size of the smallest program for such a model; `has_room` says whether there is one."""
     return next(_sizes(len(BASES[base].free), effects))
@@ -241,7 +238,7 @@ def has_room(effects: Sequence[Effect], new: Effect) -> bool:
 
 
 def _sizes(free: int, effects: Sequence[Effect]) -> Iterator[tuple[int, int]]:
-    parameters = free + sum(len(effect_places(0, effect)) for effect in effects)
+    parameters = free + 2 * FINE + sum(len(effect_places(0, effect)) for effect in effects)
     return (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1])
 
 
@@ -262,41 +259,6 @@ def loss_without(fitted: Fitted, slots: Sequence[int]) -> float:
     return 0.5 * float(strengths @ np.linalg.pinv(spread, hermitian=True) @ strengths)
 
 
-def p_of(fitted: Fitted, slots: Sequence[int]) -> float:
-    """The p of the hypothesis that the strengths of the effects in those places are all zero.
-
-    Their other parameters are held, for they mean nothing where the strengths are zero. Wald's
-    statistic W of k strengths with their covariance over R runs (`covariance`): then
-    (R - k)/(k (R - 1)) W has the distribution F of k and R - k degrees of freedom. Hotelling 1931,
-    Ann. Math. Stat. 2, 360-378.
-    """
-    strengths = strengths_of(fitted, slots)
-    held = {
-        place
-        for slot in slots
-        for place in effect_places(slot, fitted.effects[slot]).values()
-        if place not in strengths
-    }
-    free = [number for number, place in enumerate(fitted.places) if place not in held]
-    chosen = [free.index(fitted.places.index(place)) for place in strengths]
-    less = fitted._replace(
-        gradient=fitted.gradient[:, free], hessian=fitted.hessian[:, free][:, :, free]
-    )
-    spread = covariance(less)[np.ix_(chosen, chosen)]
-    runs = int((np.abs(fitted.hessian).sum((1, 2)) > 0).sum())
-    # In the units of their errors; directions that the data do not determine count for nothing.
-    size = np.sqrt(np.maximum(np.diag(spread), 1e-300))
-    values, vectors = np.linalg.eigh(spread / np.outer(size, size))
-    kept = values > DETERMINED
-    along = (fitted.values[strengths] / size) @ vectors[:, kept]
-    count = int(kept.sum())
-    if not 0 < count < runs:
-        return 1.0
-    wald = float((along**2 / values[kept]).sum())
-    ratio = (runs - count) / (count * (runs - 1)) * wald
-    return float(scipy.stats.f.sf(ratio, count, runs - count))
-
-
 def strengths_of(fitted: Fitted, slots: Sequence[int]) -> list[int]:
     """The places in `values` of the strengths of the effects in those places."""
     return [
@@ -306,14 +268,6 @@ def strengths_of(fitted: Fitted, slots: Sequence[int]) -> list[int]:
         for name, place in effect_places(slot, effect).items()
         if name in effect.STRENGTHS
     ]
-
-
-def squares(fitted: Fitted) -> float:
-    """Sum of squared errors of adhesion, points weighted, less where their slip is noisy."""
-    noise = fitted.setting.noise
-    error = fitted.adhesion - np.asarray(fitted.setting.problem.data.adhesion)
-    share = noise.weight / (1 + noise.weight * slip_variance(noise) / noise.sigma**2)
-    return float((share * np.asarray(error) ** 2).sum())
 
 
 def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
@@ -330,22 +284,23 @@ def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
 def covariance(fitted: Fitted) -> np.ndarray:
     """Covariance of the free parameters, robust to differences between runs, [free, free].
 
-    The sandwich H^-1 (sum of g_i g_i') H^-1 over runs, times R/(R - 1). White 1982.
+    The sandwich H^-1 (sum of g_i g_i') H^-1 over runs, each run with the gradient that it has when
+    the parameters are fitted without it (CR3: MacKinnon and White 1985, J. Econometrics 29).
     """
-    runs = np.abs(fitted.hessian).sum((1, 2)) > 0
-    count = max(int(runs.sum()), 2)
-    steps = solve(fitted.hessian.sum(0), fitted.gradient[runs])
-    return steps.T @ steps * count / (count - 1)
+    runs = np.flatnonzero(np.abs(fitted.hessian).sum((1, 2)) > 0)
+    whole = fitted.hessian.sum(0)
+    if runs.size < 2:
+        return solve(whole, np.eye(len(fitted.places)))
+    others = whole - fitted.hessian[runs]
+    steps = solve(others, fitted.gradient[runs])
+    # Where one run determines a parameter the others tell nothing of it: no step beyond that of
+    # the fit to all runs counts.
+    plain = solve(np.broadcast_to(whole, others.shape), fitted.gradient[runs])
+    steps = np.where(np.isfinite(steps), steps, plain)
+    return steps.T @ steps * (runs.size - 1) / runs.size
 
 
-def in_noise_units(setting: Setting, signals: np.ndarray) -> np.ndarray:
-    """Signals [signals, runs, points], whitened."""
-    found, white = np.empty(signals.shape), whitening(setting.noise, setting.level)
-    for first in range(0, len(signals), PROBES):
-        some = signals[first : first + PROBES]
-        # One program whatever the number of signals.
-        padded = np.zeros((1 if len(signals) == 1 else PROBES, *some.shape[1:]))
-        padded[: len(some)] = some
-        whole = whiten(white, padded)
-        found[first : first + PROBES] = np.asarray(whole)[: len(some)]
-    return found
+def quantile(fitted: Fitted) -> float:
+    """The two-sided 95 % quantile of Student's t for the intervals of a fit, by its runs."""
+    runs = int(np.sum(np.abs(fitted.hessian).sum((1, 2)) > 0))
+    return float(scipy.stats.t.isf(0.025, max(runs - 1, 1)))

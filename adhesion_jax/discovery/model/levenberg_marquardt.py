@@ -1,4 +1,4 @@
-"""Least squares of a model under a noise: Levenberg-Marquardt inside the bounds, as one program."""
+"""Weighted least squares of a model: Levenberg-Marquardt inside the bounds, as one program."""
 
 from typing import Any, NamedTuple
 
@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.discovery.model.noise import Whitening
 from adhesion_jax.discovery.model.program import Data, Model, with_jacobian
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advance, arrived, begin
 from adhesion_jax.programs import kept
@@ -18,8 +17,8 @@ _STEPS = 40
 class Solution(NamedTuple):
     """A model at its least squares, with gradient and Hessian of the loss of each run.
 
-    Residuals are in units of the noise; the loss is half their sum of squares plus the prior of the
-    parameters, which is shared out to the runs evenly.
+    Residuals are in units of their noise, `root` its reciprocal; the loss is half their sum of
+    squares plus the prior of the parameters, which is shared out to the runs evenly.
     """
 
     values: Float[Array, " flat"]
@@ -27,8 +26,8 @@ class Solution(NamedTuple):
     gradient: Float[Array, "runs free"]
     hessian: Float[Array, "runs free free"]
     adhesion: Float[Array, "runs points"]  # as predicted
-    residual: Float[Array, "runs points"]  # prediction less data, whitened
-    jacobian: Float[Array, "free runs points"]  # of the prediction, whitened
+    residual: Float[Array, "runs points"]  # prediction less data, in units of the noise
+    jacobian: Float[Array, "free runs points"]  # of the prediction, likewise
     steps: Int[Array, ""]
 
 
@@ -36,7 +35,7 @@ class Solution(NamedTuple):
 def fit(
     model: Model,
     data: Data,
-    white: Whitening,
+    root: Float[Any, "runs points"],
     near: Float[Any, ""],
 ) -> Solution:
     """The least squares of a model from its values.
@@ -47,7 +46,7 @@ def fit(
 
     def evaluated(at: Float[Array, " free"]) -> Local:
         values = model.values.at[model.free].set(at).at[-1].set(0.0)
-        adhesion, residual, jacobian = with_jacobian(model, data, white, values)
+        adhesion, residual, jacobian = with_jacobian(model, data, root, values)
         flat = jacobian.reshape(jacobian.shape[0], -1)
         pull = model.precision @ at
         return Local(
@@ -68,7 +67,7 @@ def fit(
     start = begin(model.values[model.free], rest)
     best = jax.lax.while_loop(unfinished, one_step, start)
     adhesion, residual, jacobian = best.local.rest
-    some = jnp.any(white.weight > 0, axis=1)
+    some = jnp.any(root > 0, axis=1)
     share = some / jnp.maximum(jnp.sum(some), 1)
     pull = model.precision @ best.x
     found = 0.5 * (jnp.sum(residual**2, axis=1) + share * (best.x @ pull))

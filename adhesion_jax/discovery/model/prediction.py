@@ -41,16 +41,16 @@ def expected_loss(fitted: Fitted) -> np.ndarray:
     residual r/(1 - h), where h = J H^-1 J' is its leverage. Allen 1974, Technometrics 16, 125-127.
     """
     if not fitted.blocks:
-        return fitted.determinant + _predicted(fitted)
+        return _predicted(fitted)
     jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
     inverse = solve(fitted.hessian.sum(0), np.eye(jacobian.shape[0]))
     leverage = np.einsum("kp,kl,lp->p", jacobian, inverse, jacobian).reshape(fitted.residual.shape)
     alone = fitted.residual / np.maximum(1 - leverage, 1e-3)
-    return 0.5 * (alone**2).sum(axis=1) + fitted.determinant
+    return 0.5 * (alone**2).sum(axis=1)
 
 
 def _predicted(fitted: Fitted) -> np.ndarray:
-    """The terms of `expected_loss` of whole runs, without the determinant of the noise, [runs]."""
+    """`expected_loss` of whole runs, [runs]."""
     whole = fitted.hessian.sum(0)
     scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
     values, vectors = np.linalg.eigh(whole * scale[:, None] * scale)
@@ -91,19 +91,19 @@ class Gain(NamedTuple):
 
 def least_gain(fitted: Fitted, share: float) -> float:
     """A share of the loss that noise alone makes, which is half the number of points."""
-    return 0.5 * share * float((np.asarray(fitted.setting.noise.weight) > 0).sum())
+    return 0.5 * share * float((fitted.setting.root > 0).sum())
 
 
 def gain(less: Fitted, more: Fitted) -> Gain:
-    """The gain of the model `more` on the model `less`, both of the same data.
+    """The gain of the model `more` on the model `less`, both of the same data and weights.
 
-    Its error is that of the scatter of the runs. Blocks of one run do not differ by chance but by
-    their places on the curve: their error is that of the noise alone, under which the log
-    likelihood ratio of two predictions has the sum of squares of their difference for a variance.
+    Its error is that of the scatter of the runs, or of the blocks of one run.
     """
-    gains = expected_loss(less) - expected_loss(more)
-    if less.blocks:
-        return Gain(float(gains.sum()), float(np.linalg.norm(more.residual - less.residual)))
+    return gain_of(expected_loss(less) - expected_loss(more))
+
+
+def gain_of(gains: np.ndarray) -> Gain:
+    """The sum of gains by run, with its error."""
     used = gains[gains != 0]
     if used.size < 2:
         return Gain(float(gains.sum()), np.inf)

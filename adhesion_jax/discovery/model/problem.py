@@ -3,17 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions
 from adhesion_jax.discovery.model.program import Data
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, completed_runs
-from adhesion_jax.effects.slip_noise import ExpectedSlip, SlipNoise, expected_slip, of_means
-from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
 #: Columns that effects refer to by name. If the data lack such a column it is filled with 1.
@@ -28,8 +23,12 @@ _COLUMNS = 24
 #: Conditions that are not columns of the search: others stand for them, as the calendar for time.
 _NO_COLUMN = ("time_s", "run_order", "wheel_angle_rad", "slip_ratio", "mode", "lateral_measure")
 
-#: Number of points of a stretch of a log; whitened, stretches are taken for independent. By hand.
-_UNIT_POINTS = 10
+#: Quantile of the slips that is the reach of the departure, and the least one.
+_REACH, _LEAST_REACH = 0.3, 1e-4
+
+#: Braking has a departure of its own if braking and traction have at least this share of the points
+#: each. By hand.
+_BOTH_BRANCHES = 0.05
 
 #: A column is taken for constant if its range is at most this share of its largest value.
 _CONSTANT = 1e-9
@@ -40,8 +39,8 @@ class Problem(NamedTuple):
 
     data: Data
     points: np.ndarray  # [runs, points]: the weight of each point, 1 on average; 0: none
-    worth: np.ndarray  # [runs, points]: how many independent rows each point is worth
-    shared: float  # variance of a point that rows share, relative to that of a row
+    branches: int  # 2 if traction and braking have departures of their own
+    bend: float  # prior standard deviation of the first factor of a departure
     calendar: Calendar
     columns: tuple[str, ...]  # of Data.columns
     flat: Mapping[str, np.ndarray]  # every condition that varies, at the points there are
@@ -49,13 +48,15 @@ class Problem(NamedTuple):
     constant: frozenset[str]
     blocks: bool  # whether the runs are contiguous blocks of one run, without levels of their own
     in_time: bool  # whether the order of the points of a run is that of time
-    even: bool  # whether every point counts alike: the noise has no correlation and no levels
     measured: frozenset[str]  # columns as given
-    units: np.ndarray  # [runs, points]: the number of the independent stretch of each point
-    slip_noise: SlipNoise | None  # for which the slip has been corrected
-    expected: ExpectedSlip  # the corrected slip with its errors, arrays [runs, points]
+    named: Mapping[str, tuple[str, ...]]  # the names of the labels of a column, by their numbers
     #: Functions of the columns, [runs, points], kept once they have been computed.
     terms: dict[tuple[object, ...], np.ndarray]
+
+    @property
+    def runs(self) -> int:
+        """The number of runs, without those that pad the arrays."""
+        return int((self.points > 0).any(axis=1).sum())
 
 
 def label_of(column: str, measured: frozenset[str]) -> str:
@@ -75,25 +76,18 @@ def prepare(
     record: Record,
     calendar: Calendar,
     blocks: bool,
-    slip_noise: SlipNoise | None = None,
-    worth: np.ndarray | None = None,
-    shared: float = 0.0,
+    worth: np.ndarray,
+    named: Mapping[str, tuple[str, ...]],
 ) -> Problem:
-    """The arrays of a record [runs, points] for the search, its slip corrected for a noise.
+    """The arrays of a record [runs, points] for the search.
 
-    `blocks` says that the runs of the record are blocks of one run. A point that is worth n
-    independent rows has a variance of 1/n + `shared` times that of a row.
+    `blocks` says that the runs of the record are blocks of one run. A point has a weight
+    proportional to how many rows it is worth.
     """
-    worth = np.ones(record.mask.shape) if worth is None else worth
-    points = np.where(record.mask, worth / (1 + shared * worth), 0.0)
+    record, worth = _padded(record), _enlarged(worth)
+    points = np.where(record.mask, worth, 0.0)
     points = points / points[points > 0].mean()
     slip, adhesion = np.asarray(record.slip), np.asarray(record.adhesion)
-    nothing = np.zeros((*slip.shape, 2, 2))
-    expected = ExpectedSlip(slip, nothing, nothing)
-    if slip_noise is not None:
-        expected = jax.tree.map(np.asarray, expected_slips(slip_noise, record, worth))
-        slip = expected.slip
-        record = record._replace(slip=jnp.asarray(slip))
     whole = dict(conditions_of(record, calendar))
     if blocks and "time_s" not in record.conditions:
         # Blocks of one run without a time have no calendar: they may be ordered by slip.
@@ -111,69 +105,53 @@ def prepare(
     # that was not measured is the slope of the speed, and thus a consequence of adhesion.
     aliases = {*_NO_COLUMN, *({TEMPERATURES[0], "acceleration_mps2"} - measured)}
     columns = tuple(name for name in flat if name not in aliases)
-    data = _data(slip, adhesion, whole, columns)
-    in_time = "time_s" in record.conditions and bool(inside.sum(1).max() > 2)
+    sizes = np.abs(slip[inside])
+    reach = max(float(np.quantile(sizes, _REACH)), _LEAST_REACH)
+    span = np.array([reach, max(float(sizes.max()), 2 * reach)])
+    driving = float(np.mean(slip[inside] > 0))
     return Problem(
-        data,
+        _data(slip, adhesion, span, whole, columns),
         points,
-        worth,
-        shared,
+        2 if _BOTH_BRANCHES < driving < 1 - _BOTH_BRANCHES else 1,
+        1.0,
         calendar,
         columns,
         flat,
         frozenset(flat),
         frozenset(constant),
         blocks,
-        in_time,
-        False,
+        "time_s" in record.conditions and bool(inside.sum(1).max() > 2),
         measured,
-        _units(points, blocks and in_time),
-        slip_noise,
-        expected,
+        named,
         {},
     )
 
 
-def _units(points: np.ndarray, short: bool) -> np.ndarray:
-    """The unit of each point, [runs, points]: its run, or if `short` a stretch of ten points of it.
+def _padded(record: Record) -> Record:
+    """The record with masked points and runs more, so that sets of about one size share programs.
 
-    Short units are for blocks of one run in time, whose noise is whitened: the few events of a log
-    fill so few blocks that flips of their signs would have no power.
+    They repeat the last point and the last run.
     """
-    runs, length = points.shape
-    place = np.maximum(np.cumsum(points > 0, axis=1) - 1, 0) // _UNIT_POINTS if short else 0
-    return np.arange(runs)[:, None] * length + np.broadcast_to(place, points.shape)
-
-
-def corrected(problem: Problem, record: Record, slip_noise: SlipNoise | None) -> Problem:
-    """The same problem, of the `record` that it was made of, with its slip corrected."""
-    return prepare(
-        record, problem.calendar, problem.blocks, slip_noise, problem.worth, problem.shared
+    mask = _enlarged(np.asarray(record.mask))
+    runs, points = record.mask.shape
+    mask[runs:], mask[:, points:] = False, False
+    slip, adhesion, *others = (
+        jnp.asarray(_enlarged(np.asarray(one)))
+        for one in (record.slip, record.adhesion, *record.conditions.values())
     )
+    inside = jnp.asarray(mask)
+    return Record(slip, adhesion, inside, inside, dict(zip(record.conditions, others, strict=True)))
 
 
-def expected_slips(slip_noise: SlipNoise, record: Record, worth: np.ndarray) -> ExpectedSlip:
-    """The expectation of the true slip given the measured slip, arrays [runs, points].
+def _enlarged(values: np.ndarray) -> np.ndarray:
+    """Runs and points, each up to the next of four sizes an octave."""
 
-    The noise is that of one row, and a point is `worth` so many.
-    """
-    names = ("time_s", slip_noise.falls_with) if slip_noise.falls_with else ("time_s",)
-    conditions = {name: jnp.asarray(record.conditions[name]) for name in names}
-    arrays = jax.tree.map(jnp.asarray, slip_noise)
-    return _expected(arrays, jnp.asarray(record.slip), conditions, jnp.asarray(worth))
+    def more(count: int) -> int:
+        quantum = max(2 ** (int(np.log2(count)) - 2), 4)
+        return -count % quantum
 
-
-@kept()
-def _expected(
-    slip_noise: SlipNoise,
-    slip: Float[Array, "runs points"],
-    conditions: Conditions,
-    worth: Float[Array, "runs points"],
-) -> ExpectedSlip:
-    def of_run(slip: Array, conditions: Conditions, worth: Array) -> ExpectedSlip:
-        return expected_slip(of_means(slip_noise, worth), slip, conditions)
-
-    return jax.vmap(of_run)(slip, conditions, worth)
+    runs, points = values.shape
+    return np.pad(values, ((0, more(runs)), (0, more(points))), mode="edge")
 
 
 def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray]:
@@ -186,6 +164,7 @@ def conditions_of(record: Record, calendar: Calendar) -> Mapping[str, np.ndarray
 def _data(
     slip: np.ndarray,
     adhesion: np.ndarray,
+    span: np.ndarray,
     whole: Mapping[str, np.ndarray],
     columns: Sequence[str],
 ) -> Data:
@@ -196,4 +175,4 @@ def _data(
     # At least one column is padding, all ones: a term of it changes the whole curve.
     padding = _COLUMNS - len(columns) % _COLUMNS
     stacked = np.stack([*(whole[name] for name in columns), *[one] * padding])
-    return Data(slip, adhesion, known, stacked)
+    return Data(slip, adhesion, span, known, stacked)

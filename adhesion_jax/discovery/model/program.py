@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.curves import BASES, Conditions, Curve, with_free_values
-from adhesion_jax.discovery.model.noise import Whitening, whitened
+from adhesion_jax.curves import BASES, Conditions, Law, with_free_values
+from adhesion_jax.curves.bent import FINE, Bent, functions
 from adhesion_jax.effects import KINDS, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
 from adhesion_jax.effects.slip_noise import SlipNoise
@@ -28,7 +28,17 @@ PROBES = 16
 #: Number of parameters whose derivatives are taken together, sharing the transcendental functions.
 _TOGETHER = 8
 
-_BASE_SIZE = max(len(curve.free) for curve in BASES.values())
+#: Prior standard deviation of what braking adds to a factor of the departure, relative to that of
+#: the factor, and of the factors relative to the first.
+_APART = 0.5
+_SMOOTH = 1 / (2 * np.arange(FINE) + 1.0)
+
+_CURVE_SIZE = max(len(curve.free) for curve in BASES.values())
+_BASE_SIZE = _CURVE_SIZE + 2 * FINE
+
+#: Where the factors stand that braking adds.
+APART = range(_CURVE_SIZE + FINE, _BASE_SIZE)
+
 _EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())
 _NAMES = tuple(KINDS)
 
@@ -62,6 +72,7 @@ class Data(NamedTuple):
 
     slip: Float[Any, "runs points"]
     adhesion: Float[Any, "runs points"]
+    span: Float[Any, " two"]  # of the departure: its reach, and the largest slip of the points
     conditions: Mapping[str, Float[Any, "runs points"]]
     columns: Float[Any, "columns runs points"]  # columns that a term may be a function of
 
@@ -79,9 +90,9 @@ class Model(NamedTuple):
     precision: Float[Any, "free free"]  # of the prior of the free parameters, about zero
 
 
-def base_places(base: str) -> range:
-    """Where the parameters of a curve stand in `Model.values`."""
-    return range(len(BASES[base].free))
+def base_places(base: str) -> list[int]:
+    """Where the parameters of a curve, then the factors of its departure, stand in the values."""
+    return [*range(len(BASES[base].free)), *range(_CURVE_SIZE, _BASE_SIZE)]
 
 
 def effect_places(slot: int, effect: Effect) -> Mapping[str, int]:
@@ -101,18 +112,28 @@ def pack(
     columns: Sequence[str],
     slots: int,
     free: int,
+    branches: int,
+    bend: float,
 ) -> Model:
     """The model as numbers, padded to that number of slots and of free parameters.
 
-    `effects` must be in the order of their ORDER; `columns` names those of `Data.columns`.
+    `effects` must be in the order of their ORDER; `columns` names those of `Data.columns`. With two
+    `branches` the departure of braking is another one; a level has none. `bend` is the prior
+    standard deviation of the first factor. `base_values` are those of
+    `base_places`, or of the curve alone.
     """
     values = np.zeros(_BASE_SIZE + slots * _EFFECT_SIZE + 1)
-    values[: len(base_values)] = base_values
+    values[base_places(base)[: len(base_values)]] = base_values
     kind, column = np.zeros(slots, int), np.zeros((slots, 3), int)
     precision = np.zeros((free, free))
-    places = list(base_places(base))
     described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
-    lower, upper = [one.lower for one in described], [one.upper for one in described]
+    bends = 0 if base == "level" else branches * FINE
+    places = base_places(base)[: len(described) + bends]
+    lower = [*(one.lower for one in described), *[-9.0] * bends]
+    upper = [*(one.upper for one in described), *[9.0] * bends]
+    sizes = bend * np.concatenate([_SMOOTH, _APART * _SMOOTH])[:bends]
+    bent = range(len(described), len(places))
+    precision[bent, bent] = sizes**-2.0
     for slot, effect in enumerate(effects):
         kind[slot] = 1 + _PLACES[type(effect)]
         named = [getattr(effect, name) for name in words_of(type(effect))]
@@ -152,10 +173,15 @@ def unpack(values: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
     return tuple(found)
 
 
-def base_curve(base: str, values: np.ndarray) -> Curve:
-    """The curve with the parameters of a fit."""
-    curve = BASES[base]
-    return dataclasses.replace(curve, **dict(zip(curve.free, values.tolist(), strict=False)))
+def base_curve(base: str, values: np.ndarray, span: np.ndarray) -> Law:
+    """The curve with the parameters of a fit, and with its departure."""
+    curve, count = BASES[base], len(BASES[base].free)
+    known = dataclasses.replace(curve, **dict(zip(curve.free, values.tolist(), strict=False)))
+    factors, braking = values[count : count + FINE], values[count + FINE :]
+    if not np.any(values[count:]):
+        return known
+    reach, largest = span.tolist()
+    return Bent(known, factors, reach, largest, braking if np.any(braking) else None)
 
 
 def _adhesion(
@@ -164,6 +190,7 @@ def _adhesion(
     kind: Array,
     column: Array,
     slip: Array,
+    span: Array,
     conditions: Conditions,
     columns: Array,
     peak: Array,
@@ -215,20 +242,21 @@ def _adhesion(
         return jax.lax.switch(_branches(_CAUSES)[kind[slot]], branches, adhesion)
 
     def curve(slip: Array) -> Array:
-        return _curve(base, values, slip, conditions)
+        return _curve(base, values, span, slip, conditions)
 
-    level, stretch, fall = jax.lax.fori_loop(0, used, shape, jnp.zeros((3, slip.size)))
-    bent = jax.lax.fori_loop(0, used, before, slip) * jnp.exp(stretch)
+    sums = jax.lax.fori_loop(0, used, shape, jnp.zeros((len(ACTS_ON), slip.size)))
+    level, stretch, fall, offset, shift = sums
+    bent = jax.lax.fori_loop(0, used, before, slip) * jnp.exp(stretch) + shift
     adhesion = jax.lax.cond(
         _falls(kind, column),
         lambda adhesion: fallen(curve, bent, adhesion, fall, peak),
         lambda plain: plain,
         curve(bent),
     )
-    return jax.lax.fori_loop(0, used, after, adhesion * jnp.exp(level))
+    return jax.lax.fori_loop(0, used, after, adhesion * jnp.exp(level) + offset)
 
 
-def _curve(base: Array, values: Array, slip: Array, conditions: Conditions) -> Array:
+def _curve(base: Array, values: Array, span: Array, slip: Array, conditions: Conditions) -> Array:
     """The prediction of the curve without effects."""
     branches = [
         partial(
@@ -239,7 +267,10 @@ def _curve(base: Array, values: Array, slip: Array, conditions: Conditions) -> A
         )
         for curve in BASES.values()
     ]
-    return jax.lax.switch(base, branches, slip)
+    factors = values[_CURVE_SIZE:_BASE_SIZE].reshape(2, FINE)
+    departure = functions(slip, span[0], span[1], FINE) @ factors.T
+    bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
+    return jax.lax.switch(base, branches, slip) * (1 + bend)
 
 
 def _falls(kind: Array, column: Array) -> Bool[Array, ""]:
@@ -252,7 +283,7 @@ def _peaks(model: Model, data: Data, values: Array) -> Float[Array, "runs points
     return jax.lax.cond(
         _falls(model.kind, model.column),
         lambda slip: peak_slips(
-            lambda slip: _curve(model.base, values, slip, data.conditions), slip
+            lambda slip: _curve(model.base, values, data.span, slip, data.conditions), slip
         ),
         lambda slip: jnp.full_like(slip, jnp.inf),
         data.slip,
@@ -264,21 +295,29 @@ def _predict(
 ) -> Float[Array, "runs points"]:
     def run(slip: Array, conditions: Conditions, columns: Array, peak: Array) -> Array:
         return _adhesion(
-            model.base, values, model.kind, model.column, slip, conditions, columns, peak
+            model.base,
+            values,
+            model.kind,
+            model.column,
+            slip,
+            data.span,
+            conditions,
+            columns,
+            peak,
         )
 
     return jax.vmap(run, in_axes=(0, 0, 1, 0))(data.slip, data.conditions, data.columns, peaks)
 
 
 def with_jacobian(
-    model: Model, data: Data, white: Whitening, values: Array
+    model: Model, data: Data, root: Float[Array, "runs points"], values: Array
 ) -> tuple[Array, Array, Array]:
-    """Prediction, residual, and Jacobian [free, runs, points], the last two in noise units."""
+    """Prediction, residual, and Jacobian [free, runs, points], the last two times `root`."""
     peaks = _peaks(model, data, values)
 
     def push(tangent: Array) -> tuple[Array, Array]:
         adhesion, change = jax.jvp(lambda v: _predict(model, data, v, peaks), (values,), (tangent,))
-        return adhesion, whitened(white, change)
+        return adhesion, root * change
 
     def some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
         first = turn * _TOGETHER
@@ -291,7 +330,7 @@ def with_jacobian(
     free = jnp.sum(model.free != values.size - 1)
     nothing = jnp.zeros_like(data.slip), jnp.zeros((model.free.size, *data.slip.shape))
     adhesion, jacobian = jax.lax.fori_loop(0, -(-free // _TOGETHER), some, nothing)
-    return adhesion, whitened(white, adhesion - data.adhesion), jacobian
+    return adhesion, root * (adhesion - data.adhesion), jacobian
 
 
 @kept()
@@ -305,8 +344,6 @@ def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs 
 
 
 @kept()
-def whiten(
-    white: Whitening, signals: Float[Array, "signals runs points"]
-) -> Float[Array, "signals runs points"]:
-    """Signals in units of the noise, uncorrelated."""
-    return jax.vmap(lambda signal: whitened(white, signal))(signals)
+def predicted(model: Model, data: Data) -> Float[Array, "runs points"]:
+    """The prediction of a model."""
+    return _predict(model, data, model.values, _peaks(model, data, model.values))

@@ -1,12 +1,38 @@
 """The library of the search: the effects that the data can test, and plain columns."""
 
 import dataclasses
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from adhesion_jax.discovery.model.problem import Problem, label_of
-from adhesion_jax.effects import EFFECTS, Covariate, Effect, ShapeTerm, Spline, family_of
+from adhesion_jax.effects import (
+    EFFECTS,
+    Covariate,
+    Effect,
+    Labels,
+    Memory,
+    Periodic,
+    ShapeTerm,
+    Spline,
+    family_of,
+)
 from adhesion_jax.effects.shape import ACTS_ON
+
+#: A column of no more distinct values has no spline.
+_FEW = 5
+
+#: What each kind of term may act on: a curved offset or shift is looked for where there is a line.
+_SITES: Mapping[type[ShapeTerm], Sequence[str]] = {
+    Covariate: ACTS_ON,
+    Labels: ("level", "slip"),
+    Memory: ("level", "slip"),
+}
+
+#: Share of the variance of a column within runs above which it may have a memory. By hand.
+_MOVING = 0.05
 
 
 class Entry(NamedTuple):
@@ -17,20 +43,59 @@ class Entry(NamedTuple):
     covariates: tuple[str, ...]
     generic: bool  # a plain column, without a physical cause
     family: str
-    acts_on: str = "level"  # the part of the curve: its level, its slip scale ("slip"), its "fall"
+    acts_on: str = "level"  # one of ACTS_ON
 
 
 def library_of(problem: Problem) -> tuple[Entry, ...]:
-    """Every effect that the data can test, then every column by a line and by a spline."""
+    """Every effect that the data can test, then every column in every form."""
     entries = [
         entry_of(name, effect.starts(problem.flat), problem)
         for name, effect in EFFECTS.items()
         if effect.SCREENED and not why_untested(name, problem)
     ]
-    for kind in (Covariate, Spline):
-        for column in problem.columns:
-            entries += column_entries(kind, column, problem)
+    for column in problem.columns:
+        entries += forms_of_column(column, problem)
     return tuple(entry for entry in entries if entry.starts)
+
+
+def forms_of_column(column: str, problem: Problem) -> list[Entry]:
+    """A line, a spline, labels, a direction, a memory: what the values of the column allow."""
+    label = label_of(column, problem.measured)
+    if label in problem.named:
+        return column_entries(Labels, column, problem)
+    entries = column_entries(Covariate, column, problem)
+    if np.unique(problem.flat[column][: 100 * _FEW]).size > _FEW:
+        entries += column_entries(Spline, column, problem)
+    entries += column_entries(Labels, column, problem)
+    turn = _turn(label)
+    if turn:
+        start = Periodic(0.01, 0.01, 1 / turn, column=column)
+        entries.append(entry_of(f"covariate:{label}", [start], problem))
+    if problem.in_time and not constant_within_runs(column, problem):
+        entries += [
+            entry
+            for entry in column_entries(Memory, column, problem)
+            if entry.acts_on in ("level", "slip")
+        ]
+    return [entry for entry in entries if entry.starts]
+
+
+def _turn(label: str) -> float:
+    """The values after which a column of directions or times of day begins anew; 0: none."""
+    words = set(re.split(r"[^a-z]+", label.lower()))
+    if words & {"hour", "uhrzeit", "stunde"}:
+        return 24.0
+    return 360.0 if words & {"dir", "direction", "heading", "azimuth", "richtung"} else 0.0
+
+
+def constant_within_runs(column: str, problem: Problem) -> bool:
+    """Whether hardly any of the variance of the column is within runs."""
+    values = np.asarray(problem.data.columns[problem.columns.index(column)])
+    inside = problem.points > 0
+    count = np.maximum(inside.sum(axis=1), 1)
+    mean = (values * inside).sum(axis=1) / count
+    within = (((values - mean[:, None]) ** 2) * inside).sum()
+    return bool(within <= _MOVING * np.var(problem.flat[column]) * inside.sum())
 
 
 def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list[Entry]:
@@ -39,7 +104,7 @@ def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list
     starts = kind.starts({column: problem.flat[column]})
     return [
         entry_of(name, [dataclasses.replace(start, acts_on=acts_on) for start in starts], problem)
-        for acts_on in ACTS_ON
+        for acts_on in _SITES.get(kind, ACTS_ON[:3])
         # A function of the slip bends the curve whatever part of the curve it acts on.
         if acts_on == "level" or column != "slip_velocity_mps"
     ]

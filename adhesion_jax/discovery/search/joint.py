@@ -24,7 +24,11 @@ def surfaces(
     are nearly proportional. There is an entry for each part of the curve that the surface may act
     on: with the slip velocity, only the level.
     """
-    places = {label_of(name, problem.measured): name for name in problem.columns}
+    places = {
+        label_of(name, problem.measured): name
+        for name in problem.columns
+        if name not in problem.named
+    }
     chosen = [places[label] for label in dict.fromkeys(columns) if label in places]
     others = [places[label] for label in dict.fromkeys(beside) if label in places] or chosen
     entries = []

@@ -1,22 +1,18 @@
 """Probes: what an effect that is not in a model would change in its prediction."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.interpolate import CubicSpline
 
-from adhesion_jax.curves import BASES, Scalar
-from adhesion_jax.discovery.model.fitting import (
-    Fitted,
-    Setting,
-    in_noise_units,
-    raw_changes,
-    size_of,
-)
+from adhesion_jax.curves import Scalar
+from adhesion_jax.discovery.model.fitting import Fitted, raw_changes
 from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import PROBES, changes, pack, words_of
+from adhesion_jax.discovery.model.program import APART, words_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import Covariate, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON
@@ -25,48 +21,117 @@ from adhesion_jax.programs import kept
 #: Size of the constant by which the derivative with respect to a `ShapeTerm` is taken.
 _NUDGE = 1e-4
 
+#: Knots of the functions of the slip that are given in a test, and points for each of them.
+_KNOTS, _POINTS_A_KNOT = 16, 20
 
-def directions_of(
-    fitted: Fitted, probes: Sequence[Effect]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Component of each probe orthogonal to the model's Jacobian, and the residual treated alike.
+#: Directions shorter than this, beside those before them, are none of their own.
+_OWN = 1e-6
+
+
+class Null(NamedTuple):
+    """What a test takes as given: a model, and whatever further probes might explain."""
+
+    fitted: Fitted
+    inside: np.ndarray  # [runs, points]
+    basis: np.ndarray  # [points, directions]: orthonormal
+    residual: np.ndarray  # [points]: data less prediction, in units of the noise, without them
+    changed: Mapping[str, np.ndarray]  # [runs, points]: per constant in the place of a ShapeTerm
+
+
+def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False) -> Null:
+    """The model, its Jacobian and the probes `beside` projected out of what is tested.
+
+    If the curve is to be `shared`, what only braking adds to its departure is not given: beside it
+    no difference of traction and braking could be told.
+    """
+    root = fitted.setting.root
+    inside = root > 0
+    constants = [Covariate(_NUDGE, 0.0, 1.0, column="", acts_on=acts_on) for acts_on in ACTS_ON]
+    changed = dict(zip(ACTS_ON, raw_changes(fitted, constants) / _NUDGE, strict=True))
+    plain = Null(fitted, inside, np.zeros((int(inside.sum()), 0)), np.zeros(0), changed)
+    whole = np.concatenate(
+        [
+            fitted.jacobian[:, inside].T[:, [place not in APART for place in fitted.places]]
+            if shared
+            else fitted.jacobian[:, inside].T,
+            _of_slip(fitted, inside, shared),
+            # A constant in the place of a term is another curve, and no effect of a column.
+            np.stack([(root * change)[inside] for change in changed.values()], axis=1),
+            signals(plain, beside),
+        ],
+        axis=1,
+    )
+    size = np.linalg.norm(whole, axis=0)
+    whole = whole[:, size > 0] / size[size > 0]
+    left, values, _ = np.linalg.svd(whole, full_matrices=False)
+    basis = left[:, values > _OWN * values[0]]
+    residual = -fitted.residual[inside]
+    return plain._replace(basis=basis, residual=residual - basis @ (basis.T @ residual))
+
+
+def _of_slip(fitted: Fitted, inside: np.ndarray, shared: bool) -> np.ndarray:
+    """What any function of the slip would change, in units of the noise, [points, functions].
+
+    Natural cubic splines of the rank of the slip, times the prediction, for traction and braking
+    apart: finer than the departure of the curve, so that no column is named for a bend of it.
+    """
+    slip = np.asarray(fitted.setting.problem.data.slip)[inside]
+    level = (fitted.setting.root * fitted.adhesion)[inside]
+    found = []
+    for branch in [np.ones(slip.size, bool)] if shared else (slip >= 0, slip < 0):
+        count = int(branch.sum())
+        knots = min(_KNOTS, count // _POINTS_A_KNOT)
+        if knots < 3:
+            continue
+        place = np.zeros(slip.size)
+        place[branch] = np.argsort(np.argsort(np.abs(slip[branch]), kind="stable")) / count
+        whole = CubicSpline(np.linspace(0.0, 1.0, knots), np.eye(knots), bc_type="natural")(place)
+        found.append(whole * (branch * level)[:, None])
+    return np.concatenate([np.zeros((slip.size, 0)), *found], axis=1)
+
+
+def directions_of(null: Null, probes: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
+    """Component of each probe orthogonal to what is given.
 
     Returns a mask of the probes that can be tested [probes]; the components [points, probes], each
-    of length one, zero for the others; and the residual, data less prediction [points]. Points are
-    those with weight, signals in units of the noise.
+    of length one, zero for the others, in units of the noise.
     """
-    used = np.asarray(fitted.setting.noise.weight).ravel() > 0
-    signals = in_noise_units(fitted.setting, _added(fitted, probes))
-    flat = signals.reshape(len(probes), -1)[:, used].T
-    jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)[:, used].T
-    basis, upper = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
-    basis = basis[:, np.abs(np.diag(upper)) > 1e-9]
+    flat = signals(null, probes)
     before = np.linalg.norm(flat, axis=0)
-    flat = flat - basis @ (basis.T @ flat)
+    flat = flat - null.basis @ (null.basis.T @ flat)
     left = np.linalg.norm(flat, axis=0)
     testable = (left > rules.LEAST_SHARE_LEFT * before) & (before > 0) & np.isfinite(left)
-    flat = np.where(testable, flat / np.where(testable, left, 1.0), 0.0)
-    residual = -fitted.residual.ravel()[used]
-    return testable, flat, residual - basis @ (basis.T @ residual)
+    return testable, np.where(testable, flat / np.where(testable, left, 1.0), 0.0)
 
 
-def _added(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
-    """The change of the prediction by each probe, [probes, runs, points].
+def split(starts: Sequence[Effect]) -> tuple[list[Effect], np.ndarray]:
+    """A probe for each strength that is not zero, the others at zero, and the start of each."""
+    probes, owner = [], []
+    for place, start in enumerate(starts):
+        for strength in start.STRENGTHS:
+            if float(getattr(start, strength)) != 0 or len(start.STRENGTHS) == 1:
+                others = {name: 0.0 for name in start.STRENGTHS if name != strength}
+                probes.append(dataclasses.replace(start, **others))
+                owner.append(place)
+    return probes, np.array(owner, int)
+
+
+def signals(null: Null, probes: Sequence[Effect]) -> np.ndarray:
+    """The change of the prediction by each probe, in units of the noise, [points, probes].
 
     For a `ShapeTerm` it is its function of the columns times the derivative of the prediction with
     respect to a constant in its place: exact to first order if no effect has a memory.
     """
-    found = np.empty((len(probes), *fitted.adhesion.shape))
+    root = null.fitted.setting.root
+    found = np.empty((int(null.inside.sum()), len(probes)))
     others = [place for place, probe in enumerate(probes) if not isinstance(probe, ShapeTerm)]
     if others:
-        found[others] = raw_changes(fitted, [probes[place] for place in others])
-    if len(others) == len(probes):
-        return found
-    constants = [Covariate(_NUDGE, 0.0, 1.0, column="", acts_on=acts_on) for acts_on in ACTS_ON]
-    changed = dict(zip(ACTS_ON, raw_changes(fitted, constants) / _NUDGE, strict=True))
+        changes = raw_changes(null.fitted, [probes[place] for place in others])
+        found[:, others] = (root * changes)[:, null.inside].T
     for place, probe in enumerate(probes):
         if isinstance(probe, ShapeTerm):
-            found[place] = changed[probe.acts_on] * _term(fitted.setting.problem, probe)
+            term = _term(null.fitted.setting.problem, probe)
+            found[:, place] = (root * null.changed[probe.acts_on] * term)[null.inside]
     return found
 
 
@@ -81,7 +146,8 @@ def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
     key = (kind, *names, *numbers.values())
     if key not in problem.terms:
         columns = [problem.data.columns[problem.columns.index(name)] for name in names]
-        problem.terms[key] = np.asarray(_log_factor(kind, numbers, columns))
+        time = problem.data.conditions["time_s"]
+        problem.terms[key] = np.asarray(_log_factor(kind, numbers, columns, time))
     return problem.terms[key]
 
 
@@ -90,16 +156,14 @@ def _log_factor(
     kind: type[ShapeTerm],
     numbers: Mapping[str, Scalar],
     columns: Sequence[Float[Any, "runs points"]],
+    time: Float[Any, "runs points"],
 ) -> Float[Array, "runs points"]:
     """The function of columns of a term of that kind; compiled once for all names of columns."""
     places = [str(place) for place in range(len(columns))]
     named: Mapping[str, Any] = {**numbers, **dict(zip(words_of(kind), places, strict=True))}
-    return kind(**named).log_factor(dict(zip(places, columns, strict=True)))
 
+    def of_run(columns: Sequence[Array], time: Array) -> Array:
+        conditions = {**dict(zip(places, columns, strict=True)), "time_s": time}
+        return kind(**named).log_factor(conditions)
 
-def compile_changes(setting: Setting, base: str) -> None:
-    """Compiles the program that `screen` needs, for data of this shape."""
-    adhesion = np.asarray(setting.problem.data.adhesion)
-    model = pack(base, [1.0] * len(BASES[base].free), (), (), *size_of(base, ()))
-    models = jax.tree.map(lambda leaf: np.stack([leaf] * PROBES), model)
-    jax.block_until_ready(changes(models, setting.problem.data, adhesion))
+    return jax.vmap(of_run)(columns, time)

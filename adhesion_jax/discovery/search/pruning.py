@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from adhesion_jax.discovery.model.fitting import Fitted, likeliest, loss_without
+from adhesion_jax.discovery.model.fitting import loss_without
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import entry_of
@@ -13,9 +13,8 @@ from adhesion_jax.discovery.search.state import (
     all_but,
     parts_of,
     refitted,
-    refreshed,
+    settled,
     slots_of,
-    without,
 )
 from adhesion_jax.discovery.search.trials import is_worth
 from adhesion_jax.effects import EFFECTS, kind_of
@@ -35,27 +34,10 @@ def pruned(state: Selection) -> Selection:
             less = refitted(state, parts_of(rest))
             if is_worth(less, state.fitted):
                 continue
-            smaller = without(state, rest)
-            whole = _refitted_from(smaller.fitted, state)
-            state = smaller if whole is None else whole
+            state = settled(state, rest)
             break
         else:
             return state
-
-
-def _refitted_from(less: Fitted, state: Selection) -> Selection | None:
-    """The whole model refitted from a part of it, if that part alone fits better than the whole.
-
-    None if it does not, or if the whole model fits no better than the part.
-    """
-    if less.total >= state.fitted.total:
-        return None
-    values, effects = less.base_values.tolist(), parts_of(state.accepted)
-    again = likeliest(less.setting, less.base, values, effects)
-    if again.total >= less.total:
-        return None
-    accepted = refreshed(state.accepted, again.effects)
-    return state._replace(fits={**state.fits, less.base: again}, base=less.base, accepted=accepted)
 
 
 def _smaller(state: Selection) -> Iterator[tuple[list[Place], tuple[Accepted, ...]]]:

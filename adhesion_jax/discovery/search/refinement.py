@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from adhesion_jax.discovery.model.prediction import gain, least_gain
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import Entry, column_entries, entry_of
+from adhesion_jax.discovery.search.catalogue import (
+    Entry,
+    column_entries,
+    entry_of,
+    forms_of_column,
+)
+from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.state import (
     Accepted,
@@ -18,11 +24,9 @@ from adhesion_jax.discovery.search.state import (
 )
 from adhesion_jax.discovery.search.trials import Trial, tried
 from adhesion_jax.effects import (
-    Covariate,
     Effect,
     Interaction,
     Periodic,
-    Spline,
     Threshold,
     kind_of,
 )
@@ -52,15 +56,9 @@ def refined(state: Selection, seed: int) -> Selection:
             fitted, slot = chosen.fitted, _new_slot(chosen)
             part = (number, len(state.accepted[number].parts))
             slots = [*slots[:slot], part, *slots[slot:]]
-            state = state._replace(
-                fits={**state.fits, state.base: fitted},
-                accepted=with_parts(state.accepted, slots, fitted.effects),
-            )
-    if len(slots) == parts:
-        return state
-    # The other base curves are refitted only now, with the final form.
-    whole = settled(state.fits, state.accepted, state.ranking)
-    return whole._replace(thresholds=state.thresholds)
+            accepted = with_parts(state.accepted, slots, fitted.effects)
+            state = state._replace(fitted=fitted, accepted=accepted)
+    return state if len(slots) == parts else settled(state, state.accepted)
 
 
 def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
@@ -69,7 +67,9 @@ def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
     if not entries:
         return None
     scores = [
-        score for score in screen(state.fitted, entries, seed) if score.p <= rules.SIGNIFICANT
+        score
+        for score in screen([(null_of(state.fitted), entries)], seed)
+        if score.p <= rules.SIGNIFICANT
     ]
     trials = tried(state.fitted, scores[: rules.TRIED_PARTS])
     if not trials:
@@ -103,11 +103,12 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
     of_slip_velocity = effect.family == FallingFriction.FAMILY
     if of_slip_velocity:
         columns = [column for column in problem.columns if column == "slip_velocity_mps"]
-    entries = [
+    entries = [entry for column in columns for entry in forms_of_column(column, problem)]
+    entries += [
         entry
-        for kind in (Covariate, Spline, Threshold)
         for column in columns
-        for entry in column_entries(kind, column, problem)
+        if column not in problem.named
+        for entry in column_entries(Threshold, column, problem)
     ]
     if len(columns) == 2:
         flat = {name: problem.flat[name] for name in columns}

@@ -1,8 +1,7 @@
 """The numbers that decide what the search tries, accepts, doubts and reports, with their evidence.
 
 Constants of a numerical method (bins, folds, sign flips, buffer sizes) stand beside their
-algorithm; those that decide about the noise stand in `model`, which imports nothing of the search:
-`fitting.MOST_SQUARES_REFITTED`, `slip._NOTICEABLE` and `slip._SIGNIFICANT`.
+algorithm.
 
 Each comment ends with the evidence, which is one of three kinds. "Convention": a usual choice of
 statistics. "Measured": on simulated sets. "By hand": chosen while the search was built, and never
@@ -17,37 +16,16 @@ scatter is the standard deviation of the levels of the runs, relative to the adh
 
 # --- How much is searched ---------------------------------------------------------------------
 
-#: Share of the runs on which no effect is selected; each effect must raise their likelihood as
-#: well. Convention.
-SHARE_HELD_OUT = 0.25
-
-#: Largest number of searches. After the first one, each repeats the one before without the effects
-#: that the held-out runs rejected. By hand, to limit the time.
-MOST_SEARCHES = 3
-
 #: Largest number of effects that one search accepts, one after the other. By hand, to limit the
 #: time.
 MOST_ROUNDS = 6
 
-#: If the run scatter that a search leaves exceeds this, the search is repeated with every point
-#: weighted alike. By hand.
-WIDE_RUN_SCATTER = 0.1
-
-#: The repeated search replaces the first one if its sum of squared errors of the held-out runs is
-#: below this share of the first one's. By hand.
-CLEARLY_FEWER_SQUARES = 0.8
-
-#: If the autocorrelation of the noise reaches this, the residual of the base curve is screened a
-#: second time as if its noise were white. By hand.
-COLOURED_AUTOCORRELATION = 0.15
-
-#: If the run scatter of the noise reaches this, the residual of the base curve is screened a second
-#: time as if its noise were white. By hand.
-COLOURED_RUN_SCATTER = 0.025
-
 #: A probe is not tested if less than this share of its norm remains after projecting out the
 #: model's Jacobian. By hand, from a prototype of the search.
 LEAST_SHARE_LEFT = 0.03
+
+#: Fewest runs for each column that is constant within runs, if these are tested together. By hand.
+RUNS_A_COLUMN = 4.0
 
 #: Two columns form no pair if the size of their correlation exceeds this. By hand.
 SAME_COLUMN_CORRELATION = 0.98
@@ -64,11 +42,6 @@ TRIED_COLUMNS = 5
 #: hand.
 SHORTLISTED_TIMES = 10
 
-#: A refitted candidate gets a noise of its own if its gain in likelihood exceeds this share of the
-#: largest one. By hand: with a noise of its own the gain of a cause that acts from run to run may
-#: treble, but seldom grows tenfold.
-CONTENDING_SHARE = 0.1
-
 #: Number of columns that are combined in pairs, those of largest score. By hand: pairs are many.
 PAIRED_COLUMNS = 12
 
@@ -81,10 +54,6 @@ TRIED_PAIRS = 3
 #: A part of the model is kept without a trial if leaving it out would raise half the deviance by
 #: more than this, to second order. By hand: such a rise is far from any limit of acceptance.
 PLAINLY_NEEDED = 50.0
-
-#: A base curve is not fitted to all runs if its BIC with the effects exceeds the smallest one by
-#: more than this. By hand: a third more runs do not reverse such a difference.
-HOPELESS_BIC = 100.0
 
 #: A column is named as one that varies within blocks of rows if this share of its variance does. By
 #: hand.
@@ -99,10 +68,6 @@ SIGNIFICANT = 0.01
 #: The same limit for waves and for pairs of columns, which are many. Measured with a prototype of
 #: the search: of 32 simulated sets 10 had a wrong extra effect with .001 and 15 with .01.
 SCAN_SIGNIFICANT = 0.001
-
-#: Factor on the p of effects that are fitted outright, beside the score tests: they add at most
-#: the reciprocal of it to the false claims. By hand.
-OUTRIGHT_TIMES = 500
 
 #: A physical cause is accepted only if its gain exceeds zero by more than this number of standard
 #: errors. Convention: one-sided 90 %.
@@ -124,19 +89,6 @@ LEAST_GAIN = 8.0
 #: Length of a stretch of a log of one run, in neighbouring blocks. An effect is accepted only if
 #: its gain remains sure without the stretch in which it gains most. By hand.
 STRETCH_BLOCKS = 3
-
-#: On a curve that does not fall with speed an effect is accepted, although none was on the chosen
-#: curve, if it exceeds the log likelihood of that one by more than this. Convention: two units of
-#: support, Edwards 1972.
-LEAST_GAIN_OF_PLAINER = 2.0
-
-#: An effect is dropped if it raises the likelihood of the held-out runs in less than this share of
-#: their bootstrap samples. Convention: more often than not.
-LEAST_SHARE_RAISED = 0.5
-
-#: All effects are dropped if with them the sum of squared errors exceeds that of the best curve
-#: alone by more than this factor. By hand.
-MOST_SQUARES_TIMES = 1.01
 
 # --- Which candidate is named -----------------------------------------------------------------
 
@@ -173,10 +125,6 @@ UNDECIDED_GAIN = 2.0
 #: A candidate is in the class only if the cosine between its change of the prediction and that of
 #: the chosen one exceeds this. By hand: causes of different parts of the residual may gain as much.
 CLASS_COSINE = 0.5
-
-#: A pair of columns is replaced by two effects of a column each if these reach this share of its
-#: gain. By hand.
-SEPARATE_SHARE = 0.75
 
 #: A further effect refines the form of an earlier one of its family if it gains less than this
 #: share of what that one gained. By hand.
@@ -228,6 +176,9 @@ HALF_FREQUENCY_COHERENCE = 10.0
 #: Fewest waves in a run of a line in time. By hand: slower ones belong to the excitation.
 WAVES_OF_A_LINE = 6
 
+#: A wheelset twists faster than this, Hz. By hand: its modes lie at 30 to 70 Hz.
+SLOWEST_TORSION = 5.0
+
 #: Fewest complete runs in which a line in time is searched. By hand.
 FEWEST_RUNS_OF_A_LINE = 4
 
@@ -237,25 +188,9 @@ EVEN_STEPS = 0.01
 
 # --- Doubts -----------------------------------------------------------------------------------
 
-#: An effect of slip alone becomes a doubt if its log likelihood ratio is below this with any base
-#: curve. Convention: half a chi-square of one degree of freedom, p = 6e-5.
-GAIN_ON_EVERY_CURVE = 8.0
-
-#: If the chosen curve falls with slip velocity by itself, falling friction is a doubt if on another
-#: curve it gains this share of what the chosen curve gains. By hand.
-SHARE_OF_FALLING_CURVE = 0.75
-
 #: If a candidate of a log was not accepted although its gain exceeds this number of standard
 #: errors, the doubt says that it rests on one stretch of the log. Convention: one-sided 95 %.
 SURE_BUT_FOR_A_STRETCH = 1.645
-
-#: The levels of the runs are not compared with the columns if the run scatter is below this. By
-#: hand.
-NOTICEABLE_RUN_SCATTER = 0.005
-
-#: The levels of the runs are not compared with the columns if there are fewer runs. By hand: a
-#: polynomial of the third degree would follow them.
-FEWEST_RUNS_OF_LEVELS = 10
 
 #: Boosted trees are not asked if there are fewer runs. By hand: two in each of four folds.
 FEWEST_RUNS_OF_OPINION = 8
@@ -294,6 +229,10 @@ MUCH_OUTSIDE = 0.2
 #: The verdict says that the error on test data is larger than on training runs left out if even the
 #: lower end of its interval exceeds that by this factor. By hand.
 UNLIKE_TRAINING = 2.0
+
+#: The departure of the curve from its formula is reported above this share of the largest adhesion.
+#: By hand.
+REPORTED_DEPARTURE = 0.01
 
 #: The autocorrelation of the noise is reported above this. By hand.
 REPORTED_AUTOCORRELATION = 0.05

@@ -8,10 +8,10 @@ import scipy
 from scipy.ndimage import median_filter
 
 from adhesion_jax.discovery.model.fitting import Fitted
-from adhesion_jax.discovery.model.noise import chain
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
+from adhesion_jax.discovery.search.probes import Null
 from adhesion_jax.effects import EFFECTS, Effect, Periodic, family_of
 from adhesion_jax.effects.wave import Wave
 
@@ -34,6 +34,9 @@ _AROUND = 50
 #: Number of frequencies on either side whose median power a line in time is relative to.
 _NEIGHBOURS = 12
 
+#: Fewest frequencies on either side of a line in time.
+_FEWEST_BESIDE = 4
+
 
 class Line(NamedTuple):
     """A wave along a column, as a candidate of the search."""
@@ -42,7 +45,7 @@ class Line(NamedTuple):
     p: float  # adjusted for all lengths
 
 
-def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Line]:
+def waves(null: Null, taken: Sequence[str], seed: int) -> list[Line]:
     """The strongest coherent wave along each axis, if it is significant; none of those `taken`.
 
     The score of a run at a frequency f is the sum over its points of residual times adhesion times
@@ -50,15 +53,13 @@ def waves(fitted: Fitted, taken: Sequence[str], seed: int) -> list[Line]:
     scores|^2 over the median, at the frequencies around, of the sum of their squares. p is adjusted
     for all frequencies by sign flips of the runs.
     """
-    setting = fitted.setting
-    problem = setting.problem
+    problem = null.fitted.setting.problem
     axes = {name: effect for name, effect in _AXES.items() if name in problem.varying}
-    axes |= {
-        name: "periodic"
-        for name in problem.columns
-        if name not in axes and name in problem.measured and _many_values(problem.flat[name])
-    }
-    pull = _adjoint(fitted)
+    # The weighted residual, beside all that is given, times the adhesion that a wave multiplies.
+    pull = np.zeros(null.inside.shape)
+    pull[null.inside] = (
+        null.residual * (null.fitted.setting.root * null.fitted.adhesion)[null.inside]
+    )
     found = []
     for place, (axis, effect) in enumerate(axes.items()):
         name = effect if effect != "periodic" else f"periodic:{axis}"
@@ -86,25 +87,14 @@ def _many_values(values: np.ndarray) -> bool:
     return np.unique(values).size > rules.CONTINUOUS_SHARE * values.size
 
 
-def _adjoint(fitted: Fitted) -> np.ndarray:
-    """Minus the derivative of the loss by a relative change of each prediction, [runs, points]."""
-    noise = fitted.setting.noise
-    weight = np.asarray(noise.weight)
-    carry, spread = chain(noise)
-    fresh = -fitted.residual / spread
-    back = fresh.copy()
-    back[:, :-1] -= carry[:, 1:] * fresh[:, 1:]
-    return back * (weight > 0) * fitted.adhesion
-
-
 def _coherent(
     problem: Problem, axis: str, pull: np.ndarray, harmonics: bool, seed: Sequence[int]
 ) -> tuple[float, float]:
     """The frequency of the largest coherence, in waves a unit of the column, and its p.
 
-    `pull` [runs, points] is what `_adjoint` returns. Under slow noise the second harmonic of a wave
-    may be the most coherent: with `harmonics`, half the frequency is returned if it is coherent
-    as well.
+    `pull` [runs, points] is the residual times the adhesion, weighted. Under slow noise the second
+    harmonic of a wave may be the most coherent: with `harmonics`, half the frequency is returned if
+    it is coherent as well.
     """
     values = np.asarray(problem.data.conditions.get(axis, np.zeros(0)))
     if not values.size or axis in problem.columns:
@@ -137,7 +127,8 @@ def _coherent(
     for some in np.array_split(signs, 40):
         real, imaginary = some @ normal.real, some @ normal.imag
         largest = (real**2 + imaginary**2).max(axis=1)
-        exceeded += int(np.sum(largest >= observed[best]))
+        # Signs that are all alike give the data again, up to rounding.
+        exceeded += int(np.sum(largest * (1 + 1e-4) >= observed[best]))
     p = (1 + exceeded) / (1 + _FLIPS)
     half = int(np.argmin(np.abs(frequencies - frequencies[best] / 2)))
     beside = slice(max(half - 1, 0), half + 2)
@@ -158,31 +149,33 @@ class Torsion(NamedTuple):
 def torsion(fitted: Fitted) -> Torsion | None:
     """The strongest line in the mean spectrum of the runs over time, if it is significant.
 
-    Under white noise the power of each run at a frequency is exponential; the level is the median
-    of the neighbouring frequencies, since whitened noise is white only approximately.
+    The power of each run at a frequency is exponential; the level is that of the neighbouring
+    frequencies on both sides. A wheelset twists faster than `rules.SLOWEST_TORSION`, and its line
+    must lie well below half the frequency of the samples.
     """
-    setting = fitted.setting
-    problem = setting.problem
+    problem = fitted.setting.problem
     if not problem.in_time or problem.blocks:
         return None
-    weight = np.asarray(setting.noise.weight)
-    whole = (weight > 0).all(axis=1)
-    step = np.diff(np.asarray(problem.data.conditions["time_s"])[whole], axis=1)
+    length = (problem.points > 0).sum(axis=1)
+    points = int(length.max())
+    whole = length == points
+    step = np.diff(np.asarray(problem.data.conditions["time_s"])[whole, :points], axis=1)
     if whole.sum() < rules.FEWEST_RUNS_OF_A_LINE or step.size == 0:
         return None
     if np.ptp(step) > rules.EVEN_STEPS * np.median(step):
         return None
-    points = weight.shape[1]
-    power = (np.abs(np.fft.rfft(fitted.residual[whole], axis=1)) ** 2).sum(0)
-    power = power[rules.WAVES_OF_A_LINE : -1]
-    level = np.array(
-        [
-            np.median(
-                np.delete(power[max(k - _NEIGHBOURS, 0) : k + _NEIGHBOURS + 1], min(k, _NEIGHBOURS))
-            )
-            for k in range(power.size)
-        ]
-    )
+    rate = 1 / float(np.median(step))
+    power = (np.abs(np.fft.rfft(fitted.error[whole, :points], axis=1)) ** 2).sum(0)
+    first = max(rules.WAVES_OF_A_LINE, int(np.ceil(rules.SLOWEST_TORSION * points / rate)))
+    power = power[first:-1]
+    places = np.arange(_FEWEST_BESIDE, power.size - _FEWEST_BESIDE)
+    if places.size == 0:
+        return None
+    below = [np.median(power[max(k - _NEIGHBOURS, 0) : k]) for k in places]
+    above = [np.median(power[k + 1 : k + 1 + _NEIGHBOURS]) for k in places]
+    # Of both sides the geometric mean: the spectrum of slow noise falls.
+    level = np.sqrt(np.array(below) * np.array(above))
+    power, first = power[places], first + _FEWEST_BESIDE
     runs = int(whole.sum())
     ratio = power / level
     best = int(np.argmax(ratio))
@@ -190,10 +183,5 @@ def torsion(fitted: Fitted) -> Torsion | None:
     p = float(power.size * scipy.stats.gamma.sf(ratio[best] * (runs - 1 / 3), runs))
     if p > rules.SCAN_SIGNIFICANT:
         return None
-    number = best + rules.WAVES_OF_A_LINE
-    frequency = number / points / float(np.median(step))
-    r = float(setting.noise.autocorrelation)
-    gain = abs(1 - r * np.exp(-2j * np.pi * number / points)) / np.sqrt(1 - r**2)
     excess = max(power[best] - level[best], 0.0) / runs
-    amplitude = 2 * np.sqrt(excess) / points * float(setting.noise.sigma) / gain
-    return Torsion(frequency, float(amplitude), min(p, 1.0))
+    return Torsion((best + first) * rate / points, 2 * float(np.sqrt(excess)) / points, min(p, 1.0))

@@ -1,381 +1,223 @@
-"""Score tests: how much of the residual of a model each entry of the library would explain."""
+"""Score tests: whether any entry of the library explains what a model leaves."""
 
-import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy
-from scipy.special import gammaln
+from scipy.special import fdtrc, ndtri
 
-from adhesion_jax.discovery.model.bases import middle_start_under, starts_under
-from adhesion_jax.discovery.model.fitting import (
-    Fitted,
-    Setting,
-    has_room,
-    in_noise_units,
-    with_own_noise,
-)
+from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
-from adhesion_jax.discovery.search.probes import directions_of
-from adhesion_jax.effects import EFFECTS, Effect
+from adhesion_jax.discovery.search.probes import Null, directions_of, split
+from adhesion_jax.effects import Effect, Spline
 
 #: Number of random sign flips of the runs that the null distribution is drawn from.
-_FLIPS = 1999
+FLIPS = 1999
 
-#: Number of top entries projected out of the residual before the null distribution is drawn.
-_PROJECTED = 5
+#: Directions of an entry whose own part is shorter than this are left out.
+_OWN = 0.05
+
+#: Number of the smoothest directions of a spline that are also tested alone.
+_SMOOTHEST = 2
+
+#: Fewest runs, as many of equal share, that must carry what is told of the directions of an entry
+#: in the mean, and of each. By hand.
+_FEWEST_RUNS, _FEWEST_RUNS_ALONE = 4.0, 2.0
+
+#: The tail by which deviates are scaled, and the least deviate that it is taken to have.
+_TAIL, _LEAST_TAIL = 0.005, 1.0
+
+#: What an entry would gain is worked out if its own p is at most this.
+_SURE = 0.02
+
+#: Amounts of shrinking that are tried.
+_RIDGES = (0.02, 0.2, 1.0)
+
+#: Deviates that differ by less are the same.
+_ROUNDING = 1e-6
 
 #: Largest number of probes that are held at a time.
-_TOGETHER = 600
+_TOGETHER = 800
+
+#: Values of the statistic between which its deviates are interpolated.
+_GRID = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 240)])
 
 #: A form of an entry: the name of the entry, the kind of effect, the part of the curve it acts on.
 Form = tuple[str, type, str]
 
 
 class Score(NamedTuple):
-    """How much of a residual one form of an entry would explain, before any refit."""
+    """How surely one form of an entry explains a part of a residual, before any refit."""
 
     entry: Entry
     start: Effect
-    z: float  # of its chi-square, as a standard normal deviate
+    z: float  # of its statistic, as a standard normal deviate
     p: float  # adjusted for the whole library by sign flips of runs
+    own_p: float  # by the same flips, of this form alone
     needed: float  # the z whose adjusted p is that of acceptance
-    elsewhere: Fitted | None = None  # the model whose residual it is, if not the one asked about
+    gains: np.ndarray  # [runs]: what it would gain on each run, fitted to the others; 0 if not sure
+    change: np.ndarray  # [points]: what it would change, in units of the noise; () if not sure
 
     @property
     def form(self) -> Form:
         return self.entry.name, type(self.start), self.entry.acts_on
 
 
-def first_scores(
-    fits: Mapping[str, Fitted], base: str, entries: Sequence[Entry], seed: int
-) -> Sequence[Score]:
-    """The best score of each form of an entry, for the base curve without effects, best first.
-
-    If the noise is nearly white these are the scores of `screen`. Otherwise the missing effect may
-    itself be what correlates neighbouring points or sets runs apart, and the curve, fitted under
-    such a noise, hides it: an effect that delays adhesion leaves a curve without a rise, and free
-    levels of the runs absorb an effect that acts on whole runs. Therefore the residual is screened
-    a second time as if its noise were white; for two screenings each p is doubled. Effects that may
-    be slow are also fitted outright, on every curve, because a little of such an effect does not
-    show what all of it does; their p is so strict that they add next to nothing to false claims.
-    """
-    fitted = fits[base]
-    scores = screen(fitted, entries, seed)
-    noise = fitted.setting.noise
-    if (
-        float(noise.autocorrelation) < rules.COLOURED_AUTOCORRELATION
-        and float(noise.run_scatter) < rules.COLOURED_RUN_SCATTER
-    ):
-        return scores
-    best: dict[Form, Score] = {}
-    rank: dict[Form, int] = {}
-    white = _as_if_white(fitted)
-    as_if_white = [score._replace(elsewhere=white) for score in screen(white, entries, seed)]
-    for some in (scores, as_if_white, _outright(fits, fitted, white, entries)):
-        for place, score in enumerate(some):
-            form = score.form
-            rank[form] = min(place, rank.get(form, place))
-            if form not in best or score.z > best[form].z:
-                best[form] = score
-    # Sorted by the rank within a screening: the z of different screenings cannot be compared.
-    return [
-        best[form]._replace(p=min(2 * best[form].p, 1.0))
-        for form in sorted(best, key=lambda form: (rank[form], -best[form].z))
-    ]
+class _Tested(NamedTuple):
+    starts: list[tuple[Entry, Effect]]
+    z: np.ndarray  # [starts]
+    own: np.ndarray  # [starts]: the share of flips in which its own z reaches that of the data
+    largest: np.ndarray  # [flips]: the largest z of any start
+    gains: list[np.ndarray]  # [starts]
+    changes: list[np.ndarray]  # [starts]
 
 
-def _as_if_white(fitted: Fitted) -> Fitted:
-    """The base curve refitted without autocorrelation, and without a run scatter that is large."""
-    setting = fitted.setting
-    noise = setting.noise._replace(autocorrelation=np.array(0.0))
-    if float(noise.run_scatter) >= rules.COLOURED_RUN_SCATTER:
-        noise = noise._replace(run_scatter=np.array(0.0))
-    white = Setting(setting.problem, noise, setting.level)
-    return min(starts_under(white, [fitted.base]), key=lambda start: start.total)
-
-
-def _outright(
-    fits: Mapping[str, Fitted], fitted: Fitted, white: Fitted, entries: Sequence[Entry]
-) -> Sequence[Score]:
-    """Effects that may be slow, each fitted on the curve where it is likeliest, the best z first.
-
-    z and p are those of the likelihood ratio to `fitted`, the base curve alone; p is multiplied by
-    the number of these entries and by `rules.OUTRIGHT_TIMES`.
-    """
-    slow = [entry for entry in entries if entry.name in EFFECTS and EFFECTS[entry.name].SLOW]
-    found = []
-    for entry in slow:
-        start = entry.starts[-1]
-        trials = [middle_start_under(white.setting, base, (start,)) for base in fits]
-        own = with_own_noise(min(trials, key=lambda trial: trial.total))
-        ratio = 2 * (fitted.total - own.total)
-        freedom = max(len(own.places) - len(fitted.places), 1)
-        if not ratio > 0:
-            continue
-        p = min(1.0, rules.OUTRIGHT_TIMES * len(slow) * float(scipy.stats.chi2.sf(ratio, freedom)))
-        z = float(_as_normal(np.array([ratio]), np.array([freedom]))[0])
-        (effect,) = own.effects
-        found.append(Score(entry, effect, z, p, np.nan, own._replace(effects=())))
-    return sorted(found, key=lambda score: -score.z)
-
-
-def screen(fitted: Fitted, entries: Sequence[Entry], seed: int) -> tuple[Score, ...]:
+def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Score, ...]:
     """The best start of each form of an entry, the largest z first.
 
-    The probe of a start is the change of the prediction when one of its strengths is raised from
-    zero, with the model's Jacobian projected out; z says how much of the residual the probes of a
-    start explain. p is the share of sign flips of whole units (runs, or stretches of one) in which
-    the largest z of the library reaches this one, so that it is adjusted for all entries. The best
-    entries are projected out of the residual before the signs are flipped: otherwise real effects
-    would widen the null distribution. Starts for which a model has no room are left out.
+    Each part are entries with what is given where they are tested; p is adjusted for all parts.
+
+    A wild cluster bootstrap of the score (Cameron, Gelbach and Miller 2008, Rev. Econ. Stat. 90,
+    414-427). With everything given projected out, the probes of a start are made orthonormal, x_j.
+    b_j = sum over runs of u_rj, u_rj = sum over the points of a run of x_j e; its variance is
+    R/(R - 1) sum of (u_rj - g_rj b_j)^2, g_rj = sum of x_j^2. F is the sum of b^2 over the sum of
+    the variances, and z the normal deviate of F with as many degrees of freedom as the runs that
+    carry the probe allow, scaled so that .5 % of the z of each start are beyond 2.58 under random
+    signs of the residuals of the runs, all of a run alike. p is by the largest z of all starts
+    under the same signs (Romano and Wolf 2005, Econometrica 73, 1237-1282).
     """
-    starts = [
-        (entry, start)
-        for entry in entries
-        for start in entry.starts
-        if has_room(fitted.effects, start)
-    ]
-    if not starts:
+    largest = np.full(FLIPS, -np.inf)
+    tested: list[_Tested] = []
+    for null, entries in parts:
+        starts = [
+            (entry, start)
+            for entry in entries
+            for start in entry.starts
+            if has_room(null.fitted.effects, start)
+        ]
+        for group in _groups(starts):
+            one = _tested(null, group, seed)
+            largest = np.maximum(largest, one.largest)
+            tested.append(one)
+    if not any(one.starts for one in tested):
         return ()
-    groups = _groups(starts)
-    seen = [_seen(fitted, group) for group in groups[:1]]
-    # Of many probes some at a time are held, and worked out anew where they are needed again.
-    best: list[_Best] = []
-    for number, group in enumerate(groups):
-        best = _best_of([*best, *_firsts(seen[0] if number == 0 else _seen(fitted, group))])
-    residual = left = seen[0].residual
-    block = np.concatenate([one.block for one in best], axis=1)
-    if block.size:
-        left = residual - block @ np.linalg.lstsq(block, residual, rcond=1e-3)[0]
-    signs: np.ndarray | None = None
-    largest = np.full(_FLIPS, -np.inf)
-    found: list[tuple[tuple[Entry, Effect], float]] = []
-    for number, group in enumerate(groups):
-        one = seen[0] if number == 0 else _seen(fitted, group)
-        noise = _split_scores(one.flat, left, fitted.setting)
-        excess = _excess(one.blocks, one.parts, noise)
-        observed = _as_normal(*_statistics(one.blocks, one.parts, excess, *_observed(one.parts)))
-        if signs is None:
-            shape = (noise.levels.size, _FLIPS)
-            signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=shape)
-        flipped = (noise.level @ signs, noise.within @ signs, float((noise.levels**2).sum()))
-        statistic, freedom = _statistics(one.blocks, one.parts, excess, *flipped)
-        # Among blocks of equal degrees of freedom the largest statistic has the largest deviate.
-        alike = [freedom[:, 0] == k for k in np.unique(freedom)]
-        tops = [_as_normal(statistic[some].max(axis=0), freedom[some][0]) for some in alike]
-        largest = np.max([largest, *tops], axis=0)
-        tested = zip(group, observed[:, 0], one.blocks, strict=True)
-        found += [(start, float(z)) for start, z, block in tested if block.size]
+    # Signs that are all alike give the data again, up to rounding.
+    largest = largest + _ROUNDING
     needed = float(np.quantile(largest, 1 - rules.SIGNIFICANT))
     scores: dict[Form, Score] = {}
-    for (entry, start), z in found:
-        p = (1 + np.sum(largest >= z)) / (1 + _FLIPS)
-        score = Score(entry, start, z, float(p), needed)
-        if score.form not in scores or scores[score.form].z < z:
-            scores[score.form] = score
+    for one in tested:
+        told = zip(one.starts, one.z, one.own, one.gains, one.changes, strict=True)
+        for (entry, start), z, own, gains, change in told:
+            p = (1 + np.sum(largest >= z)) / (1 + FLIPS)
+            score = Score(entry, start, float(z), float(p), float(own), needed, gains, change)
+            old = scores.get(score.form)
+            if old is None or (old.gains.sum(), old.z) < (gains.sum(), z):
+                scores[score.form] = score
     return tuple(sorted(scores.values(), key=lambda score: -score.z))
 
 
-_Start = tuple[Entry, Effect]
-
-
-def _groups(starts: Sequence[_Start]) -> list[list[_Start]]:
+def _groups(
+    starts: Sequence[tuple[Entry, Effect]],
+) -> list[list[tuple[Entry, Effect]]]:
     """The starts in groups of a bounded number of probes."""
-    groups: list[list[_Start]] = [[]]
+    groups: list[list[tuple[Entry, Effect]]] = [[]]
     count = 0
     for one in starts:
         count += len(one[1].STRENGTHS)
-        if count > _TOGETHER:
+        if count > _TOGETHER and groups[-1]:
             groups.append([])
             count = len(one[1].STRENGTHS)
         groups[-1].append(one)
     return groups
 
 
-class _Seen(NamedTuple):
-    """The probes of some starts against a residual."""
+def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _Tested:
+    probes, owner = split([start for _, start in starts])
+    testable, flat = directions_of(null, probes)
+    blocks, places = [], []
+    ends = np.flatnonzero(np.diff(np.nonzero(null.inside)[0], prepend=-1))
+    for place in range(len(starts)):
+        block = orthonormal(flat[:, np.flatnonzero((owner == place) & testable)])
+        # What rests on a few runs is not tested: random signs of so few say nothing.
+        shares = np.add.reduceat(block**2, ends, axis=0)
+        carried = 1 / np.maximum((shares**2).sum(axis=0), 1e-300)
+        block = block[:, carried >= _FEWEST_RUNS_ALONE]
+        if not block.shape[1] or float(carried.mean()) < _FEWEST_RUNS:
+            continue
+        smooth = isinstance(starts[place][1], Spline) and block.shape[1] > _SMOOTHEST
+        for some in [block, block[:, :_SMOOTHEST]] if smooth else [block]:
+            if some.shape[1]:
+                blocks.append(some)
+                places.append(place)
+    if not blocks:
+        return _Tested([], np.zeros(0), np.zeros(0), np.full(FLIPS, -np.inf), [], [])
+    first = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
+    x = np.concatenate(blocks, axis=1)
+    u = np.add.reduceat(x * null.residual[:, None], ends, axis=0)
+    g = np.add.reduceat(x**2, ends, axis=0)
+    runs = ends.size
+    count = np.diff(first, append=x.shape[1])
+    carrying = np.add.reduceat(1 / (g**2).sum(axis=0), first) / count
+    freedom = np.maximum(carrying - 1, 1.0) * np.sqrt(count)
 
-    starts: Sequence[_Start]
-    flat: np.ndarray  # [points, probes]
-    residual: np.ndarray  # [points]
-    blocks: list[np.ndarray]  # [starts]: the testable probes of each
-    parts: "_SplitScores"
+    def deviates(b: np.ndarray, crossed: np.ndarray) -> np.ndarray:
+        """Z of sums b [directions, choices]; `crossed` are the sums of u g with the same signs."""
+        whole = (u**2).sum(axis=0)[:, None] - 2 * b * crossed
+        variance = np.maximum(whole + b**2 * (g**2).sum(axis=0)[:, None], 0.0) * runs / (runs - 1)
+        over = np.maximum(np.add.reduceat(variance, first, axis=0), 1e-300)
+        statistic = np.add.reduceat(b**2, first, axis=0) / over
+        z = np.empty_like(statistic)
+        for place, (k, nu) in enumerate(zip(count, freedom, strict=True)):
+            tail = np.clip(fdtrc(k, nu, _GRID), 1e-300, 1 - 1e-12)
+            z[place] = np.interp(statistic[place], _GRID, -ndtri(tail))
+        return z
 
-
-def _seen(fitted: Fitted, starts: Sequence[_Start]) -> _Seen:
-    probes, owner = [], []
-    for place, (_, start) in enumerate(starts):
-        for strength in start.STRENGTHS:
-            others = {name: 0.0 for name in start.STRENGTHS if name != strength}
-            probes.append(dataclasses.replace(start, **others))
-            owner.append(place)
-    testable, flat, residual = directions_of(fitted, probes)
-    owners = np.array(owner)
-    blocks = [np.flatnonzero((owners == place) & testable) for place in range(len(starts))]
-    return _Seen(starts, flat, residual, blocks, _split_scores(flat, residual, fitted.setting))
-
-
-class _Best(NamedTuple):
-    """The best start of an entry: its name, z, and probes [points, probes]."""
-
-    name: str
-    z: float
-    block: np.ndarray
-
-
-def _firsts(seen: _Seen) -> list[_Best]:
-    """The best starts of the best entries."""
-    unscaled = np.ones(len(seen.blocks))
-    statistics = _statistics(seen.blocks, seen.parts, unscaled, *_observed(seen.parts))
-    z = _as_normal(*statistics)[:, 0]
-    chosen: dict[str, int] = {}
-    for place in np.argsort(-z, kind="stable"):
-        chosen.setdefault(seen.starts[place][0].name, int(place))
-        if len(chosen) == _PROJECTED:
-            break
-    return [
-        _Best(name, float(z[place]), seen.flat[:, seen.blocks[place]])
-        for name, place in chosen.items()
+    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(runs, FLIPS))
+    observed = deviates(u.sum(axis=0)[:, None], (u * g).sum(axis=0)[:, None])
+    flipped = deviates(u.T @ signs, (u * g).T @ signs)
+    # Starts of few runs or many probes have other tails: all are brought to that of a normal one.
+    tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
+    scale = -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
+    observed, flipped = observed * scale, flipped * scale
+    own = (1 + np.sum(flipped + _ROUNDING >= observed, axis=1)) / (1 + FLIPS)
+    kept = [starts[place] for place in places]
+    nothing = np.zeros(runs), np.zeros(0)
+    told = [
+        _gained(block, null.residual, ends) if sure <= _SURE else nothing
+        for block, sure in zip(blocks, own, strict=True)
     ]
+    gains, changes = [one for one, _ in told], [change for _, change in told]
+    return _Tested(kept, observed[:, 0], own, flipped.max(axis=0), gains, changes)
 
 
-def _best_of(candidates: Sequence[_Best]) -> list[_Best]:
-    best: dict[str, _Best] = {}
-    for one in sorted(candidates, key=lambda one: -one.z):
-        best.setdefault(one.name, one)
-    return list(best.values())[:_PROJECTED]
+def _gained(x: np.ndarray, residual: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What orthonormal probes gain in log likelihood on each run, and what they change.
 
-
-class _SplitScores(NamedTuple):
-    """Scores of the probes by run, split into those of its level and of what changes within it.
-
-    The score of a probe is its scalar product with the residual.
+    The coefficients for a run are those of the other runs, shrunk by that one of `_RIDGES` with
+    which the gain is largest: b_r = ((1 + ridge) I - X_r'X_r)^-1 (sum of X's' e_s - X_r' e_r).
     """
-
-    level: np.ndarray  # [probes, runs]
-    within: np.ndarray  # [probes, runs]
-    levels: np.ndarray  # [runs]: the level of each run in the residual
-    outer: np.ndarray  # [probes, probes]: products of the probes' levels, summed over runs
-    inner: np.ndarray  # [probes, probes]: products of what they change within runs
-    variance: float  # of a point of the residual within its run
-
-
-def _split_scores(flat: np.ndarray, residual: np.ndarray, setting: Setting) -> _SplitScores:
-    """Scores of probes [points, probes] and a residual [points], both in units of the noise."""
-    weight = np.asarray(setting.noise.weight)
-    unlevelled = setting.noise._replace(run_scatter=np.array(0.0))
-    level = in_noise_units(
-        Setting(setting.problem, unlevelled, setting.level), setting.level[None]
-    )[0]
-    if setting.problem.blocks:
-        level = np.zeros_like(level)  # blocks of one run have no level of their own
-    size = np.sqrt((level**2).sum(axis=1, keepdims=True))
-    direction = (level / np.maximum(size, 1e-300))[weight > 0]
-    unit = np.unique(setting.problem.units[weight > 0], return_inverse=True)[1]
-
-    def by_run(columns: np.ndarray) -> np.ndarray:
-        ends = np.flatnonzero(np.diff(unit, prepend=-1))
-        return np.add.reduceat(columns, ends, axis=0).T
-
-    probe_levels = by_run(flat * direction[:, None])
-    levels = by_run(residual[:, None] * direction[:, None])[0]
-    level_scores = probe_levels * levels
-    scores = by_run(flat * residual[:, None])
-    outer = probe_levels @ probe_levels.T
-    variance = float(residual @ residual - levels @ levels) / max(residual.size - levels.size, 1)
-    inner = flat.T @ flat - outer
-    return _SplitScores(level_scores, scores - level_scores, levels, outer, inner, variance)
+    scores = np.add.reduceat(x * residual[:, None], ends, axis=0)
+    squares = np.add.reduceat(x[:, :, None] * x[:, None, :], ends, axis=0)
+    whole = scores.sum(axis=0)
+    eye = np.eye(x.shape[1])
+    best: tuple[np.ndarray, np.ndarray] | None = None
+    for ridge in _RIDGES:
+        others = (1 + ridge) * eye - squares
+        b = np.linalg.solve(others, (whole - scores)[:, :, None])[:, :, 0]
+        gains = (b * scores).sum(axis=1) - 0.5 * np.einsum("rk,rkl,rl->r", b, squares, b)
+        if best is None or gains.sum() > best[0].sum():
+            best = gains, x @ (whole / (1 + ridge))
+    assert best is not None
+    return best
 
 
-def _observed(parts: _SplitScores) -> tuple[np.ndarray, np.ndarray, float]:
-    """The scores of each probe over all runs, [probes, 1], and the energy of the runs' levels."""
-    level, within = (scores.sum(axis=1, keepdims=True) for scores in (parts.level, parts.within))
-    return level, within, float((parts.levels**2).sum())
+def orthonormal(flat: np.ndarray) -> np.ndarray:
+    """Orthonormal directions of the columns [points, columns], what they share first.
 
-
-def _excess(blocks: Sequence[np.ndarray], parts: _SplitScores, noise: _SplitScores) -> np.ndarray:
-    """Variance of the scores of the runs relative to that of independent points, [blocks].
-
-    It corrects for a correlation within runs that is known only approximately. It is at least the
-    variance of the points within their runs or one, whichever is smaller: a noise estimated from a
-    misfit is wider than the points are.
+    Those of a spline are about a line, a parabola and so on.
     """
-    least = min(noise.variance, 1.0)
-    found = np.full(len(blocks), least)
-    scatter = noise.within @ noise.within.T
-    for some, rows, columns in _by_size(blocks):
-        inverse = np.linalg.pinv(parts.inner[rows, columns], rcond=1e-3, hermitian=True)
-        traces = np.einsum("nkl,nlk->n", inverse, scatter[rows, columns])
-        found[some] = np.maximum(traces / rows.shape[1], least)
-    return found
-
-
-def _statistics(
-    blocks: Sequence[np.ndarray],
-    parts: _SplitScores,
-    excess: np.ndarray,
-    level: np.ndarray,
-    within: np.ndarray,
-    energy: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Likelihood ratios of blocks of probes [blocks, choices], and degrees of freedom [blocks, 1].
-
-    `level` and `within` are the scores of the probes, [probes, choices of signs]. With the level c
-    of each run, what changes within runs e, and the least squares b of a block of k probes, the
-    statistic is m ln(c'c/(c - A b)'(c - A b)) + (e'e - (e - E b)'(e - E b))/v, v the excess. The
-    variance of the levels is unknown: m = R - 1 - (k + 1)/2 after Bartlett 1937. (Against a fixed
-    variance, estimated from the same residual, a cause that acts from run to run could explain no
-    more than the number of runs.)
-    """
-    found = np.zeros((len(blocks), level.shape[1]))
-    freedoms = np.zeros((len(blocks), 1))
-    for some, rows, columns in _by_size(blocks):
-        outer, inner = parts.outer[rows, columns], parts.inner[rows, columns]
-        share = excess[some][:, None, None]
-        values, vectors = np.linalg.eigh(outer + inner / share)
-        # Nearly singular directions are left out.
-        kept = values > 1e-3 * values[:, -1:]
-        inverse = np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)
-        levels, withins = level[rows[:, :, 0]], within[rows[:, :, 0]]
-        b = vectors @ (inverse[:, :, None] * (vectors.mT @ (levels + withins / share)))
-        explained = (b * (2 * levels - outer @ b)).sum(axis=1)
-        rest = (b * (2 * withins - inner @ b)).sum(axis=1)
-        freedom = kept.sum(axis=1, keepdims=True)
-        factor = np.maximum(parts.levels.size - 1 - (freedom + 1) / 2, 1.0)
-        left = np.clip(1 - explained / max(energy, 1e-300), 1e-12, None)
-        found[some] = np.maximum(rest / share[:, 0] - factor * np.log(left), 0.0)
-        freedoms[some] = freedom
-    return found, freedoms
-
-
-def _by_size(
-    blocks: Sequence[np.ndarray],
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Blocks of equal size together: their numbers, and where their Gram matrices stand."""
-    sizes = np.array([block.size for block in blocks])
-    for size in np.unique(sizes[sizes > 0]):
-        some = np.flatnonzero(sizes == size)
-        places = np.stack([block for block in blocks if block.size == size])
-        yield some, places[:, :, None], places[:, None, :]
-
-
-def _as_normal(chi_square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """The standard normal deviate with the same upper tail; 0 for no degrees of freedom.
-
-    Far in the tail by the asymptotic series of the incomplete gamma function and of the normal
-    tail, elsewhere by the cube root of Wilson and Hilferty 1931.
-    """
-    some = np.maximum(freedom, 1)
-    half, shape = np.maximum(chi_square, 1e-9) / 2, some / 2
-    spread = 2 / (9 * some)
-    near = ((chi_square / some) ** (1 / 3) - 1 + spread) / np.sqrt(spread)
-    far = chi_square > 2 * some + 6
-    shortened = np.log1p(-np.where(far, (shape - 1) / half, 0.0))
-    log_tail = -half + (shape - 1) * np.log(half) - gammaln(shape) - shortened
-    double = np.maximum(-2 * log_tail, 1.0)
-    deviate = np.sqrt(np.maximum(double - np.log(2 * np.pi * double), 0.0))
-    deviate = np.sqrt(np.maximum(double - np.log(2 * np.pi * np.maximum(deviate, 1.0) ** 2), 0.0))
-    return np.where(freedom > 0, np.where(far, deviate, near), 0.0)
+    if not flat.shape[1]:
+        return flat
+    basis, sizes, _ = np.linalg.svd(flat, full_matrices=False)
+    return basis[:, sizes > _OWN]

@@ -1,33 +1,27 @@
 """Forward selection: effects are accepted one at a time, each refitted with all the others."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 import scipy
 
-from adhesion_jax.curves import BASES
-from adhesion_jax.discovery.model.bases import bic, refits
-from adhesion_jax.discovery.model.fitting import has_room, side_by_side
+from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import Entry, column_entries
+from adhesion_jax.discovery.search.catalogue import (
+    Entry,
+    constant_within_runs,
+    forms_of_column,
+)
 from adhesion_jax.discovery.search.joint import surfaces
+from adhesion_jax.discovery.search.probes import Null, null_of, split
 from adhesion_jax.discovery.search.pruning import pruned
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.search.scans import waves
-from adhesion_jax.discovery.search.screening import Score, first_scores, screen
-from adhesion_jax.discovery.search.state import (
-    Accepted,
-    Selection,
-    parts_of,
-    refitted,
-    settled,
-    slots_of,
-)
+from adhesion_jax.discovery.search.screening import Score, screen
+from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of, settled
 from adhesion_jax.discovery.search.trials import (
-    OF_SIGNALS,
     Trial,
     choose,
     class_of,
@@ -35,22 +29,24 @@ from adhesion_jax.discovery.search.trials import (
     is_worth,
     ranked,
     shortlisted,
-    tied,
     trial_of,
     tried,
 )
-from adhesion_jax.discovery.types import Candidate
-from adhesion_jax.effects import Covariate, Spline, Threshold, kind_of
+from adhesion_jax.discovery.types import Candidate, Doubt
+from adhesion_jax.effects import Covariate, Effect, kind_of
 
 #: Columns that say which slip a point has.
 _OF_THE_SLIP = ("slip_ratio", "slip_velocity_mps")
+
+#: The gains and the change of a wave are not worked out before it is fitted.
+_UNKNOWN = (np.zeros(0), np.zeros(0))
 
 #: Columns that an inexact formula of any effect may leave something against.
 _ALWAYS_THERE = (*_OF_THE_SLIP, "vehicle_speed_mps", "time_s")
 
 
 def search(
-    first: Selection,
+    state: Selection,
     entries: Sequence[Entry],
     seed: int,
     progress: Callable[[str, float], None],
@@ -59,134 +55,88 @@ def search(
 
     `entries` are the candidates, and `progress` is called with words and the share of the whole.
     """
-    state = first
-    chosen_on = first.base
     for number in range(rules.MOST_ROUNDS):
         share = 0.6 * number / rules.MOST_ROUNDS
         progress(f"looking for effect {number + 1}", 0.1 + share)
-        scores = _scored(state, _open(entries, state), seed + number)
+        null = null_of(state.fitted, beside(state, entries))
+        scores = screen(_parts(state, null, _open(entries, state)), seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         found = _next(state, scores, rules.SIGNIFICANT, number, seed)
         if not _grown(found, state):
             state = state._replace(ranking=found.ranking)
             progress("looking for waves and pairs of columns", 0.15 + share)
-            scanned = _scanned(state, scores, seed + number)
+            scanned = _scanned(state, null, scores, seed + number)
             found = _next(state, scanned, rules.SCAN_SIGNIFICANT, number, seed)
-        if _grown(found, state):
-            found = _separated(found, state, entries, seed)
-        if not first.accepted and number == 0:
-            found, chosen_on = _plainer(found, first, entries, seed)
         if not _grown(found, state):
-            state = found
-            break
+            return found
         found = refined(found, seed)
         state = pruned(found)
         if len(state.accepted) < len(found.accepted):
-            break
-    return _with_other_formulas(_reconsidered(state, chosen_on, entries, seed), entries, seed)
+            return state
+    return state
+
+
+def _parts(
+    state: Selection, null: Null, entries: Sequence[Entry]
+) -> list[tuple[Null, Sequence[Entry]]]:
+    """The entries with what is given where each is tested.
+
+    Columns that are constant within runs are also tested with the lines of all the others given:
+    in a designed campaign each alone is hidden by what the others do. That needs at least
+    `rules.RUNS_A_COLUMN` runs for each such column.
+    """
+    problem = state.setting.problem
+    of_branches = [entry for entry in entries if entry.covariates == ("mode",)]
+    of_both = [entry for entry in entries if entry.covariates != ("mode",)]
+    parts: list[tuple[Null, Sequence[Entry]]] = [(null, of_both)]
+    if of_branches:
+        parts.append((null_of(state.fitted, beside(state, entries), True), of_branches))
+    still = [name for name in problem.columns if constant_within_runs(name, problem)]
+    if not 1 < len(still) <= problem.runs / rules.RUNS_A_COLUMN:
+        return parts
+    accepted = beside(state, entries)
+    lines = {
+        name: start for name in still for start in Covariate.starts({name: problem.flat[name]})
+    }
+    for name in still:
+        own = [
+            entry for entry in entries if entry.covariates == (label_of(name, problem.measured),)
+        ]
+        others = [line for other, line in lines.items() if other != name]
+        parts.append((null_of(state.fitted, [*accepted, *others]), own))
+    return parts
+
+
+def beside(state: Selection, entries: Sequence[Entry]) -> list[Effect]:
+    """All that the columns and the causes of the accepted effects might explain, as probes.
+
+    Further effects are tested beside it, because an accepted effect of an inexact form leaves
+    something that goes with any column that resembles its own.
+    """
+    if not state.accepted:
+        return []
+    problem = state.setting.problem
+    own = {name for effect in state.accepted for name in effect.covariates}
+    families = {effect.family for effect in state.accepted}
+    starts = [
+        entry.starts[0]
+        for column in problem.columns
+        if label_of(column, problem.measured) in own
+        for entry in forms_of_column(column, problem)
+    ]
+    starts += [
+        start
+        for entry in entries
+        if not entry.generic and entry.family in families
+        for start in entry.starts
+    ]
+    return split(starts)[0]
 
 
 def _grown(state: Selection, before: Selection) -> bool:
     """Whether an effect or a part of one was accepted."""
     return len(parts_of(state.accepted)) > len(parts_of(before.accepted))
-
-
-def _plainer(
-    found: Selection, first: Selection, entries: Sequence[Entry], seed: int
-) -> tuple[Selection, str]:
-    """The first effect chosen anew on a curve that does not depend on speed, if that is better.
-
-    A curve that falls with speed by itself may have absorbed an effect of speed: then nothing is
-    significant, or the effect accepted compensates for an error of the curve, and no later round
-    would find both. Returns also the curve on which the effect was chosen.
-    """
-    plain = {name: fitted for name, fitted in first.fits.items() if not BASES[name].NEEDS}
-    if not plain or first.base in plain:
-        return found, first.base
-    start = first._replace(fits=plain, base=min(plain, key=lambda name: bic(plain[name])))
-    scores = first_scores(start.fits, start.base, entries, seed)
-    again = _next(start, scores, rules.SIGNIFICANT, 0, seed)
-    # Beside noise of the slip an error of the signals will become a doubt, not an effect.
-    noisy = first.setting.problem.slip_noise is not None
-    if _grown(found, first) and not (noisy and found.accepted[-1].name in OF_SIGNALS):
-        better = bic(again.fitted) < bic(found.fitted)
-    else:
-        # A lower BIC may come from fewer parameters, which are no reason to name an effect.
-        ahead = first.fitted.total - again.fitted.total
-        better = ahead > rules.LEAST_GAIN_OF_PLAINER and bic(again.fitted) < bic(first.fitted)
-    if not better:
-        return found, first.base
-    fits = {**first.fits, **again.fits}
-    whole = settled(fits, again.accepted, again.ranking)
-    return whole._replace(thresholds=found.thresholds), start.base
-
-
-def _reconsidered(
-    state: Selection, chosen_on: str, entries: Sequence[Entry], seed: int
-) -> Selection:
-    """Each effect chosen anew on the base curve that fits best with the effects, if that is better.
-
-    The flexible curve on which an effect was chosen may have absorbed the true cause, so that
-    another effect was accepted in its place.
-    """
-    if state.base == chosen_on:
-        return state
-    for effect in state.accepted:
-        rest = tuple(other for other in state.accepted if other.name != effect.name)
-        start = state._replace(fits=refits(state.fits, parts_of(rest)), accepted=rest)
-        scores = screen(start.fitted, _open(entries, start), seed)
-        again = _next(start, scores, rules.SIGNIFICANT, len(state.thresholds), seed)
-        if len(again.accepted) == len(state.accepted) and bic(again.fitted) < bic(state.fitted):
-            state = refined(again, seed)
-    return state
-
-
-def _with_other_formulas(state: Selection, entries: Sequence[Entry], seed: int) -> Selection:
-    """The classes of refined effects, with the formulas of their family that do as well refined.
-
-    Without the refinement such a formula explained less, and was left out of the class.
-    """
-    slots = slots_of(state.accepted)
-    accepted = []
-    for number, effect in enumerate(state.accepted):
-        kin = [
-            entry
-            for entry in _open(entries, state)
-            if entry.family == effect.family and not entry.generic
-        ]
-        if kin and len(effect.parts) > 1 and not effect.generic:
-            slot = slots.index((number, 0))
-            rest = (*state.fitted.effects[:slot], *state.fitted.effects[slot + 1 :])
-            scores = screen(refitted(state, rest), kin, seed)
-            fits = side_by_side(partial(refitted, state), [(*rest, one.start) for one in scores])
-            trials = zip(scores, fits, strict=True)
-            as_good = [one.entry.name for one, less in trials if tied(gain(less, state.fitted))]
-            effect = effect._replace(members=tuple(dict.fromkeys((*effect.members, *as_good))))
-        accepted.append(effect)
-    return state._replace(accepted=tuple(accepted))
-
-
-def search_columns(state: Selection, columns: Sequence[str], seed: int) -> Selection:
-    """The state with one more effect of one or two of the `columns`, if one is accepted.
-
-    The columns are those that boosted trees need to predict the residual; p is adjusted for the
-    forms of these columns alone.
-    """
-    problem = state.setting.problem
-    places = [name for name in problem.columns if label_of(name, problem.measured) in columns]
-    entries = [
-        entry
-        for kind in (Covariate, Spline, Threshold)
-        for column in places
-        for entry in column_entries(kind, column, problem)
-    ]
-    for some in (entries, surfaces(problem, columns)):
-        scores = screen(state.fitted, some, seed)
-        found = _next(state, scores, rules.SIGNIFICANT, len(state.thresholds), seed)
-        if _grown(found, state):
-            return refined(found, seed)
-    return state
 
 
 def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
@@ -196,27 +146,20 @@ def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
     return [entry for entry in entries if entry.name not in taken]
 
 
-def _scored(state: Selection, entries: Sequence[Entry], seed: int) -> Sequence[Score]:
-    """The scores of the entries; before the first effect also under other kinds of noise."""
-    if state.accepted:
-        return screen(state.fitted, entries, seed)
-    return first_scores(state.fits, state.base, entries, seed)
-
-
-def _scanned(state: Selection, scores: Sequence[Score], seed: int) -> Sequence[Score]:
+def _scanned(state: Selection, null: Null, scores: Sequence[Score], seed: int) -> Sequence[Score]:
     """Waves by their coherence over runs, then pairs of the columns of best score by score tests.
 
     Waves come first: their z is only the deviate of p, which sign flips bound from below.
     """
     taken = [effect.name for effect in state.accepted]
     lines = [
-        Score(entry, entry.starts[0], float(scipy.stats.norm.isf(p)), p, np.nan)
-        for entry, p in waves(state.fitted, taken, seed)
+        Score(entry, entry.starts[0], float(scipy.stats.norm.isf(p)), p, p, np.nan, *_UNKNOWN)
+        for entry, p in waves(null, taken, seed)
         if has_room(state.fitted.effects, entry.starts[0])
     ]
     columns = [label for label in _columns_of(scores) if label not in _OF_THE_SLIP]
     pairs = _open(surfaces(state.setting.problem, columns[: rules.PAIRED_COLUMNS]), state)
-    joint = _scored(state, pairs, seed) if pairs else []
+    joint = screen([(null, pairs)], seed) if pairs else []
     return [*sorted(lines, key=_by_p), *sorted(joint, key=_by_p)]
 
 
@@ -235,54 +178,26 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
 
     Otherwise the dependence of the column's effect on the other one would be left to later effects.
     """
-    entry, elsewhere = chosen.score.entry, chosen.score.elsewhere
+    entry = chosen.score.entry
     if not entry.generic or len(entry.covariates) > 1:
         return None
-    start = now.fitted if elsewhere is None else elsewhere
+    problem = now.fitted.setting.problem
     others = _columns_of(scores)[: rules.PARTNER_COLUMNS]
-    pairs = surfaces(start.setting.problem, entry.covariates, others)
-    trials = tried(start, screen(start, pairs, seed)[: rules.TRIED_PAIRS]) if pairs else []
+    pairs = surfaces(problem, entry.covariates, others)
+    if not pairs:
+        return None
+    # Tested beside all forms of the column alone: only what both do together counts.
+    own = [name for name in problem.columns if label_of(name, problem.measured) in entry.covariates]
+    forms = [form.starts[0] for name in own for form in forms_of_column(name, problem)]
+    alone = null_of(chosen.fitted, split(forms)[0])
+    scored = [one for one in screen([(alone, pairs)], seed) if one.p <= rules.SCAN_SIGNIFICANT]
+    trials = tried(now.fitted, scored[: rules.TRIED_PAIRS])
     if not trials:
         return None
     best = min(trials, key=lambda trial: trial.loss)
     if not clearly_ahead(chosen, best, now):
         return None
     return best._replace(score=best.score._replace(p=chosen.score.p))
-
-
-def _separated(
-    found: Selection, before: Selection, entries: Sequence[Entry], seed: int
-) -> Selection:
-    """Two effects of a column each in place of the pair just accepted, if they gain as much."""
-    if len(found.accepted) == len(before.accepted):
-        return found
-    pair = found.accepted[-1]
-    if not pair.generic or len(pair.covariates) != 2:
-        return found
-    open_entries = [entry for entry in _open(entries, before) if len(entry.covariates) == 1]
-    left = [entry for entry in open_entries if entry.covariates[0] in pair.covariates]
-    chain, chosen = [before.fitted], []
-    for _ in pair.covariates:
-        trials = tried(chain[-1], screen(chain[-1], left, seed)[: rules.TRIED_PAIRS])
-        if not trials:
-            return found
-        now = trial_of(chain[-1], trials[0].score)
-        best = choose(trials, now)
-        chosen.append((best, class_of(trials, best, now)))
-        chain.append(best.fitted)
-        left = [entry for entry in left if entry.covariates != best.score.entry.covariates]
-    last = chosen[-1][0]
-    joint = trial_of(found.fits[before.base], last.score)
-    apart = gain(before.fitted, last.fitted).total
-    if apart < rules.SEPARATE_SHARE * pair.gain:
-        return found
-    if clearly_ahead(last, joint, trial_of(before.fitted, last.score)):
-        return found
-    state = before
-    for trial, members in chosen:
-        part = _accepted(trial, members, 0.5 * pair.gain)._replace(p=pair.p)
-        state = _with_effect(state, trial, part, found.ranking)
-    return state
 
 
 def _next(
@@ -307,16 +222,17 @@ def _next(
     chosen = best if joint is None else joint
     gained = gain(now.fitted, chosen.fitted)
     accepted = sure and is_worth(now.fitted, chosen.fitted, chosen.score.entry.generic)
-    members = class_of(trials, chosen, now)
+    members = class_of(scores, chosen.score)
     # A pair was not scored with the others and has no row of its own.
     in_row = best if joint is None else None
     ranking = (*state.ranking, *ranked(number, scores, trials, now, in_row, members, accepted))
     if not accepted:
         return state._replace(ranking=ranking)
-    # The p of the effect is that of the test that something was missing.
-    new = _accepted(chosen, members, gained.total)
-    new = new._replace(p=min(trial.score.p for trial in trials))
-    return _with_effect(state, chosen, new, ranking)
+    # The p of the effect is the smallest of any form of its columns.
+    own = {*chosen.score.entry.covariates}
+    p = min(score.p for score in scores if {*score.entry.covariates} <= own)
+    new = _accepted(chosen, members, gained.total)._replace(p=min(p, chosen.score.p))
+    return _with_effect(state, new, ranking)
 
 
 def _accepted(chosen: Trial, members: tuple[str, ...], gained: float) -> Accepted:
@@ -333,9 +249,7 @@ def _accepted(chosen: Trial, members: tuple[str, ...], gained: float) -> Accepte
     )
 
 
-def _with_effect(
-    state: Selection, chosen: Trial, new: Accepted, ranking: Sequence[Candidate]
-) -> Selection:
+def _with_effect(state: Selection, new: Accepted, ranking: Sequence[Candidate]) -> Selection:
     """The state with the chosen effect, as a refinement of the first one whose form it mends."""
     varying = state.setting.problem.varying
     mended = (
@@ -350,8 +264,7 @@ def _with_effect(
     else:
         old = accepted[number]
         accepted[number] = old._replace(parts=(*old.parts, *new.parts))
-    fits = {**state.fits, chosen.fitted.base: chosen.fitted}
-    return settled(fits, accepted, ranking)._replace(thresholds=state.thresholds)
+    return settled(state, accepted)._replace(ranking=tuple(ranking))
 
 
 def _matter_of_form(new: Accepted, old: Accepted, varying: frozenset[str]) -> bool:
@@ -371,3 +284,37 @@ def _matter_of_form(new: Accepted, old: Accepted, varying: frozenset[str]) -> bo
         return new.gain < rules.REFINING_SHARE_OF_FAMILY * old.gain
     small = new.gain < rules.REFINING_SHARE * old.gain
     return small and own <= {*old.covariates, *_ALWAYS_THERE}
+
+
+def undecided(state: Selection) -> tuple[Doubt, ...]:
+    """The doubt about the best significant candidate of the last round that was not accepted."""
+    last = [row for row in state.ranking if row.round == state.ranking[-1].round]
+    taken = {member for effect in state.accepted for member in effect.members}
+    # A column of an accepted effect asks for another form of that effect, not for another effect.
+    taken |= {f"covariate:{name}" for effect in state.accepted for name in effect.covariates}
+    standing = [
+        row
+        for row in last
+        if row.p_adjusted <= rules.SIGNIFICANT
+        and row.gain > 0
+        and row.name.split(" (")[0] not in taken
+    ]
+    if not standing or any(row.decision == "accepted" for row in last):
+        return ()
+    row = max(standing, key=lambda row: row.gain)
+    name = row.name.split(" (")[0]
+    seen = f"{row.name} stands out in the residual (adjusted p = {row.p_adjusted:.2g}), but"
+    if state.fitted.log and row.gain > rules.SURE_BUT_FOR_A_STRETCH * row.gain_se:
+        why = (
+            f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "
+            "effect. A single event agrees with every column that was different there; a second "
+            "run over the same line would decide."
+        )
+    else:
+        why = (
+            f"{seen} taken into the law it does not raise the likelihood of runs left out by "
+            f"enough ({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not "
+            "counted as an effect. It may be weak, or a proxy for a cause that has no column here; "
+            "more runs in which it varies would decide."
+        )
+    return (Doubt((name,), why),)

@@ -1,10 +1,9 @@
-"""The state of a search: the effects accepted so far, and every base curve fitted with them."""
+"""The state of a search: the effects accepted so far, and the base curve fitted with them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from adhesion_jax.discovery.model.bases import bic, refits
-from adhesion_jax.discovery.model.fitting import Fitted, Setting, likeliest
+from adhesion_jax.discovery.model.fitting import Fitted, Setting, nearly_fitted, robustly_fitted
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import Effect
 
@@ -25,19 +24,18 @@ class Accepted(NamedTuple):
 class Selection(NamedTuple):
     """The state of a search; functions return a new one."""
 
-    fits: Mapping[str, Fitted]  # every base curve with the effects accepted
-    base: str
-    accepted: tuple[Accepted, ...]
-    ranking: tuple[Candidate, ...]
+    fitted: Fitted  # the base curve with the effects accepted
+    accepted: tuple[Accepted, ...] = ()
+    ranking: tuple[Candidate, ...] = ()
     thresholds: tuple[float, ...] = ()  # by round, the z needed for acceptance
 
     @property
-    def fitted(self) -> Fitted:
-        return self.fits[self.base]
+    def base(self) -> str:
+        return self.fitted.base
 
     @property
     def setting(self) -> Setting:
-        """The data, and the noise that the model leaves."""
+        """The data, and the weights by what the model leaves."""
         return self.fitted.setting
 
 
@@ -68,19 +66,10 @@ def all_but(accepted: Sequence[Accepted], number: int) -> tuple[Accepted, ...]:
     return (*accepted[:number], *accepted[number + 1 :])
 
 
-def settled(
-    fits: Mapping[str, Fitted], accepted: Sequence[Accepted], ranking: Sequence[Candidate]
-) -> Selection:
-    """The state with these effects: every base curve refitted, the one of least BIC chosen."""
-    fits = refits(fits, parts_of(accepted))
-    base = min(fits, key=lambda name: bic(fits[name]))
-    return Selection(fits, base, refreshed(accepted, fits[base].effects), tuple(ranking))
-
-
-def without(state: Selection, rest: Sequence[Accepted]) -> Selection:
-    """The state refitted with only `rest` of its effects."""
-    less = settled(state.fits, rest, state.ranking)
-    return less._replace(thresholds=state.thresholds)
+def settled(state: Selection, accepted: Sequence[Accepted]) -> Selection:
+    """The state with these effects: refitted, with the weights that its own residual asks for."""
+    fitted = robustly_fitted(refitted(state, parts_of(accepted)))
+    return state._replace(fitted=fitted, accepted=refreshed(accepted, fitted.effects))
 
 
 def refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:
@@ -106,4 +95,4 @@ def with_parts(
 
 def refitted(state: Selection, effects: Sequence[Effect]) -> Fitted:
     """The base curve refitted with other effects, from the parameters that it has."""
-    return likeliest(state.setting, state.base, state.fitted.base_values.tolist(), effects)
+    return nearly_fitted(state.setting, state.base, state.fitted.base_values.tolist(), effects)

@@ -1,36 +1,31 @@
 """One round of the search: the candidates of largest score are refitted, and one is chosen."""
 
+import dataclasses
 from collections.abc import Sequence
-from itertools import compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from adhesion_jax.discovery.model.fitting import (
-    Fitted,
-    nearly_fitted,
-    side_by_side,
-    squares,
-    with_own_noise,
-)
+from adhesion_jax.discovery.model.fitting import Fitted, nearly_fitted, side_by_side
 from adhesion_jax.discovery.model.prediction import (
     Gain,
     best_stretch,
     expected_loss,
     gain,
+    gain_of,
     least_gain,
 )
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.screening import Score
 from adhesion_jax.discovery.types import Candidate
-from adhesion_jax.effects import EFFECTS, Covariate, Spline
+from adhesion_jax.effects import EFFECTS, Covariate, Effect, Labels, Memory, ShapeTerm, Spline
 
 #: Errors of the signals: with Burckhardt's curve no data separate them, with others hardly any.
 OF_SIGNALS = tuple(name for name, cause in EFFECTS.items() if cause.OF_SLIP_ALONE)
 
 
 class Trial(NamedTuple):
-    """A candidate refitted together with the model, under a noise of its own if it contends."""
+    """A candidate refitted together with the model."""
 
     score: Score
     fitted: Fitted
@@ -46,44 +41,35 @@ def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
     """The causes and the plain columns of largest score; none if no p is at most `significant`."""
     if not scores or min(score.p for score in scores) > significant:
         return []
-    causes = [score for score in scores if not score.entry.generic][: rules.TRIED_CAUSES]
-    columns = [score for score in scores if score.entry.generic][: rules.TRIED_COLUMNS]
     most = rules.SHORTLISTED_TIMES * significant
-    return [score for score in (*causes, *columns) if score.p <= most]
+    first = sorted((one for one in scores if one.p <= most), key=lambda one: -one.gains.sum())
+    causes = [score for score in first if not score.entry.generic][: rules.TRIED_CAUSES]
+    columns = [score for score in first if score.entry.generic][: rules.TRIED_COLUMNS]
+    return [*causes, *columns]
 
 
 def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
-    """Each candidate refitted together with the model `fitted`.
+    """Each candidate refitted together with the model, if that lowers its loss."""
+    values = fitted.base_values.tolist()
 
-    A candidate seen in the residual of another model is also refitted from that one, and the more
-    likely of both fits counts: the two searches for noise and fit may end in different places.
-    Candidates whose fit does not lower the sum of squared errors are left out.
-    """
-    starts = [
-        (number, start)
-        for number, score in enumerate(shortlist)
-        for start in ([fitted] if score.elsewhere is None else [score.elsewhere, fitted])
+    def refit(score: Score) -> Fitted:
+        effects = (*fitted.effects, _small(score.start))
+        return nearly_fitted(fitted.setting, fitted.base, values, effects)
+
+    fits = side_by_side(refit, shortlist)
+    return [
+        trial_of(more, score)
+        for score, more in zip(shortlist, fits, strict=True)
+        if np.isfinite(more.total) and more.total < fitted.total
     ]
 
-    def begun(one: tuple[int, Fitted]) -> Fitted:
-        number, start = one
-        effects = (*start.effects, shortlist[number].start)
-        return nearly_fitted(start.setting, start.base, start.base_values.tolist(), effects)
 
-    first = side_by_side(begun, starts)
-    gains = [start.total - more.total for (_, start), more in zip(starts, first, strict=True)]
-    most = max((one for one in gains if np.isfinite(one)), default=0.0)
-    contends = [one > rules.CONTENDING_SHARE * most for one in gains]
-    own = iter(side_by_side(with_own_noise, list(compress(first, contends))))
-    last = [next(own) if one else more for one, more in zip(contends, first, strict=True)]
-    best: dict[int, Trial] = {}
-    for (number, _), more in zip(starts, last, strict=True):
-        # A noise that whitens strongly may prefer a fit that follows the fastest changes alone.
-        if not np.isfinite(more.total) or squares(more) >= squares(fitted):
-            continue
-        if number not in best or more.total < best[number].fitted.total:
-            best[number] = trial_of(more, shortlist[number])
-    return list(best.values())
+def _small(start: Effect) -> Effect:
+    """The start itself; a term that is linear in its strengths begins at zero."""
+    if not isinstance(start, ShapeTerm):
+        return start
+    nothing: dict[str, Any] = dict.fromkeys(start.STRENGTHS, 0.0)
+    return dataclasses.replace(start, **nothing)
 
 
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
@@ -132,23 +118,28 @@ def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
     return ahead.total > least and ahead.deviate > rules.COLUMN_ERRORS
 
 
-def class_of(trials: Sequence[Trial], chosen: Trial, now: Trial) -> tuple[str, ...]:
-    """The names that the data cannot tell from the chosen one: its own, then the most likely."""
-    whole = now.loss - chosen.loss
-    change = chosen.fitted.adhesion - now.fitted.adhesion
+def class_of(scores: Sequence[Score], chosen: Score) -> tuple[str, ...]:
+    """The names that the data cannot tell from the chosen one: its own, then what gains most.
+
+    Each is judged by what it would gain on runs left out to first order, all in the same way.
+    """
+    whole = float(chosen.gains.sum())
+    name = chosen.entry.name
     members: dict[str, None] = {}
-    for trial in sorted(trials, key=lambda trial: trial.loss):
-        if trial.score.entry.generic != chosen.score.entry.generic:
+    if not chosen.change.size:
+        return (name,)
+    for score in sorted(scores, key=lambda score: -score.gains.sum()):
+        same_columns = score.entry.covariates == chosen.entry.covariates
+        if not score.change.size or (same_columns and score.entry.generic):
+            # The plain form of a cause's columns is no other name.
             continue
-        behind = gain(trial.fitted, chosen.fitted)
-        kin = trial.score.entry.family == chosen.score.entry.family
+        kin = score.entry.family == chosen.entry.family
         share = rules.CLASS_SHARE_OF_FAMILY if kin else rules.CLASS_SHARE
-        other = trial.fitted.adhesion - now.fitted.adhesion
-        size = np.linalg.norm(change) * np.linalg.norm(other)
-        alike = (change * other).sum() > rules.CLASS_COSINE * size
+        behind = gain_of(chosen.gains - score.gains)
+        size = np.linalg.norm(chosen.change) * np.linalg.norm(score.change)
+        alike = abs(chosen.change @ score.change) > rules.CLASS_COSINE * size
         if alike and tied(behind) and behind.total <= max(share * whole, rules.UNDECIDED_GAIN):
-            members[trial.score.entry.name] = None
-    name = chosen.score.entry.name
+            members[score.entry.name] = None
     if name in OF_SIGNALS:
         members.update(dict.fromkeys(OF_SIGNALS))
     return (name, *(member for member in members if member != name))
@@ -210,7 +201,7 @@ def ranked(
 
 def _label(score: Score) -> str:
     """The name of an entry with its form and the part of the curve that it acts on."""
-    kinds: dict[type, str] = {Covariate: "linear", Spline: "spline"}
+    kinds = {Covariate: "linear", Spline: "spline", Labels: "labels", Memory: "memory"}
     said = [kinds.get(type(score.start), ""), score.entry.acts_on]
     more = ", on the ".join(word for word in said if word not in ("", "level"))
     return f"{score.entry.name} ({more})" if more else score.entry.name

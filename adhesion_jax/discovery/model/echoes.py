@@ -1,0 +1,62 @@
+"""Columns that repeat the measured slip or adhesion row by row, and are therefore no causes."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.discovery.model.fitting import Fitted
+
+#: Rows through which the parabolas are laid whose deviations are compared.
+_WINDOW = 9
+
+#: A column repeats a signal if its fast changes explain this share of the variance of the signal's.
+_SAME = 0.75
+
+
+def echoes(fitted: Fitted) -> Mapping[str, str]:
+    """The signal that each such column repeats, by the name of the column.
+
+    Motor torque or power goes with adhesion, and the speed of the wheel with slip, not as causes
+    but because one was computed from the other. Then even the noise of both is the same: compared
+    are the deviations from parabolas through nine neighbours, of which a cause shares only a part.
+    """
+    problem = fitted.setting.problem
+    data = problem.data
+    slip, adhesion = np.asarray(data.slip), np.asarray(data.adhesion)
+    load = np.asarray(data.conditions["normal_load_N"])
+    speed = np.asarray(data.conditions["vehicle_speed_mps"])
+    signals = {
+        "adhesion": [adhesion, adhesion * load, adhesion * load * speed],
+        "slip": [slip, slip * speed],
+    }
+    fast = {name: [_fast(fitted, one) for one in some] for name, some in signals.items()}
+    found = {}
+    for place, column in enumerate(problem.columns):
+        if column in COLUMNS or column not in problem.measured or column in problem.named:
+            continue
+        values = np.asarray(data.columns[place])
+        # The speed of a wheel is that of the train and the slip velocity together.
+        own = [_fast(fitted, values), _fast(fitted, values - speed)]
+        for name, some in fast.items():
+            if max(_share(one, other) for one in own for other in some) > _SAME:
+                found[column] = name
+    return found
+
+
+def _fast(fitted: Fitted, values: np.ndarray) -> np.ndarray:
+    """Deviations of each run from parabolas, one after the other."""
+    inside = fitted.setting.problem.points > 0
+    found = []
+    for row, used in zip(values, inside, strict=True):
+        course = row[used]
+        if course.size >= _WINDOW:
+            found.append(course - savgol_filter(course, _WINDOW, 2))
+    return np.concatenate([np.zeros(0), *found])
+
+
+def _share(one: np.ndarray, other: np.ndarray) -> float:
+    """Share of the variance that two series of mean zero have in common."""
+    size = float(one @ one) * float(other @ other)
+    return float(one @ other) ** 2 / size if size > 0 else 0.0

@@ -1,0 +1,105 @@
+"""A column of labels: names, or numbers that are names."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from adhesion_jax.curves import Conditions, Parameter, Scalar
+from adhesion_jax.effects.base import Columns
+from adhesion_jax.effects.shape import ShapeTerm
+
+_SOURCE = "one level a label, shrunk towards that of all: Laird and Ware 1982, Biometrics 38:963"
+
+#: Most labels of a column.
+MOST = 12
+
+#: The value of a label that the data lack.
+NO_LABEL = 1e12
+
+
+class Labels(ShapeTerm):
+    """g = k_j where the column has the label j, 0 at any other value.
+
+    Labels in words are numbers from 0 in the order of their names.
+    """
+
+    k1: Scalar
+    k2: Scalar
+    k3: Scalar
+    k4: Scalar
+    k5: Scalar
+    k6: Scalar
+    k7: Scalar
+    k8: Scalar
+    k9: Scalar
+    k10: Scalar
+    k11: Scalar
+    k12: Scalar
+    label1: Scalar
+    label2: Scalar
+    label3: Scalar
+    label4: Scalar
+    label5: Scalar
+    label6: Scalar
+    label7: Scalar
+    label8: Scalar
+    label9: Scalar
+    label10: Scalar
+    label11: Scalar
+    label12: Scalar
+    column: str = eqx.field(static=True)
+
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        **{
+            f"k{j}": Parameter("1", -50.0, 50.0, f"change of g at label {j}", _SOURCE)
+            for j in range(1, MOST + 1)
+        },
+        **{
+            f"label{j}": Parameter("column", -1e12, 1e12, f"label {j}", _SOURCE)
+            for j in range(1, MOST + 1)
+        },
+    }
+    STRENGTHS: ClassVar[tuple[str, ...]] = tuple(f"k{j}" for j in range(1, MOST + 1))
+    REFERENCES: ClassVar[Mapping[str, str]] = {f"label{j}": "column" for j in range(1, MOST + 1)}
+    FORMULA: ClassVar[str] = "g = k_j where the column has the label j"
+    PHRASE: ClassVar[str] = "a level of its own for each label of {}"
+
+    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+        z = jnp.asarray(conditions[self.column])
+        terms = [
+            getattr(self, f"k{j}") * (z == getattr(self, f"label{j}")) for j in range(1, MOST + 1)
+        ]
+        return jnp.sum(jnp.stack(terms), axis=0)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return np.eye(MOST)
+
+    @classmethod
+    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
+        """One for each column of three labels or more: two are those of a line."""
+        found = []
+        for name, z in columns.items():
+            names = labels_of(z)
+            if len(names) > 2:
+                numbers: dict[str, Any] = {
+                    f"k{j}": 0.02 if j <= len(names) else 0.0 for j in range(1, MOST + 1)
+                }
+                padded = [*names, *[NO_LABEL] * (MOST - len(names))]
+                numbers |= {f"label{j}": label for j, label in enumerate(padded, 1)}
+                found.append(cls(**numbers, column=name))
+        return found
+
+
+def labels_of(values: np.ndarray) -> list[float]:
+    """The whole numbers that a column consists of; none if there are too many or others."""
+    some = np.unique(values[: 50 * MOST])
+    if some.size > MOST or np.any(some != np.round(some)):
+        return []
+    names = np.unique(values[np.isfinite(values)])
+    whole = names.size <= MOST and bool(np.all(names == np.round(names)))
+    return names.tolist() if whole else []

@@ -1,0 +1,217 @@
+"""`python -m experiments.strangers`: how often the discovery is right on campaigns of strangers."""
+
+import time
+from collections.abc import Iterator, Set
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
+from sklearn.ensemble import HistGradientBoostingRegressor
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from adhesion_jax import runtime
+from adhesion_jax.campaign.executor import mapped
+from adhesion_jax.command_line.command import SEED, Folder, run, start
+from adhesion_jax.discovery.types import Findings, FoundEffect
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import output_directory, staged, write_metadata, write_table
+from adhesion_jax.library.discover import discover
+from experiments.stranger_sets import LABELS, Stranger, stranger
+
+OWN_FILES = ("sets.csv", "rates.csv", "shares.csv", "strangers.png", "metadata.json")
+#: A test error that grows by more than this factor is made worse; a share of the removable error
+#: that is smaller than that of the trees by more than this is behind them.
+WORSE, BEHIND = 1.02, 0.05
+QUANTITIES = ("claimed", "named", "wrong beside", "made worse", "behind trees")
+
+
+@threadpool_limits.wrap(limits=1)
+def one_set(seed: int, number: int, null: bool) -> dict[str, object]:
+    """What is hidden in a campaign, what is reported, the errors on its test, and the seconds."""
+    made = stranger(seed, number, null)
+    began, cpu = time.perf_counter(), time.process_time()
+    found = discover(made.train, made.test, seed=number).findings
+    seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu
+    assert found.test is not None
+    reported = (*found.effects, *found.unexplained)
+    told = [names for names in map(names_of, reported) if not names & {*made.harmless}]
+    right = {name for cause in made.causes for name in cause}
+    before, after = found.test.before.value, found.test.after.value
+    excess = before**2 - made.test_noise**2
+    # An excess below two per cent of the noise is chance, and so is the share of it.
+    scale = 1 / excess if made.causes and excess > 0.02 * made.test_noise**2 else np.nan
+    by_trees = _trees_rms(made, found)
+    share, share_trees = ((before**2 - error**2) * scale for error in (after, by_trees))
+    told_of = ("base", "layout", "noise", "effect", "sigma", "run_scatter", "strength")
+    return {name: getattr(made, name) for name in (*told_of, "test_gap", "test_noise")} | {
+        "number": number,
+        "hidden": "+".join(cause[0] for cause in made.causes),
+        "reported": "|".join(effect.name for effect in reported),
+        "p": "|".join(f"{effect.p_adjusted:.2g}" for effect in reported),
+        "causes": len(made.causes),
+        "claimed": len(told) > 0,
+        "named": sum(any({*cause} & names for names in told) for cause in made.causes),
+        "wrong beside": any(not names & right for names in told),
+        "made worse": after > WORSE * before,
+        "behind trees": share < share_trees - BEHIND,
+        "before": before,
+        "after": after,
+        "trees": by_trees,
+        "share": share,
+        "share of trees": share_trees,
+        "seconds": seconds,
+        "cpu_seconds": cpu_seconds,
+    }
+
+
+def names_of(effect: FoundEffect) -> Set[str]:
+    """The names of a reported effect and of its class, and the columns that they blame."""
+    names = {effect.name, *effect.candidates}
+    columns = {column for name in names for column in name.partition(":")[2].split("*") if column}
+    return names | columns | {*effect.covariates}
+
+
+def _trees_rms(made: Stranger, found: Findings) -> float:
+    """The test error of boosted trees that are fitted to the residual of the same plain curve."""
+    texts = [name for name in LABELS if made.train.get(name, pd.Series()).dtype == "str"]
+
+    def features(table: pd.DataFrame) -> pd.DataFrame:
+        kinds = {name: pd.CategoricalDtype(sorted({*made.train[name]})) for name in texts}
+        return table.drop(columns=["run", "adhesion"]).astype(kinds)
+
+    assert found.predictions is not None
+    points = found.points.sort_values("slip")
+    plain = np.interp(made.train["slip_ratio"], points["slip"], points["before"])
+    trees = HistGradientBoostingRegressor(random_state=0)
+    trees.fit(features(made.train), made.train["adhesion"] - plain)
+    predicted = found.predictions["base"].to_numpy() + trees.predict(features(made.test))
+    return float(np.sqrt(np.mean((made.test["adhesion"] - predicted) ** 2)))
+
+
+def _groups(sets: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Null sets and those with a cause: all, and by what they are made of."""
+    names = [".5 to 1 sigma", "1 to 1.5 sigma", "1.5 to 2 sigma"]
+    sets = sets.assign(strength=pd.cut(sets["strength"], [0.4, 1, 1.5, 2.1], labels=names))
+    for part, same in (("nothing", sets["causes"] == 0), ("a cause", sets["causes"] > 0)):
+        own = sets[same]
+        if len(own):
+            yield part, "all", own
+        by_cause = ("effect", "strength") if part == "a cause" else ()
+        for by in ("base", "layout", "noise", "run_scatter", *by_cause):
+            for value, group in own.groupby(by, observed=True):
+                yield part, f"{by} {value}", group
+
+
+def rates(sets: pd.DataFrame) -> pd.DataFrame:
+    """Shares of sets, or of causes for `named`, with their 95 % intervals by Wilson 1927."""
+    rows = []
+    for part, group, own in _groups(sets):
+        for name in QUANTITIES[::3] if part == "nothing" else QUANTITIES[1:]:
+            count = int(own["causes"].sum()) if name == "named" else len(own)
+            hits = int(own[name].sum())
+            low, high = binomtest(hits, count).proportion_ci(method="wilson")
+            rows.append((part, group, name, count, hits, hits / count, low, high))
+    names = ["hidden", "group", "quantity", "count", "hits", "rate", "low", "high"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def shares(sets: pd.DataFrame) -> pd.DataFrame:
+    """Quantiles over the sets of the share of the removable squared error that is removed."""
+    rows = []
+    for part, group, own in _groups(sets):
+        if part == "a cause":
+            for method, column in (("discovery", "share"), ("trees", "share of trees")):
+                quantiles = own[column].quantile([0.5, 0.25, 0.1])
+                rows.append((group, method, int(own[column].count()), *quantiles))
+    return pd.DataFrame(rows, columns=["group", "method", "sets", "median", "quartile", "decile"])
+
+
+def text(sets: pd.DataFrame) -> str:
+    """The rates and shares for a terminal: a row for each group."""
+    table, removed = rates(sets), shares(sets)
+    table["cell"] = [f"{t.hits}/{t.count} [{t.low:.2f}, {t.high:.2f}]" for t in table.itertuples()]
+    removed["cell"] = [
+        f"{t.median:.2f} {t.quartile:.2f} {t.decile:.2f}" for t in removed.itertuples()
+    ]
+    lines = ["Sets, or causes for `named`, and the share of them with its 95 % interval"]
+    for hidden, part in table.groupby("hidden", sort=False):
+        lines += ["", f"hidden: {hidden}", _wide(part, "quantity")]
+    if len(removed):
+        lines += ["", "share of the removable squared error removed: median, quartile, decile"]
+        lines += [_wide(removed, "method")]
+    seconds, cpu = sets["seconds"], sets["cpu_seconds"]
+    lines += ["", f"seconds a set: median {seconds.median():.1f}, largest {seconds.max():.1f}"]
+    return "\n".join([*lines, f"CPU seconds a set: median {cpu.median():.1f}"])
+
+
+def _wide(table: pd.DataFrame, columns: str) -> str:
+    """The cells of a table, a row for each group."""
+    wide = table.pivot_table("cell", "group", columns, aggfunc="first", sort=False)
+    return str(wide.rename_axis(columns=None, index=None).to_string())
+
+
+def draw(path: Path, sets: pd.DataFrame) -> None:
+    """False claims on null sets by group, and the shares removed in order of their size."""
+    table, caused = rates(sets), sets[sets["causes"] > 0]
+    nulls = table[(table["hidden"] == "nothing") & (table["quantity"] == "claimed")]
+    figure = Figure(figsize=(11, 2 + 0.22 * max(len(nulls), 12)), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    spread = np.stack([nulls["rate"] - nulls["low"], nulls["high"] - nulls["rate"]])
+    names = [f"{row.group} ({row.count})" for row in nulls.itertuples(index=False)]
+    left.errorbar(nulls["rate"], names, xerr=spread.clip(0), fmt="o", color="k", capsize=2)
+    left.axvline(0.02, color="0.5", linestyle="--", label=".02")
+    left.set(xlabel="share of the sets with nothing hidden\nin which a cause is claimed (1)")
+    left.invert_yaxis()
+    for column, style in (("share", "k-"), ("share of trees", "C1--")):
+        ordered = np.sort(caused[column].dropna()).clip(-0.3, None)
+        label = "boosted trees" if "trees" in column else "discovery"
+        right.plot(
+            ordered, (np.arange(ordered.size) + 0.5) / max(ordered.size, 1), style, label=label
+        )
+    right.set(
+        xlim=(-0.33, 1.05), ylim=(0, 1), ylabel="share of the sets with a cause that stay below (1)"
+    )
+    right.set(xlabel="share of the removable squared error removed (1)\nleft edge: -.3 or less")
+    for axes in (left, right):
+        axes.grid(color="0.9")
+        axes.legend(frameon=False)
+    figure.savefig(path, dpi=150)
+
+
+_COUNT = click.IntRange(min=0)
+
+
+@click.command()
+@click.option("--sets", type=_COUNT, default=200, show_default=True, help="Sets with a cause.")
+@click.option("--nulls", type=_COUNT, default=400, show_default=True, help="Sets without one.")
+@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True)
+@click.option("--out", type=Folder(), default=Path("out/strangers"), show_default=True)
+def main(sets: int, nulls: int, seed: int, workers: int, out: Path) -> None:
+    """Run the discovery on campaigns of a generator that shares no code with it."""
+    work = [(seed, n, True) for n in range(nulls)] + [(seed, n, False) for n in range(sets)]
+    if not work:
+        raise InputError("A study of no sets says nothing; give --sets or --nulls above 0.")
+    start()
+    directory, began = output_directory(out), time.perf_counter()
+    with staged(directory, OWN_FILES) as stage:
+        with mapped(one_set, work, workers) as rows:
+            table = pd.DataFrame(tqdm(rows, total=len(work), unit="set", disable=None))
+        write_table(stage / "sets.csv", table)
+        write_table(stage / "rates.csv", rates(table))
+        write_table(stage / "shares.csv", shares(table))
+        draw(stage / "strangers.png", table)
+        config = {"sets": sets, "nulls": nulls, "seed": seed, "workers": workers}
+        seconds = time.perf_counter() - began
+        metadata = {"config": config, "wall_seconds": seconds, **runtime.describe()}
+        write_metadata(stage / "metadata.json", metadata)
+    click.echo(text(table))
+    click.echo(f"\nwritten to {directory} in {seconds:.0f} s")
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,455 @@
+"""Robust weighted least squares of a model, and what is known of it, against scipy and refits."""
+
+import jax
+import numpy as np
+import pytest
+from discovery_campaigns import (
+    POINTS,
+    RUNS,
+    TRUE,
+    alone,
+    campaign,
+    curve,
+    factor_spreads,
+    levels,
+    noise,
+    setting_of,
+)
+from scipy import stats
+from scipy.optimize import least_squares
+from statsmodels.robust.norms import HuberT
+
+from adhesion_jax.curves import BASES, with_free_values
+from adhesion_jax.curves.bent import FINE, Bent
+from adhesion_jax.discovery.model.fitting import (
+    _TUNING,
+    covariance,
+    fit_model,
+    loss_without,
+    nearly_fitted,
+    quantile,
+    slope_of,
+    weighed,
+)
+from adhesion_jax.discovery.model.prediction import (
+    Gain,
+    expected_loss,
+    gain,
+    gain_of,
+    held_out_loss,
+)
+from adhesion_jax.discovery.model.program import effect_places
+from adhesion_jax.effects import Covariate
+from adhesion_jax.effects.law import with_effects
+
+#: What a fit may lack of the log likelihood at its end: a tenth of what two models must differ by.
+NEAR = 0.1
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Runs of traction and of braking, in which a column acts on the level; some are shorter."""
+    draw = np.random.default_rng(1)
+    table = campaign(draw, kind="both")
+    level = np.exp(0.1 * table["warm"]) * levels(draw, table, 0.01)
+    table["adhesion"] = curve(table["slip_ratio"]) * level + noise(draw, correlation=0.3)
+    place = table.groupby("run").cumcount()
+    return table[place < POINTS - 7 * (table["run"] % 4)]
+
+
+@pytest.fixture(scope="module")
+def setting(table):
+    """Points that count differently: the standard deviation of the odd ones is twice as large."""
+    whole = setting_of(table, 0.006)
+    odd = np.arange(whole.root.shape[1]) % 2
+    return whole._replace(root=whole.root / (1 + odd))
+
+
+WARM = Covariate(0.0, 0.0, 0.6, column="warm")
+FALL = Covariate(0.0, 0.0, 0.6, column="warm", acts_on="fall")
+
+
+@pytest.fixture(scope="module")
+def fitted(setting):
+    return fit_model(setting, "burckhardt", TRUE, (WARM, FALL))
+
+
+def free_of(fitted):
+    return fitted.values[list(fitted.places)]
+
+
+def parts_of(setting, base, effects):
+    """The residual and its Jacobian in units of the noise, with the rows of the prior below them.
+
+    Free parameters are those of the curve, the factors of the departure of traction and of what
+    braking adds, and the strength of each effect, which has a prior of N(0, 1.5^2) for the sum over
+    six places of its function, 1.5 units of the column apart at most.
+    """
+    problem, data = setting.problem, setting.problem.data
+    inside = setting.root > 0
+    conditions = {**data.conditions, **dict(zip(problem.columns, data.columns, strict=False))}
+    count = len(BASES[base].free)
+    places = np.linspace(-1.5, 1.5, 6)
+    strength = 1.5 / np.sqrt((places**2).sum())
+    spreads = np.concatenate([factor_spreads(problem), [strength] * len(effects)])
+
+    @jax.jit
+    def adhesion(values):
+        known = with_free_values(BASES[base], values[:count])
+        factors = values[count : count + FINE], values[count + FINE : count + 2 * FINE]
+        law = Bent(known, factors[0], *data.span.tolist(), factors[1])
+        strengths = values[count + 2 * FINE :]
+        worn = tuple(
+            type(effect)(**{**vars(effect), "k": k})
+            for effect, k in zip(effects, strengths, strict=True)
+        )
+        return jax.vmap(lambda slip, given: with_effects(law, worn, slip, given))(
+            data.slip, conditions
+        )
+
+    derivative = jax.jit(jax.jacfwd(adhesion))
+    prior = np.diag(1 / spreads)
+
+    def residual(values):
+        left = (setting.root * (np.asarray(adhesion(values)) - data.adhesion))[inside]
+        return np.append(left, values[count:] / spreads)
+
+    def jacobian(values):
+        change = (setting.root[..., None] * np.asarray(derivative(values)))[inside]
+        return np.concatenate([change, np.pad(prior, ((0, 0), (count, 0)))])
+
+    return residual, jacobian
+
+
+def box(base, count):
+    described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
+    low = np.append([one.lower for one in described], [-9.0] * count)
+    return low, np.append([one.upper for one in described], [9.0] * count)
+
+
+def scipys(setting, base, effects, start):
+    residual, jacobian = parts_of(setting, base, effects)
+    low, high = box(base, start.size - len(BASES[base].free))
+    return least_squares(
+        residual,
+        np.clip(start, low + 1e-12, high - 1e-12),
+        jac=jacobian,
+        bounds=(low, high),
+        x_scale="jac",
+        ftol=1e-12,
+        xtol=1e-12,
+        gtol=1e-12,
+        max_nfev=300,
+    )
+
+
+def test_the_fit_is_the_least_squares_that_scipy_finds(setting, fitted):
+    """With the prior as further rows."""
+    assert setting.problem.branches == 2
+    draw = np.random.default_rng(2)
+    spread = np.sqrt(np.diag(np.linalg.inv(fitted.hessian.sum(0))))
+    start = free_of(fitted) + 0.5 * spread * draw.standard_normal(spread.size)
+    found = scipys(setting, "burckhardt", (WARM, FALL), start)
+    assert fitted.total == pytest.approx(found.cost, abs=NEAR)
+    # And the strengths of the effects to a tenth of a standard error.
+    off = (free_of(fitted) - found.x) / spread
+    assert np.abs(off[-2:]).max() < 0.1
+    assert abs(found.x[-2] / spread[-2]) > 10
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("base", ["kiencke", "exponential"])
+def test_the_fit_of_another_curve_is_one_of_least_squares(setting, base):
+    start = BASES[base].starts(0.3)[0]
+    fitted = fit_model(setting, base, start, ())
+    found = scipys(setting, base, (), free_of(fitted))
+    assert fitted.total == pytest.approx(found.cost, abs=NEAR)
+
+
+def test_loss_gradient_and_hessian_are_the_sums_over_each_run(setting, fitted):
+    """The prior is shared out evenly to the runs that there are."""
+    residual, jacobian = parts_of(setting, "burckhardt", (WARM, FALL))
+    at = free_of(fitted)
+    left, change = residual(at), jacobian(at)
+    run = np.nonzero(setting.root > 0)[0]
+    prior = slice(run.size, None)
+    pull, curvature = change[prior].T @ left[prior], change[prior].T @ change[prior]
+    size = np.sqrt(np.diag(change.T @ change))
+    for number in range(RUNS):
+        rows = np.flatnonzero(run == number)
+        loss = 0.5 * (left[rows] ** 2).sum() + 0.5 * (left[prior] ** 2).sum() / RUNS
+        assert fitted.loss[number] == pytest.approx(loss, rel=1e-8)
+        gradient = change[rows].T @ left[rows] + pull / RUNS
+        # The derivative of the place of the peak is left out: there the curve is flat.
+        np.testing.assert_allclose(
+            fitted.gradient[number] / size, gradient / size, atol=2e-3 * np.abs(left).max()
+        )
+        hessian = change[rows].T @ change[rows] + curvature / RUNS
+        np.testing.assert_allclose(
+            fitted.hessian[number] / np.outer(size, size), hessian / np.outer(size, size), atol=2e-3
+        )
+
+
+def test_what_is_masked_changes_nothing(setting):
+    outside = setting.problem.points == 0
+    data = setting.problem.data
+    assert outside[:RUNS].any()
+    spoiled = data._replace(
+        adhesion=np.where(outside, 1e3, data.adhesion), slip=np.where(outside, 0.5, data.slip)
+    )
+    changed = setting._replace(problem=setting.problem._replace(data=spoiled))
+    before, after = (
+        nearly_fitted(one, "burckhardt", TRUE, (WARM, FALL)) for one in (setting, changed)
+    )
+    np.testing.assert_allclose(after.loss, before.loss, rtol=1e-9)
+    np.testing.assert_allclose(free_of(after), free_of(before), rtol=1e-6, atol=1e-9)
+
+
+def without_run(setting, run):
+    kept = (np.arange(len(setting.root)) != run)[:, None]
+    return setting._replace(root=setting.root * kept)
+
+
+def refitted(setting, fitted, *runs):
+    for run in runs:
+        setting = without_run(setting, run)
+    return fit_model(setting, fitted.base, fitted.base_values.tolist(), fitted.effects)
+
+
+#: Runs that are left out and fitted without.
+LEFT_OUT = (3, 12)
+
+
+@pytest.fixture(scope="module")
+def refits(setting, fitted):
+    return {run: refitted(setting, fitted, run) for run in LEFT_OUT}
+
+
+def test_the_held_out_loss_is_that_of_refits_without_the_run(setting, fitted, refits):
+    residual, _ = parts_of(setting, "burckhardt", (WARM, FALL))
+    run_of = np.nonzero(setting.root > 0)[0]
+    found = held_out_loss(fitted)
+    for run, less in refits.items():
+        assert less.loss[run] == 0
+        assert (less.hessian[run] == 0).all()
+        assert held_out_loss(less)[run] == 0
+        left = residual(free_of(less))
+        whole = 0.5 * (left[: run_of.size][run_of == run] ** 2).sum()
+        before = 0.5 * (residual(free_of(fitted))[: run_of.size][run_of == run] ** 2).sum()
+        # What a run loses by being left out is small beside its loss: a tenth of that is right.
+        assert whole > before
+        assert found[run] - fitted.loss[run] == pytest.approx(whole - before, rel=0.1, abs=0.1)
+
+
+def linear(seed=3, runs=9, points=7, free=3, scatter=0.0):
+    """Least squares of y = X b with a level of each run, and its sums by run."""
+    draw = np.random.default_rng(seed)
+    x = draw.normal(size=(runs, points, free))
+    y = x @ draw.normal(size=free) + draw.normal(size=(runs, points))
+    y += scatter * draw.normal(size=(runs, 1))
+    return x, y
+
+
+def of_linear(fitted, x, y):
+    """A fit whose model is linear, from the sums of each run."""
+    flat = x.reshape(-1, x.shape[2])
+    b = np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]
+    left = x @ b - y
+    return b, fitted._replace(
+        places=tuple(range(b.size)),
+        values=b,
+        loss=0.5 * (left**2).sum(axis=1),
+        gradient=np.einsum("rtk,rt->rk", x, left),
+        hessian=np.einsum("rtk,rtl->rkl", x, x),
+        residual=left,
+        jacobian=np.moveaxis(x, 2, 0),
+        effects=(),
+    )
+
+
+def refits_of(x, y):
+    """Coefficients without each run, [runs, free]."""
+    kept = [np.arange(len(x)) != run for run in range(len(x))]
+    return np.array(
+        [
+            np.linalg.lstsq(x[some].reshape(-1, x.shape[2]), y[some].ravel(), rcond=None)[0]
+            for some in kept
+        ]
+    )
+
+
+@pytest.mark.parametrize("scatter", [0.0, 2.0])
+def test_the_covariance_is_that_of_the_jackknife_over_runs(fitted, scatter):
+    """CR3: (R - 1)/R times the sum of squares of what the fits without a run move by."""
+    x, y = linear(scatter=scatter)
+    b, known = of_linear(fitted, x, y)
+    moved = refits_of(x, y) - b
+    np.testing.assert_allclose(covariance(known), 8 / 9 * moved.T @ moved, rtol=1e-8)
+    assert quantile(known) == pytest.approx(stats.t.ppf(0.975, 8))
+
+
+@pytest.mark.thorough
+def test_intervals_of_a_linear_model_cover_though_levels_scatter(fitted):
+    """Of 600 sets in which one column is constant within runs, 95 % to 2.5 standard errors."""
+    covered = []
+    for seed in range(600):
+        draw = np.random.default_rng([5, seed])
+        x = np.stack([np.ones((16, 20)), np.repeat(draw.normal(size=(16, 1)), 20, axis=1)], axis=2)
+        y = x @ [1.0, 0.5] + draw.normal(size=(16, 1)) + draw.normal(size=(16, 20))
+        b, known = of_linear(fitted, x, y)
+        error = np.sqrt(np.diag(covariance(known))) * quantile(known)
+        covered.append(abs(b[1] - 0.5) <= error[1])
+    assert np.mean(covered) == pytest.approx(0.95, abs=2.5 * np.sqrt(0.05 * 0.95 / 600) + 0.01)
+
+
+def test_the_expected_loss_of_a_run_is_its_density_given_the_others(fitted):
+    """-ln N(y; X b, 1 + X V X') of a linear model, b and V of the others; without ln(2 pi)/2."""
+    x, y = linear()
+    _, known = of_linear(fitted, x, y)
+    expected = []
+    for run, b in enumerate(refits_of(x, y)):
+        others = np.delete(x, run, axis=0).reshape(-1, x.shape[2])
+        spread = np.eye(y.shape[1]) + x[run] @ np.linalg.inv(others.T @ others) @ x[run].T
+        density = stats.multivariate_normal(x[run] @ b, spread).logpdf(y[run])
+        expected.append(-density - 0.5 * y.shape[1] * np.log(2 * np.pi))
+    np.testing.assert_allclose(expected_loss(known), expected, rtol=1e-8)
+
+
+def in_blocks(fitted):
+    setting = fitted.setting
+    return fitted._replace(setting=setting._replace(problem=setting.problem._replace(blocks=True)))
+
+
+def test_points_of_blocks_are_predicted_without_themselves(fitted):
+    """By least squares on the linear model that lacks the point."""
+    x, y = linear()
+    _, known = of_linear(fitted, x, y)
+    flat, aim = x.reshape(-1, x.shape[2]), y.ravel()
+    alone = []
+    for point in range(aim.size):
+        kept = np.arange(aim.size) != point
+        b = np.linalg.lstsq(flat[kept], aim[kept], rcond=None)[0]
+        alone.append(flat[point] @ b - aim[point])
+    expected = 0.5 * np.square(alone).reshape(y.shape).sum(axis=1)
+    np.testing.assert_allclose(expected_loss(in_blocks(known)), expected, rtol=1e-8)
+
+
+def test_the_loss_without_an_effect_is_that_of_its_quadratic(setting, fitted):
+    """By least squares on the linear model in which the effect's strength is held at nothing."""
+    residual, jacobian = parts_of(setting, "burckhardt", (WARM, FALL))
+    at = free_of(fitted)
+    left, change = residual(at), jacobian(at)
+    place = fitted.places.index(effect_places(0, WARM)["k"])
+    moved = left - change[:, place] * at[place]
+    others = np.delete(change, place, axis=1)
+    rest = moved - others @ np.linalg.lstsq(others, moved, rcond=None)[0]
+    expected = 0.5 * (rest @ rest - left @ left)
+    assert expected > 100
+    assert loss_without(fitted, [0]) == pytest.approx(expected, rel=1e-2)
+
+
+def test_the_weights_are_hubers(setting, fitted):
+    """1.48 times the median size is the standard deviation; beyond two of it points count less."""
+    plain = fitted._replace(setting=setting._replace(spread=np.zeros(setting.root.shape)))
+    found = weighed(plain)
+    inside = setting.root > 0
+    points = setting.problem.points
+    error = (np.asarray(setting.problem.data.adhesion) - fitted.adhesion)[inside]
+    sigma = np.median(np.abs(error) * np.sqrt(points[inside])) / stats.norm.ppf(0.75)
+    assert found.sigma == pytest.approx(sigma, rel=1e-4)
+    relative = error * np.sqrt(points[inside]) / sigma
+    expected = points[inside] / sigma**2 * HuberT(_TUNING).weights(relative)
+    np.testing.assert_allclose(found.root[inside] ** 2, expected, rtol=1e-3)
+    assert (found.root[~inside] == 0).all()
+    assert (expected < 0.99 * points[inside] / sigma**2).any()
+
+
+def spoiled(table, share=0.03):
+    draw = np.random.default_rng(8)
+    far = draw.random(len(table)) < share
+    return table.assign(adhesion=table["adhesion"] + np.where(far, 0.15, 0.0))
+
+
+@pytest.mark.thorough
+def test_outliers_hardly_move_the_curve(table):
+    draw = np.random.default_rng(8)
+    far = 0.15 * (draw.random(len(table)) < 0.03)
+    bad = table.assign(adhesion=table["adhesion"] + far)
+    robust, clean = alone(bad), alone(table)
+    plain = nearly_fitted(setting_of(bad), "burckhardt", TRUE, ())
+    inside = clean.setting.root > 0
+    moved, much = (
+        np.sqrt(np.mean((one.adhesion - clean.adhesion)[inside] ** 2)) for one in (robust, plain)
+    )
+    assert moved < 0.25 * much
+    assert robust.setting.sigma == pytest.approx(clean.setting.sigma, rel=0.1)
+
+
+@pytest.mark.parametrize("acts", [True, False])
+def test_noise_of_the_slip_counts_where_adhesion_does_not_follow_it(acts):
+    """A slip that jumps by .002 about its course: measured wrong, or truly so."""
+    draw = np.random.default_rng(6)
+    table = campaign(draw)
+    jumping = table["slip_ratio"] + 0.002 * draw.normal(size=len(table))
+    true = table["slip_ratio"] if acts else jumping
+    seen = table.assign(slip_ratio=jumping, adhesion=curve(true) + noise(draw, sigma=0.004))
+    setting = setting_of(seen, spread=0.002)
+    found = weighed(nearly_fitted(setting, "burckhardt", TRUE, ()))
+    assert found.share == (1.0 if acts else 0.0)
+    assert found.sigma == pytest.approx(0.004, rel=0.1)
+
+
+def test_the_slope_is_that_of_central_differences(fitted):
+    data = fitted.setting.problem.data
+    moved = []
+    for step in (1e-5, -1e-5):
+        problem = fitted.setting.problem._replace(data=data._replace(slip=data.slip + step))
+        values = fitted.base_values.tolist()
+        again = fit_model(
+            fitted.setting._replace(problem=problem), "burckhardt", values, fitted.effects, np.inf
+        )
+        moved.append(again.adhesion)
+    expected = (moved[0] - moved[1]) / 2e-5
+    inside = (fitted.setting.root > 0) & (np.abs(data.slip) > 2e-3)
+    np.testing.assert_allclose(slope_of(fitted)[inside], expected[inside], atol=0.05)
+
+
+# ------------------------------------------------------------------------------ what is gained
+
+
+def test_the_error_of_a_gain_is_the_scatter_of_the_runs(fitted):
+    draw = np.random.default_rng(3)
+    gains = draw.normal(0.4, 1.0, 20)
+    padded = np.append(gains, np.zeros(4))
+    found = gain_of(padded)
+    assert found.total == pytest.approx(gains.sum())
+    assert found.error == pytest.approx(np.sqrt(20) * gains.std(ddof=1))
+    assert found.freedom == 19
+    assert found.skewness == pytest.approx(stats.skew(gains) / np.sqrt(20))
+    assert gain_of(np.append(1.0, np.zeros(5))).deviate == 0
+    losses = expected_loss(fitted)
+    more = fitted._replace(loss=fitted.loss - 0.1)
+    assert gain(fitted, more).total == pytest.approx((losses - expected_loss(more)).sum())
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("runs", [10, 28])
+def test_a_gain_is_as_sure_as_it_says_though_few_runs_gain_most(runs, sign):
+    """Of campaigns without a gain one in twenty is above 1.645, whichever way the runs are skew."""
+    draw = np.random.default_rng(7)
+    gains = sign * (draw.exponential(size=(4000, runs)) - 1)
+    error = np.sqrt(runs) * gains.std(axis=1, ddof=1)
+    skewness = stats.skew(gains, axis=1) / np.sqrt(runs)
+    given = zip(gains.sum(axis=1), error, skewness, strict=True)
+    sure = np.mean([Gain(*one, freedom=runs - 1).deviate > 1.645 for one in given])
+    student = np.mean(stats.norm.isf(stats.t.sf(gains.sum(axis=1) / error, runs - 1)) > 1.645)
+    # Hall's transformation takes away the term of order 1/sqrt(runs), not all that there is.
+    assert abs(sure - 0.05) < 0.7 * abs(student - 0.05)
+    assert sure == pytest.approx(0.05, abs=0.12 / np.sqrt(runs))
+
+
+def test_without_an_error_a_gain_is_sure_and_without_an_end_to_it_it_is_not():
+    assert Gain(1.0, 0.0).deviate == np.inf
+    assert Gain(0.0, 0.0).deviate == 0.0
+    assert Gain(5.0, np.inf).deviate == 0.0
+    assert Gain(3.0, 1.5).deviate == pytest.approx(2.0)

@@ -1,0 +1,87 @@
+"""What is told of the signals and their noise, and of what few runs cannot show."""
+
+import numpy as np
+import pytest
+from discovery_campaigns import POINTS, RUNS, TRUE, campaign, curve, noise, problem_of, setting_of
+
+from adhesion_jax.discovery.engine import _few_runs
+from adhesion_jax.discovery.model.echoes import echoes
+from adhesion_jax.discovery.model.fitting import nearly_fitted, weighed
+from adhesion_jax.discovery.model.noise import noise_of, noisy_slip, slip_noise_of
+
+
+def fitted_to(table, spread=0.0):
+    setting = setting_of(table, spread=spread)
+    fitted = nearly_fitted(setting, "burckhardt", TRUE, ())
+    return nearly_fitted(weighed(fitted), "burckhardt", fitted.base_values.tolist(), ())
+
+
+def drawn(seed, jumps=0.0, acts=True):
+    """A campaign of white noise; the slip jumps about its course, measured so or truly so."""
+    draw = np.random.default_rng(seed)
+    table = campaign(draw)
+    jumping = table["slip_ratio"] + jumps * draw.normal(size=len(table))
+    true = table["slip_ratio"] if acts else jumping
+    error = noise(draw, sigma=0.004, correlation=0.0)
+    return table.assign(slip_ratio=jumping, adhesion=curve(true) + error)
+
+
+def test_a_column_computed_from_a_signal_echoes_it_and_a_cause_does_not():
+    """A torque has the noise of adhesion, a drum's speed that of slip, a gust that acts none."""
+    draw = np.random.default_rng(3)
+    table = drawn(3, 0.001)
+    adhesion = table["adhesion"] * np.exp(0.05 * table["gust"])
+    speed = 12 + 0.1 * table["load"]
+    table = table.assign(
+        adhesion=adhesion,
+        drive_Nm=4e3 * adhesion + 10 * draw.normal(size=len(table)),
+        vehicle_speed_mps=speed,
+        drum_mps=speed * (1 + table["slip_ratio"]),
+        # The slow course of adhesion alone is that of anything that rises and falls.
+        course=curve(table["slip_ratio"].rolling(9, center=True, min_periods=1).mean())
+        + 0.004 * draw.normal(size=len(table)),
+    )
+    found = echoes(fitted_to(table))
+    assert found == {"drive_Nm": "adhesion", "drum_mps": "slip"}
+
+
+@pytest.mark.parametrize("acts", [True, False])
+def test_noise_of_the_slip_is_told_where_adhesion_does_not_follow_it(acts):
+    table = drawn(4, 0.002, acts)
+    problem = problem_of(table)
+    slip = slip_noise_of(problem, None)
+    assert slip.sigma == pytest.approx(0.002, rel=0.1)
+    fitted = fitted_to(table, slip.sigma)
+    told = noisy_slip(fitted, slip)
+    if acts:
+        assert told.p < 1e-6
+        assert told.sigma == pytest.approx(0.002, rel=0.15)
+    else:
+        assert told is None or told.p > 0.01
+    # What is given is told as it is.
+    given = slip_noise_of(problem, 0.003)
+    assert noisy_slip(fitted, given)[::2] == (0.003, 0.0)
+
+
+def test_the_noise_of_a_fit_is_that_of_the_campaign():
+    """sigma .006, AR .6 and levels of runs that scatter by 5 %."""
+    draw = np.random.default_rng(6)
+    table = campaign(draw)
+    scatter = (1 + 0.05 * draw.normal(size=RUNS))[table["run"]]
+    error = noise(draw, sigma=0.006, correlation=0.6)
+    fitted = fitted_to(table.assign(adhesion=curve(table["slip_ratio"]) * scatter + error))
+    told = noise_of(fitted, slip_noise_of(fitted.setting.problem, None))
+    # To three standard errors: of a variance of AR .6 sqrt(2/n 2.1), of a scatter 1/sqrt(2 runs).
+    rows = RUNS * POINTS
+    assert told.sigma == pytest.approx(0.006, rel=3 * np.sqrt(2.1 / 2 / rows) + 0.03)
+    assert told.autocorrelation == pytest.approx(0.6, abs=3 * np.sqrt(0.64 / rows) + 0.03)
+    assert told.run_scatter == pytest.approx(0.05, rel=3 / np.sqrt(2 * RUNS))
+
+
+@pytest.mark.parametrize(("runs", "least"), [(3, 0.25), (6, 0.031), (7, 0.016)])
+def test_few_runs_say_what_they_cannot_show(runs, least):
+    table = drawn(5)
+    (words,) = _few_runs(problem_of(table[table["run"] < runs]))
+    assert words.startswith(f"There are {runs} runs.")
+    assert f"no p can be below {least:g}:" in words
+    assert _few_runs(problem_of(table[table["run"] < 8])) == []

@@ -1,0 +1,138 @@
+"""Predictions at all rows, what is searched in blocks of rows, and test runs that are none."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from discovery_campaigns import SIZE, runs_of
+from scipy.signal import lfilter
+
+from adhesion_jax.curves import CURVES
+from adhesion_jax.data.condensing import condensed
+from adhesion_jax.discovery import engine
+from adhesion_jax.discovery.engine import discover
+from adhesion_jax.discovery.model import rows
+from adhesion_jax.discovery.model.training_runs import refuse_training_runs
+from adhesion_jax.effects import EFFECTS
+from adhesion_jax.effects.conditions import calendar_of
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.errors import InputError
+from adhesion_jax.simulation.simulator import simulate
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return runs_of(simulate(["humidity"], seed=4, **SIZE).train)
+
+
+def law_with_memory(runs):
+    lag = EFFECTS["lag"].starts({})[0]
+    return CorrectedLaw(CURVES["burckhardt"], (lag,), {}, calendar_of(runs.record))
+
+
+def test_predictions_in_pieces_are_those_of_whole_runs(runs, monkeypatch):
+    law = law_with_memory(runs)
+    whole = rows.predicted(law, runs)
+    side_by_side = np.asarray(rows._of_runs(law, runs.record.slip, runs.record.conditions))
+    np.testing.assert_array_equal(whole, side_by_side[np.asarray(runs.record.mask)])
+    # Some runs at a time, padded to 256 points.
+    monkeypatch.setattr(rows, "_CELLS", 600)
+    np.testing.assert_allclose(rows.predicted(law, runs), whole, rtol=1e-12)
+
+
+def test_a_long_run_in_stretches_remembers_what_was_before(runs, monkeypatch):
+    """A lag of .3 s has forgotten the start of the lead-in, 64 points of .1 s, up to exp(-21)."""
+    law = law_with_memory(runs)
+    whole = rows.predicted(law, runs)
+    monkeypatch.setattr(rows, "_CELLS", 64)
+    monkeypatch.setattr(rows, "_FEWEST_POINTS", 16)
+    pieces = list(rows._pieces(runs))
+    told = np.concatenate([piece.held[piece.inside] for piece in pieces])
+    assert sorted(told.tolist()) == list(range(runs.whole.slip.size))
+    np.testing.assert_allclose(rows.predicted(law, runs), whole, atol=2e-6)
+
+
+def test_test_runs_that_are_training_runs_are_refused(runs):
+    campaign = simulate(["humidity"], seed=4, **SIZE)
+    other = runs_of(campaign.test)
+    refuse_training_runs(runs, other)
+    both = runs_of(pd.concat([campaign.test, campaign.train.query("run == run.min()")]))
+    with pytest.raises(InputError, match="1 of the 8 runs of the test data is in the training"):
+        refuse_training_runs(runs, both)
+
+
+def long_campaign(seed, size, r, rows_a_run=10_000, count=30, sigma=0.01):
+    """Runs at 100 Hz in which humidity walks; its effect has `size` times the rms of the noise."""
+    draw = np.random.default_rng(seed)
+    time = np.arange(rows_a_run) / 100
+
+    def walk(kept, scale):
+        noise = draw.normal(size=rows_a_run + 5000)
+        return scale * lfilter([np.sqrt(1 - kept**2)], [1, -kept], noise)[5000:]
+
+    parts = []
+    for run in range(count):
+        sweep = np.sin(np.pi * draw.integers(1, 4) * time / time[-1]) ** 2
+        slip = 0.002 + draw.uniform(0.08, 0.2) * sweep
+        columns = {
+            "run": run,
+            "time_s": time + 300.0 * run,
+            "slip_ratio": slip,
+            "vehicle_speed_mps": draw.uniform(8, 25) + walk(0.9995, 1.0),
+            "relative_humidity_pct": np.clip(60 + walk(0.9995, 12.0), 1, 99),
+            "temperature_C": 15 + walk(0.9995, 4.0),
+            "curve": 0.35 * (1 - np.exp(-45 * slip)) - 0.4 * slip,
+            "noise": walk(r, sigma),
+        }
+        parts.append(pd.DataFrame(columns))
+    table = pd.concat(parts, ignore_index=True)
+    shape = table["curve"] * (table["relative_humidity_pct"] - 60) / 12
+    shape *= size * sigma / np.sqrt(np.mean(shape**2))
+    table["adhesion"] = table["curve"] + shape + table["noise"]
+    return runs_of(table.drop(columns=["curve", "noise"]))
+
+
+def check_bounds(found):
+    """Those parameters of effects of the catalogue are told that stand at a bound, and no other."""
+    for effect in found.effects:
+        for name, described in EFFECTS[effect.name].PARAMETERS.items():
+            if name in effect.parameters:
+                value = effect.parameters[name].value
+                at = value in (described.lower, described.upper)
+                assert at == (name in effect.at_bound), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("r", [0.0, 0.5])
+def test_an_effect_of_a_twentieth_of_the_noise_is_found_in_many_rows(r):
+    found = discover(long_campaign(0, 0.05, r))
+    assert "humidity" in {name for effect in found.effects for name in effect.candidates}
+    check_bounds(found)
+    assert found.noise["sigma"] == pytest.approx(0.01, rel=0.01)
+    assert found.noise["autocorrelation"] == pytest.approx(r, abs=0.01)
+    assert found.train.after.value < found.train.before.value
+    bare = discover(long_campaign(0, 0.0, r))
+    assert bare.effects == bare.unexplained == ()
+
+
+@pytest.mark.thorough
+def test_blocks_find_what_the_rows_would():
+    """5,000 rows and the same as 1,250 blocks: the same effect, well within its error."""
+    campaign = simulate(["humidity"], seed=4, runs=36, points=200)
+    whole = runs_of(campaign.train)
+    found = discover(whole)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine, "condensed", lambda runs: condensed(runs, 1_250))
+        fewer = discover(whole)
+    assert [effect.name for effect in fewer.effects] == [effect.name for effect in found.effects]
+    assert any("neighbouring rows, by their means" in words for words in fewer.warnings)
+    assert len(fewer.points) == pytest.approx(1_250, rel=0.02)
+    check_bounds(found)
+    assert fewer.train.after.value == pytest.approx(found.train.after.value, rel=1e-4)
+    for name, value in found.noise.items():
+        assert fewer.noise[name] == pytest.approx(value, rel=1e-3)
+    for one, other in zip(found.effects, fewer.effects, strict=True):
+        for name, (value, low, high) in one.parameters.items():
+            error = (high - low) / (2 * 1.96)
+            again = other.parameters[name]
+            assert abs(again.value - value) < 0.2 * error, name
+            assert again.high - again.low == pytest.approx(high - low, rel=0.02)

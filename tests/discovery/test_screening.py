@@ -1,0 +1,333 @@
+"""The score test of the library: its numbers, its size where nothing is, its power."""
+
+import itertools
+
+import numpy as np
+import pytest
+from discovery_campaigns import (
+    POINTS,
+    RUNS,
+    TRUE,
+    alone,
+    campaign,
+    curve,
+    levels,
+    noise,
+    seen,
+)
+from scipy import stats
+from scipy.interpolate import CubicSpline
+
+from adhesion_jax.discovery.model.fitting import nearly_fitted
+from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.catalogue import Entry, library_of
+from adhesion_jax.discovery.search.probes import directions_of, null_of, signals
+from adhesion_jax.discovery.search.screening import FLIPS, _gained, screen
+from adhesion_jax.effects import Covariate, Labels, Memory
+from adhesion_jax.effects.shape import ACTS_ON
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Nothing but the curve and noise of 2 %."""
+    draw = np.random.default_rng(11)
+    table = campaign(draw)
+    return table.assign(adhesion=curve(table["slip_ratio"]) + noise(draw))
+
+
+@pytest.fixture(scope="module")
+def fitted(table):
+    return alone(table)
+
+
+@pytest.fixture(scope="module")
+def null(fitted):
+    return null_of(fitted)
+
+
+@pytest.fixture(scope="module")
+def library(fitted):
+    return library_of(fitted.setting.problem)
+
+
+def line(column, acts_on="level", k=0.02):
+    start = Covariate(k, 0.1, 0.7, column=column, acts_on=acts_on)
+    return Entry(f"covariate:{column}", (start,), (column,), True, column, acts_on)
+
+
+def of_rows(null, values):
+    """An array [runs, points] at the points that there are."""
+    return np.asarray(values)[null.inside]
+
+
+# ------------------------------------------------------------------------------- what is given
+
+
+@pytest.mark.parametrize("acts_on", ACTS_ON)
+def test_a_probe_is_the_derivative_of_the_prediction_times_its_function(null, table, acts_on):
+    """Of mu exp(g), mu(l exp(g)), mu + g, mu(l + g) and of the loss beyond the peak, by g."""
+    fitted = null.fitted
+    data = fitted.setting.problem.data
+    slip, mu = of_rows(null, data.slip), of_rows(null, fitted.adhesion)
+    # The fitted curve is smooth in slip: its slope by a spline through points apart.
+    apart = np.unique((slip / 2e-4).astype(int), return_index=True)[1]
+    slope = CubicSpline(slip[apart], mu[apart]).derivative()(slip)
+    top = mu.max()
+    derivative = {
+        "level": mu,
+        "slip": slope * slip,
+        "offset": np.ones_like(mu),
+        "shift": slope,
+        "fall": np.where(slip > slip[mu.argmax()], mu - top, 0.0),
+    }[acts_on]
+    g = (table["warm"].to_numpy() - 0.1) / 0.7
+    (found,) = signals(null, [line("warm", acts_on).starts[0]]).T
+    expected = of_rows(null, fitted.setting.root) * derivative * 0.02 * g
+    size = np.abs(expected).max()
+    inside = np.abs(slip) > 3e-3
+    np.testing.assert_allclose(found[inside], expected[inside], atol=0.03 * size)
+
+
+def test_no_function_of_the_slip_is_left_to_be_found(null, table):
+    """Whatever bends the curve itself, alone or as a constant in the place of a column."""
+    fitted = null.fitted
+    root = of_rows(null, fitted.setting.root)
+    mu, slip = of_rows(null, fitted.adhesion), of_rows(null, fitted.setting.problem.data.slip)
+    bends = [mu, mu * slip, mu * np.sin(25 * slip), mu * np.exp(-slip / 0.02), 1 + 0 * mu]
+    for bend in bends:
+        whole = root * bend
+        left = whole - null.basis @ (null.basis.T @ whole)
+        assert np.linalg.norm(left) < 0.03 * np.linalg.norm(whole)
+    np.testing.assert_allclose(null.basis.T @ null.basis, np.eye(null.basis.shape[1]), atol=1e-9)
+    # What a column does to the level is left, whether or not it moves within the runs.
+    for column in ("warm", "gust"):
+        whole = root * mu * table[column].to_numpy()
+        left = whole - null.basis @ (null.basis.T @ whole)
+        assert np.linalg.norm(left) > 0.7 * np.linalg.norm(whole - whole.mean())
+
+
+def test_a_direction_is_what_is_given_cannot_explain(null):
+    probes = [line("warm").starts[0], line("gust", "slip").starts[0]]
+    testable, flat = directions_of(null, probes)
+    assert testable.all()
+    whole = signals(null, probes)
+    for found, signal in zip(flat.T, whole.T, strict=True):
+        left = signal - null.basis @ np.linalg.lstsq(null.basis, signal, rcond=None)[0]
+        np.testing.assert_allclose(found, left / np.linalg.norm(left), atol=1e-9)
+
+
+# ------------------------------------------------------------------------- one direction by hand
+
+
+def by_hand(null, probe, signs=None):
+    """F of one direction, and its degrees of freedom, for signs [runs, choices] of the runs."""
+    _, flat = directions_of(null, [probe])
+    run = np.nonzero(null.inside)[0]
+    numbers = np.unique(run)
+    x = flat[:, 0]
+    u = np.array([(x * null.residual)[run == number].sum() for number in numbers])
+    g = np.array([(x**2)[run == number].sum() for number in numbers])
+    signs = np.ones((numbers.size, 1)) if signs is None else signs
+    ratios = []
+    for sign in signs.T:
+        b = (sign * u).sum()
+        variance = numbers.size / (numbers.size - 1) * ((sign * u - g * b) ** 2).sum()
+        ratios.append(b**2 / variance)
+    return np.array(ratios), max(1 / (g**2).sum() - 1, 1.0)
+
+
+def test_z_of_one_direction_is_the_deviate_of_its_f(null, table):
+    draw = np.random.default_rng(3)
+    adhesion = curve(table["slip_ratio"]) * np.exp(0.03 * table["warm"]) + noise(draw)
+    now = seen(null, adhesion.to_numpy())
+    (score,) = screen([(now, [line("warm")])], seed=5)
+    probe = line("warm").starts[0]
+    (ratio,), freedom = by_hand(now, probe)
+    deviate = stats.norm.isf(stats.f.sf(ratio, 1, freedom))
+    # Of the random signs, those of this seed, .5 % are beyond 2.58.
+    signs = np.random.default_rng([5, 11]).choice([-1.0, 1.0], size=(RUNS, FLIPS))
+    ratios, _ = by_hand(now, probe, signs)
+    tail = np.quantile(stats.norm.isf(stats.f.sf(ratios, 1, freedom)), 0.995)
+    scale = stats.norm.isf(0.005) / tail
+    assert score.z == pytest.approx(deviate * scale, rel=0.01)
+    assert 2 < score.z < 8
+    most = np.quantile(stats.norm.isf(stats.f.sf(ratios, 1, freedom)), 0.99)
+    assert score.needed == pytest.approx(most * scale, rel=0.01)
+
+
+def in_few_runs(null, count):
+    """The null of the first runs alone."""
+    setting = null.fitted.setting
+    kept = (np.arange(setting.root.shape[0]) < count)[:, None]
+    setting = setting._replace(root=setting.root * kept)
+    return null_of(nearly_fitted(setting, "burckhardt", TRUE, ()))
+
+
+@pytest.fixture(scope="module")
+def eight(null):
+    return in_few_runs(null, 8)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_p_is_the_share_of_all_signs_of_eight_runs(eight, seed):
+    """By all 256 sign vectors, of which two give the data again."""
+    draw = np.random.default_rng(seed)
+    rows = int(eight.inside.sum())
+    whole = draw.normal(size=rows) + 0.4 * np.repeat(draw.normal(size=8), POINTS)
+    now = eight._replace(residual=whole - eight.basis @ (eight.basis.T @ whole))
+    entries = [line("gust"), line("gust", "offset"), line("load")]
+    every = np.array([*itertools.product([1.0, -1.0], repeat=8)]).T
+    exact = []
+    for entry in entries:
+        ratios, _ = by_hand(now, entry.starts[0], every)
+        assert ratios.shape == (256,)
+        exact.append(np.mean(ratios >= ratios[0] * (1 - 1e-9)))
+        (alone,) = screen([(now, [entry])], seed)
+        error = np.sqrt(exact[-1] * (1 - exact[-1]) / FLIPS)
+        assert alone.p == pytest.approx(exact[-1], abs=4 * error + 1 / FLIPS)
+        assert alone.own_p == alone.p
+        assert alone.p > 1 / 256
+    # Of several the p is by the largest: no less than that of each alone.
+    for score in screen([(now, entries)], seed):
+        error = np.sqrt(0.25 / FLIPS)
+        assert score.p >= exact[entries.index(score.entry)] - 4 * error
+
+
+def test_what_rests_on_few_runs_is_not_tested(null):
+    three = in_few_runs(null, 3)
+    assert screen([(three, [line("gust"), line("warm")])], seed=0) == ()
+    # Nor what is different in one run of many.
+    spike = Covariate(0.02, 0.0, 1.0, column="old")
+    problem = null.fitted.setting.problem
+    columns = np.array(problem.data.columns)
+    columns[problem.columns.index("old")] = (np.arange(columns.shape[1]) == 4)[:, None]
+    changed = problem._replace(data=problem.data._replace(columns=columns), terms={})
+    fitted = null.fitted._replace(setting=null.fitted.setting._replace(problem=changed))
+    entry = Entry("covariate:old", (spike,), ("old",), True, "old")
+    assert screen([(null._replace(fitted=fitted), [entry])], seed=0) == ()
+
+
+def test_p_falls_to_that_of_all_draws_and_no_further(null, table):
+    adhesion = curve(table["slip_ratio"]) * np.exp(0.2 * table["gust"])
+    (score,) = screen([(seen(null, adhesion.to_numpy()), [line("gust")])], seed=0)
+    assert score.p == 1 / (1 + FLIPS)
+
+
+def test_gains_are_those_of_ridge_fits_without_the_run():
+    draw = np.random.default_rng(4)
+    run = np.repeat(np.arange(6), [9, 12, 7, 11, 10, 8])
+    x, _ = np.linalg.qr(draw.normal(size=(run.size, 3)))
+    e = draw.normal(size=run.size) + 3 * x @ [1.0, -1.0, 0.5]
+    ends = np.flatnonzero(np.diff(run, prepend=-1))
+    gains, change = _gained(x, e, ends)
+    best = None
+    for ridge in (0.02, 0.2, 1.0):
+        found = []
+        for number in range(6):
+            some, own = run != number, run == number
+            left = x[some].T @ x[some] + ridge * np.eye(3)
+            b = np.linalg.solve(left, x[some].T @ e[some])
+            found.append(0.5 * ((e[own] ** 2).sum() - ((e[own] - x[own] @ b) ** 2).sum()))
+        if best is None or sum(found) > sum(best[0]):
+            best = found, x @ (x.T @ e) / (1 + ridge)
+    np.testing.assert_allclose(gains, best[0], rtol=1e-9)
+    np.testing.assert_allclose(change, best[1], rtol=1e-9)
+
+
+# ------------------------------------------------------------------------------ size and power
+
+
+def drawn(null, table, draw, degrees=np.inf):
+    """The curve with noise of AR .8 within runs and levels of runs that scatter by 3 %."""
+    clean = curve(table["slip_ratio"]).to_numpy()
+    return seen(null, clean * levels(draw, table) + noise(draw, degrees=degrees))
+
+
+def claims_of(null, table, library, draws, degrees):
+    """The smallest p of each of some draws of noise."""
+    found = []
+    for seed in range(draws):
+        draw = np.random.default_rng([21, seed])
+        scores = screen([(drawn(null, table, draw, degrees), library)], seed)
+        found.append(min(score.p for score in scores))
+    return np.array(found)
+
+
+def few_enough(found):
+    """Whether p is at most .01, .05 and .2 no oftener than it says, but for one chance in 1000."""
+    return [
+        int(np.sum(found <= level)) <= stats.binom.isf(1e-3, found.size, level)
+        for level in (0.01, 0.05, 0.2)
+    ]
+
+
+@pytest.mark.parametrize("degrees", [np.inf, 3.0])
+def test_where_nothing_is_hidden_p_is_as_rarely_small_as_it_says(null, table, library, degrees):
+    """Of everything in the library: lines, splines, labels and memories of columns, and causes."""
+    kinds = {type(start) for entry in library for start in entry.starts}
+    assert {Covariate, Labels, Memory} <= kinds
+    still = [entry for entry in library if entry.covariates[0] in ("warm", "old", "place")]
+    found = claims_of(null, table, still, 40, degrees)
+    assert few_enough(found) == [True] * 3
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("degrees", [np.inf, 3.0])
+def test_in_four_hundred_sets_of_noise_one_in_a_hundred_is_claimed(null, table, library, degrees):
+    found = claims_of(null, table, library, 400, degrees)
+    assert few_enough(found) == [True] * 3
+    # Nor is it much rarer, so that power is not given away.
+    assert np.mean(found <= 0.2) > 0.08
+
+
+PLANTED = {
+    "level": lambda mu, slip, z: mu(slip) * np.exp(0.03 * z),
+    "slip": lambda mu, slip, z: mu(slip * np.exp(0.15 * z)),
+    "offset": lambda mu, slip, z: mu(slip) + 0.008 * z,
+    "shift": lambda mu, slip, z: mu(slip + 0.0008 * z),
+    "fall": lambda mu, slip, z: np.where(
+        slip > 0.066, 0.2934 - (0.2934 - mu(slip)) * np.exp(0.5 * z), mu(slip)
+    ),
+}
+
+
+@pytest.mark.parametrize("acts_on", ACTS_ON)
+def test_what_a_column_does_to_a_part_of_the_curve_is_found_there(null, table, library, acts_on):
+    """Planted by its formula in the exact curve, whose peak of .2934 is at .066."""
+    draw = np.random.default_rng(31)
+    z = (table["gust"] / table["gust"].std()).to_numpy()
+    adhesion = PLANTED[acts_on](curve, table["slip_ratio"].to_numpy(), z)
+    now = seen(null, adhesion + noise(draw, correlation=0.5, sigma=0.0025))
+    scores = screen([(now, library)], seed=0)
+    assert scores[0].entry.name == "covariate:gust"
+    assert scores[0].p <= rules.SIGNIFICANT
+    best = max(scores, key=lambda score: score.gains.sum())
+    assert best.entry.acts_on == acts_on
+    assert best.entry.name == "covariate:gust"
+
+
+def test_labels_are_found_where_each_has_a_level_of_its_own(null, table, library):
+    draw = np.random.default_rng(32)
+    level = table["place"].map({"a": 1.0, "b": 0.9, "c": 1.08, "d": 0.97}).to_numpy()
+    clean = curve(table["slip_ratio"].to_numpy()) * level
+    scores = screen([(seen(null, clean + noise(draw)), library)], seed=0)
+    found = [score for score in scores if score.p == 1 / (1 + FLIPS)]
+    assert ("covariate:place", Labels, "level") in [score.form for score in found]
+    best = max(scores, key=lambda score: score.gains.sum())
+    assert best.entry.name == "covariate:place"
+
+
+def test_a_memory_is_found_where_the_column_alone_is_not_enough(null, table, library):
+    """With a time constant of 1.2 s, by the recursion for samples .1 s apart."""
+    draw = np.random.default_rng(33)
+    kept = np.exp(-0.1 / 1.2)
+    gust = table["gust"].to_numpy().reshape(RUNS, POINTS)
+    y = gust.copy()
+    for point in range(1, POINTS):
+        y[:, point] = kept * y[:, point - 1] + (1 - kept) * gust[:, point]
+    clean = curve(table["slip_ratio"].to_numpy()) * np.exp(0.06 * y.ravel())
+    scores = screen([(seen(null, clean + noise(draw)), library)], seed=0)
+    best = max(scores, key=lambda score: score.gains.sum())
+    assert best.form == ("covariate:gust", Memory, "level")
+    assert best.p == 1 / (1 + FLIPS)
+    assert float(best.start.time_constant) == pytest.approx(1.2)

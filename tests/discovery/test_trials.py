@@ -1,0 +1,99 @@
+"""Which candidates are one class, and what is decided of each."""
+
+import numpy as np
+import pytest
+
+from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.catalogue import Entry
+from adhesion_jax.discovery.search.screening import Score
+from adhesion_jax.discovery.search.trials import (
+    OF_SIGNALS,
+    Trial,
+    class_of,
+    ranked,
+    shortlisted,
+)
+from adhesion_jax.effects import EFFECTS, Covariate
+
+DRAW = np.random.default_rng(8)
+RUNS, POINTS = 20, 400
+FIRST, SECOND = DRAW.standard_normal((2, POINTS))
+BY_RUN = 2.0 + 0.3 * DRAW.standard_normal(RUNS)
+
+
+def score(
+    name, gain=1.0, change=FIRST, column="curvature_per_m", p=0.0005, family=None, scatter=0.05
+):
+    """A score that gains that share of the best in all, in each run give or take a little."""
+    generic = ":" in name
+    start = Covariate(0.02, 0.0, 1.0, column=column) if generic else EFFECTS["curve"](k=0.1)
+    entry = Entry(name, (start,), (column,), generic, family or name)
+    away = np.random.default_rng(len(name)).standard_normal(RUNS)
+    gains = gain * BY_RUN + scatter * (away - away.mean())
+    return Score(entry, start, 9.0, p, p, 3.0, gains, change)
+
+
+def test_a_class_gains_as_much_and_changes_the_prediction_alike():
+    best = score("best")
+    alike = score("alike", 0.999, 0.8 * FIRST + 0.6 * SECOND)
+    other = score("other", 0.999, 0.3 * FIRST + SECOND)
+    worse = score("worse", 0.7)
+    assert class_of([other, worse, alike, best], best) == ("best", "alike")
+
+
+def test_a_class_holds_causes_and_columns_whatever_their_kind():
+    """Two columns whose correlation is near one are both named, by either of them."""
+    humid = score("covariate:humid", column="humid")
+    warm = score("covariate:warm", 0.998, -FIRST + 0.1 * SECOND, "warm")
+    cause = score("temperature", 0.997, column="warm", family="temperature")
+    scores = [humid, warm, cause]
+    assert class_of(scores, humid) == ("covariate:humid", "covariate:warm", "temperature")
+    assert class_of(scores, warm) == ("covariate:warm", "covariate:humid", "temperature")
+    # The plain form of the columns of a cause is no other name for it.
+    assert class_of(scores, cause) == ("temperature", "covariate:humid")
+
+
+def test_a_formula_of_the_same_cause_may_gain_a_little_less():
+    best = score("best", family="place")
+    behind = 1 - (rules.CLASS_SHARE + rules.CLASS_SHARE_OF_FAMILY) / 2
+    kin = score("kin", behind, family="place", scatter=1.5)
+    stranger = score("stranger", behind, scatter=1.5)
+    assert class_of([best, kin, stranger], best) == ("best", "kin")
+    # But not where each run says that it does.
+    assert class_of([best, score("kin", behind, family="place")], best) == ("best",)
+
+
+def test_an_error_of_a_signal_is_one_of_all_and_without_a_change_there_is_no_class():
+    bias = score("slip_bias")
+    assert class_of([bias], bias) == ("slip_bias", *(n for n in OF_SIGNALS if n != "slip_bias"))
+    unsure = score("curve", change=np.zeros(0))
+    assert class_of([unsure, score("best")], unsure) == ("curve",)
+
+
+def test_the_shortlist_is_of_what_gains_most_and_none_where_nothing_is_significant():
+    scores = [score(f"cause {number}", 0.1 * number) for number in range(1, 12)]
+    scores += [score(f"covariate:c{number}", 0.1 * number) for number in range(1, 12)]
+    scores += [score("far", 9.0, p=0.5)]
+    chosen = [one.entry.name for one in shortlisted(scores, 0.01)]
+    causes = [f"cause {11 - place}" for place in range(rules.TRIED_CAUSES)]
+    columns = [f"covariate:c{11 - place}" for place in range(rules.TRIED_COLUMNS)]
+    assert chosen == [*causes, *columns]
+    assert shortlisted(scores, 0.0001) == []
+    assert shortlisted([], 0.01) == []
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_decisions_of_a_ranking_go_by_the_form_of_an_entry(accepted):
+    names = {"best": 0.001, "alike": 0.001, "other": 0.002, "idle": 0.01, "far": 0.5}
+    scores = [score(name, p=p) for name, p in names.items()]
+    # Equal copies of scores get the rows of the scores themselves.
+    trials = [Trial(one._replace(), None, 1.0) for one in scores[:3]]
+    given = (2, scores, trials, None)
+    first = "accepted" if accepted else "does not lower the held-out error"
+    rest = ["in the class of best", "explains less", "less telling", "not significant"]
+    rows = ranked(*given, trials[0]._replace(), ("best", "alike"), accepted)
+    assert [row.decision for row in rows] == [first, *rest]
+    assert [row.round for row in rows] == [2] * 5
+    # A pair that was not scored with the others has no row.
+    rows = ranked(*given, None, ("best", "alike"), accepted)
+    assert [row.decision for row in rows] == ["in the class of best", *rest]
