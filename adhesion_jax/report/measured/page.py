@@ -44,4 +44,4 @@ def page_of(
 
 
 def _warns(title: str) -> bool:
-    return title in ("No answer", "Not to be trusted")
+    return title in ("No answer", "Not to be trusted", "Warning")
