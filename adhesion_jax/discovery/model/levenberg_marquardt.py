@@ -11,7 +11,7 @@ from adhesion_jax.optim.levenberg_marquardt import Local, Search, advance, arriv
 from adhesion_jax.programs import kept
 
 #: Largest number of steps.
-_STEPS = 40
+_STEPS = 400
 
 
 class Solution(NamedTuple):
