@@ -381,8 +381,8 @@ def test_outliers_hardly_move_the_curve(table):
     moved, much = (
         np.sqrt(np.mean((one.adhesion - clean.adhesion)[inside] ** 2)) for one in (robust, plain)
     )
-    # A share e on one side moves an estimate of Huber by e k sigma/P(|z| < k), here k = 2; where the
-    # outliers lie scatters p parameters by a variance of e (k sigma)^2 p/n in the mean over points.
+    # A share e on one side moves an estimate of Huber by e k sigma/P(|z| < k), here k = 2; where
+    # they lie scatters p parameters by a variance of e (k sigma)^2 p/n in the mean over points.
     share, reach = np.mean(far > 0), 2 * clean.setting.sigma
     scatter = share * reach**2 * len(clean.places) / len(table)
     bias = share * reach
