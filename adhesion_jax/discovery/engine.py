@@ -47,6 +47,7 @@ def _never_falling(progress: Callable[[str, float], None]) -> Callable[[str, flo
 
 # The matrices are small: several threads of the linear algebra, or of the trees, would be slower.
 @threadpool_limits.wrap(limits=1)
+@runtime.as_in_commands
 def discover(
     runs: RunSet,
     test: RunSet | None = None,
@@ -176,9 +177,9 @@ def _condensing_words(runs: RunSet, blocks: RunSet) -> list[str]:
     rows, points = runs.whole.slip.size, blocks.whole.slip.size
     length = np.diff(blocks.places, append=rows)
     sentences = [
-        f"Effects are searched for in {points:,} blocks of {length.min()} to {length.max()} "
-        f"neighbouring rows, by their means; what is found is fitted to all {rows:,} rows and "
-        "tested on them."
+        f"Effects are searched for, and the law is fitted, in {points:,} blocks of {length.min()} "
+        f"to {length.max()} neighbouring rows, by their means; errors and noise are those of all "
+        f"{rows:,} rows."
     ]
     hidden = {
         name: share

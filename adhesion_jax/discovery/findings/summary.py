@@ -21,7 +21,7 @@ from adhesion_jax.discovery.findings.cautions import (
 from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted, quantile
-from adhesion_jax.discovery.model.noise import NoisySlip, noise_of
+from adhesion_jax.discovery.model.noise import NoisySlip, noise_of, noise_of_rows
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
@@ -87,6 +87,8 @@ def summarise(
         predictions = _predictions(test.places, test_before, test_after)
     refuted = _refuted(final, validation, tested)
     noise = noise_of(final.fitted, slip)
+    if blocks is not runs:
+        noise = noise_of_rows(runs, law, after, final.setting.share, slip)
     level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
     slow = noise.run_scatter**2 + noise.slow_level**2
     floor = float(np.sqrt(noise.sigma**2 + slow * level))

@@ -57,6 +57,7 @@ class Setting(NamedTuple):
     root: np.ndarray  # [runs, points]: reciprocal standard deviation of a point, less far outside
     sigma: float  # standard deviation of the noise of adhesion, of a point of weight 1
     share: float  # of the noise of the slip that acts
+    scatter: float  # standard deviation of the levels of the runs, relative to the curve
 
 
 class Fitted(NamedTuple):
@@ -166,7 +167,7 @@ def weighed(fitted: Fitted) -> Setting:
         by_slip = (setting.spread * slope_of(fitted))[inside] ** 2
     best = (-np.inf, 0.0, 0.0)
     for share in _SHARES if by_slip.any() else _SHARES[:1]:
-        sigma = _sigma(error, weight, share**2 * by_slip)
+        sigma = sigma_of(error, weight, share**2 * by_slip)
         variance = sigma**2 / weight + share**2 * by_slip
         size = np.minimum(np.abs(error) / np.sqrt(variance), 2 * _TUNING)
         told = -0.5 * float(np.sum(np.log(variance) + size**2))
@@ -177,10 +178,39 @@ def weighed(fitted: Fitted) -> Setting:
     far = np.abs(error) / np.sqrt(variance) / _TUNING
     root = np.zeros(points.shape)
     root[inside] = 1 / np.sqrt(variance * np.maximum(far, 1.0))
-    return setting._replace(root=root, sigma=sigma, share=share)
+    # Blocks of one run have no levels of their own.
+    blocks = setting.problem.blocks
+    scatter = 0.0 if blocks else _scatter(root * fitted.adhesion, root * fitted.error)
+    return setting._replace(root=root, sigma=sigma, share=share, scatter=scatter)
 
 
-def _sigma(error: np.ndarray, weight: np.ndarray, by_slip: np.ndarray) -> float:
+def _scatter(level: np.ndarray, error: np.ndarray) -> float:
+    """The standard deviation of the coefficients of `level` in the errors of the runs.
+
+    Both are [runs, points], in units of the noise; what independent noise makes of it is taken off.
+    """
+    size = (level**2).sum(axis=1)
+    used = size > 0
+    coefficients = (level * error).sum(axis=1)[used] / size[used]
+    return float(np.sqrt(max(np.mean(coefficients**2) - np.mean(1 / size[used]), 0.0)))
+
+
+def levels_of(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    """What a level of each run changes, at length one, [runs, points], and its share, [runs].
+
+    With levels that scatter by s the covariance of the errors of a run is I + s^2 v v', v what its
+    level changes in units of the noise; of the direction of v its inverse leaves 1 less the share
+    s^2 v'v/(1 + s^2 v'v). It says how much the levels of runs count beside what moves within them.
+    """
+    setting = fitted.setting
+    level = setting.root * fitted.adhesion
+    size = (level**2).sum(axis=1)
+    unit = level / np.sqrt(np.maximum(size, 1e-300))[:, None]
+    scattered = setting.scatter**2 * size
+    return unit, scattered / (1 + scattered)
+
+
+def sigma_of(error: np.ndarray, weight: np.ndarray, by_slip: np.ndarray) -> float:
     """1.48 times the median size of an error of a point of weight 1, where the slip is calm."""
     size = np.abs(error) * np.sqrt(weight)
     sigma = 1.4826 * float(np.median(size))

@@ -6,8 +6,11 @@ import numpy as np
 import scipy
 from scipy.signal import savgol_filter
 
-from adhesion_jax.discovery.model.fitting import Fitted, slope_of
+from adhesion_jax.data.runs import RunSet
+from adhesion_jax.discovery.model.fitting import Fitted, sigma_of, slope_of
 from adhesion_jax.discovery.model.problem import Problem
+from adhesion_jax.discovery.model.rows import predicted
+from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise, described
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.slip import SlipNoise, slip_noise
@@ -19,6 +22,9 @@ _NOTICEABLE = 0.1
 
 #: Rows through which the parabolas are laid.
 _WINDOW = 15
+
+#: Change of the slip by which the slope of a law is taken.
+_NUDGE = 1e-5
 
 
 class NoisySlip(NamedTuple):
@@ -65,6 +71,34 @@ def noise_of(fitted: Fitted, slip: SlipNoise) -> RunNoise:
     variance = Variance(setting.sigma, row, spread)
     rows, error = rows_of(setting.problem), fitted.error[inside]
     return described(rows, error, slope, fitted.adhesion[inside], variance, slip)
+
+
+def noise_of_rows(
+    runs: RunSet, law: CorrectedLaw, adhesion: np.ndarray, share: float, blocks: SlipNoise
+) -> RunNoise:
+    """The noise of single rows where the law was fitted to means of `blocks` of them.
+
+    `adhesion` is the prediction of the law, `share` that of the slip's noise that acts.
+    """
+    whole = runs.whole
+    edges = np.append(runs.starts, whole.slip.size)
+    ordered, several = "time_s" in whole.conditions, not runs.blocks
+    places = np.arange(runs.starts.size)
+    rows = Rows(
+        whole.slip, whole.adhesion, whole.conditions, runs.worth, edges, edges, places, ordered,
+        several,
+    )  # fmt: skip
+    speed = whole.conditions.get("vehicle_speed_mps")
+    slip = slip_noise(rows, speed, blocks.sigma if blocks.given else None)
+    spread = share * slip.spread
+    slope = np.zeros(whole.slip.size)
+    if spread.any():
+        moved = runs._replace(whole=whole._replace(slip=whole.slip + _NUDGE))
+        slope = (predicted(law, moved) - adhesion) / _NUDGE
+    error, by_slip = whole.adhesion - adhesion, (slope * spread) ** 2
+    sigma = sigma_of(error, runs.worth, by_slip)
+    variance = Variance(sigma, sigma**2 / runs.worth + by_slip, spread)
+    return described(rows, error, slope, adhesion, variance, slip)
 
 
 def noisy_slip(fitted: Fitted, slip: SlipNoise) -> NoisySlip | None:

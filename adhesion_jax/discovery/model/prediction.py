@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from adhesion_jax.discovery.model.fitting import DETERMINED, Fitted, solve
+from adhesion_jax.discovery.model.fitting import DETERMINED, Fitted, levels_of, solve
 
 #: Largest number of folds of the cross-validation; of fewer runs each is a fold.
 _FOLDS = 40
@@ -50,20 +50,35 @@ def expected_loss(fitted: Fitted) -> np.ndarray:
 
 
 def _predicted(fitted: Fitted) -> np.ndarray:
-    """`expected_loss` of whole runs, [runs]."""
-    whole = fitted.hessian.sum(0)
+    """`expected_loss` of whole runs, [runs], beside levels of runs that scatter.
+
+    The parameters are those of generalised least squares, one Gauss-Newton step from the fit.
+    """
+    unit, share = levels_of(fitted)
+    along_level = (unit * fitted.residual).sum(axis=1)
+    of_level = np.einsum("rt,krt->rk", unit, fitted.jacobian)
+    crossed = share[:, None] * of_level
+    loss = fitted.loss - 0.5 * share * along_level**2
+    gradient = fitted.gradient - along_level[:, None] * crossed
+    hessian = fitted.hessian - of_level[:, :, None] * crossed[:, None, :]
+    whole = hessian.sum(0)
+    if share.any():
+        step = -solve(whole, gradient.sum(0))
+        moved = hessian @ step
+        loss = loss + (gradient + 0.5 * moved) @ step
+        gradient = gradient + moved
     scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
     values, vectors = np.linalg.eigh(whole * scale[:, None] * scale)
     kept = values > DETERMINED * values.max(initial=0.0)
     root = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-    within = root.T @ fitted.hessian @ root
+    within = root.T @ hessian @ root
     # If a single run determines a parameter, its gradient is zero at the minimum. A fit that only
     # came near leaves some gradient, which the last step would remove: it is subtracted.
-    left = np.einsum("rkl,l->rk", within, fitted.gradient.sum(0) @ root)
+    left = np.einsum("rkl,l->rk", within, gradient.sum(0) @ root)
     shares, axes = np.linalg.eigh(within)
-    along = np.einsum("rkl,rk->rl", axes, fitted.gradient @ root - left)
+    along = np.einsum("rkl,rk->rl", axes, gradient @ root - left)
     free = 1 - np.clip(shares, 0.0, 1 - 1e-6)
-    return fitted.loss + 0.5 * (along**2 / free - np.log(free)).sum(axis=1)
+    return loss + 0.5 * (along**2 / free - np.log(free)).sum(axis=1)
 
 
 class Gain(NamedTuple):

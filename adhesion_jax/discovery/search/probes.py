@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
 from adhesion_jax.curves import Scalar
-from adhesion_jax.discovery.model.fitting import Fitted, raw_changes
+from adhesion_jax.discovery.model.fitting import Fitted, levels_of, raw_changes
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import APART, words_of
 from adhesion_jax.discovery.search import rules
@@ -35,6 +35,8 @@ class Null(NamedTuple):
     inside: np.ndarray  # [runs, points]
     basis: np.ndarray  # [points, directions]: orthonormal
     residual: np.ndarray  # [points]: data less prediction, in units of the noise, without them
+    level: np.ndarray  # [points]: what a level of each run changes, at length one
+    kept: np.ndarray  # [points]: the share of it that is kept
     changed: Mapping[str, np.ndarray]  # [runs, points]: per constant in the place of a ShapeTerm
 
 
@@ -48,7 +50,10 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
     inside = root > 0
     constants = [Covariate(_NUDGE, 0.0, 1.0, column="", acts_on=acts_on) for acts_on in ACTS_ON]
     changed = dict(zip(ACTS_ON, raw_changes(fitted, constants) / _NUDGE, strict=True))
-    plain = Null(fitted, inside, np.zeros((int(inside.sum()), 0)), np.zeros(0), changed)
+    unit, share = levels_of(fitted)
+    kept = np.broadcast_to(np.sqrt(1 - share)[:, None], unit.shape)
+    nothing = np.zeros((int(inside.sum()), 0))
+    plain = Null(fitted, inside, nothing, np.zeros(0), unit[inside], kept[inside], changed)
     whole = np.concatenate(
         [
             fitted.jacobian[:, inside].T[:, [place not in APART for place in fitted.places]]
@@ -62,11 +67,25 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
         axis=1,
     )
     size = np.linalg.norm(whole, axis=0)
-    whole = whole[:, size > 0] / size[size > 0]
+    whole = _beside_levels(plain, whole[:, size > 0] / size[size > 0])
     left, values, _ = np.linalg.svd(whole, full_matrices=False)
     basis = left[:, values > _OWN * values[0]]
-    residual = -fitted.residual[inside]
+    residual = _beside_levels(plain, -fitted.residual[inside][:, None])[:, 0]
     return plain._replace(basis=basis, residual=residual - basis @ (basis.T @ residual))
+
+
+def firsts_of(null: Null) -> np.ndarray:
+    """The first point of each run, [runs]."""
+    return np.flatnonzero(np.diff(np.nonzero(null.inside)[0], prepend=-1))
+
+
+def _beside_levels(null: Null, flat: np.ndarray) -> np.ndarray:
+    """Columns [points, columns] times the root of the inverse covariance of levels that scatter."""
+    firsts = firsts_of(null)
+    level = null.level[:, None]
+    along = np.add.reduceat(level * flat, firsts, axis=0)
+    along = np.repeat(along, np.diff(firsts, append=level.size), axis=0)
+    return flat - level * (1 - null.kept[:, None]) * along
 
 
 def _of_slip(fitted: Fitted, inside: np.ndarray, shared: bool) -> np.ndarray:
@@ -96,7 +115,7 @@ def directions_of(null: Null, probes: Sequence[Effect]) -> tuple[np.ndarray, np.
     Returns a mask of the probes that can be tested [probes]; the components [points, probes], each
     of length one, zero for the others, in units of the noise.
     """
-    flat = signals(null, probes)
+    flat = _beside_levels(null, signals(null, probes))
     before = np.linalg.norm(flat, axis=0)
     flat = flat - null.basis @ (null.basis.T @ flat)
     left = np.linalg.norm(flat, axis=0)

@@ -162,7 +162,8 @@ def torsion(fitted: Fitted) -> Torsion | None:
     step = np.diff(np.asarray(problem.data.conditions["time_s"])[whole, :points], axis=1)
     if whole.sum() < rules.FEWEST_RUNS_OF_A_LINE or step.size == 0:
         return None
-    if np.ptp(step) > rules.EVEN_STEPS * np.median(step):
+    # Where all times are alike no step is a time.
+    if not np.median(step) > 0 or np.ptp(step) > rules.EVEN_STEPS * np.median(step):
         return None
     rate = 1 / float(np.median(step))
     power = (np.abs(np.fft.rfft(fitted.error[whole, :points], axis=1)) ** 2).sum(0)

@@ -9,7 +9,7 @@ from scipy.special import fdtrc, ndtri
 from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
-from adhesion_jax.discovery.search.probes import Null, directions_of, split
+from adhesion_jax.discovery.search.probes import Null, directions_of, firsts_of, split
 from adhesion_jax.effects import Effect, Spline
 
 #: Number of random sign flips of the runs that the null distribution is drawn from.
@@ -136,20 +136,23 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     probes, owner = split([start for _, start in starts])
     testable, flat = directions_of(null, probes)
     blocks, places = [], []
-    ends = np.flatnonzero(np.diff(np.nonzero(null.inside)[0], prepend=-1))
+    ends = firsts_of(null)
     for place in range(len(starts)):
-        block = orthonormal(flat[:, np.flatnonzero((owner == place) & testable)])
+        own = np.flatnonzero((owner == place) & testable)
+        block = orthonormal(flat[:, own])
         # What rests on a few runs is not tested: random signs of so few say nothing.
         shares = np.add.reduceat(block**2, ends, axis=0)
         carried = 1 / np.maximum((shares**2).sum(axis=0), 1e-300)
         block = block[:, carried >= _FEWEST_RUNS_ALONE]
         if not block.shape[1] or float(carried.mean()) < _FEWEST_RUNS:
             continue
-        smooth = isinstance(starts[place][1], Spline) and block.shape[1] > _SMOOTHEST
-        for some in [block, block[:, :_SMOOTHEST]] if smooth else [block]:
-            if some.shape[1]:
-                blocks.append(some)
-                places.append(place)
+        forms = [block]
+        if block.shape[1] > _SMOOTHEST and isinstance(starts[place][1], Spline):
+            forms.append(block[:, :_SMOOTHEST])
+        # Of a surface the plain product of both columns, too.
+        forms += [flat[:, [one]] for one in own if getattr(probes[one], "k11", 0) != 0]
+        blocks += forms
+        places += [place] * len(forms)
     if not blocks:
         return _Tested([], np.zeros(0), np.zeros(0), np.full(FLIPS, -np.inf), [], [])
     first = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
