@@ -6,17 +6,17 @@ import pytest
 from scipy.stats import binomtest
 
 from adhesion_jax.commands import status
-from adhesion_jax.commands.study import OWN_FILES, study
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE, names_for
 from adhesion_jax.simulation.random_effect import RandomEffect
 from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import Noise
-from adhesion_jax.studies.discovery.judging import is_one_of, removed_share
-from adhesion_jax.studies.discovery.rates import clopper_pearson, confusion, rates, shares
-from adhesion_jax.studies.discovery.running import row
-from adhesion_jax.studies.discovery.tasks import Task, make_set, study_tasks
+from experiments.discovery_study.__main__ import OWN_FILES, study
+from experiments.discovery_study.judging import is_one_of, removed_share
+from experiments.discovery_study.rates import clopper_pearson, confusion, rates, shares
+from experiments.discovery_study.running import row
+from experiments.discovery_study.tasks import Task, make_set, study_tasks
 
 NOISE = Noise(0.01, 0.0, 0.0)
 
@@ -317,8 +317,7 @@ def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_pa
     capsys.readouterr()
     status.main(two)
     said = capsys.readouterr().out
-    assert f"{len(tasks) - 2} of {len(tasks)} sets are finished" in said
-    assert "False claims on null sets: 0 of 2" in said
+    assert f"{len(tasks) - 2} of {len(tasks)} runs are finished" in said
     study(sizes, two, nothing_found, resume=True)
     pd.testing.assert_frame_equal(sets(two), sets(one), check_exact=True)
     kept = [place for place in range(len(tasks)) if place not in (1, 3)]
@@ -330,10 +329,10 @@ def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_pa
 
 @pytest.mark.thorough
 def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.FOLLOWED", ("humidity",))
-    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.VISIBLE", (0.5, 2.0))
+    monkeypatch.setattr("experiments.discovery_study.tasks.FOLLOWED", ("humidity",))
+    monkeypatch.setattr("experiments.discovery_study.tasks.VISIBLE", (0.5, 2.0))
     some = {name: PLANTABLE[name] for name in ("humidity", "speed")}
-    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.PLANTABLE", some)
+    monkeypatch.setattr("experiments.discovery_study.tasks.PLANTABLE", some)
     sizes = {"null": 4, "powers": 1, "seed": 0, "pairs": 1, "random": 6, "logs": 1}
     table = study(sizes, tmp_path, lambda *_: answer(("humidity", "drift")))
     assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES, "shards"}

@@ -11,13 +11,11 @@ from scipy.optimize import least_squares
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.tiles import TILE
-from adhesion_jax.command_line.speed import main
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate
 from adhesion_jax.records import Record
-from adhesion_jax.report.studies.speed import told
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
-from adhesion_jax.studies.speed import (
+from experiments.speed import (
     all_points,
     blocks,
     c_code,
@@ -27,8 +25,10 @@ from adhesion_jax.studies.speed import (
     recursions,
     scaling,
 )
-from adhesion_jax.studies.speed.batches import Batch, drawn
-from adhesion_jax.studies.speed.turns import Timed, absent, rates
+from experiments.speed.__main__ import main
+from experiments.speed.batches import Batch, drawn
+from experiments.speed.report import told
+from experiments.speed.turns import Timed, absent, rates
 
 SAMPLES, RUNS, STREAMS = 120, 6, 2000
 

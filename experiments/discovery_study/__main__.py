@@ -1,0 +1,137 @@
+"""Measure how often the discovery is right: false claims, detection, confusions, random effects."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+import pandas as pd
+
+from adhesion_jax import runtime
+from adhesion_jax.campaign.executor import Processes
+from adhesion_jax.command_line.command import SEED, Folder, run, start
+from adhesion_jax.commands.shards import compute, opened_for
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import output_directory, write_metadata, write_table
+from experiments.discovery_study.from_tables import discover_tables
+from experiments.discovery_study.rates import confusion, rates, shares
+from experiments.discovery_study.report import (
+    draw_confusion,
+    draw_detection,
+    draw_random,
+    study_text,
+)
+from experiments.discovery_study.running import Discover, Study, content, sets_of
+from experiments.discovery_study.tasks import study_tasks
+
+OWN_FILES = (
+    *("sets.csv", "rates.csv", "confusion.csv", "shares.csv", "metadata.json"),
+    *("detection.png", "confusion.png", "random.png"),
+)
+
+
+@click.command()
+@click.option(
+    "--null",
+    type=click.IntRange(min=0),
+    default=200,
+    show_default=True,
+    help="Sets with nothing hidden in them; the noise of half of them is slow.",
+)
+@click.option(
+    "--powers",
+    type=click.IntRange(min=0),
+    default=10,
+    show_default=True,
+    help="Sets of each effect and strength.",
+)
+@click.option(
+    "--pairs",
+    type=click.IntRange(min=0),
+    default=24,
+    show_default=True,
+    help="Sets with two effects of different families.",
+)
+@click.option(
+    "--random",
+    type=click.IntRange(min=0),
+    default=100,
+    show_default=True,
+    help="Sets with an effect that is a random smooth function of one or two columns.",
+)
+@click.option(
+    "--logs",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Logs of each kind, with nothing hidden but the noise of the slip.",
+)
+@click.option(
+    "--log-effects",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Logs with each of three effects, the kinds of logs by turns.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Processes; the results do not depend on their number.",
+)
+@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--resume", is_flag=True, help="Compute what an interrupted study left over.")
+@click.option("--out", type=Folder(), default=Path("out/discovery_study"), show_default=True)
+def main(workers: int, resume: bool, out: Path, **sizes: int) -> None:
+    """Run the discovery on simulated sets and count what it gets right."""
+    start()
+    study(sizes, out, discover_tables, workers, resume)
+
+
+def study(
+    sizes: Mapping[str, int],
+    out: Path,
+    discover: Discover,
+    workers: int = 1,
+    resume: bool = False,
+) -> pd.DataFrame:
+    """The study of any `discover`, written to `out`; its rates.
+
+    `sizes` are the arguments of `study_tasks`. Where other processes compute, they must be able to
+    import `discover`; the rows are the same, save the times.
+    """
+    tasks = study_tasks(**sizes)
+    if not tasks:
+        raise InputError("A study of no sets says nothing; give --null or --powers above 0.")
+    directory = output_directory(out)
+    began = time.perf_counter()
+    job = Study(tuple(tasks), discover, sizes)
+    with opened_for("study", [job], directory, OWN_FILES, resume) as (folder, stage):
+        compute(content, [job], folder, lambda _: Processes(workers), "set")
+        sets = sets_of(folder, job.name, job.shards)
+        hits, removed = rates(sets), shares(sets)
+        write_table(stage / "sets.csv", sets)
+        write_table(stage / "rates.csv", hits)
+        parts = {task.part for task in tasks}
+        if "confusion" in parts:
+            counts = confusion(sets)
+            counts.to_csv(stage / "confusion.csv")
+            draw_confusion(stage / "confusion.png", counts, hits)
+            draw_detection(stage / "detection.png", hits)
+        if "random" in parts:
+            write_table(stage / "shares.csv", removed)
+            draw_random(stage / "random.png", sets)
+        metadata = {
+            "config": {**sizes, "workers": workers},
+            "wall_seconds": time.perf_counter() - began,
+            **runtime.describe(),
+        }
+        write_metadata(stage / "metadata.json", metadata)
+    click.echo(study_text(hits, removed, sets))
+    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+    return hits
+
+
+if __name__ == "__main__":
+    run(main)
