@@ -28,9 +28,8 @@ from experiments.discovery_peers.sets import (
     stored_sets,
 )
 from experiments.discovery_peers.summary import THIS, summarised
-from experiments.discovery_study.from_tables import discover_tables
 from experiments.discovery_study.judging import removed_share
-from experiments.discovery_study.running import Discover
+from experiments.discovery_study.running import Discover, discovered
 
 OWN_FILES = ("peer_sets.csv", "peers.csv", "peers.png", "metadata.json")
 
@@ -89,7 +88,7 @@ def main(
         parts = chain(stored, simulated_sets(simulated, seed), random_sets(random, seed))
         with tqdm(total=total, unit="fit") as bar:
             for part in parts:
-                for row in compared(part, methods, discover_tables, seed):
+                for row in compared(part, methods, discovered, seed):
                     bar.set_description(f"{part.name} {row['method']}")
                     bar.update()
                     rows.append(row)

@@ -13,7 +13,6 @@ from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.commands.shards import compute, opened_for
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, write_metadata, write_table
-from experiments.discovery_study.from_tables import discover_tables
 from experiments.discovery_study.rates import confusion, rates, shares
 from experiments.discovery_study.report import (
     draw_confusion,
@@ -21,7 +20,7 @@ from experiments.discovery_study.report import (
     draw_random,
     study_text,
 )
-from experiments.discovery_study.running import Discover, Study, content, sets_of
+from experiments.discovery_study.running import Discover, Study, content, discovered, sets_of
 from experiments.discovery_study.tasks import study_tasks
 
 OWN_FILES = (
@@ -86,7 +85,7 @@ OWN_FILES = (
 def main(workers: int, resume: bool, out: Path, **sizes: int) -> None:
     """Run the discovery on simulated sets and count what it gets right."""
     start()
-    study(sizes, out, discover_tables, workers, resume)
+    study(sizes, out, discovered, workers, resume)
 
 
 def study(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import ACTS_ON
@@ -14,23 +14,6 @@ from experiments.discovery_study.tasks import AUTOCORRELATIONS
 #: An effect is well removed if at least `REMOVED` of the removable squared error is removed, and
 #: missed if less than `MISSED` is.
 REMOVED, MISSED = 0.9, 0.1
-
-
-class Rate(NamedTuple):
-    """A share of sets and its 95 % Clopper-Pearson interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-def clopper_pearson(hits: int, count: int) -> Rate:
-    """The exact binomial interval, from the quantiles of the beta distribution."""
-    if count == 0:
-        return Rate(np.nan, np.nan, np.nan)
-    low = float(beta.ppf(0.025, hits, count - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(0.975, hits + 1, count - hits)) if hits < count else 1.0
-    return Rate(hits / count, low, high)
 
 
 class _Hits(NamedTuple):
@@ -44,12 +27,19 @@ class _Hits(NamedTuple):
 
 
 def rates(sets: pd.DataFrame) -> pd.DataFrame:
-    """Shares with their intervals: part, group, visible, quantity, count, hits, rate, low, high."""
+    """Shares with their intervals: part, group, visible, quantity, count, hits, rate, low, high.
+
+    The intervals are those of 95 % by Clopper and Pearson 1934; a share of no sets is NaN.
+    """
     rows = []
     for of_part in (_null_hits, _strength_hits, _pair_hits, _random_hits, _log_hits):
         for *names, hits in of_part(sets):
-            count = len(hits), int(hits.sum())
-            rows.append((*names, *count, *clopper_pearson(count[1], count[0])))
+            count, right = len(hits), int(hits.sum())
+            share = (np.nan,) * 3
+            if count:
+                interval = binomtest(right, count).proportion_ci(method="exact")
+                share = (right / count, interval.low, interval.high)
+            rows.append((*names, count, right, *share))
     columns = [*_Hits._fields[:-1], "count", "hits", "rate", "low", "high"]
     return pd.DataFrame(rows, columns=columns)
 

@@ -15,6 +15,7 @@ from adhesion_jax.campaign.monte_carlo import frame_of
 from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.store import Content, read, rows_of
 from adhesion_jax.discovery.types import Findings
+from adhesion_jax.library.discover import discover
 from adhesion_jax.runtime import silent
 from adhesion_jax.simulation.simulator import SimulatedSet
 from experiments.discovery_study.judging import judged
@@ -22,6 +23,11 @@ from experiments.discovery_study.tasks import Task, make_set
 
 #: What is studied: training table, test table or none, and seed to findings.
 Discover = Callable[[pd.DataFrame, pd.DataFrame | None, int], Findings]
+
+
+def discovered(train: pd.DataFrame, test: pd.DataFrame | None, seed: int) -> Findings:
+    """The findings that a user gets from these tables; reading them is included."""
+    return discover(train, test, seed=seed).findings
 
 
 class Study(NamedTuple):

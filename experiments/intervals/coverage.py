@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.curves import CURVES, Curve
@@ -150,6 +150,7 @@ def coverage_rates(rows: pd.DataFrame) -> pd.DataFrame:
     for truth, noise, part in groups:
         for quantity in ("mu_max", "slip_opt"):
             held, sets = int(part[f"{quantity}_held"].sum()), len(part)
+            interval = binomtest(held, sets).proportion_ci(method="exact")
             width = (part[f"{quantity}_hi"] - part[f"{quantity}_lo"]).median()
             narrow = (usual[f"{quantity}_hi"] - usual[f"{quantity}_lo"]).median()
             error = part[quantity] - part[f"{quantity}_true"]
@@ -160,8 +161,8 @@ def coverage_rates(rows: pd.DataFrame) -> pd.DataFrame:
                     "quantity": quantity,
                     "sets": sets,
                     "coverage": held / sets,
-                    "low": float(beta.ppf(0.025, held, sets - held + 1)) if held else 0.0,
-                    "high": float(beta.ppf(0.975, held + 1, sets - held)) if held < sets else 1.0,
+                    "low": interval.low,
+                    "high": interval.high,
                     "bias": float(error.mean()),
                     "rmse": float(np.sqrt((error**2).mean())),
                     "width": float(width),
