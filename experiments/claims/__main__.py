@@ -10,14 +10,14 @@ import pandas as pd
 from tqdm import tqdm
 
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
+from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.scenarios import Options
 from experiments.claims import report
 from experiments.claims.fang2018 import slope_claims, slope_config
-from experiments.claims.fang2018_control import control_claims, control_units
+from experiments.claims.fang2018_control import control_claims
 from experiments.claims.he2018_consistency import (
     consistency_claims,
     consistency_fits,
@@ -36,23 +36,21 @@ from experiments.claims.he2018_tracking import (
     scatter_claims,
     tracking_claims,
 )
-from experiments.claims.hxd1f import hxd1f_claims, hxd1f_units
+from experiments.claims.hxd1f import hxd1f_claims
 from experiments.claims.qian2024 import (
     FACTORS,
     factorial_claims,
-    factorial_configs,
     factorial_table,
     reading_claims,
     reading_config,
 )
-from experiments.claims.tiled import tile_count
-from experiments.claims.uyulan2018 import uyulan_claims, uyulan_units
+from experiments.claims.uyulan2018 import uyulan_claims
 
-#: The claims on traction control, and how many units of work each of them is.
+#: The claims on traction control.
 CONTROL = {
-    "Uyulan 2018": (uyulan_claims, uyulan_units),
-    "Fang 2018, control": (control_claims, control_units),
-    "HXD1F 2019": (hxd1f_claims, hxd1f_units),
+    "Uyulan 2018": uyulan_claims,
+    "Fang 2018, control": control_claims,
+    "HXD1F 2019": hxd1f_claims,
 }
 
 
@@ -64,10 +62,10 @@ def configs(runs: int, seed: int) -> tuple[Config, Config]:
     )
 
 
-@click.command()
-@click.option("--runs", type=click.IntRange(min=100), default=512, show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/claims"), show_default=True)
+@click.command(context_settings={"show_default": True})
+@click.option("--runs", type=click.IntRange(min=100), default=512)
+@click.option("--seed", type=SEED, default=0)
+@click.option("--out", type=Folder(), default=Path("out/claims"))
 def main(runs: int, seed: int, out: Path) -> None:
     """Compute what the papers claim and say which claims are reproduced."""
     start()
@@ -76,15 +74,10 @@ def main(runs: int, seed: int, out: Path) -> None:
     random = np.random.default_rng(seed)
     experiment_1, experiment_2 = configs(runs, seed)
     pairs = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
-    readings, slope = reading_config(runs, seed), slope_config(runs, seed)
-    steps = sum(map(progress_steps, (experiment_1, experiment_2, readings, slope)))
-    steps += 2 * tile_count(runs)
-    steps += sum(map(progress_steps, factorial_configs(runs, seed)))
-    steps += sum(units() for _, units in CONTROL.values())
     figures = ("generations", "consistency", "factorial")
     own = ("claims.csv", *(f"claims_{name}.png" for name in figures))
     with staged(directory, own) as stage:
-        with tqdm(total=steps, unit="tile") as bar:
+        with tqdm(unit="tile") as bar:
 
             def stage_of(words: str) -> Callable[[str], None]:
                 bar.set_description(words)
@@ -106,11 +99,11 @@ def main(runs: int, seed: int, out: Path) -> None:
             single = build_scenario(Config("single"))
             sized = consistency_table(single, seed, runs, stage_of("consistency"))
             found += consistency_claims(sized)
-            found += reading_claims(readings, stage_of("Qian 2024"))
+            found += reading_claims(reading_config(runs, seed), stage_of("Qian 2024"))
             factorial = factorial_table(runs, seed, stage_of("factorial"))
             found += factorial_claims(factorial)
-            found += slope_claims(slope, stage_of("Fang 2018"))
-            for words, (claims, _) in CONTROL.items():
+            found += slope_claims(slope_config(runs, seed), stage_of("Fang 2018"))
+            for words, claims in CONTROL.items():
                 found += claims(stage_of(words))
         table = report.claims_table(found)
         write_table(stage / "claims.csv", table)

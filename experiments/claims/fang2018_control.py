@@ -22,7 +22,7 @@ from experiments.claims.claim import (
     verdict_near,
 )
 from experiments.claims.fang2018 import FANG2018
-from experiments.claims.traction import Quiet, plant_of, quiet_runs, quiet_units
+from experiments.claims.traction import Quiet, plant_of, quiet_runs
 
 _NONE = float("nan")
 _PAPER_GAIN, _LARGE_GAIN = "Eq. 9, K2 7000", "Eq. 9, K2 18000"
@@ -33,11 +33,6 @@ _SWINGS = "Eq. 8, K1 19000, K2 18000"
 
 #: "Near the peak" is read as this share of the largest adhesion, at least.
 _NEAR = 0.95
-
-
-def control_units() -> int:
-    """How often `control_claims` reports progress."""
-    return quiet_units(SYSTEM)
 
 
 def control_claims(progress: Callable[[str], None]) -> list[Claim]:

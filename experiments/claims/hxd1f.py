@@ -20,7 +20,7 @@ from experiments.claims.claim import (
     Claim,
     verdict_if,
 )
-from experiments.claims.traction import Quiet, plant_of, quiet_runs, quiet_units
+from experiments.claims.traction import Quiet, plant_of, quiet_runs
 
 PAPER = "HXD1F 2019"
 _FULL, _DAC = "SMES, full dimension -233, ABLF", "DAC"
@@ -38,11 +38,6 @@ _GOOD = 0.9
 _INTERVALS = ((2e-4, 0.05), (1e-2, 0.20), (1e-2, 0.22))
 
 _NONE = float("nan")
-
-
-def hxd1f_units() -> int:
-    """How often `hxd1f_claims` reports progress."""
-    return quiet_units(SYSTEM) + len(_INTERVALS)
 
 
 def hxd1f_claims(progress: Callable[[str], None]) -> list[Claim]:

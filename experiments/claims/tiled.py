@@ -9,10 +9,6 @@ from jaxtyping import Array, Float, Int
 from adhesion_jax.campaign.tiles import TILE, tile_runs
 
 
-def tile_count(runs: int) -> int:
-    return -(-runs // TILE)
-
-
 def over_runs(
     runs: int,
     compute: Callable[[Int[Array, " runs"]], Float[Array, "..."] | Int[Array, "..."]],
@@ -20,7 +16,7 @@ def over_runs(
 ) -> np.ndarray:
     """`compute` of the run numbers of each tile, joined; `advance` is called after each tile."""
     parts = []
-    for number in range(tile_count(runs)):
+    for number in range(-(-runs // TILE)):
         parts.append(np.asarray(compute(jnp.asarray(tile_runs(number)))))
         advance()
     return np.concatenate(parts)[:runs]

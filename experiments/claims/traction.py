@@ -52,8 +52,3 @@ def quiet_runs(
     """Each case once, on a plant that control knows exactly."""
     judged = judge(job_of("claims", system, cases, plant), progress)
     return Quiet(cases, plant, judged.metrics, judged.traces)
-
-
-def quiet_units(system: System) -> int:
-    """How often `quiet_runs` of all cases of a system reports progress."""
-    return job_of("claims", system, system.cases(system.step), plant_of(system)).shards

@@ -19,7 +19,7 @@ from experiments.claims.claim import (
     verdict_if,
     verdict_near,
 )
-from experiments.claims.traction import Quiet, plant_of, quiet_runs, quiet_units
+from experiments.claims.traction import Quiet, plant_of, quiet_runs
 
 PAPER = "Uyulan et al. 2018"
 _TRUE, _SEEKER = "true optimum", "as printed"
@@ -41,11 +41,6 @@ _NONE = float("nan")
 def _best() -> float:
     """The best slip on the dry surface, m/s."""
     return float(SURFACES["dry"].peak(jnp.asarray(10.0)).slip)
-
-
-def uyulan_units() -> int:
-    """How often `uyulan_claims` reports progress."""
-    return quiet_units(SYSTEM) + len(_VARIED)
 
 
 def uyulan_claims(progress: Callable[[str], None]) -> list[Claim]:

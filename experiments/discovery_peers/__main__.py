@@ -38,30 +38,23 @@ METHODS = (THIS, *PEERS)
 Row = dict[str, object]
 
 
-@click.command()
+@click.command(context_settings={"show_default": True})
 @click.option(
     "--simulated",
     type=click.IntRange(min=0),
     default=23,
-    show_default=True,
     help="Simulated sets; about a third of them have nothing hidden.",
 )
 @click.option(
     "--random",
     type=click.IntRange(min=0),
     default=0,
-    show_default=True,
     help="Simulated sets with an effect that is a random function of one or two columns.",
 )
 @click.option("--sets", type=click.Path(path_type=Path), help="Folder of stored sets to add.")
-@click.option(
-    "--methods",
-    type=Names(METHODS),
-    default=METHODS,
-    help=f"Of {', '.join(METHODS)}; by default all.",
-)
-@click.option("--seed", type=SEED, default=0, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/discovery_peers"), show_default=True)
+@click.option("--methods", type=Names(METHODS), default=METHODS, help="Names divided by commas.")
+@click.option("--seed", type=SEED, default=0)
+@click.option("--out", type=Folder(), default=Path("out/discovery_peers"))
 def main(
     simulated: int,
     random: int,

@@ -28,60 +28,50 @@ OWN_FILES = (
     *("detection.png", "confusion.png", "random.png"),
 )
 
+_COUNT = click.IntRange(min=0)
 
-@click.command()
+
+@click.command(context_settings={"show_default": True})
 @click.option(
     "--null",
-    type=click.IntRange(min=0),
+    type=_COUNT,
     default=200,
-    show_default=True,
     help="Sets with nothing hidden in them; the noise of half of them is slow.",
 )
-@click.option(
-    "--powers",
-    type=click.IntRange(min=0),
-    default=10,
-    show_default=True,
-    help="Sets of each effect and strength.",
-)
+@click.option("--powers", type=_COUNT, default=10, help="Sets of each effect and strength.")
 @click.option(
     "--pairs",
-    type=click.IntRange(min=0),
+    type=_COUNT,
     default=24,
-    show_default=True,
     help="Sets with two effects of different families.",
 )
 @click.option(
     "--random",
-    type=click.IntRange(min=0),
+    type=_COUNT,
     default=100,
-    show_default=True,
     help="Sets with an effect that is a random smooth function of one or two columns.",
 )
 @click.option(
     "--logs",
-    type=click.IntRange(min=0),
+    type=_COUNT,
     default=0,
-    show_default=True,
     help="Logs of each kind, with nothing hidden but the noise of the slip.",
 )
 @click.option(
     "--log-effects",
-    type=click.IntRange(min=0),
+    type=_COUNT,
     default=0,
-    show_default=True,
     help="Logs with each of three effects, the kinds of logs by turns.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
     default=1,
-    show_default=True,
     help="Processes; the results do not depend on their number.",
 )
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0)
 @click.option("--resume", is_flag=True, help="Compute what an interrupted study left over.")
-@click.option("--out", type=Folder(), default=Path("out/discovery_study"), show_default=True)
+@click.option("--out", type=Folder(), default=Path("out/discovery_study"))
 def main(workers: int, resume: bool, out: Path, **sizes: int) -> None:
     """Run the discovery on simulated sets and count what it gets right."""
     start()

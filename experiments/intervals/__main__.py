@@ -20,19 +20,17 @@ from experiments.intervals.report import coverage_text, draw_coverage
 OWN_FILES = ("sets.csv", "coverage.csv", "metadata.json", "coverage.png")
 
 
-@click.command()
+@click.command(context_settings={"show_default": True})
 @click.option(
     "--sets",
     type=click.IntRange(min=1),
     default=1000,
-    show_default=True,
     help="Record sets of each true curve and noise.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
     default=1,
-    show_default=True,
     help="Processes; the results do not depend on their number.",
 )
 @click.option(
@@ -40,7 +38,6 @@ OWN_FILES = ("sets.csv", "coverage.csv", "metadata.json", "coverage.png")
     type=Folder(),
     default=Path("out/intervals"),
     help="Folder for sets.csv, coverage.csv, metadata.json and coverage.png.",
-    show_default=True,
 )
 def main(sets: int, workers: int, out: Path) -> None:
     """Count how often the 95 % intervals of the peak hold the true one, over simulated records."""

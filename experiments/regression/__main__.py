@@ -32,12 +32,11 @@ ATTEMPTS = 4
 BASELINE_SEED, CHECK_SEED = 0, 1
 
 
-@click.command()
+@click.command(context_settings={"show_default": True})
 @click.option(
     "--baseline",
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("results/baseline.csv"),
-    show_default=True,
     help="The table to hold against; ratios of speed are best kept on one kind of processor.",
 )
 @click.option("--update", is_flag=True, help="Write the baseline anew and compare nothing.")
@@ -45,7 +44,6 @@ BASELINE_SEED, CHECK_SEED = 0, 1
     "--out",
     type=Folder(),
     default=Path("out/regression"),
-    show_default=True,
     help="Folder for the fresh table and the comparison.",
 )
 def main(baseline: Path, update: bool, out: Path) -> None:

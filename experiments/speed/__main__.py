@@ -26,10 +26,10 @@ from experiments.speed.report import draw_rates, draw_scaling, told
 from experiments.speed.turns import Timed, rates
 
 
-@click.command()
-@click.option("--repeats", type=click.IntRange(min=1), default=5, show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/speed"), show_default=True)
+@click.command(context_settings={"show_default": True})
+@click.option("--repeats", type=click.IntRange(min=1), default=5)
+@click.option("--seed", type=SEED, default=0)
+@click.option("--out", type=Folder(), default=Path("out/speed"))
 def main(repeats: int, seed: int, out: Path) -> None:
     """Time identifiers, recursions, plants and whole jobs beside other libraries.
 
