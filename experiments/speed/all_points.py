@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Key
 
 from adhesion_jax.campaign.tiles import FUSED
-from adhesion_jax.curves.exponential_function import exp2
 from adhesion_jax.identifiers.ml_de import CROSSOVER
 from adhesion_jax.optim import differential_evolution as de
+from experiments.speed.powers import exp2
 
 #: Its scale factor, that of `ml-de`.
 SCALE = 0.5
