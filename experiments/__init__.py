@@ -1,1 +1,1 @@
-"""One module a command; each only wires the package together."""
+"""The main job, and what judges the package: `python -m experiments.NAME` in a clone."""

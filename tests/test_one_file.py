@@ -92,7 +92,7 @@ def told(tmp_path_factory):
     out.mkdir()
     done = subprocess.run(
         [sys.executable, HERE / "one_file" / "use.py", out],
-        env={**os.environ, "PYTHONPATH": str(home)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(home), str(HERE.parent)])},
         cwd=home,
         capture_output=True,
         text=True,

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "adhesion_jax"
+HOME = Path(__file__).parents[1]
+PACKAGE, EXPERIMENTS = HOME / "adhesion_jax", HOME / "experiments"
 
 #: From the ground up; what stands in one line does not import each other.
 STOREYS = (
@@ -20,7 +21,6 @@ STOREYS = (
     ("inference",),
     ("measured", "discovery"),
     ("campaign", "planning"),
-    ("studies",),
     ("report",),
     ("library",),
     ("commands",),
@@ -37,16 +37,16 @@ def tree_of(path):
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(tree):
-    """The modules of the package that a part of a file imports, lazy imports included."""
+def imports(tree, of="adhesion_jax"):
+    """The modules of a package that a part of a file imports, lazy imports included."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            if node.module == "adhesion_jax":
-                yield from (f"adhesion_jax.{name.name}" for name in node.names)
-            elif node.module.startswith("adhesion_jax."):
+            if node.module == of:
+                yield from (f"{of}.{name.name}" for name in node.names)
+            elif node.module.startswith(f"{of}."):
                 yield node.module
         elif isinstance(node, ast.Import):
-            yield from (name.name for name in node.names if name.name.startswith("adhesion_jax."))
+            yield from (name.name for name in node.names if f"{name.name}.".startswith(f"{of}."))
 
 
 def room_of(module):
@@ -75,16 +75,38 @@ def test_no_arrow_points_upwards(room):
     assert not wrong, "\n".join(wrong)
 
 
-def test_no_import_of_the_package_is_inside_a_function():
+def test_the_package_needs_nothing_of_the_experiments():
+    wrong = [
+        f"{path.relative_to(HOME)} imports {module}"
+        for path in files()
+        for module in imports(tree_of(path), "experiments")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_an_experiment_imports_itself_and_the_one_that_it_enlarges():
+    """The peers of the discovery are judged by the rules of its study."""
+    wrong = []
+    for path in EXPERIMENTS.rglob("*.py"):
+        own = path.relative_to(EXPERIMENTS).parts[0]
+        known = {own} | ({"discovery_study"} if own == "discovery_peers" else set())
+        for module in imports(tree_of(path), "experiments"):
+            if len(path.relative_to(EXPERIMENTS).parts) > 1 and room_of(module) not in known:
+                wrong.append(f"{path.relative_to(HOME)} imports {module}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_import_of_the_project_is_inside_a_function():
     """A lazy import hides a circle. In the command line it is the wiring: help needs no rooms."""
     lazy = []
-    for path in files():
+    for path in (*files(), *EXPERIMENTS.rglob("*.py")):
         if path.is_relative_to(PACKAGE / "command_line"):
             continue
         for function in ast.walk(tree_of(path)):
             if isinstance(function, ast.FunctionDef):
                 inside = ast.Module(body=function.body, type_ignores=[])
-                lazy += [f"{path.relative_to(PACKAGE)}: {name}" for name in imports(inside)]
+                names = (*imports(inside), *imports(inside, "experiments"))
+                lazy += [f"{path.relative_to(HOME)}: {name}" for name in names]
     assert not lazy, "\n".join(lazy)
 
 

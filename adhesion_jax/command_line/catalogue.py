@@ -42,7 +42,6 @@ class Catalogue(NamedTuple):
     observers: tuple[str, ...]
     seekers: tuple[str, ...]
     controllers: tuple[str, ...]
-    peers: tuple[str, ...]
 
 
 @cache

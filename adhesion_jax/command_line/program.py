@@ -18,12 +18,6 @@ COMMANDS = {
     "simulate": "Write a simulated log of a locomotive, of which the truth is known.",
     "plan": "Say how many samples, and up to which slip, it takes to know the peak.",
     "traction": "Run a published traction control system on its plant.",
-    "study": "Count how often the discovery is right on simulated sets.",
-    "intervals": "Count how often the intervals of identify hold the truth.",
-    "peers": "Hold the discovery against general methods on the same sets.",
-    "regression": "Say whether any identifier got worse or slower than a baseline.",
-    "claims": "Compute what published papers claim, and whether it is so.",
-    "speed": "Time the identifiers beside their peers.",
 }
 
 

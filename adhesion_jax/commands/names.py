@@ -11,8 +11,6 @@ from adhesion_jax.options import declared
 from adhesion_jax.scenarios import SCENARIOS, build, needs_options
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.studies.peers.methods import PEERS
-from adhesion_jax.studies.peers.summary import THIS
 from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.plants.reading import shipped
@@ -53,7 +51,6 @@ def names() -> Mapping[str, object]:
         "observers": [*OBSERVERS],
         "seekers": [NO_SEEKER, *SEEKERS],
         "controllers": [*CONTROLLERS],
-        "peers": [THIS, *PEERS],
     }
 
 

@@ -17,9 +17,9 @@ from adhesion_jax.library.identify import Identification, identify_chosen
 from adhesion_jax.library.plan import PLAN_FILES, plan
 from adhesion_jax.library.reading import citation_of
 from adhesion_jax.measured.saved import load_curve
+from adhesion_jax.planning.check import check_plan
 from adhesion_jax.planning.plan import Plan
 from adhesion_jax.report.plan.words import checked
-from adhesion_jax.studies.plan import check_plan
 
 
 def main(

@@ -9,21 +9,20 @@ import click
 from adhesion_jax.campaign.identity import surroundings
 from adhesion_jax.campaign.notes import notes
 from adhesion_jax.campaign.store import FOLDER, is_locked, read_all, recorded, runs_in
-from adhesion_jax.commands import montecarlo, study, traction
+from adhesion_jax.commands import montecarlo, traction
 from adhesion_jax.errors import InputError
 
 #: By command: what prints the tables of a job, from its record and the folder of its shards.
 _TELL: Mapping[str, Callable[[Mapping[str, Any], Path], None]] = {
     "montecarlo": montecarlo.tell_stored,
     "traction": traction.tell_stored,
-    "study": study.tell_stored,
 }
 
 
 def main(folder: Path) -> None:
     """Say how far the job in a folder is, and what its finished runs tell."""
     record = recorded(folder)
-    if record is None or record.get("command") not in _TELL:
+    if record is None:
         raise InputError(
             f"{folder} holds no job; name the folder (--out) of a command with --resume."
         )
@@ -32,10 +31,9 @@ def main(folder: Path) -> None:
     for job in record["jobs"]:
         runs = sum(map(runs_in, read_all(shards, job["name"], job["shards"])))
         whole &= runs == job["runs"]
-        unit = "set" if record["command"] == "study" else "run"
         share = runs / job["runs"]
-        click.echo(f"{job['name']}: {runs} of {job['runs']} {unit}s are finished ({share:.0%})")
-        if runs:
+        click.echo(f"{job['name']}: {runs} of {job['runs']} runs are finished ({share:.0%})")
+        if runs and record["command"] in _TELL:
             _tell(record["command"], job, shards)
     if computing:
         now = "".join(f"\n  {words}" for _, words in notes(shards))

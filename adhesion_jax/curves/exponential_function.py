@@ -1,7 +1,5 @@
 """The exponential function as a polynomial, for what evaluates it at many numbers at once."""
 
-import math
-
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -16,7 +14,7 @@ _LOG_2_REST = 1.6465949582897082e-12
 
 #: Of r^0 to r^11 in a polynomial of least largest relative error, 3.6e-18, from e^r for
 #: |r| <= log(2)/2; the first two are held at those of the series.
-_COEFFICIENTS = (
+COEFFICIENTS = (
     1.0,
     1.0,
     0.5000000000000011,
@@ -37,12 +35,6 @@ _LEAST, _MOST = -708.4, 709.9
 #: The last 12 bits of 1.5 2^52 + 1025 - n are the exponent of the number 2^(2 - n).
 _TO_EXPONENT = 1.5 * 2.0**52 + 1025
 _BITS_BEHIND = 52
-
-#: The same of 2^r for |r| <= 1/2.
-_COEFFICIENTS_2 = tuple(c * math.log(2) ** k for k, c in enumerate(_COEFFICIENTS))
-
-#: The last bits of 1.5 2^52 + n are those of the whole number n.
-_TO_LAST_BITS = 1.5 * 2.0**52
 
 
 @jax.custom_jvp
@@ -67,8 +59,8 @@ def exp(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     r = (x - n * _LOG_2) - n * _LOG_2_REST
     bits = lax.bitcast_convert_type(_TO_EXPONENT - n, jnp.int64) << _BITS_BEHIND
     divisor = lax.bitcast_convert_type(bits, jnp.float64)
-    quadrupled = jnp.full_like(r, 4 * _COEFFICIENTS[-1])
-    for coefficient in _COEFFICIENTS[-2::-1]:
+    quadrupled = jnp.full_like(r, 4 * COEFFICIENTS[-1])
+    for coefficient in COEFFICIENTS[-2::-1]:
         quadrupled = quadrupled * r + 4 * coefficient
     return quadrupled / divisor
 
@@ -79,21 +71,3 @@ def _derivative(
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
     value = exp(*primals)
     return value, value * tangents[0]
-
-
-def exp2(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """2^x = 2^n 2^r with the whole number n = round(x), in double precision.
-
-    For many powers of one base, b^x = 2^(x log2 b): in a sum over all points of a record it takes
-    .8 times as long as `exp`, which must find r from a product with log 2. The relative error is
-    below 2^-51 for -1021 <= x <= 1023; beyond these bounds the result is that at them.
-    """
-    x = jnp.clip(x, -1021.0, 1023.0)
-    n = lax.round(x, lax.RoundingMethod.TO_NEAREST_EVEN)
-    value = jnp.full_like(x, _COEFFICIENTS_2[-1])
-    for coefficient in _COEFFICIENTS_2[-2::-1]:
-        value = value * (x - n) + coefficient
-    # n is added to the exponent of 2^r.
-    shift = lax.bitcast_convert_type(n + _TO_LAST_BITS, jnp.int64) << _BITS_BEHIND
-    bits = lax.bitcast_convert_type(value, jnp.int64) + shift
-    return lax.bitcast_convert_type(bits, jnp.float64)

@@ -183,23 +183,6 @@ def bounded_step(
 
 
 @kept()
-def damped_step(
-    x: Float[Array, " p"],
-    gradient: Float[Array, " p"],
-    hessian: Float[Array, "p p"],
-    damping: Float[Array, ""],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-) -> Float[Array, " p"]:
-    """`bounded_step`, compiled, for a search that computes the rest in NumPy.
-
-    The damping is relative to the diagonal of the Hessian.
-    """
-    local = Local(jnp.zeros(()), gradient, hessian)
-    return bounded_step(x, local, damping * jnp.diag(hessian), lower, upper)
-
-
-@kept()
 def advanced(
     search: Search,
     local: Local,

@@ -20,9 +20,9 @@ from adhesion_jax.campaign.executor import Processes
 from adhesion_jax.campaign.traction import content, job_of
 from adhesion_jax.command_line.montecarlo import main
 from adhesion_jax.errors import InputError, WorkerError
-from adhesion_jax.studies.claims.traction import plant_of
 from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import with_parts
+from experiments.claims.traction import plant_of
 
 distributed = pytest.importorskip("distributed")
 

@@ -257,6 +257,13 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
         assert "he2018-blocks: 128 of 300 runs are finished (43%)" in told
         assert "summary: mu_max over 128 runs" in told
         assert "a job is computing" in told
+    other = tmp_path / "other"
+    other.mkdir()
+    with store.opened(other, "of an experiment", jobs, resume=False) as folder:
+        store.stored(content, jobs[0], 1, folder)
+    status.main(other)
+    told = capsys.readouterr().out
+    assert "he2018-blocks: 128 of 300 runs are finished (43%)\n\nno job is computing" in told
     status.main(tmp_path)
     assert "no job is computing in this folder; the same command" in capsys.readouterr().out
 

@@ -12,10 +12,10 @@ from adhesion_jax.campaign.traction import content, job_of, judge, judged
 from adhesion_jax.commands import status
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.closed_loop import FIGURES, by_segment, figures, whole
-from adhesion_jax.studies.claims.traction import plant_of
 from adhesion_jax.traction.loop import run
 from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import with_parts
+from experiments.claims.traction import plant_of
 
 
 def job(runs, duration=0.3, seed=0):

@@ -3,28 +3,12 @@
 import pytest
 from click.testing import CliRunner
 
-from adhesion_jax.command_line import (
-    claims,
-    discover,
-    identify,
-    montecarlo,
-    peers,
-    regression,
-    speed,
-    study,
-    track,
-    traction,
-)
+from adhesion_jax.command_line import discover, identify, montecarlo, track, traction
 
 ASKED = {
-    claims: [],
     discover: ["roller-rig"],
     identify: ["eurosprinter"],
     montecarlo: [],
-    peers: [],
-    regression: [],
-    speed: [],
-    study: [],
     track: ["eurosprinter"],
     traction: ["--system", "hxd1f"],
 }

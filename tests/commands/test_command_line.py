@@ -93,14 +93,6 @@ REFUSED = {
     "system": (["traction", "--system", "tgv"], "--system tgv is not known"),
     "plant": (["traction", "--system", "hxd1f", "--plant", "no.toml"], "no.toml does not exist"),
     "seeker": (["traction", "--system", "hxd1f", "--seeker", "x"], "--seeker x is not known"),
-    "no sets": (
-        ["study", "--null", "0", "--powers", "0", "--pairs", "0", "--random", "0"],
-        "no set",
-    ),
-    "peer": (["peers", "--methods", "x"], "--methods x is not known"),
-    "baseline": (["regression", "--baseline", "no.csv"], "no.csv does not exist"),
-    "few runs": (["claims", "--runs", "1"], "--runs"),
-    "repeats": (["speed", "--repeats", "0"], "--repeats"),
 }
 
 
@@ -119,17 +111,17 @@ def test_a_refusal_is_one_sentence_and_imports_no_jax(case):
 
 def test_a_file_in_the_place_of_a_folder_is_refused_before_any_work(tmp_path):
     (tmp_path / "file").write_text("")
-    done = answered("speed", "--out", tmp_path / "file" / "out")
+    done = answered("montecarlo", "--out", tmp_path / "file" / "out")
     assert done.returncode == 2
     assert "cannot be written to" in done.stderr
     assert done.stderr.endswith("none\n")
 
 
 def test_the_console_command_and_the_modules_answer_alike():
-    asked = ["identify", "nowhere.csv"]
+    asked = ["montecarlo", "--scenario", "moon"]
     script = "from runpy import run_module; run_module({!r}, run_name='__main__')"
     as_module = answered(*asked, script=script.format("adhesion_jax"))
-    in_a_clone = answered(*asked[1:], script=script.format("experiments.identify"))
+    in_a_clone = answered(*asked[1:], script=script.format("experiments.montecarlo"))
     console = answered(*asked)
     assert as_module.returncode == in_a_clone.returncode == console.returncode == 2
     assert as_module.stderr == in_a_clone.stderr == console.stderr.replace("none\n", "")

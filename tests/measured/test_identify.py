@@ -397,7 +397,7 @@ def test_the_command_refuses_in_one_sentence(arguments, says, monkeypatch, capsy
 
 def test_a_process_of_its_own_ends_with_status_2_and_no_traceback():
     ended = subprocess.run(
-        [sys.executable, "-m", "experiments.identify", "eurosprinder"],
+        [sys.executable, "-m", "adhesion_jax", "identify", "eurosprinder"],
         capture_output=True,
         text=True,
         check=False,

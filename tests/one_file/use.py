@@ -22,8 +22,8 @@ from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.scenarios import Options
 from adhesion_jax.simulation.simulator import Noise, SimulatedSet, simulate
-from adhesion_jax.studies.discovery.judging import judged
-from adhesion_jax.studies.discovery.tasks import study_tasks
+from experiments.discovery_study.judging import judged
+from experiments.discovery_study.tasks import study_tasks
 
 out = Path(sys.argv[1])
 told: dict[str, object] = {"package": str(Path(adhesion_jax.__file__).parent)}

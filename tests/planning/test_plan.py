@@ -12,6 +12,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.speed import Speed
 from adhesion_jax.errors import InputError
+from adhesion_jax.planning.check import check_plan
 from adhesion_jax.planning.excitation import Again, Sweeps, again
 from adhesion_jax.planning.noise import Noise, information_under
 from adhesion_jax.planning.plan import (
@@ -25,7 +26,6 @@ from adhesion_jax.planning.plan import (
 from adhesion_jax.planning.truth import Truth, sensitivity_of
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
-from adhesion_jax.studies.plan import check_plan
 
 COMMON = Truth(RAILS["common"], {})
 NOISES = {

@@ -7,9 +7,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from adhesion_jax.report.montecarlo import figures
-from adhesion_jax.report.studies import claims
-from adhesion_jax.report.studies.peers import draw_peers
-from adhesion_jax.studies.claims.he2018_consistency import Fit
+from experiments.claims import report as claims
+from experiments.claims.he2018_consistency import Fit
+from experiments.discovery_peers.report import draw_peers
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
-from adhesion_jax.studies.baseline.accuracy import homes
+from experiments.regression.accuracy import homes
 
 DRY = Burckhardt(c1=0.8287, c2=45.45, c3=0.4)
 STRENGTH = -0.2

@@ -9,29 +9,29 @@ import pytest
 from click.testing import CliRunner
 
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.command_line.claims import main
 from adhesion_jax.files import write_table
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, ml_de, ml_de_eq17
 from adhesion_jax.metrics.information import cramer_rao_bound
 from adhesion_jax.optim import differential_evolution as de
-from adhesion_jax.report.studies import claims as report
 from adhesion_jax.scenarios import Options
-from adhesion_jax.studies.claims.claim import (
+from experiments.claims import report
+from experiments.claims.__main__ import main
+from experiments.claims.claim import (
     Claim,
     verdict_below,
     verdict_equal,
     verdict_if,
     verdict_near,
 )
-from adhesion_jax.studies.claims.he2018_consistency import (
+from experiments.claims.he2018_consistency import (
     SIZES,
     consistency_claims,
     consistency_fits,
     consistency_table,
     power_law,
 )
-from adhesion_jax.studies.claims.he2018_convergence import slip_at_convergence
-from adhesion_jax.studies.claims.he2018_generations import (
+from experiments.claims.he2018_convergence import slip_at_convergence
+from experiments.claims.he2018_generations import (
     count_generations,
     generation_claims,
     generation_panels,
@@ -39,7 +39,7 @@ from adhesion_jax.studies.claims.he2018_generations import (
     median_ratio,
     median_with_error,
 )
-from adhesion_jax.studies.claims.he2018_tracking import (
+from experiments.claims.he2018_tracking import (
     VARIANTS,
     as_blocks,
     robust_deviation,

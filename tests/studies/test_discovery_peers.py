@@ -5,14 +5,14 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from adhesion_jax.commands.peers import compared
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
-from adhesion_jax.report.studies.peers import draw_peers, peers_text
 from adhesion_jax.simulation.one_log import one_log
 from adhesion_jax.simulation.simulator import Noise, simulate
-from adhesion_jax.studies.peers.features import fit_base, folds, in_runs, make_problem
-from adhesion_jax.studies.peers.sets import (
+from experiments.discovery_peers.__main__ import compared
+from experiments.discovery_peers.features import fit_base, folds, in_runs, make_problem
+from experiments.discovery_peers.report import draw_peers, peers_text
+from experiments.discovery_peers.sets import (
     Hidden,
     PeerSet,
     is_named_by_claim,
@@ -22,7 +22,7 @@ from adhesion_jax.studies.peers.sets import (
     simulated_sets,
     stored_sets,
 )
-from adhesion_jax.studies.peers.summary import beaten, summarised
+from experiments.discovery_peers.summary import beaten, summarised
 
 SMALL = {"runs": 30, "points": 60}
 
@@ -63,7 +63,7 @@ def test_features_stay_inside_their_run_and_folds_are_whole_runs(campaign):
 def test_peers_find_a_strong_effect(campaign):
     pytest.importorskip("sklearn")
     pytest.importorskip("pysindy")
-    from adhesion_jax.studies.peers.methods import predicted
+    from experiments.discovery_peers.methods import predicted
 
     base = fit_base(campaign.train, campaign.test)
     measured = campaign.test["adhesion"].to_numpy()

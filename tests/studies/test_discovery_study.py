@@ -3,20 +3,20 @@ import hashlib
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import beta
 
 from adhesion_jax.commands import status
-from adhesion_jax.commands.study import OWN_FILES, study
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE, names_for
 from adhesion_jax.simulation.random_effect import RandomEffect
 from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import Noise
-from adhesion_jax.studies.discovery.judging import is_one_of, removed_share
-from adhesion_jax.studies.discovery.rates import clopper_pearson, confusion, rates, shares
-from adhesion_jax.studies.discovery.running import row
-from adhesion_jax.studies.discovery.tasks import Task, make_set, study_tasks
+from experiments.discovery_study.__main__ import OWN_FILES, study
+from experiments.discovery_study.judging import is_one_of, removed_share
+from experiments.discovery_study.rates import confusion, rates, shares
+from experiments.discovery_study.running import row
+from experiments.discovery_study.tasks import Task, make_set, study_tasks
 
 NOISE = Noise(0.01, 0.0, 0.0)
 
@@ -43,17 +43,6 @@ def answer(*classes: tuple[str, ...], before: float = 0.02, after: float = 0.01)
 
 def task(part: str, effects: tuple[str, ...], seed: int, visible: float | None = None) -> Task:
     return Task(part, effects, seed, BASE_CURVES[seed % 4], False, "perturbed", NOISE, visible)
-
-
-@pytest.mark.parametrize(("hits", "count"), [(0, 20), (3, 20), (20, 20), (1, 200), (7, 9)])
-def test_intervals_are_the_exact_ones(hits, count):
-    rate = clopper_pearson(hits, count)
-    exact = binomtest(hits, count).proportion_ci(method="exact")
-    np.testing.assert_allclose(rate, (hits / count, exact.low, exact.high), atol=1e-12)
-
-
-def test_no_sets_have_no_rate():
-    assert np.isnan(clopper_pearson(0, 0)).all()
 
 
 def test_rates_and_confusions_are_counted():
@@ -83,9 +72,9 @@ def test_rates_and_confusions_are_counted():
 
     table = rates(sets).set_index(["part", "group", "quantity"])
     assert table.loc[("nothing", "all", "claimed"), ["hits", "count"]].tolist() == [1, 4]
-    exact = binomtest(1, 4).proportion_ci(method="exact")
     row = table.loc[("nothing", "all", "claimed")]
-    assert (row["low"], row["high"]) == pytest.approx((exact.low, exact.high))
+    exact = beta.ppf(0.025, 1, 4), beta.ppf(0.975, 2, 3)
+    assert (row["low"], row["high"]) == pytest.approx(exact)
     assert table.loc[("confusion", "temperature", "detected"), "rate"] == pytest.approx(2 / 3)
     assert table.loc[("confusion", "patch", "in_class"), "hits"] == 1
     by_base = table.loc["nothing"].filter(like="base ", axis=0)
@@ -95,6 +84,16 @@ def test_rates_and_confusions_are_counted():
     assert counts.loc["temperature", ["temperature", "drift", "nothing"]].tolist() == [1, 1, 1]
     assert counts.loc["patch", ["covariate:position_m", "humidity", "patch"]].tolist() == [1, 1, 0]
     assert counts.to_numpy().sum() == 5
+
+
+def test_a_share_of_no_sets_is_no_number():
+    seen = ("detected", "all_named", "in_class", "extra")
+    one = {"part": "random", "acts_on": "level", "rests_on": "temperature_C", "removed": np.nan}
+    one |= {"claims": 1, "visible": 1.0, "wanted": 1.0, "planted": "random", "form": "exact"}
+    table = rates(pd.DataFrame([one | dict.fromkeys(seen, True)])).set_index(["group", "quantity"])
+    shares_of = ["rate", "low", "high"]
+    assert table.loc[("all", "removed_90"), shares_of].isna().all()
+    assert table.loc[("all", "detected"), shares_of].tolist() == pytest.approx([1.0, 0.025, 1.0])
 
 
 def test_a_wanted_visible_misfit_is_met():
@@ -317,8 +316,7 @@ def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_pa
     capsys.readouterr()
     status.main(two)
     said = capsys.readouterr().out
-    assert f"{len(tasks) - 2} of {len(tasks)} sets are finished" in said
-    assert "False claims on null sets: 0 of 2" in said
+    assert f"{len(tasks) - 2} of {len(tasks)} runs are finished" in said
     study(sizes, two, nothing_found, resume=True)
     pd.testing.assert_frame_equal(sets(two), sets(one), check_exact=True)
     kept = [place for place in range(len(tasks)) if place not in (1, 3)]
@@ -330,10 +328,10 @@ def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_pa
 
 @pytest.mark.thorough
 def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.FOLLOWED", ("humidity",))
-    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.VISIBLE", (0.5, 2.0))
+    monkeypatch.setattr("experiments.discovery_study.tasks.FOLLOWED", ("humidity",))
+    monkeypatch.setattr("experiments.discovery_study.tasks.VISIBLE", (0.5, 2.0))
     some = {name: PLANTABLE[name] for name in ("humidity", "speed")}
-    monkeypatch.setattr("adhesion_jax.studies.discovery.tasks.PLANTABLE", some)
+    monkeypatch.setattr("experiments.discovery_study.tasks.PLANTABLE", some)
     sizes = {"null": 4, "powers": 1, "seed": 0, "pairs": 1, "random": 6, "logs": 1}
     table = study(sizes, tmp_path, lambda *_: answer(("humidity", "drift")))
     assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES, "shards"}

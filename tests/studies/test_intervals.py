@@ -5,9 +5,8 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from adhesion_jax.report.studies.intervals import coverage_text, draw_coverage
 from adhesion_jax.runtime import silent
-from adhesion_jax.studies.intervals.coverage import (
+from experiments.intervals.coverage import (
     KNOWN_CELLS,
     UNKNOWN_CELLS,
     coverage_rates,
@@ -15,6 +14,7 @@ from adhesion_jax.studies.intervals.coverage import (
     drawn,
     truth_of,
 )
+from experiments.intervals.report import coverage_text, draw_coverage
 
 
 def test_every_true_curve_has_its_peak_where_it_says():

@@ -13,16 +13,14 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from adhesion_jax.command_line.regression import main
-from adhesion_jax.commands import regression
-from adhesion_jax.commands.regression import TURNS, TURNS_AGAIN
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
-from adhesion_jax.report.studies.baseline import moved_text
-from adhesion_jax.studies.baseline import compare as comparison
-from adhesion_jax.studies.baseline import speed as speed_study
-from adhesion_jax.studies.baseline.accuracy import HOMES, homes, measure_accuracy
-from adhesion_jax.studies.baseline.compare import (
+from experiments.regression import __main__ as regression
+from experiments.regression import compare as comparison
+from experiments.regression import speed as speed_study
+from experiments.regression.__main__ import TURNS, TURNS_AGAIN, main
+from experiments.regression.accuracy import HOMES, homes, measure_accuracy
+from experiments.regression.compare import (
     compare,
     faster_of,
     holm,
@@ -30,8 +28,9 @@ from adhesion_jax.studies.baseline.compare import (
     share_p,
     suspects,
 )
-from adhesion_jax.studies.baseline.speed import measure_speed
-from adhesion_jax.studies.baseline.table import ACCURACY, COLUMNS, KEYS, assemble, read_baseline
+from experiments.regression.report import moved_text
+from experiments.regression.speed import measure_speed
+from experiments.regression.table import ACCURACY, COLUMNS, KEYS, assemble, read_baseline
 
 NAME = "ml-exact"
 BASELINE = Path(__file__).parents[2] / "results" / "baseline.csv"

@@ -2,10 +2,10 @@
 
 import pytest
 
-from adhesion_jax.studies.claims.hxd1f import settling
-from adhesion_jax.studies.claims.traction import plant_of
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.systems import SYSTEMS
+from experiments.claims.hxd1f import settling
+from experiments.claims.traction import plant_of
 
 
 def test_a_double_pole_settles_as_its_step_response():

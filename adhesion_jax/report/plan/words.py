@@ -96,7 +96,7 @@ def told(
 
 
 def checked(cells: pd.DataFrame, measurements: int) -> str:
-    """What simulated measurements say of a plan, as `studies.plan.check_plan` tells it."""
+    """What simulated measurements say of a plan, as `planning.check.check_plan` tells it."""
     if cells.empty:
         return (
             "No cell of this plan knows slip_opt well enough for a check; go further in slip or "

@@ -1,0 +1,193 @@
+"""Experiments 2 and 3 of He et al. 2018: scatter of the estimates, and tracking of a switch."""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from adhesion_jax.metrics.accuracy import FAILURE_GAP
+from adhesion_jax.metrics.information import quantity_names
+from adhesion_jax.scenarios import Scenario
+from adhesion_jax.wording import plus_minus
+from experiments.claims.bootstrap import resamples, spread
+from experiments.claims.claim import HE2018, STANDARD_ERRORS, Claim, verdict_below
+
+Numbers = NDArray[np.float64]
+
+#: The two ablations, Experiment 3, and what each is called in a sentence.
+VARIANTS = {
+    "ml-de-eq16": "Eq. 16 alone",
+    "ml-de-eq17": "Eq. 17 alone",
+    "ml-de-he2018": "the modified algorithm",
+}
+
+
+class Blocks(NamedTuple):
+    """Estimates of each identifier as arrays [runs, blocks], and the rail of each block."""
+
+    rails: tuple[str, ...]
+    values: Mapping[str, Mapping[str, Numbers]]
+    failed: Mapping[str, NDArray[np.bool_]]  # the search missed the optimum
+
+    def groups(self, switch: bool) -> list[list[int]]:
+        """The blocks of each rail: those right after a switch, or those in steady running.
+
+        The first of all blocks is neither: theta(k-1) is then no estimate but the start.
+        """
+        chosen = [b for b in range(1, len(self.rails)) if self._begins(b) == switch]
+        named = {rail: [b for b in chosen if self.rails[b] == rail] for rail in self.rails}
+        return [group for group in named.values() if group]
+
+    def _begins(self, block: int) -> bool:
+        return self.rails[block] != self.rails[block - 1]
+
+
+def as_blocks(rows: pd.DataFrame, scenario: Scenario) -> Blocks:
+    """From the estimates of a campaign, one row a run, identifier and block."""
+    count = len(scenario.rails)
+
+    def array(identifier: str, column: str) -> Numbers:
+        chosen = rows.loc[rows["identifier"] == identifier, column]
+        return chosen.to_numpy(dtype=float).reshape(-1, count)
+
+    names = list(dict.fromkeys(rows["identifier"]))
+    optimum = array("ml-exact", "objective")
+    return Blocks(
+        scenario.rails,
+        {name: {q: array(name, q) for q in quantity_names(scenario.known.curve)} for name in names},
+        {
+            name: ~(array(name, "objective") - optimum <= FAILURE_GAP * scenario.sigma**2)
+            for name in names
+        },
+    )
+
+
+def standard_deviation(x: Numbers) -> float:
+    return float(np.std(x, ddof=1))
+
+
+def robust_deviation(x: Numbers) -> float:
+    """The interquartile range, scaled to the standard deviation of a normal distribution."""
+    low, high = np.percentile(x, [25, 75])
+    return float((high - low) / 1.349)
+
+
+def scatter_ratio(
+    upper: Numbers,
+    lower: Numbers,
+    groups: list[list[int]],
+    scatter: Callable[[Numbers], float],
+    random: np.random.Generator,
+) -> tuple[float, float]:
+    """Scatter of one method over that of another, [runs, blocks] each: geometric mean over rails.
+
+    The standard error is a bootstrap over whole runs, the same ones for both methods.
+    """
+
+    def ratio(runs: NDArray[np.intp]) -> float:
+        logs = [
+            np.log(scatter(upper[runs][:, group]) / scatter(lower[runs][:, group]))
+            for group in groups
+        ]
+        return float(np.exp(np.mean(logs)))
+
+    count = len(upper)
+    resampled = [ratio(runs) for runs in resamples(count, random)]
+    return ratio(np.arange(count)), spread(resampled)
+
+
+def scatter_claims(blocks: Blocks, random: np.random.Generator) -> list[Claim]:
+    """The modified algorithm scatters less (Fig. 13 to 17 against 8 to 12)."""
+    found = []
+    kinds = {"robust (interquartile)": robust_deviation, "standard deviation": standard_deviation}
+    for switch, where in ((False, "in steady running"), (True, "in the block after a switch")):
+        groups = blocks.groups(switch)
+        together = [b for group in groups for b in group]
+        missed = {name: 100 * failed[:, together].mean() for name, failed in blocks.failed.items()}
+        for quantity in ("mu_max", "c3"):
+            for kind, scatter in kinds.items():
+                values = {name: x[quantity] for name, x in blocks.values.items()}
+
+                def over(
+                    upper: str,
+                    lower: str,
+                    values: dict[str, Numbers] = values,
+                    groups: list[list[int]] = groups,
+                    scatter: Callable[[Numbers], float] = scatter,
+                ) -> tuple[float, float]:
+                    return scatter_ratio(values[upper], values[lower], groups, scatter, random)
+
+                ratio, error = over("ml-de-he2018", "ml-de")
+                modified, modified_error = over("ml-de-he2018", "ml-exact")
+                original, original_error = over("ml-de", "ml-exact")
+                found.append(
+                    Claim(
+                        HE2018,
+                        f"Exp. 3 against 2: {quantity} scatters less {where}, {kind}, "
+                        "ml-de-he2018 over ml-de (below 1)",
+                        float("nan"),
+                        ratio,
+                        error,
+                        "ratio (1)",
+                        verdict_below(ratio, error, 1.0),
+                        f"Against the exact optimum the modified algorithm scatters "
+                        f"{plus_minus(modified, modified_error)} times as much "
+                        f"({_against_optimum(modified, modified_error)}), the unmodified one "
+                        f"{plus_minus(original, original_error)} times "
+                        f"({_against_optimum(original, original_error)}), and they miss it in "
+                        f"{missed['ml-de-he2018']:.1f} % and {missed['ml-de']:.1f} % of the "
+                        "blocks.",
+                    )
+                )
+    return found
+
+
+def _against_optimum(ratio: float, error: float) -> str:
+    """What a scatter over that of the exact optimum means."""
+    if ratio + STANDARD_ERRORS * error < 1:
+        return "less than the noise of the data gives: it stops short, near its start"
+    if ratio - STANDARD_ERRORS * error > 1:
+        return "more: searches that do not arrive add to the noise"
+    return "no difference is seen: the noise of the data explains it"
+
+
+def tracking_claims(tables: Mapping[str, pd.DataFrame]) -> list[Claim]:
+    """The modified algorithm tracks a switch faster: delay, and failures in the first block."""
+    columns = {
+        ("summary", "delay_steps"): (1.0, "blocks", "mu_max is tracked sooner after a switch"),
+        ("switches", "failure_share"): (
+            100.0,
+            "% points",
+            "fewer searches miss the optimum in the block after a switch",
+        ),
+    }
+    found = []
+    for (table, column), (factor, unit, claim) in columns.items():
+        rows = tables[table]
+        rows = rows[(rows["quantity"] == "mu_max") & rows["delay_steps"].notna()]
+        means, errors = {}, {}
+        for name, of_method in rows.groupby("identifier"):
+            # The switches of a run have their own noise: independent of each other.
+            means[name] = factor * of_method[column].mean()
+            errors[name] = factor * np.sqrt((of_method[f"{column}_se"] ** 2).sum()) / len(of_method)
+        written = {name: plus_minus(mean, errors[name]) for name, mean in means.items()}
+        for name, words in VARIANTS.items():
+            difference = means[name] - means["ml-de"]
+            error = float(np.hypot(errors[name], errors["ml-de"]))
+            found.append(
+                Claim(
+                    HE2018,
+                    f"Exp. 3 against 2: {claim}, {name} minus ml-de (below 0)",
+                    float("nan"),
+                    float(difference),
+                    error,
+                    unit,
+                    verdict_below(float(difference), error, 0.0),
+                    f"Mean over the switches: {words} {written[name]}, the unmodified algorithm "
+                    f"{written['ml-de']}, the exact optimum {written['ml-exact']} "
+                    f"({unit.removesuffix(' points')}), the best that a search can do.",
+                )
+            )
+    return found

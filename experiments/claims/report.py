@@ -1,0 +1,152 @@
+"""Published claims and the numbers computed here: the table and the figures."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from adhesion_jax.report.montecarlo.figures import LABELS
+from adhesion_jax.report.style import line_styles
+from adhesion_jax.report.text import with_errors
+from experiments.claims.claim import Claim
+from experiments.claims.he2018_consistency import Fit
+
+Array = NDArray[np.float64]
+
+
+def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:
+    return pd.DataFrame(list(claims), columns=list(Claim._fields))
+
+
+def claims_text(table: pd.DataFrame) -> str:
+    """The table as text: numbered lines, then a remark on each."""
+    width = max(map(len, table["claim"]))
+    lines = pd.DataFrame(
+        {
+            "claim": [claim.ljust(width) for claim in table["claim"]],
+            "paper's": [f"{x:.4g}" if np.isfinite(x) else "" for x in table["paper_number"]],
+            "ours": with_errors(table["ours"], table["ours_error"]),
+            "unit": list(table["unit"]),
+            "verdict": list(table["verdict"]),
+        },
+        index=pd.RangeIndex(1, len(table) + 1),
+    )
+    remarks = [f"{number:>3}  {text}" for number, text in enumerate(table["remark"], start=1)]
+    return "\n".join([lines.to_string(justify="left"), "", *remarks])
+
+
+def consistency(path: Path, table: pd.DataFrame, fits: Mapping[str, Fit]) -> None:
+    """RMSE and Cramer-Rao bound against the number of points (He et al. 2018, Eq. 15).
+
+    `table` has the columns points, quantity, rmse, rmse_se and crlb.
+    """
+    figure = Figure(figsize=(8.5, 6.6), layout="constrained")
+    for axis, (quantity, fit) in zip(figure.subplots(2, 2).ravel(), fits.items(), strict=True):
+        rows = table[table["quantity"] == quantity]
+        axis.plot(rows["points"], rows["crlb"], color="0.55", label="Cramér-Rao bound")
+        axis.errorbar(
+            rows["points"],
+            rows["rmse"],
+            rows["rmse_se"],
+            color="black",
+            linestyle="none",
+            marker="o",
+            markersize=5,
+            markerfacecolor="none",
+            label=f"exact optimum, slope {fit.slope:.3f} ± {fit.slope_error:.3f}",
+        )
+        axis.set(xscale="log", yscale="log", xlabel="points in the block (1)")
+        axis.set_xticks(rows["points"], [str(n) for n in rows["points"]])
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        axis.minorticks_off()
+        axis.set_ylabel(f"RMSE of {LABELS[quantity]}")
+        axis.grid(color="0.9")
+        axis.legend(fontsize=8)
+    figure.savefig(path, dpi=150)
+
+
+def generations(
+    path: Path, needed: Mapping[tuple[str, str], Mapping[str, Array]], most: int, goal: str
+) -> None:
+    """Share of the runs that have reached the optimum, against the generation.
+
+    `needed` has a panel each (row title, column title), and in it for each method the
+    generations that its runs needed, infinity where that was more than `most`.
+    """
+    rows = list(dict.fromkeys(row for row, _ in needed))
+    columns = list(dict.fromkeys(column for _, column in needed))
+    figure = Figure(figsize=(9, 6.6), layout="constrained")
+    axes = figure.subplots(len(rows), len(columns), sharex=True, sharey=True, squeeze=False)
+    for (row, column), methods in needed.items():
+        axis = axes[rows.index(row), columns.index(column)]
+        styles = line_styles(list(methods))
+        for name, of_runs in methods.items():
+            counts = of_runs.ravel()
+            share = np.mean(counts[:, None] <= np.arange(most + 1), axis=0)
+            never = 100 * np.mean(np.isinf(counts))
+            style = {key: styles[name][key] for key in ("color", "linestyle")}
+            axis.step(
+                np.arange(most + 1),
+                share,
+                where="post",
+                linewidth=1.6,
+                label=f"{name}: median {_count(float(np.median(counts)))}, {never:.1f} % never",
+                **style,
+            )
+        axis.axhline(0.5, color="0.8", linewidth=1, zorder=0)
+        axis.set_title(f"{row}, {column}", fontsize=10)
+        axis.legend(fontsize=8, loc="lower right")
+        axis.set(xlim=(0, most), ylim=(0, 1.02))
+    for axis in axes[-1]:
+        axis.set_xlabel("generation (1)")
+    for axis in axes[:, 0]:
+        axis.set_ylabel(f"share of runs\n{goal} (1)")
+    figure.savefig(path, dpi=150)
+
+
+def _count(x: float) -> str:
+    return f"{x:g}" if np.isfinite(x) else "beyond"
+
+
+def factorial(path: Path, table: pd.DataFrame, factors: Mapping[str, tuple[str, str]]) -> None:
+    """RMSE before a switch against the delay after it, a point a variant (Qian et al. 2024).
+
+    A panel without outliers and one with. `factors` has the two settings of each factor.
+    """
+    figure = Figure(figsize=(11, 5.6), layout="constrained")
+    axes = figure.subplots(1, 2)
+    for axis, suffix, title in zip(
+        axes, ("", "_outliers"), ("Gaussian noise", "3 % outliers"), strict=True
+    ):
+        for index, marker in zip(range(len(table)), "osD^vP*X", strict=True):
+            row = table.iloc[index]
+            settings = [(name, pair[row[name]]) for name, pair in factors.items()]
+            axis.errorbar(
+                row[f"delay{suffix}"],
+                100 * row[f"rmse{suffix}"],
+                100 * row[f"rmse{suffix}_se"],
+                row[f"delay{suffix}_se"],
+                label=", ".join(f"{name} {setting}" for name, setting in settings),
+                color="black",
+                linestyle="none",
+                elinewidth=0.7,
+                marker=marker,
+                markersize=8,
+                markerfacecolor="white" if index % 2 else "0.6",
+            )
+        axis.set_xscale("log")
+        axis.set_xticks([20, 50, 100, 200, 500], labels=["20", "50", "100", "200", "500"])
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.set(
+            title=title,
+            xlabel="mean delay after the switch (samples; 500: never tracked)",
+            ylabel=r"RMSE of $\mu_{max}$ before the switch (% of truth)",
+        )
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
+    figure.savefig(path, dpi=150)

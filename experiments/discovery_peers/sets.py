@@ -1,0 +1,146 @@
+"""The sets on which the discovery and its peers are compared."""
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.discovery.types import FoundEffect
+from adhesion_jax.errors import InputError
+from adhesion_jax.simulation.plantable import PLANTABLE, names_for
+from adhesion_jax.simulation.runs import BASE_CURVES
+from adhesion_jax.simulation.simulator import FORMS, Noise, simulate
+from experiments.discovery_study.judging import (
+    blamed,
+    columns_of,
+    counted,
+    is_one_of,
+)
+from experiments.discovery_study.tasks import make_set, random_tasks
+
+#: What is planted in the simulated sets, in turn; a third of them have nothing hidden.
+PLANTED: Sequence[tuple[str, ...]] = (
+    *(("humidity",), (), ("patch",), ("lag",), ()),
+    *(("temperature", "sanding"), ("cleaning",), (), ("load_peak",), ("product",), ()),
+    *(("hysteresis",), ("unknown_column",), (), ("rail_joint",), ("falling_friction",), ()),
+    *(("curve", "temperature"), ("relaxation",), (), ("drift",), ("mode_asymmetry",), ()),
+)
+
+
+class Hidden(NamedTuple):
+    """One hidden effect, or one column of a random effect, by what names it."""
+
+    names: tuple[str, ...]  # that the discovery may give; none where its columns are what counts
+    columns: tuple[str, ...]  # that a method may give; of features made by hand the beginning
+
+
+class PeerSet(NamedTuple):
+    """One set and the truth behind it."""
+
+    name: str
+    planted: str  # in a word
+    hidden: tuple[Hidden, ...]
+    train: pd.DataFrame
+    test: pd.DataFrame
+    rms_noise: float  # of the test adhesion
+    scored: bool = True  # whether the error says anything
+
+
+def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
+    """Simulated campaigns: the forms of effects and the designs take turns, noise is drawn."""
+    generator = np.random.default_rng((seed, 2))
+    for number in range(count):
+        noise = Noise(
+            float(generator.choice([0.005, 0.01, 0.02])),
+            float(generator.choice([0.0, 0.3, 0.6])),
+            float(generator.choice([0.0, 0.005, 0.01])),
+        )
+        campaign = simulate(
+            PLANTED[number % len(PLANTED)],
+            seed=1000 * seed + 500 + number,
+            base=BASE_CURVES[number % len(BASE_CURVES)],
+            operational=number % 3 == 2,
+            form=FORMS[number // 2 % 2],
+            noise=noise,
+        )
+        yield PeerSet(
+            f"simulated_{number:02d}",
+            "+".join(campaign.truth) or "nothing",
+            tuple(Hidden(names_for(name), PLANTABLE[name].SEEN_IN) for name in campaign.truth),
+            campaign.train,
+            campaign.test,
+            campaign.test_rms_noise,
+        )
+
+
+def random_sets(count: int, seed: int) -> Iterator[PeerSet]:
+    """Simulated campaigns with a random effect each, others than those of the study."""
+    tasks = random_tasks(count, np.random.default_rng((seed, 6)), 4_000_000 + 1000 * seed)
+    for number, task in enumerate(tasks):
+        campaign = make_set(task)
+        assert task.random is not None
+        yield PeerSet(
+            f"random_{number:02d}",
+            f"{task.random.acts_on} by {'*'.join(task.random.columns)}",
+            tuple(Hidden((), (column,)) for column in task.random.columns),
+            campaign.train,
+            campaign.test,
+            campaign.test_rms_noise,
+        )
+
+
+def stored_sets(folder: Path) -> list[PeerSet]:
+    """NAME_train.csv.gz and NAME_test.csv.gz of a folder, the truth in its answers.json.
+
+    There `accepted` has, for each hidden effect, the names that are right for it.
+    """
+    try:
+        answers = json.loads((folder / "answers.json").read_text())
+        return [
+            PeerSet(
+                name,
+                "+".join(answer["effects"]) or "nothing",
+                tuple(Hidden(tuple(names), right_columns(names)) for names in answer["accepted"]),
+                pd.read_csv(folder / f"{name}_train.csv.gz"),
+                pd.read_csv(folder / f"{name}_test.csv.gz"),
+                float(answer["test_rms_noise"]),
+                bool(answer.get("score_error", True)),
+            )
+            for name, answer in answers.items()
+        ]
+    except OSError as error:
+        raise InputError(
+            f"--sets {folder} cannot be read ({error}); name a folder with answers.json and its "
+            "train and test tables."
+        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(
+            f"--sets {folder} has an answers.json that does not tell effects, accepted and "
+            "test_rms_noise by name."
+        ) from None
+
+
+def right_columns(names: Sequence[str]) -> tuple[str, ...]:
+    """The columns that these names of effects rest on."""
+    columns = [
+        column
+        for name in names
+        for column in (columns_of(name) if name not in PLANTABLE else PLANTABLE[name].SEEN_IN)
+    ]
+    return tuple(dict.fromkeys(columns))
+
+
+def is_named_by_column(hidden: Hidden, column: str) -> bool:
+    """Whether a column that a method names belongs to what is hidden."""
+    return column.startswith(hidden.columns)
+
+
+def is_named_by_claim(hidden: Hidden, claim: FoundEffect) -> bool:
+    """Whether a claim of the discovery, or a member of its class, names what is hidden."""
+    names = counted(claim)
+    if hidden.names:
+        return any(is_one_of(name, hidden.names) for name in names)
+    return not blamed(claim, names).isdisjoint(hidden.columns)

@@ -1,0 +1,126 @@
+"""Measure how often the discovery is right: false claims, detection, confusions, random effects."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+import pandas as pd
+
+from adhesion_jax import runtime
+from adhesion_jax.campaign.executor import Processes
+from adhesion_jax.command_line.command import SEED, Folder, run, start
+from adhesion_jax.commands.shards import compute, opened_for
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import output_directory, write_metadata, write_table
+from experiments.discovery_study.rates import confusion, rates, shares
+from experiments.discovery_study.report import (
+    draw_confusion,
+    draw_detection,
+    draw_random,
+    study_text,
+)
+from experiments.discovery_study.running import Discover, Study, content, discovered, sets_of
+from experiments.discovery_study.tasks import study_tasks
+
+OWN_FILES = (
+    *("sets.csv", "rates.csv", "confusion.csv", "shares.csv", "metadata.json"),
+    *("detection.png", "confusion.png", "random.png"),
+)
+
+_COUNT = click.IntRange(min=0)
+
+
+@click.command(context_settings={"show_default": True})
+@click.option(
+    "--null",
+    type=_COUNT,
+    default=200,
+    help="Sets with nothing hidden in them; the noise of half of them is slow.",
+)
+@click.option("--powers", type=_COUNT, default=10, help="Sets of each effect and strength.")
+@click.option(
+    "--pairs",
+    type=_COUNT,
+    default=24,
+    help="Sets with two effects of different families.",
+)
+@click.option(
+    "--random",
+    type=_COUNT,
+    default=100,
+    help="Sets with an effect that is a random smooth function of one or two columns.",
+)
+@click.option(
+    "--logs",
+    type=_COUNT,
+    default=0,
+    help="Logs of each kind, with nothing hidden but the noise of the slip.",
+)
+@click.option(
+    "--log-effects",
+    type=_COUNT,
+    default=0,
+    help="Logs with each of three effects, the kinds of logs by turns.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    help="Processes; the results do not depend on their number.",
+)
+@click.option("--seed", type=SEED, default=0)
+@click.option("--resume", is_flag=True, help="Compute what an interrupted study left over.")
+@click.option("--out", type=Folder(), default=Path("out/discovery_study"))
+def main(workers: int, resume: bool, out: Path, **sizes: int) -> None:
+    """Run the discovery on simulated sets and count what it gets right."""
+    start()
+    study(sizes, out, discovered, workers, resume)
+
+
+def study(
+    sizes: Mapping[str, int],
+    out: Path,
+    discover: Discover,
+    workers: int = 1,
+    resume: bool = False,
+) -> pd.DataFrame:
+    """The study of any `discover`, written to `out`; its rates.
+
+    `sizes` are the arguments of `study_tasks`. Where other processes compute, they must be able to
+    import `discover`; the rows are the same, save the times.
+    """
+    tasks = study_tasks(**sizes)
+    if not tasks:
+        raise InputError("A study of no sets says nothing; give --null or --powers above 0.")
+    directory = output_directory(out)
+    began = time.perf_counter()
+    job = Study(tuple(tasks), discover, sizes)
+    with opened_for("study", [job], directory, OWN_FILES, resume) as (folder, stage):
+        compute(content, [job], folder, lambda _: Processes(workers), "set")
+        sets = sets_of(folder, job.name, job.shards)
+        hits, removed = rates(sets), shares(sets)
+        write_table(stage / "sets.csv", sets)
+        write_table(stage / "rates.csv", hits)
+        parts = {task.part for task in tasks}
+        if "confusion" in parts:
+            counts = confusion(sets)
+            counts.to_csv(stage / "confusion.csv")
+            draw_confusion(stage / "confusion.png", counts, hits)
+            draw_detection(stage / "detection.png", hits)
+        if "random" in parts:
+            write_table(stage / "shares.csv", removed)
+            draw_random(stage / "random.png", sets)
+        metadata = {
+            "config": {**sizes, "workers": workers},
+            "wall_seconds": time.perf_counter() - began,
+            **runtime.describe(),
+        }
+        write_metadata(stage / "metadata.json", metadata)
+    click.echo(study_text(hits, removed, sets))
+    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+    return hits
+
+
+if __name__ == "__main__":
+    run(main)

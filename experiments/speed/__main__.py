@@ -1,0 +1,97 @@
+"""Speed beside what else computes the same, all in one run on one machine."""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from ctypes import CDLL
+from pathlib import Path
+
+import click
+import pandas as pd
+from tqdm import tqdm
+
+from adhesion_jax import runtime
+from adhesion_jax.command_line.command import SEED, Folder, run, start
+from adhesion_jax.files import output_directory, staged, write_table
+from experiments.speed import (
+    blocks,
+    c_code,
+    gpu,
+    jobs,
+    limits,
+    plants,
+    recursions,
+    scaling,
+)
+from experiments.speed.report import draw_rates, draw_scaling, told
+from experiments.speed.turns import Timed, rates
+
+
+@click.command(context_settings={"show_default": True})
+@click.option("--repeats", type=click.IntRange(min=1), default=5)
+@click.option("--seed", type=SEED, default=0)
+@click.option("--out", type=Folder(), default=Path("out/speed"))
+def main(repeats: int, seed: int, out: Path) -> None:
+    """Time identifiers, recursions, plants and whole jobs beside other libraries.
+
+    Whole blocks on he2018-blocks beside scipy's differential evolution and others, recursions on
+    streams of 10,000 runs beside NumPy, plants beside C, and how near all come to loops in C and to
+    the matrix product of this machine; some of them on a GPU, where jax finds one. What is timed
+    takes turns, `repeats` times, so that a machine whose speed drifts is fair to all; the median is
+    reported, and its range. numba, pygmo and evosax are timed where they are installed.
+    """
+    start()
+    directory = output_directory(out)
+    # All but the jobs on one core: a process that may use two spends up to twice the CPU-seconds.
+    cores = runtime.cores_of(runtime.CORES)
+    runtime.take_core(cores[-1])
+    with tempfile.TemporaryDirectory() as folder:
+        library = c_code.compiled(Path(folder))
+        table = _table(library, repeats, seed, cores)
+    with staged(directory, ("speed.csv", "speed.png", "speed_scaling.png")) as stage:
+        write_table(stage / "speed.csv", table)
+        draw_rates(stage / "speed.png", table)
+        draw_scaling(stage / "speed_scaling.png", table)
+    click.echo(told(table))
+    click.echo(f"\nwritten to {directory}")
+
+
+def _table(
+    library: CDLL | str, repeats: int, seed: int, cores: Sequence[int | None]
+) -> pd.DataFrame:
+    parts: list[tuple[str, str, str, Mapping[str, Timed]]] = [
+        ("blocks", blocks.UNIT, blocks.PEER, blocks.entries(seed)),
+        *(
+            (part, recursions.UNIT, peer, entries)
+            for (part, peer), entries in recursions.entries(seed).items()
+        ),
+        ("plants", plants.UNIT, plants.PEER, plants.entries(library)),
+        *(
+            (f"limit: {peer}", unit, peer, entries)
+            for (unit, peer), entries in limits.entries(library).items()
+        ),
+    ]
+    total = sum((repeats + 1) * _count(part[3]) for part in parts)
+    total += len(scaling.sizes()) + 1 + len(jobs.jobs())
+    with tqdm(total=total, unit="turn") as bar:
+
+        def progress(name: str) -> None:
+            bar.set_description(name[:40])
+            bar.update()
+
+        found = [
+            rates(part, unit, peer, entries, repeats, progress)
+            for part, unit, peer, entries in parts
+        ]
+        found.append(scaling.table(repeats, seed, progress))
+        found.append(gpu.table(repeats, seed))
+        progress(gpu.PART)
+        found.append(jobs.table(cores, progress))
+    return pd.concat(found, ignore_index=True)
+
+
+def _count(entries: Mapping[str, Timed]) -> int:
+    return sum(entry.work is not None for entry in entries.values())
+
+
+if __name__ == "__main__":
+    run(main)

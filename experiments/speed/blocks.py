@@ -1,0 +1,231 @@
+"""Identifications of blocks: the identifiers, and other libraries on the same blocks."""
+
+import time
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.tiles import TILE, draw_tile, identify_tile, make_ready
+from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION
+from experiments.speed import all_points
+from experiments.speed.all_points import SCALE
+from experiments.speed.turns import Timed, Work, absent
+
+#: The peer: scipy's differential evolution, the population in one call, at the settings of `ml-de`
+#: but with all its generations.
+PEER = "scipy-de"
+
+
+class _Block(NamedTuple):
+    """What another library is given."""
+
+    slip: np.ndarray
+    adhesion: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    random: np.random.Generator
+
+
+_Solve = Callable[[_Block], object]
+
+UNIT = "identifications"
+PART = "blocks"
+
+
+def entries(seed: int) -> Mapping[str, Timed]:
+    """What is timed on he2018-blocks; noise and compilation are not part of the time."""
+    config = Config(seed=seed)
+    scenario = build_scenario(config)
+    others: Mapping[str, tuple[_Solve, str]] = {
+        PEER: (_scipy_de, "population in one call of NumPy, all 300 generations"),
+        "scipy-de-default": (_scipy_de_default, "as scipy is when nothing is set"),
+        "minpack-lm": (_minpack, "Jacobian given; without a box"),
+        "scipy-trf": (_trust_region, "Jacobian given; in the box"),
+    }
+    found = {
+        name: Timed(_on_blocks(config, solve), remark) for name, (solve, remark) in others.items()
+    }
+    found["pygmo-de"] = _optional(config, "pygmo", _pygmo)
+    missing = absent("evosax") or absent("evosax.algorithms")
+    found["evosax-de"] = (
+        Timed(None, missing) if missing else Timed(_evosax(config), "float64, batch of 128 runs")
+    )
+    began = time.process_time()
+    search = _all_points(config)
+    remark = "as scipy-de: all 300 generations, on the sum of squares over all points"
+    found["de-all-points"] = Timed(search, remark, time.process_time() - began)
+    for name, method in IDENTIFIERS.items():
+        if method.accepts(scenario.known) is None:
+            began = time.process_time()
+            make_ready(config, [method])
+            seconds = time.process_time() - began
+            found[name] = Timed(_identifier(config, name), "", seconds)
+    return found
+
+
+def _identifier(config: Config, name: str) -> Work:
+    def work(turn: int) -> tuple[float, float]:
+        result = identify_tile(config, turn, name, IDENTIFIERS[name])
+        return float(np.size(result.estimate.status)), result.seconds
+
+    return work
+
+
+def _all_points(config: Config) -> Work:
+    """All the first blocks of a tile side by side."""
+    known = build_scenario(config).known
+    slip = draw_tile(config, 0).slip[0]
+    search = all_points.search(slip, (known.lower, known.upper), TILE, POPULATION, GENERATIONS)
+
+    def work(turn: int) -> tuple[float, float]:
+        blocks = draw_tile(config, turn).adhesion[:, 0]
+        keys = jax.block_until_ready(jax.random.split(jax.random.key(turn), TILE))
+        began = time.process_time()
+        jax.block_until_ready(search(keys, blocks))
+        return float(TILE), time.process_time() - began
+
+    return work
+
+
+def _optional(config: Config, package: str, solve: _Solve) -> Timed:
+    missing = absent(package)
+    return Timed(None, missing) if missing else Timed(_on_blocks(config, solve))
+
+
+def _on_blocks(config: Config, solve: _Solve) -> Work:
+    """The first block of every rail of the first run of a tile."""
+    known = build_scenario(config).known
+    lower, upper = np.asarray(known.lower), np.asarray(known.upper)
+
+    def work(turn: int) -> tuple[float, float]:
+        slip, blocks = _first_blocks(config, turn)
+        random = np.random.default_rng(turn)
+        began = time.process_time()
+        for adhesion in blocks:
+            solve(_Block(slip, adhesion, lower, upper, random))
+        return float(len(blocks)), time.process_time() - began
+
+    return work
+
+
+def _first_blocks(config: Config, tile: int) -> tuple[np.ndarray, np.ndarray]:
+    records = draw_tile(config, tile)
+    groups = build_scenario(config).tables()["summary"]
+    return np.asarray(records.slip[0]), np.asarray(records.adhesion)[
+        0, [group.blocks[0] for group in groups]
+    ]
+
+
+def _model(x: Any, slip: Any) -> Any:
+    return x[0] * (1 - np.exp(-x[1] * slip)) - x[2] * slip
+
+
+def _jacobian(x: np.ndarray, slip: np.ndarray) -> np.ndarray:
+    decay = np.exp(-x[1] * slip)
+    return np.stack([1 - decay, x[0] * slip * decay, -slip], axis=1)
+
+
+def _scipy_de(block: _Block) -> object:
+    return scipy.optimize.differential_evolution(
+        lambda x: np.sum((_model(x, block.slip[:, None]) - block.adhesion[:, None]) ** 2, axis=0),
+        list(zip(block.lower, block.upper, strict=True)),
+        strategy="rand1bin",
+        init=block.random.uniform(block.lower, block.upper, (POPULATION, block.lower.size)),
+        mutation=SCALE,
+        recombination=CROSSOVER,
+        maxiter=GENERATIONS,
+        tol=0,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+        rng=block.random,
+    )
+
+
+def _scipy_de_default(block: _Block) -> object:
+    return scipy.optimize.differential_evolution(
+        lambda x: np.sum((_model(x, block.slip) - block.adhesion) ** 2),
+        list(zip(block.lower, block.upper, strict=True)),
+        rng=block.random,
+    )
+
+
+def _minpack(block: _Block) -> object:
+    return scipy.optimize.leastsq(
+        lambda x: _model(x, block.slip) - block.adhesion,
+        0.5 * (block.lower + block.upper),
+        Dfun=lambda x: _jacobian(x, block.slip),
+    )
+
+
+def _trust_region(block: _Block) -> object:
+    return scipy.optimize.least_squares(
+        lambda x: _model(x, block.slip) - block.adhesion,
+        0.5 * (block.lower + block.upper),
+        jac=lambda x: _jacobian(x, block.slip),
+        bounds=(block.lower, block.upper),
+        x_scale=block.upper - block.lower,
+    )
+
+
+def _pygmo(block: _Block) -> object:
+    pygmo = import_module("pygmo")
+
+    class Problem:
+        def fitness(self, x: np.ndarray) -> list[float]:
+            return [float(np.sum((_model(x, block.slip) - block.adhesion) ** 2))]
+
+        def get_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+            return block.lower, block.upper
+
+    seed = int(block.random.integers(2**31))
+    rand1bin = 7  # in the numbering of pygmo
+    method = pygmo.de(GENERATIONS, SCALE, CROSSOVER, rand1bin, 0.0, 0.0, seed)
+    return pygmo.algorithm(method).evolve(pygmo.population(Problem(), size=POPULATION, seed=seed))
+
+
+def _evosax(config: Config) -> Work:
+    """All the first blocks of a tile side by side: a batch of its own kind."""
+    known = build_scenario(config).known
+    lower, upper = jnp.asarray(known.lower), jnp.asarray(known.upper)
+    slip, _ = _first_blocks(config, 0)
+    algorithms = import_module("evosax.algorithms")
+    method = algorithms.DifferentialEvolution(POPULATION, jnp.zeros(lower.size))
+    settings = method.default_params.replace(
+        elitism=False, crossover_rate=CROSSOVER, differential_weight=SCALE
+    )
+
+    def one(key: Any, adhesion: Any) -> Any:
+        def fitness(shares: Any) -> Any:
+            x = lower + (upper - lower) * jnp.clip(shares, 0.0, 1.0)
+            model = x[:, :1] * (1 - jnp.exp(-x[:, 1:2] * slip)) - x[:, 2:] * slip
+            return jnp.sum((model - adhesion) ** 2, axis=1)
+
+        def generation(carry: Any, key: Any) -> Any:
+            asking, telling = jax.random.split(key)
+            shares, state = method.ask(asking, carry, settings)
+            state, _ = method.tell(telling, shares, fitness(shares), state, settings)
+            return state, None
+
+        first, begun, rest = jax.random.split(key, 3)
+        population = jax.random.uniform(first, (POPULATION, lower.size))
+        state = method.init(begun, population, fitness(population), settings)
+        return jax.lax.scan(generation, state, jax.random.split(rest, GENERATIONS))[0].best_fitness
+
+    batch = jax.jit(jax.vmap(one))
+
+    def work(turn: int) -> tuple[float, float]:
+        blocks = draw_tile(config, turn).adhesion[:, 0]
+        keys = jax.random.split(jax.random.key(turn), TILE)
+        began = time.process_time()
+        jax.block_until_ready(batch(keys, blocks))
+        return float(TILE), time.process_time() - began
+
+    return work

@@ -1,0 +1,62 @@
+"""What the commands that judge the package have in common."""
+
+from importlib import import_module
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from adhesion_jax.errors import InputError
+
+FOLDERS = (Path(__file__).parents[2] / "experiments").glob("*/__main__.py")
+COMMANDS = {
+    path.parent.name: import_module(f"experiments.{path.parent.name}.__main__").main
+    for path in sorted(FOLDERS)
+}
+COMMANDS["strangers"] = import_module("experiments.strangers").main
+
+every_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+
+
+@every_command
+def test_help_says_what_is_done_and_where_it_is_written(command):
+    told = CliRunner().invoke(command, ["--help"])
+    assert told.exit_code == 0
+    assert "--out" in told.output
+    assert command.help.split("\n")[0].endswith(".")
+
+
+@every_command
+@pytest.mark.parametrize(("out", "words"), [("", "name is empty"), ("file/out", "cannot be")])
+def test_a_folder_that_cannot_be_is_refused_and_nothing_is_written(
+    command, out, words, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("")
+    with pytest.raises((InputError, click.ClickException), match=words):
+        command.main(["--out", out], standalone_mode=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+REFUSED = {
+    "no sets": ("discovery_study", [*("--null", "0", "--powers", "0"), "--random=0", "--pairs=0"]),
+    "There is no set to work on": ("discovery_peers", ["--simulated", "0"]),
+    "--methods x is not known": ("discovery_peers", ["--methods", "x"]),
+    "no.csv does not exist": ("regression", ["--baseline", "no.csv"]),
+    "--runs": ("claims", ["--runs", "1"]),
+    "--repeats": ("speed", ["--repeats", "0"]),
+    "--sets": ("intervals", ["--sets", "0"]),
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_a_refusal_says_what_is_wrong(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name, arguments = REFUSED[words]
+    with pytest.raises((InputError, click.ClickException)) as refused:
+        COMMANDS[name].main(arguments, standalone_mode=False)
+    error = refused.value
+    said = error.format_message() if isinstance(error, click.ClickException) else str(error)
+    assert words in said
+    assert not list(tmp_path.iterdir())
