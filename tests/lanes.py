@@ -4,7 +4,7 @@ import pytest
 
 
 def lanes(cases, always, thorough=0):
-    """`always` of the cases in every run, `thorough` more before a change lands, others by hand.
+    """`always` of the cases in every run, `thorough` more and the others, marked slow, by night.
 
     The chosen ones are spread over the cases, and stay the same.
     """

@@ -86,6 +86,7 @@ def test_two_effects_at_once_are_named(two, campaign):
     assert error < 0.02 * truth["width"] + 1
 
 
+@pytest.mark.thorough
 def test_the_error_falls_to_the_noise_on_runs_never_seen(two, campaign):
     found, test, _ = two
     before, after = found.test.before.value, found.test.after.value
@@ -113,6 +114,7 @@ def left_by_least_squares(campaign):
     return rms(left(least_squares(left, start, x_scale=np.abs(start)).x))
 
 
+@pytest.mark.thorough
 def test_predictions_are_one_line_a_row_in_the_order_of_the_file(two):
     found, test, _ = two
     assert found.predictions["row"].tolist() == list(range(len(test)))
@@ -126,6 +128,7 @@ def before_after(predictions, test):
     return tuple(rms(predictions[name] - test["adhesion"]) for name in ("base", "corrected"))
 
 
+@pytest.mark.thorough
 def test_the_law_that_is_saved_predicts_the_same(two, tmp_path):
     found, test, _ = two
     save_law(tmp_path / "law.json", found.law)
@@ -144,6 +147,7 @@ def test_the_law_that_is_saved_predicts_the_same(two, tmp_path):
     )
 
 
+@pytest.mark.thorough
 def test_columns_are_held_at_the_edges_of_the_data(two, campaign):
     law = two[0].law
     point = {
@@ -182,6 +186,7 @@ def test_a_run_is_repeated_to_the_bit(two, train):
     assert again.effects[0].parameters == two[0].effects[0].parameters
 
 
+@pytest.mark.thorough
 def test_progress_never_goes_back(two):
     told = two[2]
     shares = [share for _, share in told]

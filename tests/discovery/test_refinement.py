@@ -101,6 +101,7 @@ def test_the_slots_of_a_fit_are_in_the_order_of_application():
         assert refreshed(accepted, parts) == accepted
 
 
+@pytest.mark.thorough
 def test_a_square_wave_gets_its_harmonics(square):
     better = refined(square, seed=0)
     (effect,) = better.accepted
@@ -118,6 +119,7 @@ def test_a_square_wave_gets_its_harmonics(square):
     assert left < 0.95 * before
 
 
+@pytest.mark.thorough
 def test_the_parts_of_an_effect_are_its_own_whatever_comes_after_it(null):
     """The wave is the first of two effects; its harmonics are found after the second."""
     wave = np.sign(np.sin(2 * np.pi * null["position_m"] / LENGTH))
@@ -132,6 +134,7 @@ def test_the_parts_of_an_effect_are_its_own_whatever_comes_after_it(null):
     assert float(first.parts[1].frequency) * LENGTH == pytest.approx(3, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_form_that_is_right_is_left_as_it_is(null):
     wave = np.sin(2 * np.pi * null["position_m"] / LENGTH)
     state = state_of(null.assign(adhesion=null["adhesion"] * (1 + 0.06 * wave)), joint())
