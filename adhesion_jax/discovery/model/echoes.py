@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 from scipy.signal import savgol_filter
 
 from adhesion_jax.data.columns import COLUMNS
@@ -46,14 +47,12 @@ def echoes(fitted: Fitted) -> Mapping[str, str]:
 
 
 def _fast(fitted: Fitted, values: np.ndarray) -> np.ndarray:
-    """Deviations of each run from parabolas, one after the other."""
+    """Deviations of the rows from parabolas through their neighbours, of those that have all."""
+    if values.shape[1] < _WINDOW:
+        return np.zeros(0)
     inside = fitted.setting.problem.points > 0
-    found = []
-    for row, used in zip(values, inside, strict=True):
-        course = row[used]
-        if course.size >= _WINDOW:
-            found.append(course - savgol_filter(course, _WINDOW, 2))
-    return np.concatenate([np.zeros(0), *found])
+    whole = minimum_filter1d(inside, _WINDOW, axis=1, mode="constant", cval=0)
+    return (values - savgol_filter(values, _WINDOW, 2, axis=1, mode="nearest"))[whole]
 
 
 def _share(one: np.ndarray, other: np.ndarray) -> float:
