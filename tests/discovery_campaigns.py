@@ -43,7 +43,7 @@ def setting_of(table, sigma=0.01, spread=0.0):
     """A table with one standard deviation for all points, and one of the slip."""
     problem = problem_of(table)
     whole = spread + np.zeros(problem.points.shape)
-    return Setting(problem, whole, np.sqrt(problem.points) / sigma, sigma, 1.0, 0.0)
+    return Setting(problem, whole, np.sqrt(problem.points) / sigma, sigma, 1.0)
 
 
 def alone(table, base="burckhardt", start=TRUE):

@@ -33,7 +33,7 @@ def best_alone(problem: Problem, spread: np.ndarray, bases: Sequence[str]) -> Fi
     size = np.abs(np.asarray(problem.data.adhesion)[problem.points > 0])
     top = float(np.quantile(size, 0.98))
     sigma = max(_FIRST_SIGMA * float(np.sqrt(np.mean(size**2))), 1e-12)
-    setting = Setting(problem, spread, np.sqrt(problem.points) / sigma, sigma, 1.0, 0.0)
+    setting = Setting(problem, spread, np.sqrt(problem.points) / sigma, sigma, 1.0)
     starts = [(base, start) for base in bases for start in BASES[base].starts(top)]
     fits = side_by_side(lambda one: nearly_fitted(setting, *one, ()), starts)
     best = [min((one for one in fits if one.base == base), key=_cost) for base in bases]

@@ -24,7 +24,7 @@ from adhesion_jax.discovery.model.program import (
 from adhesion_jax.effects import Covariate, Effect
 
 #: Sizes of the program: (slots, free parameters). The larger one is compiled when it is needed.
-_SIZES = ((6, 72), (12, 128))
+_SIZES = ((6, 72), (12, 120))
 
 #: If the curvature along each parameter is scaled to one, the data do not determine a direction
 #: whose curvature is below this.
@@ -57,7 +57,6 @@ class Setting(NamedTuple):
     root: np.ndarray  # [runs, points]: reciprocal standard deviation of a point, less far outside
     sigma: float  # standard deviation of the noise of adhesion, of a point of weight 1
     share: float  # of the noise of the slip that acts
-    scatter: float  # standard deviation of the levels of the runs, relative to the curve
 
 
 class Fitted(NamedTuple):
@@ -178,36 +177,34 @@ def weighed(fitted: Fitted) -> Setting:
     far = np.abs(error) / np.sqrt(variance) / _TUNING
     root = np.zeros(points.shape)
     root[inside] = 1 / np.sqrt(variance * np.maximum(far, 1.0))
-    # Blocks of one run have no levels of their own.
-    blocks = setting.problem.blocks
-    scatter = 0.0 if blocks else _scatter(root * fitted.adhesion, root * fitted.error)
-    return setting._replace(root=root, sigma=sigma, share=share, scatter=scatter)
+    return setting._replace(root=root, sigma=sigma, share=share)
 
 
-def _scatter(level: np.ndarray, error: np.ndarray) -> float:
-    """The standard deviation of the coefficients of `level` in the errors of the runs.
+class Levels(NamedTuple):
+    """Levels of the runs that scatter about the curve, beside a fit."""
 
-    Both are [runs, points], in units of the noise; what independent noise makes of it is taken off.
+    unit: np.ndarray  # [runs, points]: what a level changes, in units of the noise, at length one
+    variance: np.ndarray  # [runs]: of the levels, in units of that of noise along `unit`
+
+
+def levels_of(fitted: Fitted) -> Levels:
+    """The levels of the runs as the errors of a fit show them.
+
+    A run's level is the coefficient of its prediction in its errors. With levels that scatter by s
+    the covariance of the errors of a run is I + s^2 v v', v what its level changes in units of the
+    noise. s^2 is the mean square of the levels less what independent noise makes of it; blocks of
+    one run have none.
     """
+    root = fitted.setting.root
+    level, error = root * fitted.adhesion, root * fitted.error
     size = (level**2).sum(axis=1)
     used = size > 0
-    coefficients = (level * error).sum(axis=1)[used] / size[used]
-    return float(np.sqrt(max(np.mean(coefficients**2) - np.mean(1 / size[used]), 0.0)))
-
-
-def levels_of(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
-    """What a level of each run changes, at length one, [runs, points], and its share, [runs].
-
-    With levels that scatter by s the covariance of the errors of a run is I + s^2 v v', v what its
-    level changes in units of the noise; of the direction of v its inverse leaves 1 less the share
-    s^2 v'v/(1 + s^2 v'v). It says how much the levels of runs count beside what moves within them.
-    """
-    setting = fitted.setting
-    level = setting.root * fitted.adhesion
-    size = (level**2).sum(axis=1)
+    scatter = 0.0
+    if used.any() and not fitted.blocks:
+        levels = (level * error).sum(axis=1)[used] / size[used]
+        scatter = max(float(np.mean(levels**2) - np.mean(1 / size[used])), 0.0)
     unit = level / np.sqrt(np.maximum(size, 1e-300))[:, None]
-    scattered = setting.scatter**2 * size
-    return unit, scattered / (1 + scattered)
+    return Levels(unit, scatter * size)
 
 
 def sigma_of(error: np.ndarray, weight: np.ndarray, by_slip: np.ndarray) -> float:

@@ -54,11 +54,12 @@ def _predicted(fitted: Fitted) -> np.ndarray:
 
     The parameters are those of generalised least squares, one Gauss-Newton step from the fit.
     """
-    unit, share = levels_of(fitted)
+    unit, variance = levels_of(fitted)
+    share = variance / (1 + variance)
     along_level = (unit * fitted.residual).sum(axis=1)
     of_level = np.einsum("rt,krt->rk", unit, fitted.jacobian)
     crossed = share[:, None] * of_level
-    loss = fitted.loss - 0.5 * share * along_level**2
+    loss = fitted.loss + 0.5 * (np.log1p(variance) - share * along_level**2)
     gradient = fitted.gradient - along_level[:, None] * crossed
     hessian = fitted.hessian - of_level[:, :, None] * crossed[:, None, :]
     whole = hessian.sum(0)

@@ -25,8 +25,9 @@ from adhesion_jax.programs import kept
 #: `changes` takes this many models at a time, whatever their number: one program for all data.
 PROBES = 16
 
-#: Number of parameters whose derivatives are taken together, sharing the transcendental functions.
-_TOGETHER = 8
+#: Number of parameters whose derivatives are taken together, sharing the transcendental functions;
+#: the numbers of parameters of the program's sizes are multiples of it.
+_TOGETHER = 24
 
 #: Prior standard deviation of what braking adds to a factor of the departure, relative to that of
 #: the factor, and of the factors relative to the first.
@@ -268,9 +269,35 @@ def _curve(base: Array, values: Array, span: Array, slip: Array, conditions: Con
         for curve in BASES.values()
     ]
     factors = values[_CURVE_SIZE:_BASE_SIZE].reshape(2, FINE)
-    departure = functions(slip, span[0], span[1], FINE) @ factors.T
+    departure = _departures(slip, factors, span)
     bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
     return jax.lax.switch(base, branches, slip) * (1 + bend)
+
+
+@jax.custom_jvp
+def _departures(
+    slip: Float[Array, "*shape"], factors: Float[Array, "two functions"], span: Float[Array, " two"]
+) -> Float[Array, "*shape two"]:
+    """The departure, and what braking adds to it."""
+    return functions(slip, span[0], span[1], FINE) @ factors.T
+
+
+@_departures.defjvp
+def _(
+    primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]
+) -> tuple[Array, Array]:
+    """With the slopes over slip summed before they meet a tangent.
+
+    A tangent of the slip has then one product a point and not one for each function, which took
+    four fifths of the time of a fit.
+    """
+    slip, factors, span = primals
+    along, of_factors, _ = tangents
+    shape, slopes = jax.jvp(
+        lambda slip: functions(slip, span[0], span[1], FINE), (slip,), (jnp.ones_like(slip),)
+    )
+    change = (slopes @ factors.T) * along[..., None] + shape @ of_factors.T
+    return shape @ factors.T, change
 
 
 def _falls(kind: Array, column: Array) -> Bool[Array, ""]:

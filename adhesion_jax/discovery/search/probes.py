@@ -50,8 +50,8 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
     inside = root > 0
     constants = [Covariate(_NUDGE, 0.0, 1.0, column="", acts_on=acts_on) for acts_on in ACTS_ON]
     changed = dict(zip(ACTS_ON, raw_changes(fitted, constants) / _NUDGE, strict=True))
-    unit, share = levels_of(fitted)
-    kept = np.broadcast_to(np.sqrt(1 - share)[:, None], unit.shape)
+    unit, variance = levels_of(fitted)
+    kept = np.broadcast_to(1 / np.sqrt(1 + variance)[:, None], unit.shape)
     nothing = np.zeros((int(inside.sum()), 0))
     plain = Null(fitted, inside, nothing, np.zeros(0), unit[inside], kept[inside], changed)
     whole = np.concatenate(
