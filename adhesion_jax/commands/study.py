@@ -9,7 +9,7 @@ import click
 import pandas as pd
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.cluster import engine_of
+from adhesion_jax.campaign.cluster import pool_of
 from adhesion_jax.commands.shards import compute, opened_for
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, write_metadata, write_table
@@ -63,10 +63,10 @@ def study(
     began = time.perf_counter()
     job = Study(tuple(tasks), discover, sizes)
     with (
-        engine_of(workers, cluster, shared_folder) as engine,
+        pool_of(workers, cluster, shared_folder) as pool,
         opened_for("study", [job], directory, OWN_FILES, resume) as (folder, stage),
     ):
-        compute(content, [job], folder, lambda _: engine, "set")
+        compute(content, [job], folder, lambda _: pool, "set")
         sets = sets_of(folder, job.name, job.shards)
         hits, removed = rates(sets), shares(sets)
         write_table(stage / "sets.csv", sets)
