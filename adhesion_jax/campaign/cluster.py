@@ -20,7 +20,7 @@ from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 from uuid import uuid4
 from weakref import WeakSet
 
@@ -40,27 +40,8 @@ _PATIENCE = 10
 #: Seconds for which the number of workers is taken to be what it was.
 _COUNTED_FOR = 2.0
 
-#: How a cluster of this machine differs from dask's own settings: a unit is tried as often as by
-#: processes, and workers watch themselves less, which took 3 % of a core each.
-_LOCALLY = {
-    "distributed.scheduler.allowed-failures": TRIES - 1,
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "1s",
-    "distributed.admin.system-monitor.interval": "10s",
-}
-
 #: Ctrl-C is for this process, which ends its workers; a terminal sends it to them, too.
 _IGNORE_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-
-
-class _Setting(NamedTuple):
-    """What a worker is prepared for."""
-
-    versions: tuple[tuple[str, str], ...]
-    parts: tuple[plugins.Part, ...]
-    programs: Path | None  # where workers of this machine keep them
-    cores: tuple[int | None, ...]  # of workers of this machine, whose names are numbers
-
 
 #: What a unit has stored: files in a folder within that of the results, or their content by name.
 _Stored = Path | Mapping[str, bytes]
@@ -82,12 +63,7 @@ def pool_of(workers: int, cluster: str | None, shared: bool = False) -> Iterator
     # No words of dask about connections that are lost and workers that are replaced.
     quiet = _distributed().utils.silence_logging_cmgr(logging.CRITICAL)
     with quiet, _started(local) if local else _joined(cluster) as client:
-        setting = _Setting(
-            versions(),
-            plugins.used(),
-            keeping.folder() if local else None,
-            tuple(runtime.cores_of(local)),
-        )
+        setting = versions(), plugins.used(), runtime.cores_of(local)
         pool = _Cluster(client, pickle.dumps(setting), shared or local > 0)
         pool.prepare()
         yield pool
@@ -99,10 +75,13 @@ def _started(workers: int) -> Iterator[Any]:
     distributed = _distributed()
     import dask
 
-    # When the next cluster starts, Dask removes there what workers of killed processes have left.
-    folder = str(keeping.folder() / "dask")
+    settings = {
+        "distributed.scheduler.allowed-failures": TRIES - 1,
+        # When the next cluster starts, Dask removes there what killed workers have left.
+        "temporary-directory": str(keeping.folder() / "dask"),
+    }
     with (
-        dask.config.set({**_LOCALLY, "temporary-directory": folder}),
+        dask.config.set(settings),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -220,7 +199,9 @@ class _Cluster:
             with suppress(Exception):  # a scheduler that has gone has ended them
                 self.client.cancel([*begun])
             if place is not None:
-                shutil.rmtree(place, ignore_errors=True)
+                # Renamed first, so that a worker that goes on does not find it from that moment.
+                with suppress(OSError):
+                    shutil.rmtree(place.rename(f"{place}-over"))
 
     def _results(
         self, ended: Iterator[tuple[int, Any]], folder: Path
@@ -307,22 +288,23 @@ def _prepare(setting: bytes) -> None:
     from distributed import get_worker
 
     worker = get_worker()
-    asked: _Setting = pickle.loads(setting)
+    asked, parts, cores = pickle.loads(setting)
     if worker.state.nthreads != 1:
         raise InputError(
             f"The worker {worker.address} has {worker.state.nthreads} threads, and two compiled "
             "programs in one process may wait for each other for ever; start it with --nthreads 1."
         )
     runtime.start()
-    for (name, there), (_, here) in zip(versions(), asked.versions, strict=True):
+    for (name, there), (_, here) in zip(versions(), asked, strict=True):
         if here != there:
             raise InputError(
                 f"The worker {worker.address} has {name} {there or 'not set'}, and this machine "
                 f"has {here or 'not set'}; make them the same."
             )
-    core = asked.cores[int(worker.name)] if asked.cores else None
+    if cores:  # of workers of this machine, whose names are numbers
+        runtime.take_core(cores[int(worker.name)])
     try:
-        prepare(core, asked.programs, asked.parts)
+        prepare(parts)
     except InputError as error:
         raise InputError(
             f"{error} The worker {worker.address} has the files of earlier jobs, too: if that is "

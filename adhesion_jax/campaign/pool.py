@@ -151,7 +151,9 @@ def _begin(line: Connection, cores: Any, folder: Path, parts: Sequence[plugins.P
     """Begin the life of a worker process, which ends when the other end of the line is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this one
     Thread(target=_end_with, args=(line,), daemon=True).start()
-    prepare(cores.get(), folder, parts)
+    runtime.take_core(cores.get())
+    keeping.use(folder)
+    prepare(parts)
 
 
 def _end_with(line: Connection) -> None:
@@ -160,19 +162,13 @@ def _end_with(line: Connection) -> None:
     os._exit(1)
 
 
-def prepare(core: int | None, folder: Path | None, parts: Sequence[plugins.Part]) -> None:
-    """Make a worker process ready before jax opens a device: core, memory, flags, programs, parts.
-
-    Without a folder the programs are kept where the process itself keeps them.
-    """
-    runtime.take_core(core)
+def prepare(parts: Sequence[plugins.Part]) -> None:
+    """Make a worker process ready before jax opens a device: memory, flags, programs, parts."""
     with suppress(OSError, TypeError, AttributeError):  # where there is another C library
         allocator = ctypes.CDLL(None)
         for parameter, value in _ALLOCATOR.items():
             allocator.mallopt(parameter, value)
     runtime.start()
-    if folder is not None:
-        keeping.use(folder)
     programs.share_with_jax()
     for part in parts:
         plugins.use(part)
