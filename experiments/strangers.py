@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.executor import mapped
+from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.discovery.types import Findings, FoundEffect
 from adhesion_jax.errors import InputError
@@ -199,7 +199,7 @@ def main(sets: int, nulls: int, seed: int, workers: int, out: Path) -> None:
     start()
     directory, began = output_directory(out), time.perf_counter()
     with staged(directory, OWN_FILES) as stage:
-        with mapped(one_set, work, workers) as rows:
+        with Processes(workers).mapped(one_set, work) as rows:
             table = pd.DataFrame(tqdm(rows, total=len(work), unit="set", disable=None))
         write_table(stage / "sets.csv", table)
         write_table(stage / "rates.csv", rates(table))

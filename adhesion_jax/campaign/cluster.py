@@ -1,8 +1,8 @@
-"""Units of work mapped over the workers of a Dask cluster, one that is joined or started here.
+"""The workers of a Dask cluster, one that is joined or started here, as a pool.
 
 A unit travels as bytes, and becomes objects in a worker that was prepared for it as the processes
-of `executor` are. Files come to the folder of the results by this process alone, so that a worker
-that goes on after its job has ended changes nothing there.
+of `pool` are. Files come to the folder of the results by this process alone, so that a worker that
+goes on after its job has ended changes nothing there.
 """
 
 import logging
@@ -12,28 +12,21 @@ import platform
 import shutil
 import sys
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 from uuid import uuid4
+from weakref import WeakSet
 
 from adhesion_jax import keeping, plugins, programs, runtime
-from adhesion_jax.campaign.executor import (
-    AHEAD,
-    TRIES,
-    Engine,
-    Processes,
-    Work,
-    answered,
-    died,
-    prepare,
-)
+from adhesion_jax.campaign.notes import PARTIAL
+from adhesion_jax.campaign.pool import TRIES, Pool, Processes, Work, died, finished, prepare
 from adhesion_jax.errors import InputError, WorkerError
 
 T = TypeVar("T")
@@ -44,45 +37,18 @@ LOCAL = "local:"
 #: Seconds that a scheduler has to answer, and the first worker to join it.
 _PATIENCE = 10
 
-#: Quick units go to a worker several at once, as many as take about so many seconds, and at most so
-#: many: to give out and to bring back one by one took 3 to 5 ms of CPU time each. So many times the
-#: number that AHEAD says may then wait for those before them.
-_LONG_ENOUGH, _MOST_TOGETHER = 0.5, 16
-
 #: Seconds for which the number of workers is taken to be what it was.
 _COUNTED_FOR = 2.0
-
-#: How a cluster of this machine differs from dask's own settings: a unit is tried as often as by
-#: `executor`, and processes watch themselves less, which took 3 % of a core each.
-_LOCALLY = {
-    "distributed.scheduler.allowed-failures": TRIES - 1,
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "1s",
-    "distributed.admin.system-monitor.interval": "10s",
-}
 
 #: Ctrl-C is for this process, which ends its workers; a terminal sends it to them, too.
 _IGNORE_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
-
-class _Setting(NamedTuple):
-    """What a worker is prepared for."""
-
-    versions: tuple[tuple[str, str], ...]
-    parts: tuple[plugins.Part, ...]
-    programs: Path | None  # where workers of this machine keep them
-    cores: tuple[int | None, ...]  # of workers of this machine, whose names are numbers
-
-
-class _Files(NamedTuple):
-    """What a unit has stored: files in the folder of the results, or their content by name."""
-
-    there: Path | None
-    content: Mapping[str, bytes]
+#: What a unit has stored: files in a folder within that of the results, or their content by name.
+_Stored = Path | Mapping[str, bytes]
 
 
 @contextmanager
-def engine_of(workers: int, cluster: str | None, shared: bool = False) -> Iterator[Engine]:
+def pool_of(workers: int, cluster: str | None, shared: bool = False) -> Iterator[Pool]:
     """So many processes of this machine or, if one is named, a cluster that is started or joined.
 
     `cluster` is `local:N` or the address of a scheduler. `shared` says that its workers see the
@@ -93,25 +59,14 @@ def engine_of(workers: int, cluster: str | None, shared: bool = False) -> Iterat
     if cluster is None:
         yield Processes(workers)
         return
-    local = int(cluster.removeprefix(LOCAL)) if cluster.startswith(LOCAL) else None
-    with _quiet(), _joined(cluster) if local is None else _started(local) as client:
-        setting = _Setting(
-            versions(),
-            plugins.used(),
-            None if local is None else keeping.folder(),
-            () if local is None else tuple(runtime.cores_of(local)),
-        )
-        engine = _Cluster(client, pickle.dumps(setting), shared or local is not None)
-        engine.prepare()
-        yield engine
-
-
-def _quiet() -> AbstractContextManager[None]:
-    """No words of dask about connections that are lost and workers that are replaced."""
-    quiet: AbstractContextManager[None] = _distributed().utils.silence_logging_cmgr(
-        logging.CRITICAL
-    )
-    return quiet
+    local = int(cluster.removeprefix(LOCAL)) if cluster.startswith(LOCAL) else 0
+    # No words of dask about connections that are lost and workers that are replaced.
+    quiet = _distributed().utils.silence_logging_cmgr(logging.CRITICAL)
+    with quiet, _started(local) if local else _joined(cluster) as client:
+        setting = versions(), plugins.used(), runtime.cores_of(local)
+        pool = _Cluster(client, pickle.dumps(setting), shared or local > 0)
+        pool.prepare()
+        yield pool
 
 
 @contextmanager
@@ -120,10 +75,13 @@ def _started(workers: int) -> Iterator[Any]:
     distributed = _distributed()
     import dask
 
-    # When the next cluster starts, Dask removes there what workers of killed processes have left.
-    folder = str(keeping.folder() / "dask")
+    settings = {
+        "distributed.scheduler.allowed-failures": TRIES - 1,
+        # When the next cluster starts, Dask removes there what killed workers have left.
+        "temporary-directory": str(keeping.folder() / "dask"),
+    }
     with (
-        dask.config.set({**_LOCALLY, "temporary-directory": folder}),
+        dask.config.set(settings),
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -189,25 +147,17 @@ def versions() -> tuple[tuple[str, str], ...]:
 
 @dataclass
 class _Cluster:
-    """The workers that a client has, as an engine; they may come and go."""
+    """The workers that a client has, as a pool; they may come and go."""
 
     client: Any
     setting: bytes
     shared: bool
     workers: int = 0  # when they were counted
-    counted: float = -_COUNTED_FOR
-
-    def _count(self) -> int:
-        if time.monotonic() > self.counted + _COUNTED_FOR:
-            self.workers, self.counted = len(self.client.nthreads()), time.monotonic()
-        return self.workers
 
     def prepare(self) -> None:
         """Prepare the workers that are there; InputError where one cannot serve."""
         begun = {
-            worker: self.client.submit(
-                _prepared, self.setting, key=f"prepare-{uuid4().hex}", workers=[worker]
-            )
+            worker: self.client.submit(_prepared, self.setting, pure=False, workers=[worker])
             for worker in self.client.nthreads()
         }
         others, self.workers = 0, len(begun)
@@ -229,95 +179,73 @@ class _Cluster:
             )
 
     @contextmanager
-    def mapped(
-        self, function: Callable[..., T], work: Work, folder: Path | None = None
-    ) -> Iterator[Iterator[T]]:
-        begun: dict[Any, list[int]] = {}
-        place = folder / f".partial-{uuid4().hex}" if folder is not None and self.shared else None
+    def stored(self, function: Callable[..., T], work: Work, folder: Path) -> Iterator[Iterator[T]]:
+        name, numbers = f"unit-{uuid4().hex}", count()
+        begun = WeakSet[Any]()
+        place = folder / f"{PARTIAL}{name}" if self.shared else None
         if place is not None:
             place.mkdir()
+
+        def submit(*unit: Any) -> Any:
+            # As bytes, which Dask does not look into. Units of one name wait at the scheduler.
+            call, key = pickle.dumps((function, unit)), (name, next(numbers))
+            begun.add(future := self.client.submit(_done, self.setting, call, place, key=key))
+            return future
+
         try:
-            yield self._results(begun, function, work, folder, place)
+            with closing(self._results(finished(submit, dict(enumerate(work))), folder)) as results:
+                yield results
         finally:
             with suppress(Exception):  # a scheduler that has gone has ended them
                 self.client.cancel([*begun])
             if place is not None:
-                shutil.rmtree(place, ignore_errors=True)
+                # Renamed first, so that a worker that goes on does not find it from that moment.
+                with suppress(OSError):
+                    shutil.rmtree(place.rename(f"{place}-over"))
 
     def _results(
-        self,
-        begun: dict[Any, list[int]],  # the numbers of units that are computed, by their futures
-        function: Callable[..., T],
-        work: Work,
-        folder: Path | None,
-        place: Path | None,
-    ) -> Iterator[T]:
-        """The results in the order of the work."""
-        name = f"unit-{uuid4().hex}"  # those of one name wait at the scheduler
-        completed = _distributed().as_completed(loop=self.client.loop)
-        left = deque(range(len(work)))
-        found: dict[int, Any] = {}
-        together = 1
-        for number in range(len(work)):
-            while number not in found:
-                workers = max(self._count(), 1)
-                while left and left[0] < number + AHEAD * workers * together:
-                    # Groups become smaller at the end, so that no worker waits.
-                    count = min(together, -(-len(left) // (2 * workers)))
-                    units = [left.popleft() for _ in range(count)]
-                    future = self.client.submit(
-                        _all_done,
-                        self.setting,
-                        # As bytes, which Dask does not look into.
-                        pickle.dumps([pickle.dumps((function, work[unit])) for unit in units]),
-                        place,
-                        folder is not None,
-                        key=(name, units[0]),
-                        priority=-units[0],
-                    )
-                    begun[future] = units
-                    completed.add(future)
-                future = next(completed)
-                units = begun.pop(future)
-                answers, seconds = _answers(future)
-                together = max(1, min(_MOST_TOGETHER, int(_LONG_ENOUGH * len(units) / seconds)))
-                for unit, answer in zip(units, answers, strict=True):
-                    succeeded, result = pickle.loads(answer)
-                    if not succeeded:
-                        raise result
-                    found[unit], files = result
-                    if folder is not None:
-                        _bring(files, folder)
-            yield found.pop(number)
+        self, ended: Iterator[tuple[int, Any]], folder: Path
+    ) -> Generator[Any, None, None]:
+        counted = time.monotonic()
+        for _, future in ended:
+            result, stored = _answer(future)
+            _bring(stored, folder)
+            if time.monotonic() > counted + _COUNTED_FOR:
+                counted = time.monotonic()
+                with suppress(OSError):  # the next answer tells that the scheduler has gone
+                    self.workers = len(self.client.nthreads())
+            yield result
 
 
-def _answers(future: Any) -> tuple[list[bytes], float]:
-    """The answer of each unit, and the seconds that all took; WorkerError where none could try."""
+def _answer(future: Any) -> tuple[Any, _Stored]:
+    """The result of a unit and what it has stored; WorkerError where no worker could do it."""
     distributed = _distributed()
     try:
-        answers: tuple[list[bytes], float] = future.result()
+        answer: tuple[Any, _Stored] = future.result()
     except distributed.KilledWorker as error:
         raise died(error.allowed_failures + 1) from None
     except (distributed.CancelledError, OSError) as error:
+        if future.status == "error":  # it is the unit that had no space to write to, say
+            raise
         raise WorkerError(
             f"the connection to the cluster was lost ({_told(error)}). Run the command again when "
             "its scheduler is back."
         ) from None
-    return answers
+    return answer
 
 
-def _bring(files: _Files, folder: Path) -> None:
+def _bring(stored: _Stored, folder: Path) -> None:
     """Bring what a unit has stored to where it belongs, each file whole or not at all."""
-    if files.there is None:
-        for name, content in files.content.items():
-            partly = folder / f".partial-{name}"
+    if not isinstance(stored, Path):
+        for name, content in stored.items():
+            partly = folder / f"{PARTIAL}{name}"
             partly.write_bytes(content)
             os.replace(partly, folder / name)
         return
     try:
-        for path in [*files.there.iterdir()]:
+        for path in [*stored.iterdir()]:
             os.replace(path, folder / path.name)
-        files.there.rmdir()
+        stored.rmdir()
     except FileNotFoundError:
         raise _not_shared(folder) from None
 
@@ -332,6 +260,22 @@ def _not_shared(folder: Path) -> InputError:
 # What follows is done in a worker.
 
 
+def _done(setting: bytes, call: bytes, place: Path | None) -> tuple[Any, _Stored]:
+    """The result of a unit, and what it has stored in a folder of its own, of which it is told."""
+    _prepare(setting)
+    function, unit = pickle.loads(call)
+    if place is None:
+        with TemporaryDirectory(prefix="adhesion_jax-") as passing:
+            result = function(*unit, Path(passing))
+            return result, {path.name: path.read_bytes() for path in Path(passing).iterdir()}
+    own = place / uuid4().hex
+    try:
+        own.mkdir()
+    except FileNotFoundError:
+        raise _not_shared(place.parent) from None
+    return function(*unit, own), own
+
+
 def _prepared(setting: bytes) -> str:
     """The kind of processor of this worker, which is now prepared."""
     _prepare(setting)
@@ -344,56 +288,25 @@ def _prepare(setting: bytes) -> None:
     from distributed import get_worker
 
     worker = get_worker()
-    asked: _Setting = pickle.loads(setting)
+    asked, parts, cores = pickle.loads(setting)
     if worker.state.nthreads != 1:
         raise InputError(
             f"The worker {worker.address} has {worker.state.nthreads} threads, and two compiled "
             "programs in one process may wait for each other for ever; start it with --nthreads 1."
         )
     runtime.start()
-    for (name, there), (_, here) in zip(versions(), asked.versions, strict=True):
+    for (name, there), (_, here) in zip(versions(), asked, strict=True):
         if here != there:
             raise InputError(
                 f"The worker {worker.address} has {name} {there or 'not set'}, and this machine "
                 f"has {here or 'not set'}; make them the same."
             )
-    core = asked.cores[int(worker.name)] if asked.cores else None
+    if cores:  # of workers of this machine, whose names are numbers
+        runtime.take_core(cores[int(worker.name)])
     try:
-        prepare(core, asked.programs, asked.parts)
+        prepare(parts)
     except InputError as error:
         raise InputError(
             f"{error} The worker {worker.address} has the files of earlier jobs, too: if that is "
             "why, restart it."
         ) from None
-
-
-def _all_done(
-    setting: bytes, calls: bytes, place: Path | None, stores: bool
-) -> tuple[list[bytes], float]:
-    """The answers of some units, and the seconds that they took."""
-    began = time.perf_counter()
-    answers = [_done(setting, call, place, stores) for call in pickle.loads(calls)]
-    return answers, time.perf_counter() - began
-
-
-def _done(setting: bytes, call: bytes, place: Path | None, stores: bool) -> bytes:
-    """The answer of a unit, and what it has stored in a folder of its own, of which it is told."""
-
-    def done() -> tuple[Any, _Files]:
-        _prepare(setting)
-        function, unit = pickle.loads(call)
-        if not stores:
-            return function(*unit), _Files(None, {})
-        if place is not None:
-            own = place / uuid4().hex
-            try:
-                own.mkdir()
-            except FileNotFoundError:
-                raise _not_shared(place.parent) from None
-            return function(*unit, own), _Files(own, {})
-        with TemporaryDirectory(prefix="adhesion_jax-") as passing:
-            value = function(*unit, Path(passing))
-            files = {path.name: path.read_bytes() for path in Path(passing).iterdir()}
-        return value, _Files(None, files)
-
-    return answered(done, ())

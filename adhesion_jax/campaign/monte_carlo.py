@@ -1,7 +1,7 @@
 """A Monte Carlo campaign: every identifier on the same runs, and tables of what they add up to."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -9,8 +9,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.executor import Engine, Processes, Work
 from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.pool import Pool, Processes, Work
 from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
 from adhesion_jax.campaign.tiles import TILE, make_ready
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
@@ -18,6 +18,8 @@ from adhesion_jax.metrics.accuracy import table_rows
 from adhesion_jax.metrics.counts import BINS, edges, middles, quantile, rebinned, share_middles
 from adhesion_jax.metrics.tracking import criteria_of, tracking_row
 from adhesion_jax.runtime import CORES
+
+P = TypeVar("P", bound=Pool)
 
 #: Largest number of shards that are computed in this process alone: others would take longer to
 #: start than the work does.
@@ -90,13 +92,13 @@ def frame_of(rows: pa.Table) -> pd.DataFrame:
     return rows.cast(pa.schema(zip(rows.schema.names, types, strict=True))).to_pandas()
 
 
-def suited(engine: Engine, work: Work) -> Engine:
-    """The engine for units that begin with a job: for few it is this process, made ready for them.
+def suited(pool: P, work: Work) -> P | Processes:
+    """The pool for units that begin with a job: for few it is this process, made ready for them.
 
     A cluster is what it is: it has begun already.
     """
-    if not isinstance(engine, Processes) or (engine.workers > 1 and len(work) > _FEW_SHARDS):
-        return engine
+    if not isinstance(pool, Processes) or (pool.workers > 1 and len(work) > _FEW_SHARDS):
+        return pool
     for job, *_ in work:
         make_ready(job.config, [*job.methods.values()])
     return Processes(1)

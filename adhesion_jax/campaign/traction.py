@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from adhesion_jax.campaign.executor import mapped
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
 from adhesion_jax.campaign.loops import Figures, computed, form_of, steps_of
 from adhesion_jax.campaign.notes import Tell
+from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.metrics.moments import KnownMoments
@@ -174,7 +174,7 @@ def judge(job: Job, progress: Callable[[str], None], workers: int = CORES) -> Ju
             progress(job.cases[job.cases_of(number)[0]].method)
             yield found.arrays
 
-    with mapped(content, work, workers) as results:
+    with Processes(workers).mapped(content, work) as results:
         return judged(job, parts())
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.cluster import engine_of
+from adhesion_jax.campaign.cluster import pool_of
 from adhesion_jax.campaign.config import Config, main_job
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import Campaign, Totals, added, campaign_of, suited
@@ -61,10 +61,10 @@ def main(
     jobs = [Job.of(config, every_block=keep == "all") for config in parts]
     began = time.perf_counter()
     with (
-        engine_of(CORES, cluster, shared_folder) as engine,
+        pool_of(CORES, cluster, shared_folder) as pool,
         opened_for("montecarlo", jobs, directory, OWN_FILES, resume, extend) as (folder, stage),
     ):
-        compute(content, jobs, folder, partial(suited, engine))
+        compute(content, jobs, folder, partial(suited, pool))
         campaigns = [campaign_of(job, _totals(job, folder)) for job in jobs]
         write_rows(stage / "runs.parquet", folder, jobs)
         tables = _joined([campaign.tables for campaign in campaigns])

@@ -1,5 +1,6 @@
 """What all commands share whose work is divided into shards."""
 
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -9,8 +10,8 @@ from threading import Event, Thread
 import click
 from tqdm import tqdm
 
-from adhesion_jax.campaign.executor import Engine, Work, terminable
 from adhesion_jax.campaign.notes import Tell, notes
+from adhesion_jax.campaign.pool import Pool, Work
 from adhesion_jax.campaign.store import Content, J, Job, missing, opened, recorded, stored
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import refuse_folders, staged, writing_to
@@ -41,7 +42,7 @@ def opened_for(
     """The folder of the shards of a command, and one for its results, whose names are `own`."""
     refuse_folders(directory, own)
     with (
-        terminable(),
+        _terminable(),
         writing_to(directory),
         opened(directory, command, jobs, resume or extend > 0, extend) as folder,
         staged(directory, own, folder) as stage,
@@ -49,25 +50,40 @@ def opened_for(
         yield folder, stage
 
 
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """What SIGTERM asks for meanwhile is done as with Ctrl-C: by an exception, status 143."""
+
+    def end(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def compute(
     content: Callable[[J, int, Tell], Content],
     jobs: Sequence[J],
     folder: Path,
-    engine_for: Callable[[Work], Engine],
+    pool_for: Callable[[Work], Pool],
     unit: str = "run",
 ) -> None:
     """All shards that are not there; what is finished stays, however this ends.
 
-    `engine_for` is given the work, and says what is to do it.
+    `pool_for` is given the work, and says what is to do it.
     """
     work = missing(folder, jobs)
     every = _runs((job, number) for job in jobs for number in range(job.shards))
-    with tqdm(total=every, initial=every - _runs(work), desc="compiling", unit=unit) as bar:
+    begun = every - _runs(work)
+    with tqdm(total=every, initial=begun, desc="compiling", unit=unit, disable=None) as bar:
         try:
-            engine = engine_for(work)
+            pool = pool_for(work)
             with (
-                _watched(bar, folder, engine) as finish,
-                engine.mapped(partial(stored, content), work, folder) as results,
+                _watched(bar, folder, pool) as finish,
+                pool.stored(partial(stored, content), work, folder) as results,
             ):
                 for runs in results:
                     finish(runs)
@@ -84,7 +100,7 @@ def compute(
 
 
 @contextmanager
-def _watched(bar: tqdm, folder: Path, engine: Engine) -> Iterator[Callable[[int], None]]:
+def _watched(bar: tqdm, folder: Path, pool: Pool) -> Iterator[Callable[[int], None]]:
     """Show what goes on in a folder, and how many runs are done; takes the runs of each shard."""
     finished = began = bar.n
     ended = Event()
@@ -98,8 +114,8 @@ def _watched(bar: tqdm, folder: Path, engine: Engine) -> Iterator[Callable[[int]
         words = dict.fromkeys(words for _, words in now)
         without_notes = "computing" if finished > began else "starting"
         bar.set_description(", ".join(words) or without_notes, refresh=False)
-        bar.set_postfix_str(f"workers: {engine.workers}", refresh=False)
-        # A shard that is finished counts when those before it are, too: until then nothing moves.
+        bar.set_postfix_str(f"workers: {pool.workers}", refresh=False)
+        # A shard that was begun anew has fewer runs than it had: until it has more nothing moves.
         if not bar.update(max(finished + sum(runs for runs, _ in now) - bar.n, 0)):
             bar.refresh()
 
@@ -107,6 +123,9 @@ def _watched(bar: tqdm, folder: Path, engine: Engine) -> Iterator[Callable[[int]
         while not ended.wait(_PAUSE):
             show()
 
+    if bar.disable:
+        yield finish
+        return
     show()
     watcher = Thread(target=watch, daemon=True)
     watcher.start()

@@ -26,7 +26,7 @@ def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     truth = out.with_suffix(".truth.json")
     with (
         staged(output_directory(out.parent), (out.name, truth.name)) as stage,
-        tqdm(total=drawn.rows, unit="row", unit_scale=True, leave=False) as bar,
+        tqdm(total=drawn.rows, unit="row", unit_scale=True, leave=False, disable=None) as bar,
     ):
         for rows in _WRITERS[out.suffix](stage / out.name, drawn):
             bar.update(rows)

@@ -9,7 +9,7 @@ import click
 import pandas as pd
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.cluster import engine_of
+from adhesion_jax.campaign.cluster import pool_of
 from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.campaign.traction import (
     WHOLE,
@@ -89,10 +89,10 @@ def main(
     job = job_of(name, system, cases, plant.plant, runs, seed, asked)
     directory = output_directory(out)
     with (
-        engine_of(workers or runtime.CORES, cluster, shared_folder) as engine,
+        pool_of(workers or runtime.CORES, cluster, shared_folder) as pool,
         opened_for("traction", [job], directory, OWN_FILES, resume, extend) as (folder, stage),
     ):
-        compute(content, [job], folder, lambda _: engine)
+        compute(content, [job], folder, lambda _: pool)
         found = judged(job, read_all(folder, job.name, job.shards))
         write_rows(stage / "runs.parquet", folder, [job])
         table = subject.table(found.metrics)

@@ -77,7 +77,7 @@ def main(runs: int, seed: int, out: Path) -> None:
     figures = ("generations", "consistency", "factorial")
     own = ("claims.csv", *(f"claims_{name}.png" for name in figures))
     with staged(directory, own) as stage:
-        with tqdm(unit="tile") as bar:
+        with tqdm(unit="tile", disable=None) as bar:
 
             def stage_of(words: str) -> Callable[[str], None]:
                 bar.set_description(words)

@@ -79,7 +79,7 @@ def main(
     with staged(directory, OWN_FILES) as stage:
         total = (len(stored) + simulated + random) * len(methods)
         parts = chain(stored, simulated_sets(simulated, seed), random_sets(random, seed))
-        with tqdm(total=total, unit="fit") as bar:
+        with tqdm(total=total, unit="fit", disable=None) as bar:
             for part in parts:
                 for row in compared(part, methods, discovered, seed):
                     bar.set_description(f"{part.name} {row['method']}")

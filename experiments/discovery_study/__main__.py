@@ -8,7 +8,7 @@ import click
 import pandas as pd
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.executor import Processes
+from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.commands.shards import compute, opened_for
 from adhesion_jax.errors import InputError

@@ -45,7 +45,7 @@ def main(sets: int, workers: int, out: Path) -> None:
     directory, began = output_directory(out), time.perf_counter()
     cells = (*KNOWN_CELLS, *UNKNOWN_CELLS)
     with staged(directory, OWN_FILES) as stage:
-        with tqdm(total=sets * len(cells), unit="set") as bar:
+        with tqdm(total=sets * len(cells), unit="set", disable=None) as bar:
 
             def progress(words: str) -> None:
                 bar.set_description(words)

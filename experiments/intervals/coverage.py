@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.signal import lfilter
 from scipy.stats import binomtest
 
-from adhesion_jax.campaign.executor import mapped
+from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.curves import CURVES, Curve
 from adhesion_jax.measured.answer import answered
 from adhesion_jax.measured.identification import fit_curves, searched
@@ -54,7 +54,7 @@ def coverage_study(
     """A row for each record set of each cell: the answer, and whether it holds the true peak."""
     tasks = [(cell, seed) for cell in cells for seed in range(sets)]
     rows = []
-    with mapped(one_set, tasks, workers) as results:
+    with Processes(workers).mapped(one_set, tasks) as results:
         for (cell, _), row in zip(tasks, results, strict=True):
             rows.append(row)
             progress(f"{cell.truth}, {cell.noise}")

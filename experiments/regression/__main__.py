@@ -73,7 +73,7 @@ def main(baseline: Path, update: bool, out: Path) -> None:
 def _measured(seed: int, before: pd.DataFrame | None) -> pd.DataFrame:
     """The fresh table; who seems slower than before is timed again."""
     steps = accuracy_steps(IDENTIFIERS, RUNS) + (TURNS + 1) * len(IDENTIFIERS)
-    with tqdm(total=steps, desc="compiling", unit="step") as bar:
+    with tqdm(total=steps, desc="compiling", unit="step", disable=None) as bar:
 
         def progress(name: str) -> None:
             bar.set_description(name)

@@ -72,7 +72,7 @@ def _table(
     ]
     total = sum((repeats + 1) * _count(part[3]) for part in parts)
     total += len(scaling.sizes()) + 1 + len(jobs.jobs())
-    with tqdm(total=total, unit="turn") as bar:
+    with tqdm(total=total, unit="turn", disable=None) as bar:
 
         def progress(name: str) -> None:
             bar.set_description(name[:40])

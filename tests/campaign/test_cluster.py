@@ -1,7 +1,7 @@
 """Work mapped over the workers of a Dask cluster, with the results of one process."""
 
+import errno
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -15,8 +15,9 @@ import pytest
 
 from adhesion_jax import keeping
 from adhesion_jax.campaign import cluster, store
-from adhesion_jax.campaign.cluster import engine_of, versions
-from adhesion_jax.campaign.executor import Processes
+from adhesion_jax.campaign import pool as pool_module
+from adhesion_jax.campaign.cluster import pool_of, versions
+from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.traction import content, job_of
 from adhesion_jax.command_line.montecarlo import main
 from adhesion_jax.errors import InputError, WorkerError
@@ -42,15 +43,15 @@ mine = Mine()
 """
 
 
-def squared(number):
+def squared(number, _):
     return number**2, os.getpid()
 
 
-def killed(_):
+def killed(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def killed_once(path):
+def killed_once(path, _):
     """Ends its process the first time that it is called, and then never again."""
     try:
         path.touch(exist_ok=False)
@@ -67,14 +68,18 @@ def written_up_to(number, folder):
     return written(number, folder)
 
 
-def squared_or_killed_once(number, path):
+def squared_or_killed_once(number, path, folder):
     if number == 100:
-        killed_once(path)
+        killed_once(path, folder)
     return number**2
 
 
-def refused(number):
+def refused(number, _):
     raise InputError(f"{number} is not wanted.")
+
+
+def without_space(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def written(number, folder):
@@ -84,8 +89,8 @@ def written(number, folder):
 
 @pytest.fixture(scope="module")
 def two():
-    with engine_of(1, "local:2") as engine:
-        yield engine
+    with pool_of(1, "local:2") as pool:
+        yield pool
 
 
 @pytest.fixture(scope="module")
@@ -94,83 +99,82 @@ def scheduler(two):
     return two.client.scheduler.address
 
 
-def found(engine, function, arguments, folder=None):
-    with engine.mapped(function, [(one,) for one in arguments], folder) as results:
+def found(pool, function, arguments, folder):
+    with pool.stored(function, [(one,) for one in arguments], folder) as results:
         return list(results)
 
 
 def test_without_a_cluster_it_is_so_many_processes():
-    with engine_of(3, None) as engine:
-        assert engine == Processes(3)
+    with pool_of(3, None) as pool:
+        assert pool == Processes(3)
 
 
-def test_results_come_in_the_order_of_the_work_from_two_processes(two):
-    results = found(two, squared, range(60))
-    assert [number for number, _ in results] == [number**2 for number in range(60)]
+def test_every_unit_has_its_result_once_from_two_processes(two, tmp_path):
+    results = found(two, squared, range(60), tmp_path)
+    assert sorted(number for number, _ in results) == [number**2 for number in range(60)]
     processes = {process for _, process in results}
     assert len(processes) == 2
     assert os.getpid() not in processes
     assert two.workers == 2
 
 
-@pytest.fixture
-def groups(two, monkeypatch):
-    """The arguments of the units that are given out together, group by group."""
-    given = []
-    submit = two.client.submit
+def test_no_more_units_are_given_out_than_memory_is_meant_for(two, tmp_path, monkeypatch):
+    monkeypatch.setattr(pool_module, "_GIVEN_OUT", 8)
+    given, submit = [], two.client.submit
 
-    def noted(function, setting, calls, *rest, **named):
-        given.append([pickle.loads(call)[1] for call in pickle.loads(calls)])
-        return submit(function, setting, calls, *rest, **named)
+    def noted(*arguments, **named):
+        given.append(named["key"])
+        return submit(*arguments, **named)
 
     monkeypatch.setattr(two.client, "submit", noted)
-    return given
+    with two.stored(squared, [(number,) for number in range(40)], tmp_path) as results:
+        for ended, _ in enumerate(results, 1):
+            assert len(given) - ended <= 8
+    assert len({*given}) == 40
 
 
-def test_quick_units_are_given_out_several_at_once(two, groups):
-    results = found(two, squared, range(400))
-    assert [number for number, _ in results] == [number**2 for number in range(400)]
-    assert [unit for group in groups for (unit,) in group] == [*range(400)]
-    assert len(groups[0]) == 1  # before anything is known of the time that they take
-    assert max(map(len, groups)) == 16
-    assert len(groups) < 200
-
-
-def test_an_error_of_a_unit_is_raised_here(two):
+def test_an_error_of_a_unit_is_raised_here(two, tmp_path):
     with pytest.raises(InputError, match=r"^7 is not wanted\."):
-        found(two, refused, [7])
+        found(two, refused, [7], tmp_path)
+    with pytest.raises(OSError, match="No space left on device"):  # no loss of the connection
+        found(two, without_space, [7], tmp_path)
 
 
-def test_what_is_finished_before_an_error_is_kept(two, groups, tmp_path):
-    with pytest.raises(InputError, match=r"^60 is not wanted\."):
-        found(two, written_up_to, range(200), tmp_path)
-    (group,) = ([unit for (unit,) in group] for group in groups if (60,) in group)
-    assert len(group) > 1
-    assert all((tmp_path / f"{unit}.txt").exists() for unit in group if unit < 60)
+def test_what_is_finished_before_an_error_is_kept(two, tmp_path):
+    ended = []
+    wanted = pytest.raises(InputError, match=r"^60 is not wanted\.")
+    work = [(number,) for number in range(200)]
+    with wanted, two.stored(written_up_to, work, tmp_path) as results:
+        ended += results
+    names = {path.name for path in tmp_path.iterdir()}
+    assert len(ended) >= 30
+    assert names == {path.name for path in tmp_path.glob("*.txt")}
+    assert len(names) == len(ended)
 
 
-def test_a_worker_that_dies_costs_none_of_the_units_it_was_given_together(two, tmp_path):
+def test_a_worker_that_dies_costs_none_of_the_other_units(two, tmp_path):
     work = [(number, tmp_path / "died") for number in range(200)]
-    with two.mapped(squared_or_killed_once, work) as results:
-        assert list(results) == [number**2 for number in range(200)]
+    with two.stored(squared_or_killed_once, work, tmp_path) as results:
+        assert sorted(results) == [number**2 for number in range(200)]
     assert (tmp_path / "died").exists()
 
 
 def test_a_worker_that_dies_is_replaced_and_its_unit_tried_again(two, tmp_path):
-    assert found(two, killed_once, [tmp_path / "a", tmp_path / "b"]) == ["done", "done"]
+    paths = [tmp_path / "a", tmp_path / "b"]
+    assert found(two, killed_once, paths, tmp_path) == ["done", "done"]
 
 
 @pytest.mark.thorough
-def test_a_unit_whose_worker_dies_three_times_is_told_in_a_sentence(two):
+def test_a_unit_whose_worker_dies_three_times_is_told_in_a_sentence(two, tmp_path):
     with pytest.raises(WorkerError, match="or had no memory left, 3 times at the same piece"):
-        found(two, killed, [0])
-    assert [number for number, _ in found(two, squared, [3])] == [9]
+        found(two, killed, [0], tmp_path)
+    assert [number for number, _ in found(two, squared, [3], tmp_path)] == [9]
 
 
 @pytest.mark.parametrize("shared", [True, False])
 def test_files_come_to_the_folder_that_is_asked_for(scheduler, tmp_path, shared):
-    with engine_of(1, scheduler, shared) as engine:
-        places = found(engine, written, range(9), tmp_path)
+    with pool_of(1, scheduler, shared) as pool:
+        places = found(pool, written, range(9), tmp_path)
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
         f"{number}.txt": str(number) for number in range(9)
     }
@@ -204,7 +208,7 @@ def test_a_worker_of_another_version_is_refused(scheduler, monkeypatch, name, ot
     mine = dict(versions())
     monkeypatch.setattr(cluster, "versions", lambda: tuple({**mine, name: other}.items()))
     sentence = rf"The worker tcp://\S+ has {name} {mine[name]}, and this machine has {other};"
-    with pytest.raises(InputError, match=sentence), engine_of(1, scheduler):
+    with pytest.raises(InputError, match=sentence), pool_of(1, scheduler):
         pass
 
 
@@ -214,7 +218,7 @@ def test_a_worker_with_several_threads_is_refused():
             n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0", memory_limit=0
         ) as started,
         pytest.raises(InputError, match=r"has 2 threads.*start it with --nthreads 1"),
-        engine_of(1, started.scheduler_address),
+        pool_of(1, started.scheduler_address),
     ):
         pass
 
@@ -224,7 +228,7 @@ def test_a_scheduler_without_workers_is_refused(monkeypatch):
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as started,
         pytest.raises(InputError, match="has no workers; start some by"),
-        engine_of(1, started.scheduler_address),
+        pool_of(1, started.scheduler_address),
     ):
         pass
 
@@ -251,7 +255,7 @@ def test_without_dask_it_is_said_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'adhesion-jax\[cluster\]'"):
         main(["--cluster", "local:2"], "montecarlo")
-    with pytest.raises(InputError, match="is not installed"), engine_of(1, "local:2"):
+    with pytest.raises(InputError, match="is not installed"), pool_of(1, "local:2"):
         pass
 
 
@@ -350,8 +354,8 @@ def alone(tmp_path_factory):
 
 @of_processes
 @pytest.mark.thorough
-@pytest.mark.parametrize("engine", ["processes", "local", "sent", "shared"])
-def test_every_engine_gives_the_same_bits(alone, scheduler, tmp_path, engine):
+@pytest.mark.parametrize("pool", ["processes", "local", "sent", "shared"])
+def test_every_pool_gives_the_same_bits(alone, scheduler, tmp_path, pool):
     options = {
         "processes": (),
         "local": ("--cluster", "local:2"),
@@ -359,10 +363,9 @@ def test_every_engine_gives_the_same_bits(alone, scheduler, tmp_path, engine):
         "shared": ("--cluster", scheduler, "--shared-folder"),
     }
     out = tmp_path / "out"
-    status, said = ended(begun(out, *options[engine]))
+    status, said = ended(begun(out, *options[pool]))
     assert status == 0, said
     assert_same(tables(out), alone)
-    assert "workers: 2" in said
     assert not [*passing(out).iterdir()]
 
 
@@ -373,10 +376,10 @@ def test_traction_in_shards_gives_the_same_bits_on_a_cluster(two, tmp_path):
     job = job_of("hxd1f", system, cases, plant_of(system), runs=3)
     work = [(job, number) for number in range(job.shards)]
     folders = [tmp_path / "here", tmp_path / "there"]
-    for engine, folder in zip([Processes(1), two], folders, strict=True):
+    for pool, folder in zip([Processes(1), two], folders, strict=True):
         folder.mkdir()
-        with engine.mapped(partial(store.stored, content), work, folder) as results:
-            assert list(results) == [job.runs_of(number) for _, number in work]
+        with pool.stored(partial(store.stored, content), work, folder) as results:
+            assert sorted(results) == sorted(job.runs_of(number) for _, number in work)
     one, other = (
         pd.concat(store.rows_of(f, job.name, n).to_pandas() for _, n in work) for f in folders
     )

@@ -2,11 +2,14 @@
 
 import json
 import os
+import pty
 import random
+import re
 import resource
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -25,14 +28,14 @@ RUNS = 5000
 TRACTION = ("traction", "--system", "uyulan2018", "--step", "2e-4", "--runs", 32)
 
 
-def begun(out, *more, limit=None, job=(*JOB, "--runs", RUNS)):
+def begun(out, *more, limit=None, job=(*JOB, "--runs", RUNS), stderr=subprocess.PIPE):
     """A job on its way; its files may have no more than `limit` bytes."""
     command = (sys.executable, "-m", "adhesion_jax", *job, "--out", out)
     # A process that is started where Ctrl-C is ignored ignores it too.
     answer = signal.signal(signal.SIGINT, signal.SIG_DFL)
     job = subprocess.Popen(
         [*map(str, command), *map(str, more)],
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         stdout=subprocess.DEVNULL,
         text=True,
         cwd=Path(__file__).parents[2],
@@ -135,6 +138,33 @@ def test_another_process_takes_the_place_of_a_worker_that_is_killed(whole, tmp_p
     status, said = ended(job)
     assert status == 0, said
     assert_same(results(tmp_path), whole)
+
+
+def read_all(terminal):
+    """What is shown until the other end is closed."""
+    shown = b""
+    while True:
+        try:
+            shown += os.read(terminal, 2**16)
+        except OSError:
+            return shown.decode().replace("\r", "\n")
+
+
+@pytest.mark.thorough
+def test_how_far_a_job_is_is_shown_on_a_terminal_alone(tmp_path):
+    assert ended(begun(tmp_path)) == (0, "")
+    ours, theirs = pty.openpty()
+    termios.tcsetwinsize(theirs, (24, 200))
+    job = begun(tmp_path, stderr=theirs)
+    os.close(theirs)
+    shown = read_all(ours)
+    os.close(ours)
+    assert job.wait() == 0
+    counts = [int(count) for count in re.findall(rf"(\d+)/{RUNS} ", shown)]
+    assert counts == sorted(counts)
+    assert counts[-1] == RUNS
+    assert "workers: " in shown
+    assert "ml-exact on single" in shown
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

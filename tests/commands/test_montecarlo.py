@@ -36,7 +36,7 @@ def test_a_small_job_writes_its_files_and_leaves_others_alone(tmp_path):
         *("--runs", 20, "--blocks", 6, "--points", 50, "--seed", 5, "--out", tmp_path),
         *("--identifiers", "ml-exact,ml-de"),
     )
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")  # no progress without a terminal
     assert "ml-de" in done.stdout
     names = {path.name for path in tmp_path.iterdir()}
     figures = {"histogram_mu_max.png", "tracking.png"}

@@ -255,7 +255,12 @@ def of_linear(fitted, x, y):
     flat = x.reshape(-1, x.shape[2])
     b = np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]
     left = x @ b - y
+    setting = fitted.setting
+    data = setting.problem.data._replace(adhesion=y)
+    problem = setting.problem._replace(data=data)
     return b, fitted._replace(
+        setting=setting._replace(problem=problem, root=np.ones(y.shape)),
+        adhesion=x @ b,
         places=tuple(range(b.size)),
         values=b,
         loss=0.5 * (left**2).sum(axis=1),
@@ -302,14 +307,28 @@ def test_intervals_of_a_linear_model_cover_though_levels_scatter(fitted):
     assert np.mean(covered) == pytest.approx(0.95, abs=2.5 * np.sqrt(0.05 * 0.95 / 600) + 0.01)
 
 
-def test_the_expected_loss_of_a_run_is_its_density_given_the_others(fitted):
-    """-ln N(y; X b, 1 + X V X') of a linear model, b and V of the others; without ln(2 pi)/2."""
-    x, y = linear()
-    _, known = of_linear(fitted, x, y)
+@pytest.mark.parametrize("scatter", [0.0, 2.0])
+def test_the_expected_loss_of_a_run_is_its_density_given_the_others(fitted, scatter):
+    """-ln N(y; X b, C + X V X') of a linear model, b and V of the others; without ln(2 pi)/2.
+
+    C = 1 + s^2 v v' has the scatter of the levels v, the predictions of the fit to all runs.
+    """
+    x, y = linear(scatter=scatter)
+    first, known = of_linear(fitted, x, y)
+    v = x @ first
+    size = (v**2).sum(axis=1)
+    level = (v * (y - v)).sum(axis=1) / size
+    s = np.sqrt(max(np.mean(level**2) - np.mean(1 / size), 0.0))
+    assert (s > 0.1) == (scatter > 0)
+    noise = np.eye(y.shape[1]) + s**2 * v[:, :, None] * v[:, None, :]
+    weight = np.linalg.inv(noise)
+    squares = np.einsum("rtk,rtu,rul->rkl", x, weight, x)
+    products = np.einsum("rtk,rtu,ru->rk", x, weight, y)
     expected = []
-    for run, b in enumerate(refits_of(x, y)):
-        others = np.delete(x, run, axis=0).reshape(-1, x.shape[2])
-        spread = np.eye(y.shape[1]) + x[run] @ np.linalg.inv(others.T @ others) @ x[run].T
+    for run in range(len(x)):
+        inverse = np.linalg.inv(squares.sum(0) - squares[run])
+        b = inverse @ (products.sum(0) - products[run])
+        spread = noise[run] + x[run] @ inverse @ x[run].T
         density = stats.multivariate_normal(x[run] @ b, spread).logpdf(y[run])
         expected.append(-density - 0.5 * y.shape[1] * np.log(2 * np.pi))
     np.testing.assert_allclose(expected_loss(known), expected, rtol=1e-8)

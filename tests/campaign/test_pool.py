@@ -1,0 +1,131 @@
+"""Work mapped over processes."""
+
+import os
+import sys
+import time
+
+import click
+import pytest
+
+from adhesion_jax.campaign.pool import Processes
+from adhesion_jax.command_line.command import run
+from adhesion_jax.errors import InputError, WorkerError
+
+
+def found(function, work, workers=2):
+    with Processes(workers).mapped(function, work) as results:
+        return list(results)
+
+
+def squared(number):
+    return number**2, os.getpid()
+
+
+def killed(status):
+    os._exit(status)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_the_order_of_the_work(workers):
+    results = found(squared, [(number,) for number in range(20)], workers)
+    assert [number for number, _ in results] == [number**2 for number in range(20)]
+    here = {process for _, process in results} == {os.getpid()}
+    assert here == (workers == 1)
+
+
+def later(number):
+    time.sleep(0.1 if number == 0 else 0)
+    return number
+
+
+def test_a_result_waits_for_those_before_it_where_their_order_matters(tmp_path):
+    work = [(number,) for number in range(9)]
+    assert found(later, work) == [*range(9)]
+    with Processes(2).stored(stored_later, work, tmp_path) as results:
+        ended = [*results]
+    assert sorted(ended) == [*range(9)]
+    assert ended[0] != 0
+
+
+def stored_later(number, folder):
+    (folder / str(number)).touch()
+    return later(number)
+
+
+def refused(number):
+    raise InputError(f"{number} is not wanted.")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_of_a_unit_is_raised_here(workers):
+    with pytest.raises(InputError, match=r"^7 is not wanted\."):
+        found(refused, [(7,), (7,)], workers)
+
+
+def test_a_worker_that_dies_is_told_in_a_sentence(monkeypatch, capsys):
+    @click.command()
+    def command():
+        found(killed, [(9,), (9,)])
+
+    monkeypatch.setattr(sys, "argv", ["command"])
+    with pytest.raises(SystemExit) as left:
+        run(command)
+    assert left.value.code == 1
+    told = capsys.readouterr().err
+    assert told.startswith("error: a worker process was killed")
+    assert "Traceback" not in told
+
+
+def noted(number, folder):
+    """Ends its process whenever it is 7, and notes that it was tried."""
+    with (folder / f"{number}").open("a") as tries:
+        tries.write("x")
+    if number == 7:
+        os._exit(9)
+    return number
+
+
+def test_a_unit_that_ends_its_process_is_tried_three_times_and_finished_ones_once(tmp_path):
+    results = []
+    dies = pytest.raises(WorkerError, match="3 times at the same piece")
+    work = [(number,) for number in range(40)]
+    with dies, Processes(2).stored(noted, work, tmp_path) as ended:
+        results += ended
+    tries = {int(path.name): len(path.read_text()) for path in tmp_path.iterdir()}
+    assert tries[7] >= 3
+    assert {*range(7)} <= {*results}
+    assert len(results) == len({*results})
+
+
+def weighed(content):
+    return content * 2
+
+
+def test_large_units_and_large_results_do_not_wait_for_each_other():
+    work = [(bytes([number]) * 2_000_000,) for number in range(12)]  # more than a line holds
+    assert found(weighed, work) == [content * 2 for (content,) in work]
+
+
+def killed_at_first(number, folder):
+    """Ends its process at the first try of every third unit."""
+    mark = folder / str(number)
+    if number % 3 == 0 and not mark.exists():
+        mark.touch()
+        os._exit(9)
+    return number
+
+
+def test_the_units_of_a_worker_that_dies_are_tried_again(tmp_path):
+    assert found(killed_at_first, [(number, tmp_path) for number in range(7)]) == [*range(7)]
+
+
+def slow(number):
+    time.sleep(0 if number == 0 else 600)
+    return os.getpid()
+
+
+def test_no_process_goes_on_after_the_work_is_given_up():
+    with Processes(2).mapped(slow, [(number,) for number in range(4)]) as results:
+        process = next(results)
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)
