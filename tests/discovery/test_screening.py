@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
-from adhesion_jax.discovery.search.probes import directions_of, null_of, signals
+from adhesion_jax.discovery.search.probes import beside_levels, directions_of, null_of, signals
 from adhesion_jax.discovery.search.screening import FLIPS, _gained, screen
 from adhesion_jax.effects import Covariate, Labels, Memory
 from adhesion_jax.effects.shape import ACTS_ON
@@ -95,13 +95,13 @@ def test_no_function_of_the_slip_is_left_to_be_found(null, table):
     mu, slip = of_rows(null, fitted.adhesion), of_rows(null, fitted.setting.problem.data.slip)
     bends = [mu, mu * slip, mu * np.sin(25 * slip), mu * np.exp(-slip / 0.02), 1 + 0 * mu]
     for bend in bends:
-        whole = root * bend
+        whole = beside_levels(null, (root * bend)[:, None])[:, 0]
         left = whole - null.basis @ (null.basis.T @ whole)
         assert np.linalg.norm(left) < 0.03 * np.linalg.norm(whole)
     np.testing.assert_allclose(null.basis.T @ null.basis, np.eye(null.basis.shape[1]), atol=1e-9)
     # What a column does to the level is left, whether or not it moves within the runs.
     for column in ("warm", "gust"):
-        whole = root * mu * table[column].to_numpy()
+        whole = beside_levels(null, (root * mu * table[column].to_numpy())[:, None])[:, 0]
         left = whole - null.basis @ (null.basis.T @ whole)
         assert np.linalg.norm(left) > 0.7 * np.linalg.norm(whole - whole.mean())
 
@@ -110,7 +110,7 @@ def test_a_direction_is_what_is_given_cannot_explain(null):
     probes = [line("warm").starts[0], line("gust", "slip").starts[0]]
     testable, flat = directions_of(null, probes)
     assert testable.all()
-    whole = signals(null, probes)
+    whole = beside_levels(null, signals(null, probes))
     for found, signal in zip(flat.T, whole.T, strict=True):
         left = signal - null.basis @ np.linalg.lstsq(null.basis, signal, rcond=None)[0]
         np.testing.assert_allclose(found, left / np.linalg.norm(left), atol=1e-9)

@@ -67,10 +67,10 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
         axis=1,
     )
     size = np.linalg.norm(whole, axis=0)
-    whole = _beside_levels(plain, whole[:, size > 0] / size[size > 0])
+    whole = beside_levels(plain, whole[:, size > 0] / size[size > 0])
     left, values, _ = np.linalg.svd(whole, full_matrices=False)
     basis = left[:, values > _OWN * values[0]]
-    residual = _beside_levels(plain, -fitted.residual[inside][:, None])[:, 0]
+    residual = beside_levels(plain, -fitted.residual[inside][:, None])[:, 0]
     return plain._replace(basis=basis, residual=residual - basis @ (basis.T @ residual))
 
 
@@ -79,7 +79,7 @@ def firsts_of(null: Null) -> np.ndarray:
     return np.flatnonzero(np.diff(np.nonzero(null.inside)[0], prepend=-1))
 
 
-def _beside_levels(null: Null, flat: np.ndarray) -> np.ndarray:
+def beside_levels(null: Null, flat: np.ndarray) -> np.ndarray:
     """Columns [points, columns] times the root of the inverse covariance of levels that scatter."""
     firsts = firsts_of(null)
     level = null.level[:, None]
@@ -115,7 +115,7 @@ def directions_of(null: Null, probes: Sequence[Effect]) -> tuple[np.ndarray, np.
     Returns a mask of the probes that can be tested [probes]; the components [points, probes], each
     of length one, zero for the others, in units of the noise.
     """
-    flat = _beside_levels(null, signals(null, probes))
+    flat = beside_levels(null, signals(null, probes))
     before = np.linalg.norm(flat, axis=0)
     flat = flat - null.basis @ (null.basis.T @ flat)
     left = np.linalg.norm(flat, axis=0)
