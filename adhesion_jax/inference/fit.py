@@ -1,6 +1,6 @@
 """A curve that may bend, fitted to measured rows by weighted robust least squares."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +39,10 @@ EXACT = 1e-10
 #: share of the slip of the peak below which its functions are straight.
 _MIDDLE, _REACH = 0.2, 0.2
 
+#: Slips at which a law is compared with the nearest curve; and the search of that ends where a step
+#: promises to lower half the sum of squares, over the mean square, by less than this.
+_COMPARED, _NEAR = 200, 1e-10
+
 #: Groups of rows of like slope whose scatter tells how much of the slip's noise acts.
 _GROUPS = 8
 
@@ -53,8 +57,10 @@ _NORMAL = 1.4826
 class MeasuredFit(NamedTuple):
     """The fit of one curve with its departure.
 
-    A parameter that is held (on its bound, or without influence) has no standard error (NaN); the
-    others have those of a fit with that parameter known.
+    `parameters` are those of the curve that is nearest to the law among the points, as the fit
+    weighs them; beside its departure, which may do a part of what they could, the law has others.
+    One that is held (on its bound, or without influence) has no standard error (NaN); the others
+    have those of a fit with that parameter known.
     """
 
     law: FittedLaw
@@ -64,7 +70,9 @@ class MeasuredFit(NamedTuple):
     plain: float  # sum of squares of the residual
     noise: RunNoise
     departure: Departure
-    misfit: float  # the departure: its root mean square over the points
+    parameters: Float[np.ndarray, " free"]
+    by_law: Float[np.ndarray, "free all"]  # derivatives of these by the parameters of the law
+    misfit: float  # the law less the nearest curve: root mean square over the points, relative
     sandwich: Sandwich
     stretch: Float[np.ndarray, " all"]  # derivatives of parameters by coordinates of the sandwich
     on_bound: Bool[np.ndarray, " free"]
@@ -76,16 +84,12 @@ class MeasuredFit(NamedTuple):
 
     @property
     def curve(self) -> Curve:
-        """The curve alone, with the fitted values of its free parameters."""
+        """The nearest curve alone, without a departure."""
         return with_free_values(self.law.curve, self.parameters)
 
     @property
     def conditions(self) -> Mapping[str, float]:
         return self.law.conditions
-
-    @property
-    def parameters(self) -> Float[np.ndarray, " free"]:
-        return self.law.parameters[: len(self.law.curve.free)]
 
     @property
     def held(self) -> Bool[np.ndarray, " free"]:
@@ -99,8 +103,7 @@ class MeasuredFit(NamedTuple):
 
     @property
     def standard_errors(self) -> Float[np.ndarray, " free"]:
-        free = np.eye(self.stretch.size)[: self.parameters.size]
-        return np.where(self.held, np.nan, self.errors(free)[0])
+        return np.where(self.held, np.nan, self.errors(self.by_law)[0])
 
     @property
     def mu_max_se(self) -> float:
@@ -179,7 +182,7 @@ def fitted(
     if some is not rows:
         departure = _departure(problem, share, rows, variance)
         share, reached = passed_through(problem, share, rows, variance, departure)
-    fit = _described(problem, share, rows, slip, variance, departure, conditions, limit)
+    fit = _described(problem, start, share, rows, slip, variance, departure, conditions, limit)
     return fit._replace(converged=reached)
 
 
@@ -299,8 +302,57 @@ def _departure(problem: Problem, share: np.ndarray, rows: Rows, variance: Varian
     return departure_of(found, share[problem.free :], free, rows.cluster, ordered)
 
 
+class _Nearest(NamedTuple):
+    """The curve without a departure that is nearest to a law."""
+
+    parameters: Float[np.ndarray, " free"]
+    by_law: Float[np.ndarray, "free all"]
+    misfit: float
+    on_bound: Bool[np.ndarray, " free"]
+
+
+def _nearest(
+    problem: Problem,
+    starts: Sequence[np.ndarray],
+    law: FittedLaw,
+    free: Bool[np.ndarray, " free"],
+    rows: Rows,
+    variance: Variance,
+) -> _Nearest:
+    """By least squares from the best of some starts, at slips that share out the rows' weight."""
+    some = thinned(rows, _SEARCH_ROWS)
+    size = np.abs(some.slip)
+    order = np.argsort(size, kind="stable")
+    weight = np.cumsum(1 / _chosen(variance.row, size.size)[order])
+    shares = (np.arange(_COMPARED) + 0.5) / _COMPARED
+    slip = size[order[np.searchsorted(weight, shares * weight[-1])]]
+    of_law = law.at(slip)
+    conditions = {name: np.full(_COMPARED, value) for name, value in law.conditions.items()}
+    one, whole = np.ones(_COMPARED), np.array([0, _COMPARED])
+    few = Rows(slip, of_law.adhesion, conditions, one, whole, whole, np.zeros(1, int), False, False)
+    height = max(float(np.sqrt(np.mean(of_law.adhesion**2))), 1e-300)
+    even = Variance(height, height**2 * one, 0 * one)
+    found = []
+    for start in starts:
+        share, _ = descended(problem, _from(start), few, even, robust=False, near=_NEAR)
+        alone = law._replace(parameters=problem.parameters(share)).at(slip)
+        missed = float(np.sqrt(np.mean((of_law.adhesion - alone.adhesion) ** 2))) / height
+        found.append((missed, share, alone))
+    missed, share, alone = min(found, key=lambda one: one[0])
+    stretch = problem.stretch(share)
+    share = share[: problem.free]
+    bound = free & ((share <= 0) | (share >= 1))
+    used = np.flatnonzero(free & ~bound)
+    by_law = np.zeros((problem.free, stretch.size))
+    own = alone.by_parameter[:, used] * stretch[used]
+    by_law[used] = np.linalg.lstsq(own, of_law.by_parameter, rcond=_NEAR)[0]
+    by_law[used] *= stretch[used, None]
+    return _Nearest(problem.parameters(_from(share))[: problem.free], by_law, missed, bound)
+
+
 def _described(
     problem: Problem,
+    start: np.ndarray,
     share: np.ndarray,
     rows: Rows,
     slip: SlipNoise,
@@ -319,10 +371,8 @@ def _described(
     covariance = sandwich(found, rows.cluster, free, penalty, departure.inflation, ordered)
     law = FittedLaw(problem.curve, problem.parameters(share), problem.span, conditions)
     left = residuals(rows, problem.curve, law.parameters, problem.span, variance.spread)
-    grid = np.quantile(np.abs(thinned(rows, _SEARCH_ROWS).slip), np.linspace(0, 1, 200))
-    bare = law._replace(parameters=np.append(law.parameters[:count], np.zeros(FUNCTIONS)))
-    bare_at = bare.at(grid).adhesion
-    missed = law.at(grid).adhesion - bare_at
+    starts = [share[:count], start]
+    nearest = _nearest(problem, starts, law, has_influence, rows, variance)
     return MeasuredFit(
         law,
         limit,
@@ -331,10 +381,12 @@ def _described(
         found.plain,
         described(rows, *left, variance, slip),
         departure,
-        float(np.sqrt(np.mean(missed**2) / max(np.mean(bare_at**2), 1e-300))),
+        nearest.parameters,
+        nearest.by_law,
+        nearest.misfit,
         covariance,
         problem.stretch(share),
-        bound,
+        nearest.on_bound,
         ~has_influence,
         peak_of(law, limit),
         variance.spread,

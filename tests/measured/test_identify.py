@@ -16,6 +16,7 @@ from adhesion_jax.command_line.identify import main
 from adhesion_jax.curves import CURVES, physical_box
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.data import SHIPPED, read_measured, to_record
+from adhesion_jax.effects.saved import load_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Status
 from adhesion_jax.inference.law import FittedLaw, peak_of
@@ -449,3 +450,31 @@ def test_a_log_without_an_event_is_refused_and_nothing_written(tmp_path):
     with pytest.raises(InputError, match=r"log.parquet has no slip event: .* --whole\.$"):
         CliRunner().invoke(main, [file, "--out", str(out)], catch_exceptions=False)
     assert not out.exists()
+
+
+def test_the_departure_is_from_the_nearest_curve_of_the_name(fits, eurosprinter):
+    """Its parameters are those of least squares through the law at the slips of the points."""
+    fit = fits["burckhardt"]
+    assert fit.departure.size > 0.1
+    slip = np.asarray(eurosprinter.slip)
+    law = fit.law.at(slip).adhesion
+    start = CURVES["burckhardt"]
+    exact = least_squares(
+        lambda x: FORMULAS["burckhardt"](slip, *x) - law,
+        [start.c1, start.c2, start.c3],
+        x_scale=[0.1, 10.0, 0.1],
+        xtol=1e-14,
+        ftol=1e-14,
+    )
+    np.testing.assert_allclose(fit.parameters, exact.x, rtol=0.02)
+    missed = np.sqrt(2 * exact.cost / np.sum(law**2))
+    assert fit.misfit == pytest.approx(missed, rel=0.02)
+
+
+def test_the_law_that_is_saved_is_the_law_of_the_fit(told, fits):
+    slip = np.linspace(0.0, 0.3, 61)
+    law = load_law(told[0] / "law.json")
+    best = fits[max(fits, key=lambda name: fits[name].log_density)]
+    speed = {"vehicle_speed_mps": best.conditions["vehicle_speed_mps"]}
+    saved = np.asarray(law(jnp.asarray(slip), speed))
+    np.testing.assert_allclose(saved, best.law.at(slip).adhesion, rtol=1e-12)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.data import Measured
@@ -152,17 +153,18 @@ def _curve_sentences(
 
 
 def _departure_sentence(name: str, fit: MeasuredFit) -> str:
-    """How far the points leave the curve of this name, and where most."""
-    bent = fit.law.bent
+    """How far the points leave the nearest curve of this name, and where most."""
     slip = np.linspace(0.02, 1.0, 50) * fit.law.span.largest
-    departure = np.asarray(bent.departure(slip))
+    alone = np.asarray(fit.curve(jnp.asarray(slip), fit.conditions))
+    departure = (fit.law.at(slip).adhesion - alone) / np.abs(alone).max()
     most = int(np.argmax(np.abs(departure)))
     if abs(departure[most]) < _SLIGHT:
         return f"The points follow {name} itself: no departure from it is seen."
     return (
-        f"The points depart from {name} by {percent(fit.misfit)} (rms), most at slip "
-        f"{slip[most]:.3g}{fit.slip_unit}, where they lie {percent(abs(departure[most]))} "
-        f"{'above' if departure[most] > 0 else 'below'} it; the peak is that of the bent curve."
+        f"The points depart from the nearest curve of {name} by {percent(fit.misfit)} (rms), most "
+        f"at slip {slip[most]:.3g}{fit.slip_unit}, where they lie {percent(abs(departure[most]))} "
+        f"of its largest adhesion {'above' if departure[most] > 0 else 'below'} it; the peak is "
+        "that of the bent curve."
     )
 
 
