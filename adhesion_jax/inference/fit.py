@@ -1,10 +1,9 @@
 """A curve that may bend, fitted to measured rows by weighted robust least squares."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
@@ -13,6 +12,8 @@ from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.inference.departure import Departure, departure_of
 from adhesion_jax.inference.descent import STRAIGHT, Problem, descended, felt, passed_through
+from adhesion_jax.inference.expected_slip import expected_slip
+from adhesion_jax.inference.grouping import evenly
 from adhesion_jax.inference.law import FittedLaw, LawPeak, peak_of
 from adhesion_jax.inference.noise import RunNoise, described
 from adhesion_jax.inference.prediction import left_out
@@ -20,7 +21,7 @@ from adhesion_jax.inference.rows import Rows, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich
 from adhesion_jax.inference.shares import parameters_at
 from adhesion_jax.inference.slip import SlipNoise
-from adhesion_jax.inference.sums import Variance, left_over, residuals
+from adhesion_jax.inference.sums import Variance, huber, left_over, residuals
 from adhesion_jax.inference.values import Span
 
 #: Largest slip at which a peak is searched if slip is a velocity, m/s.
@@ -43,12 +44,12 @@ _MIDDLE, _REACH = 0.2, 0.2
 #: promises to lower half the sum of squares, over the mean square, by less than this.
 _COMPARED, _NEAR = 200, 1e-10
 
-#: Groups of rows of like slope whose scatter tells how much of the slip's noise acts.
-_GROUPS = 8
-
-#: Multiple of its noise below which a slip says nothing of the curve; the variance of its row over
-#: the mean square of adhesion, and over that of others beyond which a row is such a one.
-_TOLD, _SILENT, _NEVER = 3.0, 1e6, 1e6
+#: Rounds of fit and of how much of the slip's noise acts, and the most rows of these; the shares of
+#: the noise that are considered, and then such about the likeliest, nearer by half in each round;
+#: and the values of sigma over the root mean square of the residual.
+_WEIGHINGS, _WEIGHED_ROWS = 3, 5000
+_ACTIVE, _NEARER = (0.0, 0.25, 0.5, 0.75, 1.0), np.array([-0.125, 0.0, 0.125])
+_SIGMAS = np.geomspace(1e-3, 1.0, 60)
 
 #: The standard deviation of a normal variable over the median of its size.
 _NORMAL = 1.4826
@@ -78,7 +79,9 @@ class MeasuredFit(NamedTuple):
     on_bound: Bool[np.ndarray, " free"]
     no_influence: Bool[np.ndarray, " free"]
     peak: LawPeak
-    slip_spread: Float[np.ndarray, " rows"]  # standard deviation of the slip that acts
+    slip: Float[np.ndarray, " rows"]  # to be expected of each row
+    slip_scatter: Float[np.ndarray, " rows"]  # standard deviation of the true slip about that
+    slip_spread: Float[np.ndarray, " rows"]  # standard deviation of the noise of the measured slip
     left_out: Float[np.ndarray, " parts"]  # log density of each part, given the others
     converged: bool
 
@@ -100,6 +103,14 @@ class MeasuredFit(NamedTuple):
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Standard errors of linear functions of the parameters, and degrees of freedom."""
         return self.sandwich.errors(directions * self.stretch)
+
+    def residuals(
+        self, rows: Rows
+    ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+        """Of the measured rows: residual, slope and law, in the mean over the true slips."""
+        there = rows._replace(slip=self.slip)
+        law = self.law
+        return residuals(there, law.curve, law.parameters, law.span, self.slip_scatter)
 
     @property
     def standard_errors(self) -> Float[np.ndarray, " free"]:
@@ -197,20 +208,24 @@ def weighed(
     rows: Rows,
     slip: SlipNoise,
     slip_is_velocity: bool,
-) -> Variance:
-    """The variance of rows of noisy slip, by the slope of one curve without a departure.
+) -> tuple[Rows, SlipNoise, Variance]:
+    """Rows at the slips that are to be expected, the noise of slip that acts, and the variances.
 
-    It is the same for all curves that are fitted: with a slope of its own a curve could widen its
-    own noise (Carroll and Ruppert 1988, chapter 3).
+    By the slope of one curve without a departure. They are the same for all curves that are fitted:
+    with a slope of its own a curve could widen its own noise (Carroll and Ruppert 1988, chapter 3).
     """
     problem, _, _ = _posed(curve, start, rows, slip_is_velocity)
-    some = thinned(rows, _SEARCH_ROWS)
-    noise = slip._replace(spread=_chosen(slip.spread, some.slip.size))
-    share = _from(start)
-    for turn in range(_ROUNDS):
-        variance = _variance(problem, share, some, noise)
-        share, _ = descended(problem, share, some, variance, STRAIGHT, turn > 0)
-    return _variance(problem, share, rows, slip)
+    some = thinned(rows, _WEIGHED_ROWS)
+    spread = _chosen(slip.spread, some.slip.size)
+    share, active = _from(start), 1.0
+    actives = (1.0,) if slip.given else _ACTIVE
+    for turn in range(_WEIGHINGS):
+        there, active, variance = _weighing(problem, share, some, spread, actives)
+        share, _ = descended(problem, share, there, variance, STRAIGHT, turn > 0)
+        if not slip.given:
+            actives = np.clip(active + _NEARER / 2**turn, 0.0, 1.0)
+    there, _, variance = _weighing(problem, share, rows, slip.spread, (active,))
+    return there, slip._replace(sigma=active * slip.sigma, spread=active * slip.spread), variance
 
 
 def _posed(
@@ -255,43 +270,44 @@ def _scaled(
     """The weights with the size that the residual has, robust, less what the fit takes of it."""
     parameters = problem.parameters(share)
     left = left_over(rows, problem.curve, parameters, problem.span, weights.spread)
-    telling = weights.row < _NEVER * weights.sigma**2
-    count = int(telling.sum())
+    count = left.size
     degrees = count / max(count - problem.free - departure.degrees, 0.25 * count)
-    size = np.sqrt(degrees) * np.abs(left[telling]) / np.sqrt(weights.row[telling])
+    size = np.sqrt(degrees) * np.abs(left) / np.sqrt(weights.row)
     floor = EXACT * float(np.sqrt(np.mean(rows.adhesion**2))) / weights.sigma
     own = max(_NORMAL * float(np.median(size)), 0.1 * float(np.sqrt(np.mean(size**2))), floor)
     return Variance(weights.sigma * own, weights.row * own**2, weights.spread)
 
 
-def _variance(problem: Problem, share: np.ndarray, rows: Rows, slip: SlipNoise) -> Variance:
-    """Of every row, from the residual: sigma, and how much of the slip's noise acts.
+def _weighing(
+    problem: Problem,
+    share: np.ndarray,
+    rows: Rows,
+    spread: Float[np.ndarray, " rows"],
+    actives: Iterable[float],
+) -> tuple[Rows, float, Variance]:
+    """Rows at the slips that are to be expected, how much of the slip's noise acts, and variances.
 
-    Rows of like slope x spread make groups; their robust variances are sigma^2 + share^2 (slope x
-    spread)^2 by non-negative least squares. The share is at most 1, and 1 for a noise that is
-    given. Rows whose slip is below three standard deviations of its noise say nothing of any curve,
-    and count for nothing.
+    These are sigma^2 over the design weight + (slope x standard deviation of the true slip)^2. Of
+    the noise of standard deviation `spread` the share acts, among these, and sigma is such, as is
+    likeliest for the residual, by Huber's function.
     """
     parameters = problem.parameters(share)
-    left, slope, _ = residuals(rows, problem.curve, parameters, problem.span, slip.spread)
-    size = np.abs(left) * np.sqrt(rows.design)
-    floor = EXACT * float(np.sqrt(np.mean(rows.adhesion**2)))
-    felt = np.abs(slope) * slip.spread
-    groups = np.array_split(np.argsort(felt, kind="stable"), _GROUPS)
-    scatter = np.array([max(_NORMAL * float(np.median(size[g])), floor) ** 2 for g in groups])
-    from_slip = np.array([float(np.mean(felt[g] ** 2)) for g in groups])
-    if slip.given:
-        own = float(np.median(np.maximum(scatter - from_slip, 0.01 * scatter)))
-        active = 1.0
-    else:
-        design = np.column_stack([np.ones(_GROUPS), from_slip]) / scatter[:, None]
-        (own, active), _ = scipy.optimize.nnls(design, np.ones(_GROUPS))
-    own = max(own, 1e-3 * float(scatter.min()), floor**2)
-    spread = np.sqrt(min(active, 1.0)) * slip.spread
-    row = own / rows.design + (slope * spread) ** 2
-    silent = np.abs(rows.slip) < _TOLD * spread
-    row = np.where(silent & (not silent.all()), _SILENT * np.mean(rows.adhesion**2), row)
-    return Variance(float(np.sqrt(own)), row, spread)
+    floor = EXACT**2 * float(np.mean(rows.adhesion**2))
+    best = -np.inf
+    for active in actives:
+        mean, scatter = expected_slip(rows.slip, active * spread)
+        there = rows._replace(slip=mean)
+        left, slope, _ = residuals(there, problem.curve, parameters, problem.span, scatter)
+        felt = (slope * scatter) ** 2
+        few = evenly(left.size, _WEIGHED_ROWS)
+        for square in max(float(np.mean(left**2)), floor) * _SIGMAS**2:
+            row = square / rows.design[few] + felt[few]
+            z = np.abs(left[few]) / np.sqrt(row)
+            told = -float(np.sum(0.5 * np.log(row) + huber(z)))
+            if told > best:
+                row = square / rows.design + felt
+                best, found = told, (there, active, Variance(float(np.sqrt(square)), row, scatter))
+    return found
 
 
 def _departure(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> Departure:
@@ -389,7 +405,9 @@ def _described(
         nearest.on_bound,
         ~has_influence,
         peak_of(law, limit),
+        rows.slip,
         variance.spread,
+        slip.spread,
         left_out(found, rows, variance, free, penalty),
         True,
     )

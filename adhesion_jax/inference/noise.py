@@ -50,15 +50,11 @@ def described(
     of the runs; non-negative least squares over grids of r and slow. Rows whose noise is mostly
     that of the slip are left out.
     """
-    acting = (
-        float(np.median(variance.spread / np.maximum(slip.spread, 1e-300))) if slip.sigma else 0.0
-    )
-    sigma_slip = acting * slip.sigma
     clipped = np.clip(residual, *(3 * np.sqrt(np.median(variance.row)) * np.array([-1, 1])))
     quiet = (slope * variance.spread) ** 2 < variance.sigma**2 / rows.design
     if not rows.ordered:
         scatter = _levels(rows, clipped, mean) if rows.several else 0.0
-        return RunNoise(variance.sigma, 0.0, scatter, 0.0, 0.0, sigma_slip)
+        return RunNoise(variance.sigma, 0.0, scatter, 0.0, 0.0, slip.sigma)
     length = int(np.median(np.diff(rows.starts)))
     lags = np.unique(np.geomspace(1, max(length // 2, 2), _LAGS).astype(int))
     run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
@@ -90,7 +86,7 @@ def described(
         float(np.sqrt(of_runs)),
         float(np.sqrt(of_slow)),
         slow if of_slow > 0 else 0.0,
-        sigma_slip,
+        slip.sigma,
     )
 
 

@@ -52,6 +52,11 @@ def pull(z: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
     return np.minimum(1.0, TUNING / np.maximum(np.abs(z), 1e-300))
 
 
+def huber(z: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    """rho(z), for z in size."""
+    return np.where(z < TUNING, 0.5 * z**2, TUNING * (z - 0.5 * TUNING))
+
+
 def sums(
     rows: Rows,
     curve: Curve,
@@ -76,7 +81,7 @@ def sums(
         within = pulls >= 1
         x = found.by_parameter.T * scale
         x *= stretch[:, None]
-        rho = np.where(within, 0.5 * z**2, TUNING * (np.abs(z) - 0.5 * TUNING))
+        rho = huber(np.abs(z)) if robust else 0.5 * z**2
         first = int(np.searchsorted(blocks, some.start, side="right")) - 1
         here = np.arange(first, int(np.searchsorted(blocks, some.stop, side="left")))
         here = here[blocks[here + 1] > blocks[here]]

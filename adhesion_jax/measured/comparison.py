@@ -10,7 +10,6 @@ from jaxtyping import Float, Int
 
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.sums import residuals
 
 #: Largest number of groups that are compared.
 MOST_GROUPS = 1000
@@ -61,7 +60,7 @@ def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> 
     a run then counts as scatter.
     """
     law = fit.law
-    left, _, mean = residuals(rows, law.curve, law.parameters, law.span, fit.slip_spread)
+    left, _, mean = fit.residuals(rows)
     limit = 3 * fit.noise.sigma + 0.1 * float(np.abs(mean).max())
     left = np.clip(left, -limit, limit)
     run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))

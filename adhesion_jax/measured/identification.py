@@ -63,7 +63,7 @@ def fit_curves(
     begun = starts({**usual, **known}, record)
     weights = alike(rows)
     for name, curve in usual.items():
-        weights = weighed(curve, begun[name], rows, slip, slip_is_velocity)
+        rows, slip, weights = weighed(curve, begun[name], rows, slip, slip_is_velocity)
     found = {}
     for done, (name, curve) in enumerate(known.items()):
         progress(name, done / len(known))

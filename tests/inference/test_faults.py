@@ -109,7 +109,7 @@ def at_least(found, low, high):
     assert "at least" in repr(found)
 
 
-@pytest.mark.parametrize("name", ["slow_level_noisy_slip", "tooth_spikes"])
+@pytest.mark.parametrize("name", ["slow_level_noisy_slip", "tooth_spikes", "rolling_rows"])
 def test_a_fault_that_hides_no_peak_leaves_the_truth_in_the_intervals(name):
     found = of_form(name)
     assert answers(found, DRY.mu_max, DRY.slip_opt)
