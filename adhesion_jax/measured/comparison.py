@@ -14,6 +14,9 @@ from adhesion_jax.inference.rows import Rows
 #: Largest number of groups that are compared.
 MOST_GROUPS = 1000
 
+#: A largest adhesion whose ends are further apart than this factor is not known.
+WIDEST = 2.0
+
 #: A change between groups is claimed if its p is at most this.
 _SIGNIFICANT = 0.01
 
@@ -22,10 +25,14 @@ _STRETCHES = 6
 
 
 class Comparison(NamedTuple):
-    """The largest adhesion of each group, and the tests that all are alike."""
+    """The largest adhesion of each group, and the tests that all are alike.
+
+    The table has a row a group: its name, runs, points, and under one curve mu_max, mu_max_se,
+    mu_max_lo and mu_max_hi, of which the last three are NaN where the points do not determine it.
+    """
 
     by: str
-    table: pd.DataFrame  # group, runs, points, mu_max, mu_max_se, mu_max_lo, mu_max_hi
+    table: pd.DataFrame
     statistic: float  # F if no level changed
     differences: int
     degrees: float  # of freedom of the scatter within the groups
@@ -127,6 +134,7 @@ def compared(fit: MeasuredFit, rows: Rows, labels: pd.Series, by: str) -> Compar
     height = mu_max * (1 + level)
     se = mu_max * np.sqrt(within / size + (fit.mu_max_se / float(fit.peak.adhesion)) ** 2)
     half = float(scipy.special.stdtrit(max(degrees, 1.0), 0.975)) * se / np.maximum(height, 1e-300)
+    se, half = (np.where(2 * half <= np.log(WIDEST), told, np.nan) for told in (se, half))
     run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
     runs = pd.Series(run).groupby(codes).nunique()
     table = pd.DataFrame(

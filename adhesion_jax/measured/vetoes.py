@@ -8,8 +8,8 @@ from scipy.stats import norm
 
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.measured.answer import Answer, Estimate
-from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate
+from adhesion_jax.measured.comparison import WIDEST, Comparison
 from adhesion_jax.measured.signals import Points, bins_of, passages, shifted, strange, swapped
 from adhesion_jax.wording import percent
 
@@ -27,9 +27,6 @@ _FALL = 2.0
 #: errors is passed by; a smaller share of the points than this are outliers, which a robust fit
 #: leaves. Share of the points that may lie above the interval beyond what noise makes.
 _PASSED, _FEW, _ABOVE = 0.1, 0.02, 0.1
-
-#: A largest adhesion whose ends are further apart than this factor is not known.
-_WIDEST = 2.0
 
 #: Passages of a slip in one rise and return.
 _ONE_EVENT = 2
@@ -81,6 +78,15 @@ def judged(
     single = rows.ordered and sweeps <= 1
     at_least, why = _reached(points, fit, answer) if not vetoes else (None, "")
     return Judgement(vetoes, at_least, why, _ONE_SWEEP if single and not vetoes else "")
+
+
+def standing(answer: Answer, judgement: Judgement) -> tuple[Estimate, Estimate]:
+    """The largest adhesion and its slip that may be told: neither with a veto."""
+    if judgement.vetoes:
+        return NOT_KNOWN, NOT_KNOWN
+    if judgement.at_least is not None:
+        return judgement.at_least, NOT_KNOWN
+    return answer.mu_max, answer.slip_opt
 
 
 def _two_branches(branches: Comparison) -> str:
@@ -162,7 +168,7 @@ def _above(points: Points, answer: Answer) -> str:
 
 def _wide(answer: Answer) -> str:
     level = answer.mu_max
-    if level.high <= _WIDEST * level.low:
+    if level.high <= WIDEST * level.low:
         return ""
     return (
         f"These points do not determine the largest adhesion: its 95 % interval goes from "

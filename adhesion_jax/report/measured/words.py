@@ -12,6 +12,7 @@ from adhesion_jax.inference.sandwich import COSINES
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.measured.answer import Answer
 from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.measured.groups import Group
 from adhesion_jax.measured.residual import Residual
 from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.text import filled
@@ -45,7 +46,7 @@ def verdict(
     slip: SlipNoise,
     runs: int,
     comparisons: Sequence[Comparison],
-    groups: Mapping[str, Answer],
+    groups: Mapping[str, Group],
 ) -> Sections:
     """The verdict in sentences under titles: what forbids an answer comes first.
 
@@ -264,7 +265,7 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
     return sentences
 
 
-def _group_sentences(comparison: Comparison, groups: Mapping[str, Answer]) -> list[str]:
+def _group_sentences(comparison: Comparison, groups: Mapping[str, Group]) -> list[str]:
     table, by = comparison.table, comparison.by
     order = np.argsort(table["mu_max"].to_numpy())
     low, high = table.iloc[order[0]], table.iloc[order[-1]]
@@ -279,15 +280,21 @@ def _group_sentences(comparison: Comparison, groups: Mapping[str, Answer]) -> li
         f"(p = {comparison.p_shape:.2g}).",
     ]
     if (comparison.changed or comparison.bent) and by != "branch":
-        each = [
-            f"{name}: {one.mu_max.value:.4f} [{one.mu_max.low:.4f}, {one.mu_max.high:.4f}]"
-            for name, one in groups.items()
-        ]
+        each = [_of_group(name, one) for name, one in groups.items()]
         sentences.append(
             f"One curve for all of {by} is a mean of different rails: use the answer of each"
             + (f", each fitted by itself: {'; '.join(each)}." if each else ".")
         )
     return sentences
+
+
+def _of_group(name: str, group: Group) -> str:
+    level = group.mu_max
+    if group.judgement.vetoes:
+        return f"{name}: no answer ({group.status.rstrip('.')})"
+    if group.judgement.at_least is not None:
+        return f"{name}: at least {level.value:.4f}, no peak is seen"
+    return f"{name}: {level.value:.4f} [{level.low:.4f}, {level.high:.4f}]"
 
 
 def _doubts(
