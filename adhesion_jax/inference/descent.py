@@ -13,7 +13,7 @@ from adhesion_jax.inference.departure import Departure
 from adhesion_jax.inference.grouping import means, of_like
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.shares import parameters_at, stretch_at
-from adhesion_jax.inference.sums import Sums, Variance, left_over, pull, sums
+from adhesion_jax.inference.sums import Sums, Variance, law_at, pull, sums
 from adhesion_jax.inference.values import Span
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advanced, arrived, begin
 
@@ -132,11 +132,12 @@ def descended(
 def passed_through(
     problem: Problem,
     share: Float[np.ndarray, " all"],
+    residual: Float[np.ndarray, " rows"],
     rows: Rows,
     variance: Variance,
     departure: Departure,
 ) -> tuple[Float[np.ndarray, " all"], bool]:
-    """As `descended`, for many rows, from a near place: each is evaluated a few times.
+    """As `descended`, for many rows, from a near place with this residual.
 
     Huber's weights at a place make all rows those of least squares, for which the weighted means of
     groups of like rows stand; their least sum is the next place (Holland and Welsch 1977, Commun.
@@ -145,10 +146,13 @@ def passed_through(
     needed = {name: rows.conditions[name] for name in problem.curve.NEEDS}
     group = of_like(rows.slip, needed, *_GROUPS)
     reached = False
-    for _ in range(_PASSES):
-        place = problem.parameters(share)
-        left = left_over(rows, problem.curve, place, problem.span, variance.spread)
-        weight = pull(left / np.sqrt(variance.row)) / variance.row
+    for turn in range(_PASSES):
+        if turn:
+            place = problem.parameters(share)
+            (law,) = law_at(rows, problem.curve, place, problem.span, variance.spread)
+            residual = rows.adhesion - law
+        weight = pull(residual / np.sqrt(variance.row))
+        weight /= variance.row
         found = means(group, weight, rows.slip, rows.adhesion, needed, variance.spread)
         one, whole = np.ones(found.slip.size), np.array([0, found.slip.size])
         few = rows._replace(

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import stdtrit
 
 from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
@@ -17,11 +17,11 @@ from adhesion_jax.inference.grouping import evenly
 from adhesion_jax.inference.law import FittedLaw, LawPeak, peak_of
 from adhesion_jax.inference.noise import RunNoise, described
 from adhesion_jax.inference.prediction import left_out
-from adhesion_jax.inference.rows import Rows, thinned
+from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich
 from adhesion_jax.inference.shares import parameters_at
 from adhesion_jax.inference.slip import SlipNoise
-from adhesion_jax.inference.sums import Variance, huber, left_over, residuals
+from adhesion_jax.inference.sums import Sums, Variance, huber, law_at
 from adhesion_jax.inference.values import Span
 
 #: Largest slip at which a peak is searched if slip is a velocity, m/s.
@@ -32,6 +32,9 @@ _SEARCH_ROWS = 20_000
 
 #: Rounds of fit, weights and size of the departure.
 _ROUNDS = 4
+
+#: About as many rows of whole runs tell what the noise is.
+_NOISE_ROWS = 1_000_000
 
 #: A residual below this share of the adhesion is due to the rounding of numbers, not to noise.
 EXACT = 1e-10
@@ -104,13 +107,14 @@ class MeasuredFit(NamedTuple):
         """Standard errors of linear functions of the parameters, and degrees of freedom."""
         return self.sandwich.errors(directions * self.stretch)
 
-    def residuals(
-        self, rows: Rows
-    ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
-        """Of the measured rows: residual, slope and law, in the mean over the true slips."""
-        there = rows._replace(slip=self.slip)
-        law = self.law
-        return residuals(there, law.curve, law.parameters, law.span, self.slip_scatter)
+    def at_rows(
+        self, rows: Rows, chosen: slice | Int[np.ndarray, " chosen"]
+    ) -> tuple[Float[np.ndarray, " chosen"], Float[np.ndarray, " chosen"]]:
+        """The law and its slope at these rows, chosen of all, in the mean over the true slips."""
+        there, law = rows._replace(slip=self.slip[chosen]), self.law
+        place = law.curve, law.parameters, law.span
+        mean, slope = law_at(there, *place, self.slip_scatter[chosen], "by_slip")
+        return mean, slope
 
     @property
     def standard_errors(self) -> Float[np.ndarray, " free"]:
@@ -185,14 +189,21 @@ def fitted(
     share, reached, departure = _from(start), False, STRAIGHT
     variance = _thinned(weights, rows, some)
     for turn in range(2 + _ROUNDS):
-        variance = _scaled(problem, share, some, departure, variance)
+        left = _left(problem, share, some, variance)
+        variance = _scaled(problem, left, some, departure, variance)
         if turn >= 2:
-            departure = _departure(problem, share, some, variance)
+            found = problem.sums(share, some, variance)
+            departure = _departure(problem, share, found, some, variance)
         share, reached = descended(problem, share, some, variance, departure, turn > 0)
-    variance = _scaled(problem, share, rows, departure, weights)
+    left = _left(problem, share, some, variance)
+    variance = _scaled(problem, left, some, departure, variance)
     if some is not rows:
-        departure = _departure(problem, share, rows, variance)
-        share, reached = passed_through(problem, share, rows, variance, departure)
+        size = variance.sigma / weights.sigma
+        found = problem.sums(share, rows, weights._replace(row=weights.row * size**2))
+        variance = _scaled(problem, found.residual, rows, departure, weights)
+        departure = _departure(problem, share, found, rows, variance)
+        share, reached = passed_through(problem, share, found.residual, rows, variance, departure)
+        del found
     fit = _described(problem, start, share, rows, slip, variance, departure, conditions, limit)
     return fit._replace(converged=reached)
 
@@ -264,17 +275,24 @@ def _span(
     return Span(_REACH * middle, largest)
 
 
+def _left(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> np.ndarray:
+    parameters = problem.parameters(share)
+    (law,) = law_at(rows, problem.curve, parameters, problem.span, variance.spread)
+    return rows.adhesion - law
+
+
 def _scaled(
-    problem: Problem, share: np.ndarray, rows: Rows, departure: Departure, weights: Variance
+    problem: Problem, left: np.ndarray, rows: Rows, departure: Departure, weights: Variance
 ) -> Variance:
     """The weights with the size that the residual has, robust, less what the fit takes of it."""
-    parameters = problem.parameters(share)
-    left = left_over(rows, problem.curve, parameters, problem.span, weights.spread)
     count = left.size
     degrees = count / max(count - problem.free - departure.degrees, 0.25 * count)
-    size = np.sqrt(degrees) * np.abs(left) / np.sqrt(weights.row)
-    floor = EXACT * float(np.sqrt(np.mean(rows.adhesion**2))) / weights.sigma
-    own = max(_NORMAL * float(np.median(size)), 0.1 * float(np.sqrt(np.mean(size**2))), floor)
+    size = np.abs(left)
+    size /= np.sqrt(weights.row)
+    floor = EXACT * float(np.sqrt(rows.adhesion @ rows.adhesion / count)) / weights.sigma
+    least = 0.1 * np.sqrt(degrees * float(size @ size) / count)
+    middle = np.sqrt(degrees) * float(np.median(size, overwrite_input=True))
+    own = max(_NORMAL * middle, least, floor)
     return Variance(weights.sigma * own, weights.row * own**2, weights.spread)
 
 
@@ -297,8 +315,9 @@ def _weighing(
     for active in actives:
         mean, scatter = expected_slip(rows.slip, active * spread)
         there = rows._replace(slip=mean)
-        left, slope, _ = residuals(there, problem.curve, parameters, problem.span, scatter)
-        felt = (slope * scatter) ** 2
+        place = problem.curve, parameters, problem.span
+        law, slope = law_at(there, *place, scatter, "by_slip")
+        left, felt = rows.adhesion - law, (slope * scatter) ** 2
         few = evenly(left.size, _WEIGHED_ROWS)
         for square in max(float(np.mean(left**2)), floor) * _SIGMAS**2:
             row = square / rows.design[few] + felt[few]
@@ -310,8 +329,9 @@ def _weighing(
     return found
 
 
-def _departure(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> Departure:
-    found = problem.sums(share, rows, variance)
+def _departure(
+    problem: Problem, share: np.ndarray, found: Sums, rows: Rows, variance: Variance
+) -> Departure:
     free = felt(found, rows.slip.size, variance) & (share > 0) & (share < 1)
     free[problem.free :] = True
     ordered = rows.ordered or rows.several
@@ -366,6 +386,14 @@ def _nearest(
     return _Nearest(problem.parameters(_from(share))[: problem.free], by_law, missed, bound)
 
 
+def _noise(law: FittedLaw, rows: Rows, variance: Variance, slip: SlipNoise) -> RunNoise:
+    chosen = of_some_runs(rows, _NOISE_ROWS)
+    some, spread = of_runs(rows, chosen), variance.spread[chosen]
+    mean, slope = law_at(some, law.curve, law.parameters, law.span, spread, "by_slip")
+    within = Variance(variance.sigma, variance.row[chosen], spread)
+    return described(some, some.adhesion - mean, slope, mean, within, slip)
+
+
 def _described(
     problem: Problem,
     start: np.ndarray,
@@ -386,7 +414,6 @@ def _described(
     ordered = rows.ordered or rows.several
     covariance = sandwich(found, rows.cluster, free, penalty, departure.inflation, ordered)
     law = FittedLaw(problem.curve, problem.parameters(share), problem.span, conditions)
-    left = residuals(rows, problem.curve, law.parameters, problem.span, variance.spread)
     starts = [share[:count], start]
     nearest = _nearest(problem, starts, law, has_influence, rows, variance)
     return MeasuredFit(
@@ -394,8 +421,8 @@ def _described(
         limit,
         " m/s" if limit == SLIP_VELOCITY_LIMIT else "",
         rows.slip.size,
-        found.plain,
-        described(rows, *left, variance, slip),
+        float(found.residual @ found.residual),
+        _noise(law, rows, variance, slip),
         departure,
         nearest.parameters,
         nearest.by_law,

@@ -30,9 +30,7 @@ class RunNoise(NamedTuple):
     run_scatter: float  # standard deviation of the levels of the runs, relative
     slow_level: float  # standard deviation of the slow level, relative
     slow_rows: float  # rows after which its correlation has fallen to 1/e
-    slip: (
-        float  # standard deviation of the slip's noise that acts; of wheel speed where SlipNoise is
-    )
+    slip: float  # standard deviation of the noise of the slip, or of the wheel speed (SlipNoise)
 
 
 def described(

@@ -10,6 +10,9 @@ from adhesion_jax.inference.rows import Rows
 #: Rows of a stretch through which a parabola is drawn, and most stretches that are looked at.
 _STRETCH, _MOST_STRETCHES = 15, 20_000
 
+#: A noise below this share of the largest slip, or slip velocity, changes nothing.
+_ROUNDING = 1e-6
+
 #: Least vehicle speed by which the noise of a wheel speed is divided, m/s.
 _SLOWEST = 0.1
 
@@ -62,4 +65,6 @@ def slip_noise(
     # The median of chi squared (Wilson and Hilferty 1931, Proc. Natl. Acad. Sci. 17:684-688).
     variance = np.median(np.maximum(left, 0.0)) / (degrees * (1 - 2 / (9 * degrees)) ** 3)
     sigma = float(np.sqrt(variance))
+    if sigma <= _ROUNDING * float(np.abs(stretches).max()):
+        return exact(rows)
     return SlipNoise(sigma, moving, False, np.broadcast_to(sigma * per_row, rows.slip.shape))

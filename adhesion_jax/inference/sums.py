@@ -1,7 +1,7 @@
 """Sums over the rows of blocks: what a fit and its covariance need, whatever the number of rows."""
 
-from collections.abc import Callable, Iterable
-from typing import NamedTuple, TypeVar
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,9 +16,6 @@ _ONE_BY_ONE = 16
 #: Residuals beyond this multiple of their standard deviation pull at a fit no more than one there
 #: (Huber 1964, Ann. Math. Statist. 35:73-101): of normal noise a fit loses 1 % of efficiency.
 TUNING = 2.0
-
-
-T = TypeVar("T")
 
 
 class Variance(NamedTuple):
@@ -43,7 +40,7 @@ class Sums(NamedTuple):
     score: Float[np.ndarray, "blocks all"]  # sum x psi(z)
     matrix: Float[np.ndarray, "blocks all all"]  # sum x x' psi'(z)
     squares: Float[np.ndarray, " blocks"]  # sum z^2 psi(z)/z
-    plain: float  # sum of squares of the residuals themselves
+    residual: Float[np.ndarray, " rows"]  # of adhesion
     pulled: Float[np.ndarray, "all all"]  # sum x x' psi(z)/z over all rows: to search a minimum
 
 
@@ -72,44 +69,36 @@ def sums(
     `blocks` are their first rows, and the number of rows.
     """
     count, width = blocks.size - 1, stretch.size
-
-    def of_chunk(some: slice, found: Values) -> tuple[Int[np.ndarray, " here"], Sums]:
-        scale = 1 / np.sqrt(variance.row[some])
-        residual = rows.adhesion[some] - found.adhesion
-        z = residual * scale
-        pulls = pull(z) if robust else np.ones(z.size)
-        within = pulls >= 1
-        x = found.by_parameter.T * scale
-        x *= stretch[:, None]
-        rho = huber(np.abs(z)) if robust else 0.5 * z**2
-        first = int(np.searchsorted(blocks, some.start, side="right")) - 1
-        here = np.arange(first, int(np.searchsorted(blocks, some.stop, side="left")))
-        here = here[blocks[here + 1] > blocks[here]]
-        begins = np.maximum(blocks[here] - some.start, 0)
-        of_rows = np.concatenate([[rho, z**2 * pulls], x * (z * pulls)])
-        added = np.add.reduceat(of_rows, begins, axis=1)
-        matrix = _products(x, x * within, begins)
-        pulled = matrix.sum(axis=0) if within.all() else (x * pulls) @ x.T
-        told = Sums(added[0], added[2:].T, matrix, added[1], float(residual @ residual), pulled)
-        return here, told
-
     whole = Sums(
         np.zeros(count),
         np.zeros((count, width)),
         np.zeros((count, width, width)),
         np.zeros(count),
-        0.0,
+        np.empty(rows.slip.size),
         np.zeros((width, width)),
     )
-    plain = 0.0
-    for here, told in _in_chunks(
-        rows, curve, parameters, span, variance.spread, of_chunk, AT_A_TIME
-    ):
-        for total, part in zip(whole[:4], told[:4], strict=True):
-            total[here] += part
-        plain += told.plain
-        whole.pulled[...] += told.pulled
-    return whole._replace(plain=plain)
+    for some, found in _in_chunks(rows, curve, parameters, span, variance.spread, AT_A_TIME):
+        scale = 1 / np.sqrt(variance.row[some])
+        whole.residual[some] = rows.adhesion[some] - found.adhesion
+        z = whole.residual[some] * scale
+        pulls = pull(z) if robust else np.ones(z.size)
+        within = pulls >= 1
+        x = found.by_parameter.T * scale
+        x *= stretch[:, None]
+        first = int(np.searchsorted(blocks, some.start, side="right")) - 1
+        here = np.arange(first, int(np.searchsorted(blocks, some.stop, side="left")))
+        here = here[blocks[here + 1] > blocks[here]]
+        begins = np.maximum(blocks[here] - some.start, 0)
+        rho = huber(np.abs(z)) if robust else 0.5 * z**2
+        of_rows = np.concatenate([[rho, z**2 * pulls], x * (z * pulls)])
+        added = np.add.reduceat(of_rows, begins, axis=1)
+        matrix = _products(x, x * within, begins)
+        whole.loss[here] += added[0]
+        whole.squares[here] += added[1]
+        whole.score[here] += added[2:].T
+        whole.matrix[here] += matrix
+        whole.pulled[...] += matrix.sum(axis=0) if within.all() else (x * pulls) @ x.T
+    return whole
 
 
 def _products(
@@ -129,41 +118,20 @@ def _products(
     return found
 
 
-def residuals(
+def law_at(
     rows: Rows,
     curve: Curve,
     parameters: Float[np.ndarray, " all"],
     span: Span,
     spread: Float[np.ndarray, " rows"],
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
-    """Residuals of adhesion, the slope of the curve there, and the curve itself."""
-    left, slope, mean = (np.empty(rows.slip.size) for _ in range(3))
-
-    def of_chunk(some: slice, found: Values) -> None:
-        left[some] = rows.adhesion[some] - found.adhesion
-        mean[some], slope[some] = found.adhesion, found.by_slip
-
-    for _ in _in_chunks(rows, curve, parameters, span, spread, of_chunk):
-        pass
-    return left, slope, mean
-
-
-def left_over(
-    rows: Rows,
-    curve: Curve,
-    parameters: Float[np.ndarray, " all"],
-    span: Span,
-    spread: Float[np.ndarray, " rows"],
-) -> Float[np.ndarray, " rows"]:
-    """The first of `residuals`, in half the time."""
-    left = np.empty(rows.slip.size)
-
-    def of_chunk(some: slice, found: Values) -> None:
-        left[some] = rows.adhesion[some] - found.adhesion
-
-    for _ in _in_chunks(rows, curve, parameters, span, spread, of_chunk):
-        pass
-    return left
+    *of: str,
+) -> list[Float[np.ndarray, " rows"]]:
+    """Adhesion at every row, and whatever else of `Values` is named that is one number a row."""
+    found = [np.empty(rows.slip.size) for _ in range(1 + len(of))]
+    for some, values in _in_chunks(rows, curve, parameters, span, spread, 3 * AT_A_TIME):
+        for column, name in zip(found, ("adhesion", *of), strict=True):
+            column[some] = getattr(values, name)
+    return found
 
 
 def _in_chunks(
@@ -172,15 +140,11 @@ def _in_chunks(
     parameters: Float[np.ndarray, " all"],
     span: Span,
     spread: Float[np.ndarray, " rows"],
-    of_chunk: Callable[[slice, Values], T],
-    size: int = 3 * AT_A_TIME,
-) -> Iterable[T]:
-    """What is made of the values of each chunk of rows, in their order."""
-
-    def made(first: int) -> T:
+    size: int,
+) -> Iterator[tuple[slice, Values]]:
+    """Chunks of rows in their order, and the values there."""
+    for first in range(0, rows.slip.size, size):
         some = slice(first, min(first + size, rows.slip.size))
         needed = {name: rows.conditions[name][some] for name in curve.NEEDS}
         slip = rows.slip[some], spread[some]
-        return of_chunk(some, expected_values(curve, parameters, span, *slip, needed))
-
-    return map(made, range(0, rows.slip.size, size))
+        yield some, expected_values(curve, parameters, span, *slip, needed)

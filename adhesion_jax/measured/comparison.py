@@ -67,7 +67,8 @@ def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> 
     a run then counts as scatter.
     """
     law = fit.law
-    left, _, mean = fit.residuals(rows)
+    mean, _ = fit.at_rows(rows, slice(None))
+    left = rows.adhesion - mean
     limit = 3 * fit.noise.sigma + 0.1 * float(np.abs(mean).max())
     left = np.clip(left, -limit, limit)
     run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import norm
 
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.rows import Rows
+from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs
 from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate
 from adhesion_jax.measured.comparison import WIDEST, Comparison
 from adhesion_jax.measured.signals import Points, bins_of, passages, shifted, strange, swapped
@@ -27,6 +27,9 @@ _FALL = 2.0
 #: errors is passed by; a smaller share of the points than this are outliers, which a robust fit
 #: leaves. Share of the points that may lie above the interval beyond what noise makes.
 _PASSED, _FEW, _ABOVE = 0.1, 0.02, 0.1
+
+#: About as many rows of whole runs are judged.
+_MOST_ROWS = 1_000_000
 
 #: Passages of a slip in one rise and return.
 _ONE_EVENT = 2
@@ -57,9 +60,12 @@ def judged(
 ) -> Judgement:
     """The vetoes, by the curve that has most weight; `step_s` is the usual time between rows."""
     fit = fits[max(answer.weights, key=lambda name: answer.weights[name])]
-    left, slope, mean = fit.residuals(rows)
+    chosen = of_some_runs(rows, _MOST_ROWS)
+    rows = of_runs(rows, chosen)
+    mean, slope = fit.at_rows(rows, chosen)
+    left = rows.adhesion - mean
     side = np.where(rows.slip < 0, -1.0, 1.0)
-    noise = np.sqrt(fit.noise.sigma**2 / rows.design + (slope * fit.slip_scatter) ** 2)
+    noise = np.sqrt(fit.noise.sigma**2 / rows.design + (slope * fit.slip_scatter[chosen]) ** 2)
     points = Points(np.abs(rows.slip), side * rows.adhesion, side * left, side * mean, noise)
     sweeps, late = passages(points, rows), shifted(points, rows, step_s)
     # Of one rise and return of slip, a slow change of the rail makes the same loop as a shift.

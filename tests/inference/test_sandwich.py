@@ -35,8 +35,7 @@ def summed(x, residual, block):
     np.add.at(score, block, x * residual[:, None])
     np.add.at(matrix, block, x[:, :, None] * x[:, None, :])
     squares = np.bincount(block, residual**2)
-    plain = float(residual @ residual)
-    return Sums(0.5 * squares, score, matrix, squares, plain, matrix.sum(axis=0))
+    return Sums(0.5 * squares, score, matrix, squares, residual, matrix.sum(axis=0))
 
 
 def dense(x, penalty):
