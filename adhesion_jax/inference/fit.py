@@ -254,7 +254,7 @@ def _from(start: np.ndarray) -> np.ndarray:
 
 
 def _chosen(column: np.ndarray, count: int) -> np.ndarray:
-    return column[np.linspace(0, column.size - 1, count).astype(int)]
+    return column[evenly(column.size, count)]
 
 
 def _thinned(weights: Variance, rows: Rows, some: Rows) -> Variance:

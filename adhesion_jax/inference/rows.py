@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from adhesion_jax.inference.grouping import evenly
 from adhesion_jax.records import Record
 
 #: Most blocks whose sums are kept, and most runs that count as clusters of their own: memory and
@@ -91,7 +92,7 @@ def thinned(rows: Rows, most: int) -> Rows:
     """Evenly chosen rows, at most so many, for the search of the parameters."""
     if rows.slip.size <= most:
         return rows
-    return _taken(rows, np.linspace(0, rows.slip.size - 1, most).astype(int))
+    return _taken(rows, evenly(rows.slip.size, most))
 
 
 def of_some_runs(rows: Rows, most: int) -> Int[np.ndarray, " chosen"]:

@@ -305,7 +305,7 @@ def identify_chosen(
         citation,
         fits,
         not_fitted,
-        {name: residual_structure(fit, record) for name, fit in fits.items()},
+        {name: residual_structure(fit, rows) for name, fit in fits.items()},
         answer,
         judged(fits, answer, rows, step, branches),
         found.slip,
