@@ -36,6 +36,9 @@ _NO_INFLUENCE = 1e-7
 #: the first condition of a curve; most evaluations of the means of these.
 _PASSES, _GROUPS, _MOST_OF_FEW = 2, (2700, (400, 50)), 400
 
+#: Rows that are weighed at a time, so that no further copies of all are held.
+_AT_A_TIME = 100_000
+
 #: No departure at all.
 STRAIGHT = Departure(0.0, np.full(FUNCTIONS, np.inf), 1.0, 0.0, 0.0)
 
@@ -137,7 +140,7 @@ def passed_through(
     variance: Variance,
     departure: Departure,
 ) -> tuple[Float[np.ndarray, " all"], bool]:
-    """As `descended`, for many rows, from a near place with this residual.
+    """As `descended`, for many rows, from a near place with this residual, which is overwritten.
 
     Huber's weights at a place make all rows those of least squares, for which the weighted means of
     groups of like rows stand; their least sum is the next place (Holland and Welsch 1977, Commun.
@@ -150,10 +153,13 @@ def passed_through(
         if turn:
             place = problem.parameters(share)
             (law,) = law_at(rows, problem.curve, place, problem.span, variance.spread)
-            residual = rows.adhesion - law
-        weight = pull(residual / np.sqrt(variance.row))
-        weight /= variance.row
-        found = means(group, weight, rows.slip, rows.adhesion, needed, variance.spread)
+            np.subtract(rows.adhesion, law, out=residual)
+            del law
+        for first in range(0, residual.size, _AT_A_TIME):
+            some = slice(first, first + _AT_A_TIME)
+            row = variance.row(some)
+            residual[some] = pull(residual[some] / np.sqrt(row)) / row
+        found = means(group, residual, rows.slip, rows.adhesion, needed, variance.spread)
         one, whole = np.ones(found.slip.size), np.array([0, found.slip.size])
         few = rows._replace(
             slip=found.slip,
@@ -162,6 +168,6 @@ def passed_through(
             design=one,
             blocks=whole,
         )
-        alike = Variance(variance.sigma, 1 / found.weight, np.sqrt(found.square))
+        alike = Variance(1.0, 1 / found.weight, np.sqrt(found.square))
         share, reached = descended(problem, share, few, alike, departure, False, most=_MOST_OF_FEW)
     return share, reached

@@ -198,8 +198,7 @@ def fitted(
     left = _left(problem, share, some, variance)
     variance = _scaled(problem, left, some, departure, variance)
     if some is not rows:
-        size = variance.sigma / weights.sigma
-        found = problem.sums(share, rows, weights._replace(row=weights.row * size**2))
+        found = problem.sums(share, rows, weights._replace(sigma=variance.sigma))
         variance = _scaled(problem, found.residual, rows, departure, weights)
         departure = _departure(problem, share, found, rows, variance)
         share, reached = passed_through(problem, share, found.residual, rows, variance, departure)
@@ -261,7 +260,7 @@ def _thinned(weights: Variance, rows: Rows, some: Rows) -> Variance:
     if some is rows:
         return weights
     count = some.slip.size
-    return Variance(weights.sigma, _chosen(weights.row, count), _chosen(weights.spread, count))
+    return Variance(weights.sigma, _chosen(weights.relative, count), _chosen(weights.spread, count))
 
 
 def _span(
@@ -288,12 +287,13 @@ def _scaled(
     count = left.size
     degrees = count / max(count - problem.free - departure.degrees, 0.25 * count)
     size = np.abs(left)
-    size /= np.sqrt(weights.row)
+    size /= np.sqrt(weights.relative)
+    size /= weights.sigma
     floor = EXACT * float(np.sqrt(rows.adhesion @ rows.adhesion / count)) / weights.sigma
     least = 0.1 * np.sqrt(degrees * float(size @ size) / count)
     middle = np.sqrt(degrees) * float(np.median(size, overwrite_input=True))
     own = max(_NORMAL * middle, least, floor)
-    return Variance(weights.sigma * own, weights.row * own**2, weights.spread)
+    return weights._replace(sigma=weights.sigma * own)
 
 
 def _weighing(
@@ -324,8 +324,9 @@ def _weighing(
             z = np.abs(left[few]) / np.sqrt(row)
             told = -float(np.sum(0.5 * np.log(row) + huber(z)))
             if told > best:
-                row = square / rows.design + felt
-                best, found = told, (there, active, Variance(float(np.sqrt(square)), row, scatter))
+                relative = 1 / rows.design + felt / square
+                variance = Variance(float(np.sqrt(square)), relative, scatter)
+                best, found = told, (there, active, variance)
     return found
 
 
@@ -359,7 +360,7 @@ def _nearest(
     some = thinned(rows, _SEARCH_ROWS)
     size = np.abs(some.slip)
     order = np.argsort(size, kind="stable")
-    weight = np.cumsum(1 / _chosen(variance.row, size.size)[order])
+    weight = np.cumsum(1 / _chosen(variance.relative, size.size)[order])
     shares = (np.arange(_COMPARED) + 0.5) / _COMPARED
     slip = size[order[np.searchsorted(weight, shares * weight[-1])]]
     of_law = law.at(slip)
@@ -367,7 +368,7 @@ def _nearest(
     one, whole = np.ones(_COMPARED), np.array([0, _COMPARED])
     few = Rows(slip, of_law.adhesion, conditions, one, whole, whole, np.zeros(1, int), False, False)
     height = max(float(np.sqrt(np.mean(of_law.adhesion**2))), 1e-300)
-    even = Variance(height, height**2 * one, 0 * one)
+    even = Variance(height, one, 0 * one)
     found = []
     for start in starts:
         share, _ = descended(problem, _from(start), few, even, robust=False, near=_NEAR)
@@ -390,7 +391,7 @@ def _noise(law: FittedLaw, rows: Rows, variance: Variance, slip: SlipNoise) -> R
     chosen = of_some_runs(rows, _NOISE_ROWS)
     some, spread = of_runs(rows, chosen), variance.spread[chosen]
     mean, slope = law_at(some, law.curve, law.parameters, law.span, spread, "by_slip")
-    within = Variance(variance.sigma, variance.row[chosen], spread)
+    within = Variance(variance.sigma, variance.relative[chosen], spread)
     return described(some, some.adhesion - mean, slope, mean, within, slip)
 
 

@@ -48,7 +48,7 @@ def described(
     of the runs; non-negative least squares over grids of r and slow. Rows whose noise is mostly
     that of the slip are left out.
     """
-    clipped = np.clip(residual, *(3 * np.sqrt(np.median(variance.row)) * np.array([-1, 1])))
+    clipped = np.clip(residual, *(3 * np.sqrt(np.median(variance.row())) * np.array([-1, 1])))
     quiet = (slope * variance.spread) ** 2 < variance.sigma**2 / rows.design
     if not rows.ordered:
         scatter = _levels(rows, clipped, mean) if rows.several else 0.0

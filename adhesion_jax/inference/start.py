@@ -61,7 +61,7 @@ def least_squares(curve: Curve, record: Record) -> Float[np.ndarray, " free"]:
     problem = Problem(curve, Span(1.0, 1.0))
     (law,) = law_at(rows, curve, problem.parameters(share), problem.span, exact)
     square = max(float(np.mean((adhesion - law) ** 2)), 1e-24 * float(np.mean(adhesion**2)), 1e-300)
-    variance = Variance(float(np.sqrt(square)), square * alike, exact)
+    variance = Variance(float(np.sqrt(square)), alike, exact)
     return descended(problem, share, rows, variance, robust=False, near=_NEAR)[0][: problem.free]
 
 

@@ -26,8 +26,12 @@ class Variance(NamedTuple):
     """
 
     sigma: float
-    row: Float[np.ndarray, " rows"]  # the whole of it
+    relative: Float[np.ndarray, " rows"]  # the whole of it over sigma^2
     spread: Float[np.ndarray, " rows"]  # of the slip: what blunts the mean
+
+    def row(self, some: slice = slice(None)) -> Float[np.ndarray, " some"]:
+        """The whole of it, of some rows."""
+        return self.sigma**2 * self.relative[some]
 
 
 class Sums(NamedTuple):
@@ -78,7 +82,7 @@ def sums(
         np.zeros((width, width)),
     )
     for some, found in _in_chunks(rows, curve, parameters, span, variance.spread, AT_A_TIME):
-        scale = 1 / np.sqrt(variance.row[some])
+        scale = 1 / np.sqrt(variance.row(some))
         whole.residual[some] = rows.adhesion[some] - found.adhesion
         z = whole.residual[some] * scale
         pulls = pull(z) if robust else np.ones(z.size)

@@ -80,17 +80,18 @@ def candidates(points: Measured) -> Mapping[str, pd.Series]:
 
 def branches_of(fit: MeasuredFit, rows: Rows) -> Comparison | None:
     """Traction and braking compared, where both are measured beyond the noise about slip 0."""
-    size = np.abs(rows.slip)
+    size, braking = np.abs(rows.slip), rows.slip < 0
     aside = size > np.maximum(0.05 * size.max(), 4 * fit.slip_spread)
-    names = np.where(rows.slip < 0, "braking", "traction")
-    count = [int(np.sum(aside & (names == name))) for name in ("braking", "traction")]
-    reach = [float(size[names == name].max(initial=0.0)) for name in ("braking", "traction")]
+    branches = braking, ~braking
+    count = [int(np.sum(aside & branch)) for branch in branches]
+    reach = [float(size.max(initial=0.0, where=branch)) for branch in branches]
     if min(count) < max(20, 0.02 * sum(count)) or min(reach) < 0.3 * max(reach):
         return None
     # Points about slip 0, where noise turns the sign, belong to the branch before and do not count.
     last = np.maximum.accumulate(np.where(aside, np.arange(size.size), 0))
     own = rows._replace(design=np.where(aside, rows.design, 1e-9))
-    return compared(fit, own, pd.Series(names[last]), "branch")
+    names = np.where(braking[last], "braking", "traction")
+    return compared(fit, own, pd.Series(names), "branch")
 
 
 def each_by_itself(
