@@ -55,7 +55,7 @@ def described(
         return RunNoise(variance.sigma, 0.0, scatter, 0.0, 0.0, slip.sigma)
     length = int(np.median(np.diff(rows.starts)))
     lags = np.unique(np.geomspace(1, max(length // 2, 2), _LAGS).astype(int))
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
+    run = rows.run
     step = max(rows.slip.size // _MOST_ROWS, 1)
     products, curves, counts = [], [], []
     for lag in (0, *lags.tolist()):

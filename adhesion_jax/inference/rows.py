@@ -39,6 +39,11 @@ class Rows(NamedTuple):
         return self.starts.size - 1
 
     @property
+    def run(self) -> Int[np.ndarray, " rows"]:
+        """The run of each row."""
+        return np.repeat(np.arange(self.runs), np.diff(self.starts))
+
+    @property
     def clusters(self) -> int:
         return int(self.cluster[-1]) + 1
 

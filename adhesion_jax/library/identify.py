@@ -285,8 +285,9 @@ def identify_chosen(
     found = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
     fits = {name: of_numbers(fit) for name, fit in found.curves.items()}
     answer, step = answered(fits), _step(points)
-    best, rows = fits[max(fits, key=lambda name: fits[name].log_density)], found.rows
-    order = np.argsort(grouping.run, kind="stable")
+    best, rows = fits[found.best], found.rows
+    if by is not None:
+        order = np.argsort(grouping.run, kind="stable")
     if by == _AUTO:
         splits = {name: column.iloc[order] for name, column in candidates(points).items()}
         by = split_that_predicts(best, rows, splits)

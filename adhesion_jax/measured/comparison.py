@@ -71,8 +71,7 @@ def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> 
     left = rows.adhesion - mean
     limit = 3 * fit.noise.sigma + 0.1 * float(np.abs(mean).max())
     left = np.clip(left, -limit, limit)
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
-    new = np.append(True, (np.diff(run) != 0) | (np.diff(group) != 0))
+    new = np.append(True, (np.diff(rows.run) != 0) | (np.diff(group) != 0))
     count = np.bincount(group[new])
     starts = [
         first + np.linspace(0, last - first, pieces, endpoint=False).astype(int)
@@ -136,8 +135,7 @@ def compared(fit: MeasuredFit, rows: Rows, labels: pd.Series, by: str) -> Compar
     se = mu_max * np.sqrt(within / size + (fit.mu_max_se / float(fit.peak.adhesion)) ** 2)
     half = float(scipy.special.stdtrit(max(degrees, 1.0), 0.975)) * se / np.maximum(height, 1e-300)
     se, half = (np.where(2 * half <= np.log(WIDEST), told, np.nan) for told in (se, half))
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
-    runs = pd.Series(run).groupby(codes).nunique()
+    runs = pd.Series(rows.run).groupby(codes).nunique()
     table = pd.DataFrame(
         {
             by: names,

@@ -131,7 +131,7 @@ def each_by_itself(
         pieces = np.cumsum(apart) - 1
         found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=lambda *_: starts)
         answer = answered(found.curves)
-        branches = branches_of(found.best, found.rows)
+        branches = branches_of(found.curves[found.best], found.rows)
         judgement = judged(found.curves, answer, found.rows, step_s, branches)
         groups[str(name)] = Group(answer, judgement)
     return groups

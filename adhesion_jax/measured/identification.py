@@ -26,9 +26,9 @@ class Fits(NamedTuple):
     rows: Rows
 
     @property
-    def best(self) -> MeasuredFit:
-        """That which predicts best what was left out of it."""
-        return max(self.curves.values(), key=lambda fit: fit.log_density)
+    def best(self) -> str:
+        """The name of that which predicts best what was left out of it."""
+        return max(self.curves, key=lambda name: self.curves[name].log_density)
 
 
 Starts = Callable[[Mapping[str, Curve], Record], Mapping[str, Float[np.ndarray, " free"]]]
