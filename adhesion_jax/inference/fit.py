@@ -1,31 +1,27 @@
 """A curve that may bend, fitted to measured rows by weighted robust least squares."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import stdtrit
 
-from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
+from adhesion_jax.curves import Curve, with_free_values
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.inference.departure import Departure, departure_of
 from adhesion_jax.inference.descent import STRAIGHT, Problem, descended, felt, passed_through
-from adhesion_jax.inference.expected_slip import expected_slip
-from adhesion_jax.inference.grouping import evenly
 from adhesion_jax.inference.law import FittedLaw, LawPeak, peak_of
+from adhesion_jax.inference.nearest import nearest_to
 from adhesion_jax.inference.noise import RunNoise, described
+from adhesion_jax.inference.posing import SLIP_VELOCITY_LIMIT, chosen_of, from_start, posed
 from adhesion_jax.inference.prediction import left_out
 from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich
-from adhesion_jax.inference.shares import parameters_at
 from adhesion_jax.inference.slip import SlipNoise
-from adhesion_jax.inference.sums import Sums, Variance, huber, law_at
-from adhesion_jax.inference.values import Span
-
-#: Largest slip at which a peak is searched if slip is a velocity, m/s.
-SLIP_VELOCITY_LIMIT = 10.0
+from adhesion_jax.inference.sums import Sums, Variance, law_at
+from adhesion_jax.inference.weighing import EXACT
 
 #: Most rows of the search; and those of a longer record are then passed through a few times.
 _SEARCH_ROWS = 20_000
@@ -35,24 +31,6 @@ _ROUNDS = 4
 
 #: About as many rows of whole runs tell what the noise is.
 _NOISE_ROWS = 1_000_000
-
-#: A residual below this share of the adhesion is due to the rounding of numbers, not to noise.
-EXACT = 1e-10
-
-#: Share of the largest slip about which a departure is finest, for a curve without a peak; and the
-#: share of the slip of the peak below which its functions are straight.
-_MIDDLE, _REACH = 0.2, 0.2
-
-#: Slips at which a law is compared with the nearest curve; and the search of that ends where a step
-#: promises to lower half the sum of squares, over the mean square, by less than this.
-_COMPARED, _NEAR = 200, 1e-10
-
-#: Rounds of fit and of how much of the slip's noise acts, and the most rows of these; the shares of
-#: the noise that are considered, and then such about the likeliest, nearer by half in each round;
-#: and the values of sigma over the root mean square of the residual.
-_WEIGHINGS, _WEIGHED_ROWS = 3, 5000
-_ACTIVE, _NEARER = (0.0, 0.25, 0.5, 0.75, 1.0), np.array([-0.125, 0.0, 0.125])
-_SIGMAS = np.geomspace(1e-3, 1.0, 60)
 
 #: The standard deviation of a normal variable over the median of its size.
 _NORMAL = 1.4826
@@ -184,9 +162,9 @@ def fitted(
     penalty are found anew between rounds. Of a long record evenly chosen rows lead to a place near
     the end, from which all rows are passed through a few times.
     """
-    problem, conditions, limit = _posed(curve, start, rows, slip_is_velocity)
+    problem, conditions, limit = posed(curve, start, rows, slip_is_velocity)
     some = thinned(rows, _SEARCH_ROWS)
-    share, reached, departure = _from(start), False, STRAIGHT
+    share, reached, departure = from_start(start), False, STRAIGHT
     variance = _thinned(weights, rows, some)
     for turn in range(2 + _ROUNDS):
         left = _left(problem, share, some, variance)
@@ -207,71 +185,13 @@ def fitted(
     return fit._replace(converged=reached)
 
 
-def alike(rows: Rows) -> Variance:
-    """The variance of rows whose slip is exact, in any unit."""
-    return Variance(1.0, 1 / rows.design, np.broadcast_to(0.0, rows.slip.shape))
-
-
-def weighed(
-    curve: Curve,
-    start: Float[np.ndarray, " free"],
-    rows: Rows,
-    slip: SlipNoise,
-    slip_is_velocity: bool,
-) -> tuple[Rows, SlipNoise, Variance]:
-    """Rows at the slips that are to be expected, the noise of slip that acts, and the variances.
-
-    By the slope of one curve without a departure. They are the same for all curves that are fitted:
-    with a slope of its own a curve could widen its own noise (Carroll and Ruppert 1988, chapter 3).
-    """
-    problem, _, _ = _posed(curve, start, rows, slip_is_velocity)
-    some = thinned(rows, _WEIGHED_ROWS)
-    spread = _chosen(slip.spread, some.slip.size)
-    share, active = _from(start), 1.0
-    actives = (1.0,) if slip.given else _ACTIVE
-    for turn in range(_WEIGHINGS):
-        there, active, variance = _weighing(problem, share, some, spread, actives)
-        share, _ = descended(problem, share, there, variance, STRAIGHT, turn > 0)
-        if not slip.given:
-            actives = np.clip(active + _NEARER / 2**turn, 0.0, 1.0)
-    there, _, variance = _weighing(problem, share, rows, slip.spread, (active,))
-    return there, slip._replace(sigma=active * slip.sigma, spread=active * slip.spread), variance
-
-
-def _posed(
-    curve: Curve, start: np.ndarray, rows: Rows, slip_is_velocity: bool
-) -> tuple[Problem, Mapping[str, float], float]:
-    """The problem, the conditions of its peak, and the largest slip of that."""
-    limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
-    conditions = {name: float(np.median(rows.conditions[name])) for name in curve.NEEDS}
-    largest = float(max(rows.slip.max(), -rows.slip.min(), np.finfo(float).tiny))
-    return Problem(curve, _span(curve, start, conditions, limit, largest)), conditions, limit
-
-
-def _from(start: np.ndarray) -> np.ndarray:
-    return np.append(np.clip(start, 0.0, 1.0), np.zeros(FUNCTIONS))
-
-
-def _chosen(column: np.ndarray, count: int) -> np.ndarray:
-    return column[evenly(column.size, count)]
-
-
 def _thinned(weights: Variance, rows: Rows, some: Rows) -> Variance:
     if some is rows:
         return weights
     count = some.slip.size
-    return Variance(weights.sigma, _chosen(weights.relative, count), _chosen(weights.spread, count))
-
-
-def _span(
-    curve: Curve, start: np.ndarray, conditions: Mapping[str, float], limit: float, largest: float
-) -> Span:
-    """Finest about the peak of the curve of least squares, if that lies among the points."""
-    usual = Span(_REACH * _MIDDLE * largest, largest)
-    parameters = np.append(parameters_at(curve, start), np.zeros(FUNCTIONS))
-    peak = peak_of(FittedLaw(curve, parameters, usual, conditions), limit)
-    middle = peak.slip if peak.found and 0 < peak.slip < largest else _MIDDLE * largest
-    return Span(_REACH * middle, largest)
+    return Variance(
+        weights.sigma, chosen_of(weights.relative, count), chosen_of(weights.spread, count)
+    )
 
 
 def _left(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> np.ndarray:
@@ -296,40 +216,6 @@ def _scaled(
     return weights._replace(sigma=weights.sigma * own)
 
 
-def _weighing(
-    problem: Problem,
-    share: np.ndarray,
-    rows: Rows,
-    spread: Float[np.ndarray, " rows"],
-    actives: Iterable[float],
-) -> tuple[Rows, float, Variance]:
-    """Rows at the slips that are to be expected, how much of the slip's noise acts, and variances.
-
-    These are sigma^2 over the design weight + (slope x standard deviation of the true slip)^2. Of
-    the noise of standard deviation `spread` the share acts, among these, and sigma is such, as is
-    likeliest for the residual, by Huber's function.
-    """
-    parameters = problem.parameters(share)
-    floor = EXACT**2 * float(np.mean(rows.adhesion**2))
-    best = -np.inf
-    for active in actives:
-        mean, scatter = expected_slip(rows.slip, active * spread)
-        there = rows._replace(slip=mean)
-        place = problem.curve, parameters, problem.span
-        law, slope = law_at(there, *place, scatter, "by_slip")
-        left, felt = rows.adhesion - law, (slope * scatter) ** 2
-        few = evenly(left.size, _WEIGHED_ROWS)
-        for square in max(float(np.mean(left**2)), floor) * _SIGMAS**2:
-            row = square / rows.design[few] + felt[few]
-            z = np.abs(left[few]) / np.sqrt(row)
-            told = -float(np.sum(0.5 * np.log(row) + huber(z)))
-            if told > best:
-                relative = 1 / rows.design + felt / square
-                variance = Variance(float(np.sqrt(square)), relative, scatter)
-                best, found = told, (there, active, variance)
-    return found
-
-
 def _departure(
     problem: Problem, share: np.ndarray, found: Sums, rows: Rows, variance: Variance
 ) -> Departure:
@@ -337,54 +223,6 @@ def _departure(
     free[problem.free :] = True
     ordered = rows.ordered or rows.several
     return departure_of(found, share[problem.free :], free, rows.cluster, ordered)
-
-
-class _Nearest(NamedTuple):
-    """The curve without a departure that is nearest to a law."""
-
-    parameters: Float[np.ndarray, " free"]
-    by_law: Float[np.ndarray, "free all"]
-    misfit: float
-    on_bound: Bool[np.ndarray, " free"]
-
-
-def _nearest(
-    problem: Problem,
-    starts: Sequence[np.ndarray],
-    law: FittedLaw,
-    free: Bool[np.ndarray, " free"],
-    rows: Rows,
-    variance: Variance,
-) -> _Nearest:
-    """By least squares from the best of some starts, at slips that share out the rows' weight."""
-    some = thinned(rows, _SEARCH_ROWS)
-    size = np.abs(some.slip)
-    order = np.argsort(size, kind="stable")
-    weight = np.cumsum(1 / _chosen(variance.relative, size.size)[order])
-    shares = (np.arange(_COMPARED) + 0.5) / _COMPARED
-    slip = size[order[np.searchsorted(weight, shares * weight[-1])]]
-    of_law = law.at(slip)
-    conditions = {name: np.full(_COMPARED, value) for name, value in law.conditions.items()}
-    one, whole = np.ones(_COMPARED), np.array([0, _COMPARED])
-    few = Rows(slip, of_law.adhesion, conditions, one, whole, whole, np.zeros(1, int), False, False)
-    height = max(float(np.sqrt(np.mean(of_law.adhesion**2))), 1e-300)
-    even = Variance(height, one, 0 * one)
-    found = []
-    for start in starts:
-        share, _ = descended(problem, _from(start), few, even, robust=False, near=_NEAR)
-        alone = law._replace(parameters=problem.parameters(share)).at(slip)
-        missed = float(np.sqrt(np.mean((of_law.adhesion - alone.adhesion) ** 2))) / height
-        found.append((missed, share, alone))
-    missed, share, alone = min(found, key=lambda one: one[0])
-    stretch = problem.stretch(share)
-    share = share[: problem.free]
-    bound = free & ((share <= 0) | (share >= 1))
-    used = np.flatnonzero(free & ~bound)
-    by_law = np.zeros((problem.free, stretch.size))
-    own = alone.by_parameter[:, used] * stretch[used]
-    by_law[used] = np.linalg.lstsq(own, of_law.by_parameter, rcond=_NEAR)[0]
-    by_law[used] *= stretch[used, None]
-    return _Nearest(problem.parameters(_from(share))[: problem.free], by_law, missed, bound)
 
 
 def _noise(law: FittedLaw, rows: Rows, variance: Variance, slip: SlipNoise) -> RunNoise:
@@ -416,7 +254,7 @@ def _described(
     covariance = sandwich(found, rows.cluster, free, penalty, departure.inflation, ordered)
     law = FittedLaw(problem.curve, problem.parameters(share), problem.span, conditions)
     starts = [share[:count], start]
-    nearest = _nearest(problem, starts, law, has_influence, rows, variance)
+    nearest = nearest_to(problem, starts, law, has_influence, rows, variance)
     return MeasuredFit(
         law,
         limit,

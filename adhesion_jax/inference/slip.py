@@ -40,7 +40,7 @@ def slip_noise(
 
     Its variance is the median over the stretches, since in a few of them the slip may jump. It is
     an upper bound, because a slip that truly jumps from row to row looks the same: how much of it
-    acts is judged by the residual (`fit.weighted`). Without an order in time there is none to see.
+    acts is judged by the residual (`weighing`). Without an order in time there is none to see.
     """
     moving = speed is not None and bool(np.ptp(speed) > 0)
     per_row = 1 / np.maximum(speed, _SLOWEST) if moving and speed is not None else np.ones(1)

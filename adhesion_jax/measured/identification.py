@@ -8,10 +8,11 @@ from jaxtyping import Float, Int
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import CURVES, Curve
-from adhesion_jax.inference.fit import MeasuredFit, alike, fitted, missing_columns, weighed
+from adhesion_jax.inference.fit import MeasuredFit, fitted, missing_columns
 from adhesion_jax.inference.rows import Rows, arranged
 from adhesion_jax.inference.slip import SPEED, SlipNoise, slip_noise
 from adhesion_jax.inference.start import least_squares
+from adhesion_jax.inference.weighing import alike, weighed
 from adhesion_jax.records import Record
 
 #: A curve of three parameters that needs no further column.
