@@ -79,13 +79,13 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     Each part are entries with what is given where they are tested; p is adjusted for all parts.
 
     A wild cluster bootstrap of the score (Cameron, Gelbach and Miller 2008, Rev. Econ. Stat. 90,
-    414-427). With everything given projected out, the probes of a start are made orthonormal, x_j.
-    b_j = sum over runs of u_rj, u_rj = sum over the points of a run of x_j e; its variance is
-    R/(R - 1) sum of (u_rj - g_rj b_j)^2, g_rj = sum of x_j^2. F is the sum of b^2 over the sum of
-    the variances, and z the normal deviate of F with as many degrees of freedom as the runs that
-    carry the probe allow, scaled so that .5 % of the z of each start are beyond 2.58 under random
-    signs of the residuals of the runs, all of a run alike. p is by the largest z of all starts
-    under the same signs (Romano and Wolf 2005, Econometrica 73, 1237-1282).
+    414-427). With everything given projected out, the probes of a start are made orthonormal, X.
+    b = sum over runs of u_r, u_r = X_r' e_r over the points of a run; the sum of its variances is
+    R/(R - 1) times that of |u_r - X_r' X_r b|^2, so that an effect does not hide itself. F is |b|^2
+    over it, and z the normal deviate of F with as many degrees of freedom as the runs that carry
+    the probe allow, scaled so that .5 % of the z of each start are beyond 2.58 under random signs
+    of the residuals of the runs, all of a run alike. p is by the largest z of all starts under the
+    same signs (Romano and Wolf 2005, Econometrica 73, 1237-1282).
     """
     largest = np.full(FLIPS, -np.inf)
     tested: list[_Tested] = []
@@ -161,14 +161,23 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     g = np.add.reduceat(x**2, ends, axis=0)
     runs = ends.size
     count = np.diff(first, append=x.shape[1])
+    own = [slice(at, at + k) for at, k in zip(first, count, strict=True)]
+    crosses, squares = [], []
+    for block, some in zip(blocks, own, strict=True):
+        products = np.add.reduceat(block[:, :, None] * block[:, None, :], ends, axis=0)
+        crosses.append(np.einsum("rkl,rl->rk", products, u[:, some]))
+        squares.append(np.einsum("rkl,rlm->km", products, products))
+    crossed_runs = np.concatenate(crosses, axis=1)
     carrying = np.add.reduceat(1 / (g**2).sum(axis=0), first) / count
     freedom = np.maximum(carrying - 1, 1.0) * np.sqrt(count)
 
     def deviates(b: np.ndarray, crossed: np.ndarray) -> np.ndarray:
-        """Z of sums b [directions, choices]; `crossed` are the sums of u g with the same signs."""
-        whole = (u**2).sum(axis=0)[:, None] - 2 * b * crossed
-        variance = np.maximum(whole + b**2 * (g**2).sum(axis=0)[:, None], 0.0) * runs / (runs - 1)
-        over = np.maximum(np.add.reduceat(variance, first, axis=0), 1e-300)
+        """Z of sums b [directions, choices]; `crossed` are those of X'X u with the same signs."""
+        whole = np.add.reduceat((u**2).sum(axis=0)[:, None] - 2 * b * crossed, first, axis=0)
+        made = [
+            np.sum(b[some] * (s @ b[some]), axis=0) for s, some in zip(squares, own, strict=True)
+        ]
+        over = np.maximum(whole + np.stack(made), 1e-300) * runs / (runs - 1)
         statistic = np.add.reduceat(b**2, first, axis=0) / over
         z = np.empty_like(statistic)
         for place, (k, nu) in enumerate(zip(count, freedom, strict=True)):
@@ -177,21 +186,21 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         return z
 
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(runs, FLIPS))
-    observed = deviates(u.sum(axis=0)[:, None], (u * g).sum(axis=0)[:, None])
-    flipped = deviates(u.T @ signs, (u * g).T @ signs)
+    observed = deviates(u.sum(axis=0)[:, None], crossed_runs.sum(axis=0)[:, None])
+    flipped = deviates(u.T @ signs, crossed_runs.T @ signs)
     # Starts of few runs or many probes have other tails: all are brought to that of a normal one.
     tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
     scale = -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
     observed, flipped = observed * scale, flipped * scale
-    own = (1 + np.sum(flipped + _ROUNDING >= observed, axis=1)) / (1 + FLIPS)
+    sure = (1 + np.sum(flipped + _ROUNDING >= observed, axis=1)) / (1 + FLIPS)
     kept = [starts[place] for place in places]
     nothing = np.zeros(runs), np.zeros(0)
     told = [
-        _gained(block, null.residual, ends) if sure <= _SURE else nothing
-        for block, sure in zip(blocks, own, strict=True)
+        _gained(block, null.residual, ends) if p <= _SURE else nothing
+        for block, p in zip(blocks, sure, strict=True)
     ]
     gains, changes = [one for one, _ in told], [change for _, change in told]
-    return _Tested(kept, observed[:, 0], own, flipped.max(axis=0), gains, changes)
+    return _Tested(kept, observed[:, 0], sure, flipped.max(axis=0), gains, changes)
 
 
 def _gained(x: np.ndarray, residual: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
