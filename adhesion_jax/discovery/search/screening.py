@@ -31,6 +31,9 @@ _TAIL, _LEAST_TAIL = 0.005, 1.0
 #: What an entry would gain is worked out if its own p is at most this.
 _SURE = 0.02
 
+#: Least share of a run's score that is taken to be left beside what is given.
+_LEAST_LEFT = 0.1
+
 #: Amounts of shrinking that are tried.
 _RIDGES = (0.02, 0.2, 1.0)
 
@@ -81,11 +84,13 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     A wild cluster bootstrap of the score (Cameron, Gelbach and Miller 2008, Rev. Econ. Stat. 90,
     414-427). With everything given projected out, the probes of a start are made orthonormal, X.
     b = sum over runs of u_r, u_r = X_r' e_r over the points of a run; the sum of its variances is
-    R/(R - 1) times that of |u_r - X_r' X_r b|^2, so that an effect does not hide itself. F is |b|^2
-    over it, and z the normal deviate of F with as many degrees of freedom as the runs that carry
-    the probe allow, scaled so that .5 % of the z of each start are beyond 2.58 under random signs
-    of the residuals of the runs, all of a run alike. p is by the largest z of all starts under the
-    same signs (Romano and Wolf 2005, Econometrica 73, 1237-1282).
+    R/(R - 1) times that of |u_r - X_r' X_r b|^2, so that an effect does not hide itself. In it and
+    under random signs u_r is enlarged by 1/sqrt(1 - h), h the share of the probe of the run that is
+    given: a fit makes residuals small where it leans on them (Bell and McCaffrey 2002, Survey
+    Methodology 28, 169-181). F is |b|^2 over it, and z the normal deviate of F with as many degrees
+    of freedom as the runs that carry the probe allow, scaled so that .5 % of the z of each start
+    are beyond 2.58 under random signs of the residuals of the runs, all of a run alike. p is by the
+    largest z of all starts under the same signs (Romano and Wolf 2005, Econometrica 73, 1237-1282).
     """
     largest = np.full(FLIPS, -np.inf)
     tested: list[_Tested] = []
@@ -157,8 +162,11 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         return _Tested([], np.zeros(0), np.zeros(0), np.full(FLIPS, -np.inf), [], [])
     first = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
     x = np.concatenate(blocks, axis=1)
-    u = np.add.reduceat(x * null.residual[:, None], ends, axis=0)
+    b = null.residual @ x
     g = np.add.reduceat(x**2, ends, axis=0)
+    u = np.add.reduceat(x * null.residual[:, None], ends, axis=0)
+    given = _given(null.basis, x, ends) / np.maximum(g, 1e-300)
+    u /= np.sqrt(np.maximum(1 - given, _LEAST_LEFT))
     runs = ends.size
     count = np.diff(first, append=x.shape[1])
     own = [slice(at, at + k) for at, k in zip(first, count, strict=True)]
@@ -186,7 +194,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         return z
 
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(runs, FLIPS))
-    observed = deviates(u.sum(axis=0)[:, None], crossed_runs.sum(axis=0)[:, None])
+    observed = deviates(b[:, None], crossed_runs.sum(axis=0)[:, None])
     flipped = deviates(u.T @ signs, crossed_runs.T @ signs)
     # Starts of few runs or many probes have other tails: all are brought to that of a normal one.
     tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
@@ -201,6 +209,12 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     ]
     gains, changes = [one for one, _ in told], [change for _, change in told]
     return _Tested(kept, observed[:, 0], sure, flipped.max(axis=0), gains, changes)
+
+
+def _given(basis: np.ndarray, x: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """The squared length of what is given of the probe of each run, [runs, directions]."""
+    parts = np.split(np.arange(len(x)), ends[1:])
+    return np.stack([((basis[part].T @ x[part]) ** 2).sum(axis=0) for part in parts])
 
 
 def _gained(x: np.ndarray, residual: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
