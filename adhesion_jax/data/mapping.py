@@ -114,8 +114,10 @@ def _in_column(name: str, names: Sequence[str], one: Said) -> Said:
         if len(short) != 1:
             near = get_close_matches(one.column, names, 3) or names[:12]
             more = " ..." if len(names) > 12 and len(near) == 12 else ""
+            plainly = COLUMNS[one.quantity].plain if one.quantity in COLUMNS else one.quantity
+            purpose = "to compare by" if one.quantity == "group" else f"to read {plainly} from"
             raise InputError(
-                f"{name} has no column {one.column}, which is said to be {one.quantity}; there "
+                f"{name} has no column {one.column} {purpose}; there "
                 f"{'is' if len(near) == 1 else 'are'} {', '.join(near) or 'none'}{more}."
             )
         one = one._replace(column=short[0])

@@ -50,21 +50,26 @@ def departure_of(
     """
     count = free.size - FUNCTIONS
     used, last = np.flatnonzero(free[:count]), np.arange(count, free.size)
-    total = found.matrix.sum(axis=0)
-    own = total[used[:, None], used] + 1e-12 * np.diag(np.diagonal(total)[used])
-    lean = np.linalg.lstsq(own, total[used[:, None], last], rcond=1e-12)[0]
-    information = total[last[:, None], last] - total[last[:, None], used] @ lean
-    even = information * _SMOOTH[:, None] * _SMOOTH
 
+    def alone(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        own = total[used[:, None], used] + 1e-12 * np.diag(np.diagonal(total)[used])
+        lean = np.linalg.lstsq(own, total[used[:, None], last], rcond=1e-12)[0]
+        return lean, total[last[:, None], last] - total[last[:, None], used] @ lean
+
+    lean, information = alone(found.matrix.sum(axis=0))
+    even = information * _SMOOTH[:, None] * _SMOOTH
     projected = np.zeros((free.size, FUNCTIONS))
     projected[used], projected[last] = -lean * _SMOOTH, np.diag(_SMOOTH)
     score = found.score @ projected  # [blocks, functions]
     whole = score.sum(axis=0) + information @ factors * _SMOOTH
 
-    loose = np.linalg.solve(even + np.eye(FUNCTIONS) / _LOOSE**2, whole) * _SMOOTH
+    # Outliers have a score but no information: the step to a loose fit is that of a minimum.
+    lean, pulled = alone(found.pulled)
+    towards = score.sum(axis=0) - factors / (_SMOOTH * _LOOSE**2)
+    bound = pulled * _SMOOTH[:, None] * _SMOOTH + np.eye(FUNCTIONS) / _LOOSE**2
     step = np.zeros(free.size)
-    step[last] = loose - factors
-    step[used] = -lean @ (loose - factors)
+    step[last] = np.linalg.solve(bound, towards) * _SMOOTH
+    step[used] = -lean @ step[last]
     left = score - (found.matrix @ step) @ projected
     inflation = max(_scatter(left, cluster, ordered) / max(np.trace(even), 1e-300), 1.0)
 

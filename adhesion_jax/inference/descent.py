@@ -13,7 +13,7 @@ from adhesion_jax.inference.departure import Departure
 from adhesion_jax.inference.grouping import means, of_like
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.shares import parameters_at, stretch_at
-from adhesion_jax.inference.sums import Sums, Variance, left_over, pull, sums
+from adhesion_jax.inference.sums import Sums, Variance, law_at, pull, sums
 from adhesion_jax.inference.values import Span
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advanced, arrived, begin
 
@@ -35,6 +35,9 @@ _NO_INFLUENCE = 1e-7
 #: Times that all rows of a long record are passed through; groups of them by slip, or by slip and
 #: the first condition of a curve; most evaluations of the means of these.
 _PASSES, _GROUPS, _MOST_OF_FEW = 2, (2700, (400, 50)), 400
+
+#: Rows that are weighed at a time, so that no further copies of all are held.
+_AT_A_TIME = 100_000
 
 #: No departure at all.
 STRAIGHT = Departure(0.0, np.full(FUNCTIONS, np.inf), 1.0, 0.0, 0.0)
@@ -132,11 +135,12 @@ def descended(
 def passed_through(
     problem: Problem,
     share: Float[np.ndarray, " all"],
+    residual: Float[np.ndarray, " rows"],
     rows: Rows,
     variance: Variance,
     departure: Departure,
 ) -> tuple[Float[np.ndarray, " all"], bool]:
-    """As `descended`, for many rows, from a near place: each is evaluated a few times.
+    """As `descended`, for many rows, from a near place with this residual, which is overwritten.
 
     Huber's weights at a place make all rows those of least squares, for which the weighted means of
     groups of like rows stand; their least sum is the next place (Holland and Welsch 1977, Commun.
@@ -145,11 +149,17 @@ def passed_through(
     needed = {name: rows.conditions[name] for name in problem.curve.NEEDS}
     group = of_like(rows.slip, needed, *_GROUPS)
     reached = False
-    for _ in range(_PASSES):
-        place = problem.parameters(share)
-        left = left_over(rows, problem.curve, place, problem.span, variance.spread)
-        weight = pull(left / np.sqrt(variance.row)) / variance.row
-        found = means(group, weight, rows.slip, rows.adhesion, needed, variance.spread)
+    for turn in range(_PASSES):
+        if turn:
+            place = problem.parameters(share)
+            (law,) = law_at(rows, problem.curve, place, problem.span, variance.spread)
+            np.subtract(rows.adhesion, law, out=residual)
+            del law
+        for first in range(0, residual.size, _AT_A_TIME):
+            some = slice(first, first + _AT_A_TIME)
+            row = variance.row(some)
+            residual[some] = pull(residual[some] / np.sqrt(row)) / row
+        found = means(group, residual, rows.slip, rows.adhesion, needed, variance.spread)
         one, whole = np.ones(found.slip.size), np.array([0, found.slip.size])
         few = rows._replace(
             slip=found.slip,
@@ -158,6 +168,6 @@ def passed_through(
             design=one,
             blocks=whole,
         )
-        alike = Variance(variance.sigma, 1 / found.weight, np.sqrt(found.square))
+        alike = Variance(1.0, 1 / found.weight, np.sqrt(found.square))
         share, reached = descended(problem, share, few, alike, departure, False, most=_MOST_OF_FEW)
     return share, reached

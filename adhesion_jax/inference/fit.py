@@ -4,27 +4,24 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import scipy
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import stdtrit
 
-from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
+from adhesion_jax.curves import Curve, with_free_values
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.inference.departure import Departure, departure_of
 from adhesion_jax.inference.descent import STRAIGHT, Problem, descended, felt, passed_through
 from adhesion_jax.inference.law import FittedLaw, LawPeak, peak_of
+from adhesion_jax.inference.nearest import nearest_to
 from adhesion_jax.inference.noise import RunNoise, described
+from adhesion_jax.inference.posing import SLIP_VELOCITY_LIMIT, chosen_of, from_start, posed
 from adhesion_jax.inference.prediction import left_out
-from adhesion_jax.inference.rows import Rows, thinned
+from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich
-from adhesion_jax.inference.shares import parameters_at
 from adhesion_jax.inference.slip import SlipNoise
-from adhesion_jax.inference.sums import Variance, left_over, residuals
-from adhesion_jax.inference.values import Span
-
-#: Largest slip at which a peak is searched if slip is a velocity, m/s.
-SLIP_VELOCITY_LIMIT = 10.0
+from adhesion_jax.inference.sums import Sums, Variance, law_at
+from adhesion_jax.inference.weighing import EXACT
 
 #: Most rows of the search; and those of a longer record are then passed through a few times.
 _SEARCH_ROWS = 20_000
@@ -32,19 +29,8 @@ _SEARCH_ROWS = 20_000
 #: Rounds of fit, weights and size of the departure.
 _ROUNDS = 4
 
-#: A residual below this share of the adhesion is due to the rounding of numbers, not to noise.
-EXACT = 1e-10
-
-#: Share of the largest slip about which a departure is finest, for a curve without a peak; and the
-#: share of the slip of the peak below which its functions are straight.
-_MIDDLE, _REACH = 0.2, 0.2
-
-#: Groups of rows of like slope whose scatter tells how much of the slip's noise acts.
-_GROUPS = 8
-
-#: Multiple of its noise below which a slip says nothing of the curve; the variance of its row over
-#: the mean square of adhesion, and over that of others beyond which a row is such a one.
-_TOLD, _SILENT, _NEVER = 3.0, 1e6, 1e6
+#: About as many rows of whole runs tell what the noise is.
+_NOISE_ROWS = 1_000_000
 
 #: The standard deviation of a normal variable over the median of its size.
 _NORMAL = 1.4826
@@ -53,8 +39,10 @@ _NORMAL = 1.4826
 class MeasuredFit(NamedTuple):
     """The fit of one curve with its departure.
 
-    A parameter that is held (on its bound, or without influence) has no standard error (NaN); the
-    others have those of a fit with that parameter known.
+    `parameters` are those of the curve that is nearest to the law among the points, as the fit
+    weighs them; beside its departure, which may do a part of what they could, the law has others.
+    One that is held (on its bound, or without influence) has no standard error (NaN); the others
+    have those of a fit with that parameter known.
     """
 
     law: FittedLaw
@@ -64,28 +52,28 @@ class MeasuredFit(NamedTuple):
     plain: float  # sum of squares of the residual
     noise: RunNoise
     departure: Departure
-    misfit: float  # the departure: its root mean square over the points
+    parameters: Float[np.ndarray, " free"]
+    by_law: Float[np.ndarray, "free all"]  # derivatives of these by the parameters of the law
+    misfit: float  # the law less the nearest curve: root mean square over the points, relative
     sandwich: Sandwich
     stretch: Float[np.ndarray, " all"]  # derivatives of parameters by coordinates of the sandwich
     on_bound: Bool[np.ndarray, " free"]
     no_influence: Bool[np.ndarray, " free"]
     peak: LawPeak
-    slip_spread: Float[np.ndarray, " rows"]  # standard deviation of the slip that acts
+    slip: Float[np.ndarray, " rows"]  # to be expected of each row
+    slip_scatter: Float[np.ndarray, " rows"]  # standard deviation of the true slip about that
+    slip_spread: Float[np.ndarray, " rows"]  # standard deviation of the noise of the measured slip
     left_out: Float[np.ndarray, " parts"]  # log density of each part, given the others
     converged: bool
 
     @property
     def curve(self) -> Curve:
-        """The curve alone, with the fitted values of its free parameters."""
+        """The nearest curve alone, without a departure."""
         return with_free_values(self.law.curve, self.parameters)
 
     @property
     def conditions(self) -> Mapping[str, float]:
         return self.law.conditions
-
-    @property
-    def parameters(self) -> Float[np.ndarray, " free"]:
-        return self.law.parameters[: len(self.law.curve.free)]
 
     @property
     def held(self) -> Bool[np.ndarray, " free"]:
@@ -97,10 +85,18 @@ class MeasuredFit(NamedTuple):
         """Standard errors of linear functions of the parameters, and degrees of freedom."""
         return self.sandwich.errors(directions * self.stretch)
 
+    def at_rows(
+        self, rows: Rows, chosen: slice | Int[np.ndarray, " chosen"]
+    ) -> tuple[Float[np.ndarray, " chosen"], Float[np.ndarray, " chosen"]]:
+        """The law and its slope at these rows, chosen of all, in the mean over the true slips."""
+        there, law = rows._replace(slip=self.slip[chosen]), self.law
+        place = law.curve, law.parameters, law.span
+        mean, slope = law_at(there, *place, self.slip_scatter[chosen], "by_slip")
+        return mean, slope
+
     @property
     def standard_errors(self) -> Float[np.ndarray, " free"]:
-        free = np.eye(self.stretch.size)[: self.parameters.size]
-        return np.where(self.held, np.nan, self.errors(free)[0])
+        return np.where(self.held, np.nan, self.errors(self.by_law)[0])
 
     @property
     def mu_max_se(self) -> float:
@@ -166,141 +162,80 @@ def fitted(
     penalty are found anew between rounds. Of a long record evenly chosen rows lead to a place near
     the end, from which all rows are passed through a few times.
     """
-    problem, conditions, limit = _posed(curve, start, rows, slip_is_velocity)
+    problem, conditions, limit = posed(curve, start, rows, slip_is_velocity)
     some = thinned(rows, _SEARCH_ROWS)
-    share, reached, departure = _from(start), False, STRAIGHT
+    share, reached, departure = from_start(start), False, STRAIGHT
     variance = _thinned(weights, rows, some)
     for turn in range(2 + _ROUNDS):
-        variance = _scaled(problem, share, some, departure, variance)
+        left = _left(problem, share, some, variance)
+        variance = _scaled(problem, left, some, departure, variance)
         if turn >= 2:
-            departure = _departure(problem, share, some, variance)
+            found = problem.sums(share, some, variance)
+            departure = _departure(problem, share, found, some, variance)
         share, reached = descended(problem, share, some, variance, departure, turn > 0)
-    variance = _scaled(problem, share, rows, departure, weights)
+    left = _left(problem, share, some, variance)
+    variance = _scaled(problem, left, some, departure, variance)
     if some is not rows:
-        departure = _departure(problem, share, rows, variance)
-        share, reached = passed_through(problem, share, rows, variance, departure)
-    fit = _described(problem, share, rows, slip, variance, departure, conditions, limit)
+        found = problem.sums(share, rows, weights._replace(sigma=variance.sigma))
+        variance = _scaled(problem, found.residual, rows, departure, weights)
+        departure = _departure(problem, share, found, rows, variance)
+        share, reached = passed_through(problem, share, found.residual, rows, variance, departure)
+        del found
+    fit = _described(problem, start, share, rows, slip, variance, departure, conditions, limit)
     return fit._replace(converged=reached)
-
-
-def alike(rows: Rows) -> Variance:
-    """The variance of rows whose slip is exact, in any unit."""
-    return Variance(1.0, 1 / rows.design, np.broadcast_to(0.0, rows.slip.shape))
-
-
-def weighed(
-    curve: Curve,
-    start: Float[np.ndarray, " free"],
-    rows: Rows,
-    slip: SlipNoise,
-    slip_is_velocity: bool,
-) -> Variance:
-    """The variance of rows of noisy slip, by the slope of one curve without a departure.
-
-    It is the same for all curves that are fitted: with a slope of its own a curve could widen its
-    own noise (Carroll and Ruppert 1988, chapter 3).
-    """
-    problem, _, _ = _posed(curve, start, rows, slip_is_velocity)
-    some = thinned(rows, _SEARCH_ROWS)
-    noise = slip._replace(spread=_chosen(slip.spread, some.slip.size))
-    share = _from(start)
-    for turn in range(_ROUNDS):
-        variance = _variance(problem, share, some, noise)
-        share, _ = descended(problem, share, some, variance, STRAIGHT, turn > 0)
-    return _variance(problem, share, rows, slip)
-
-
-def _posed(
-    curve: Curve, start: np.ndarray, rows: Rows, slip_is_velocity: bool
-) -> tuple[Problem, Mapping[str, float], float]:
-    """The problem, the conditions of its peak, and the largest slip of that."""
-    limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
-    conditions = {name: float(np.median(rows.conditions[name])) for name in curve.NEEDS}
-    largest = float(max(rows.slip.max(), -rows.slip.min(), np.finfo(float).tiny))
-    return Problem(curve, _span(curve, start, conditions, limit, largest)), conditions, limit
-
-
-def _from(start: np.ndarray) -> np.ndarray:
-    return np.append(np.clip(start, 0.0, 1.0), np.zeros(FUNCTIONS))
-
-
-def _chosen(column: np.ndarray, count: int) -> np.ndarray:
-    return column[np.linspace(0, column.size - 1, count).astype(int)]
 
 
 def _thinned(weights: Variance, rows: Rows, some: Rows) -> Variance:
     if some is rows:
         return weights
     count = some.slip.size
-    return Variance(weights.sigma, _chosen(weights.row, count), _chosen(weights.spread, count))
+    return Variance(
+        weights.sigma, chosen_of(weights.relative, count), chosen_of(weights.spread, count)
+    )
 
 
-def _span(
-    curve: Curve, start: np.ndarray, conditions: Mapping[str, float], limit: float, largest: float
-) -> Span:
-    """Finest about the peak of the curve of least squares, if that lies among the points."""
-    usual = Span(_REACH * _MIDDLE * largest, largest)
-    parameters = np.append(parameters_at(curve, start), np.zeros(FUNCTIONS))
-    peak = peak_of(FittedLaw(curve, parameters, usual, conditions), limit)
-    middle = peak.slip if peak.found and 0 < peak.slip < largest else _MIDDLE * largest
-    return Span(_REACH * middle, largest)
+def _left(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> np.ndarray:
+    parameters = problem.parameters(share)
+    (law,) = law_at(rows, problem.curve, parameters, problem.span, variance.spread)
+    return rows.adhesion - law
 
 
 def _scaled(
-    problem: Problem, share: np.ndarray, rows: Rows, departure: Departure, weights: Variance
+    problem: Problem, left: np.ndarray, rows: Rows, departure: Departure, weights: Variance
 ) -> Variance:
     """The weights with the size that the residual has, robust, less what the fit takes of it."""
-    parameters = problem.parameters(share)
-    left = left_over(rows, problem.curve, parameters, problem.span, weights.spread)
-    telling = weights.row < _NEVER * weights.sigma**2
-    count = int(telling.sum())
+    count = left.size
     degrees = count / max(count - problem.free - departure.degrees, 0.25 * count)
-    size = np.sqrt(degrees) * np.abs(left[telling]) / np.sqrt(weights.row[telling])
-    floor = EXACT * float(np.sqrt(np.mean(rows.adhesion**2))) / weights.sigma
-    own = max(_NORMAL * float(np.median(size)), 0.1 * float(np.sqrt(np.mean(size**2))), floor)
-    return Variance(weights.sigma * own, weights.row * own**2, weights.spread)
+    size = np.abs(left)
+    size /= np.sqrt(weights.relative)
+    size /= weights.sigma
+    floor = EXACT * float(np.sqrt(rows.adhesion @ rows.adhesion / count)) / weights.sigma
+    least = 0.1 * np.sqrt(degrees * float(size @ size) / count)
+    middle = np.sqrt(degrees) * float(np.median(size, overwrite_input=True))
+    own = max(_NORMAL * middle, least, floor)
+    return weights._replace(sigma=weights.sigma * own)
 
 
-def _variance(problem: Problem, share: np.ndarray, rows: Rows, slip: SlipNoise) -> Variance:
-    """Of every row, from the residual: sigma, and how much of the slip's noise acts.
-
-    Rows of like slope x spread make groups; their robust variances are sigma^2 + share^2 (slope x
-    spread)^2 by non-negative least squares. The share is at most 1, and 1 for a noise that is
-    given. Rows whose slip is below three standard deviations of its noise say nothing of any curve,
-    and count for nothing.
-    """
-    parameters = problem.parameters(share)
-    left, slope, _ = residuals(rows, problem.curve, parameters, problem.span, slip.spread)
-    size = np.abs(left) * np.sqrt(rows.design)
-    floor = EXACT * float(np.sqrt(np.mean(rows.adhesion**2)))
-    felt = np.abs(slope) * slip.spread
-    groups = np.array_split(np.argsort(felt, kind="stable"), _GROUPS)
-    scatter = np.array([max(_NORMAL * float(np.median(size[g])), floor) ** 2 for g in groups])
-    from_slip = np.array([float(np.mean(felt[g] ** 2)) for g in groups])
-    if slip.given:
-        own = float(np.median(np.maximum(scatter - from_slip, 0.01 * scatter)))
-        active = 1.0
-    else:
-        design = np.column_stack([np.ones(_GROUPS), from_slip]) / scatter[:, None]
-        (own, active), _ = scipy.optimize.nnls(design, np.ones(_GROUPS))
-    own = max(own, 1e-3 * float(scatter.min()), floor**2)
-    spread = np.sqrt(min(active, 1.0)) * slip.spread
-    row = own / rows.design + (slope * spread) ** 2
-    silent = np.abs(rows.slip) < _TOLD * spread
-    row = np.where(silent & (not silent.all()), _SILENT * np.mean(rows.adhesion**2), row)
-    return Variance(float(np.sqrt(own)), row, spread)
-
-
-def _departure(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> Departure:
-    found = problem.sums(share, rows, variance)
+def _departure(
+    problem: Problem, share: np.ndarray, found: Sums, rows: Rows, variance: Variance
+) -> Departure:
     free = felt(found, rows.slip.size, variance) & (share > 0) & (share < 1)
     free[problem.free :] = True
     ordered = rows.ordered or rows.several
     return departure_of(found, share[problem.free :], free, rows.cluster, ordered)
 
 
+def _noise(law: FittedLaw, rows: Rows, variance: Variance, slip: SlipNoise) -> RunNoise:
+    chosen = of_some_runs(rows, _NOISE_ROWS)
+    some, spread = of_runs(rows, chosen), variance.spread[chosen]
+    mean, slope = law_at(some, law.curve, law.parameters, law.span, spread, "by_slip")
+    within = Variance(variance.sigma, variance.relative[chosen], spread)
+    return described(some, some.adhesion - mean, slope, mean, within, slip)
+
+
 def _described(
     problem: Problem,
+    start: np.ndarray,
     share: np.ndarray,
     rows: Rows,
     slip: SlipNoise,
@@ -318,26 +253,27 @@ def _described(
     ordered = rows.ordered or rows.several
     covariance = sandwich(found, rows.cluster, free, penalty, departure.inflation, ordered)
     law = FittedLaw(problem.curve, problem.parameters(share), problem.span, conditions)
-    left = residuals(rows, problem.curve, law.parameters, problem.span, variance.spread)
-    grid = np.quantile(np.abs(thinned(rows, _SEARCH_ROWS).slip), np.linspace(0, 1, 200))
-    bare = law._replace(parameters=np.append(law.parameters[:count], np.zeros(FUNCTIONS)))
-    bare_at = bare.at(grid).adhesion
-    missed = law.at(grid).adhesion - bare_at
+    starts = [share[:count], start]
+    nearest = nearest_to(problem, starts, law, has_influence, rows, variance)
     return MeasuredFit(
         law,
         limit,
         " m/s" if limit == SLIP_VELOCITY_LIMIT else "",
         rows.slip.size,
-        found.plain,
-        described(rows, *left, variance, slip),
+        float(found.residual @ found.residual),
+        _noise(law, rows, variance, slip),
         departure,
-        float(np.sqrt(np.mean(missed**2) / max(np.mean(bare_at**2), 1e-300))),
+        nearest.parameters,
+        nearest.by_law,
+        nearest.misfit,
         covariance,
         problem.stretch(share),
-        bound,
+        nearest.on_bound,
         ~has_influence,
         peak_of(law, limit),
+        rows.slip,
         variance.spread,
+        slip.spread,
         left_out(found, rows, variance, free, penalty),
         True,
     )

@@ -30,9 +30,7 @@ class RunNoise(NamedTuple):
     run_scatter: float  # standard deviation of the levels of the runs, relative
     slow_level: float  # standard deviation of the slow level, relative
     slow_rows: float  # rows after which its correlation has fallen to 1/e
-    slip: (
-        float  # standard deviation of the slip's noise that acts; of wheel speed where SlipNoise is
-    )
+    slip: float  # standard deviation of the noise of the slip, or of the wheel speed (SlipNoise)
 
 
 def described(
@@ -50,18 +48,14 @@ def described(
     of the runs; non-negative least squares over grids of r and slow. Rows whose noise is mostly
     that of the slip are left out.
     """
-    acting = (
-        float(np.median(variance.spread / np.maximum(slip.spread, 1e-300))) if slip.sigma else 0.0
-    )
-    sigma_slip = acting * slip.sigma
-    clipped = np.clip(residual, *(3 * np.sqrt(np.median(variance.row)) * np.array([-1, 1])))
+    clipped = np.clip(residual, *(3 * np.sqrt(np.median(variance.row())) * np.array([-1, 1])))
     quiet = (slope * variance.spread) ** 2 < variance.sigma**2 / rows.design
     if not rows.ordered:
         scatter = _levels(rows, clipped, mean) if rows.several else 0.0
-        return RunNoise(variance.sigma, 0.0, scatter, 0.0, 0.0, sigma_slip)
+        return RunNoise(variance.sigma, 0.0, scatter, 0.0, 0.0, slip.sigma)
     length = int(np.median(np.diff(rows.starts)))
     lags = np.unique(np.geomspace(1, max(length // 2, 2), _LAGS).astype(int))
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
+    run = rows.run
     step = max(rows.slip.size // _MOST_ROWS, 1)
     products, curves, counts = [], [], []
     for lag in (0, *lags.tolist()):
@@ -90,7 +84,7 @@ def described(
         float(np.sqrt(of_runs)),
         float(np.sqrt(of_slow)),
         slow if of_slow > 0 else 0.0,
-        sigma_slip,
+        slip.sigma,
     )
 
 

@@ -28,7 +28,7 @@ def left_out(
     score, own = np.zeros((count, used.size)), np.zeros(count)
     np.add.at(matrix, parts, found.matrix[:, used[:, None], used])
     np.add.at(score, parts, found.score[:, used])
-    spread = np.add.reduceat(np.log(variance.row), rows.blocks[:-1])
+    spread = np.add.reduceat(np.log(variance.row()), rows.blocks[:-1])
     np.add.at(own, parts, found.squares + spread)
     others = matrix.sum(axis=0) + np.diag(penalty[used]) - matrix
     scale = 1 / np.sqrt(np.maximum(np.diagonal(others, axis1=1, axis2=2), 1e-300))

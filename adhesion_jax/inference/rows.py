@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from adhesion_jax.inference.grouping import evenly
 from adhesion_jax.records import Record
 
 #: Most blocks whose sums are kept, and most runs that count as clusters of their own: memory and
@@ -38,6 +39,11 @@ class Rows(NamedTuple):
         return self.starts.size - 1
 
     @property
+    def run(self) -> Int[np.ndarray, " rows"]:
+        """The run of each row."""
+        return np.repeat(np.arange(self.runs), np.diff(self.starts))
+
+    @property
     def clusters(self) -> int:
         return int(self.cluster[-1]) + 1
 
@@ -58,12 +64,12 @@ def arranged(record: Record, run: Int[np.ndarray, " rows"], needed: Iterable[str
         of_run = np.arange(blocks.size - 1)
     clusters = int(of_run[-1]) + 1
     bars = record.conditions.get(_ERROR_BARS)
-    design = np.ones(run.size) if bars is None else 1 / np.asarray(bars, float)[order] ** 2
+    design = np.ones(1) if bars is None else 1 / np.asarray(bars, float)[order] ** 2
     return Rows(
         np.asarray(record.slip)[order],
         np.asarray(record.adhesion)[order],
         {name: np.asarray(record.conditions[name])[order] for name in needed},
-        design / np.median(design),
+        np.broadcast_to(design / np.median(design), run.shape),
         starts,
         blocks,
         of_run * min(clusters, _MOST_CLUSTERS) // clusters,
@@ -91,7 +97,25 @@ def thinned(rows: Rows, most: int) -> Rows:
     """Evenly chosen rows, at most so many, for the search of the parameters."""
     if rows.slip.size <= most:
         return rows
-    chosen = np.linspace(0, rows.slip.size - 1, most).astype(int)
+    return _taken(rows, evenly(rows.slip.size, most))
+
+
+def of_some_runs(rows: Rows, most: int) -> Int[np.ndarray, " chosen"]:
+    """The rows of evenly chosen runs, about so many in all, but of one run at least."""
+    count = max(rows.runs * most // rows.slip.size, 1)
+    runs = np.unique(np.linspace(0, rows.runs - 1, min(count, rows.runs)).astype(int))
+    spans = zip(rows.starts[runs], rows.starts[runs + 1], strict=True)
+    return np.concatenate([np.arange(*span) for span in spans])
+
+
+def of_runs(rows: Rows, chosen: Int[np.ndarray, " chosen"]) -> Rows:
+    """These rows, which are whole runs."""
+    some = _taken(rows, chosen)
+    return some._replace(starts=np.unique(some.starts))
+
+
+def _taken(rows: Rows, chosen: Int[np.ndarray, " chosen"]) -> Rows:
+    """These rows, in their order, of the same runs and blocks, of which some may become empty."""
     return rows._replace(
         slip=rows.slip[chosen],
         adhesion=rows.adhesion[chosen],

@@ -10,6 +10,9 @@ from adhesion_jax.inference.rows import Rows
 #: Rows of a stretch through which a parabola is drawn, and most stretches that are looked at.
 _STRETCH, _MOST_STRETCHES = 15, 20_000
 
+#: A noise below this share of the largest slip, or slip velocity, changes nothing.
+_ROUNDING = 1e-6
+
 #: Least vehicle speed by which the noise of a wheel speed is divided, m/s.
 _SLOWEST = 0.1
 
@@ -37,7 +40,7 @@ def slip_noise(
 
     Its variance is the median over the stretches, since in a few of them the slip may jump. It is
     an upper bound, because a slip that truly jumps from row to row looks the same: how much of it
-    acts is judged by the residual (`fit.weighted`). Without an order in time there is none to see.
+    acts is judged by the residual (`weighing`). Without an order in time there is none to see.
     """
     moving = speed is not None and bool(np.ptp(speed) > 0)
     per_row = 1 / np.maximum(speed, _SLOWEST) if moving and speed is not None else np.ones(1)
@@ -62,4 +65,6 @@ def slip_noise(
     # The median of chi squared (Wilson and Hilferty 1931, Proc. Natl. Acad. Sci. 17:684-688).
     variance = np.median(np.maximum(left, 0.0)) / (degrees * (1 - 2 / (9 * degrees)) ** 3)
     sigma = float(np.sqrt(variance))
+    if sigma <= _ROUNDING * float(np.abs(stretches).max()):
+        return exact(rows)
     return SlipNoise(sigma, moving, False, np.broadcast_to(sigma * per_row, rows.slip.shape))

@@ -13,7 +13,7 @@ from adhesion_jax.inference.descent import Problem, descended
 from adhesion_jax.inference.grouping import evenly, means, of_like
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.shares import parameters_at
-from adhesion_jax.inference.sums import Variance, left_over
+from adhesion_jax.inference.sums import Variance, law_at
 from adhesion_jax.inference.values import Span
 from adhesion_jax.optim import levenberg_marquardt
 from adhesion_jax.programs import QUICKLY, kept
@@ -59,9 +59,9 @@ def least_squares(curve: Curve, record: Record) -> Float[np.ndarray, " free"]:
     share = np.append(_best(curve, weight, *few), np.zeros(FUNCTIONS))
     rows = Rows(slip, adhesion, conditions, alike, whole, whole, np.zeros(1, int), False, False)
     problem = Problem(curve, Span(1.0, 1.0))
-    left = left_over(rows, curve, problem.parameters(share), problem.span, exact)
-    square = max(float(np.mean(left**2)), 1e-24 * float(np.mean(adhesion**2)), 1e-300)
-    variance = Variance(float(np.sqrt(square)), square * alike, exact)
+    (law,) = law_at(rows, curve, problem.parameters(share), problem.span, exact)
+    square = max(float(np.mean((adhesion - law) ** 2)), 1e-24 * float(np.mean(adhesion**2)), 1e-300)
+    variance = Variance(float(np.sqrt(square)), alike, exact)
     return descended(problem, share, rows, variance, robust=False, near=_NEAR)[0][: problem.free]
 
 

@@ -1,7 +1,7 @@
 """Sums over the rows of blocks: what a fit and its covariance need, whatever the number of rows."""
 
-from collections.abc import Callable, Iterable
-from typing import NamedTuple, TypeVar
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,9 +18,6 @@ _ONE_BY_ONE = 16
 TUNING = 2.0
 
 
-T = TypeVar("T")
-
-
 class Variance(NamedTuple):
     """The variance of a row's residual: sigma^2 over its design weight + (slope x spread)^2.
 
@@ -29,8 +26,12 @@ class Variance(NamedTuple):
     """
 
     sigma: float
-    row: Float[np.ndarray, " rows"]  # the whole of it
+    relative: Float[np.ndarray, " rows"]  # the whole of it over sigma^2
     spread: Float[np.ndarray, " rows"]  # of the slip: what blunts the mean
+
+    def row(self, some: slice = slice(None)) -> Float[np.ndarray, " some"]:
+        """The whole of it, of some rows."""
+        return self.sigma**2 * self.relative[some]
 
 
 class Sums(NamedTuple):
@@ -43,13 +44,18 @@ class Sums(NamedTuple):
     score: Float[np.ndarray, "blocks all"]  # sum x psi(z)
     matrix: Float[np.ndarray, "blocks all all"]  # sum x x' psi'(z)
     squares: Float[np.ndarray, " blocks"]  # sum z^2 psi(z)/z
-    plain: float  # sum of squares of the residuals themselves
+    residual: Float[np.ndarray, " rows"]  # of adhesion
     pulled: Float[np.ndarray, "all all"]  # sum x x' psi(z)/z over all rows: to search a minimum
 
 
 def pull(z: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
     """psi(z)/z, the weight of each row in iterated least squares."""
     return np.minimum(1.0, TUNING / np.maximum(np.abs(z), 1e-300))
+
+
+def huber(z: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    """rho(z), for z in size."""
+    return np.where(z < TUNING, 0.5 * z**2, TUNING * (z - 0.5 * TUNING))
 
 
 def sums(
@@ -67,44 +73,36 @@ def sums(
     `blocks` are their first rows, and the number of rows.
     """
     count, width = blocks.size - 1, stretch.size
-
-    def of_chunk(some: slice, found: Values) -> tuple[Int[np.ndarray, " here"], Sums]:
-        scale = 1 / np.sqrt(variance.row[some])
-        residual = rows.adhesion[some] - found.adhesion
-        z = residual * scale
-        pulls = pull(z) if robust else np.ones(z.size)
-        within = pulls >= 1
-        x = found.by_parameter.T * scale
-        x *= stretch[:, None]
-        rho = np.where(within, 0.5 * z**2, TUNING * (np.abs(z) - 0.5 * TUNING))
-        first = int(np.searchsorted(blocks, some.start, side="right")) - 1
-        here = np.arange(first, int(np.searchsorted(blocks, some.stop, side="left")))
-        here = here[blocks[here + 1] > blocks[here]]
-        begins = np.maximum(blocks[here] - some.start, 0)
-        of_rows = np.concatenate([[rho, z**2 * pulls], x * (z * pulls)])
-        added = np.add.reduceat(of_rows, begins, axis=1)
-        matrix = _products(x, x * within, begins)
-        pulled = matrix.sum(axis=0) if within.all() else (x * pulls) @ x.T
-        told = Sums(added[0], added[2:].T, matrix, added[1], float(residual @ residual), pulled)
-        return here, told
-
     whole = Sums(
         np.zeros(count),
         np.zeros((count, width)),
         np.zeros((count, width, width)),
         np.zeros(count),
-        0.0,
+        np.empty(rows.slip.size),
         np.zeros((width, width)),
     )
-    plain = 0.0
-    for here, told in _in_chunks(
-        rows, curve, parameters, span, variance.spread, of_chunk, AT_A_TIME
-    ):
-        for total, part in zip(whole[:4], told[:4], strict=True):
-            total[here] += part
-        plain += told.plain
-        whole.pulled[...] += told.pulled
-    return whole._replace(plain=plain)
+    for some, found in _in_chunks(rows, curve, parameters, span, variance.spread, AT_A_TIME):
+        scale = 1 / np.sqrt(variance.row(some))
+        whole.residual[some] = rows.adhesion[some] - found.adhesion
+        z = whole.residual[some] * scale
+        pulls = pull(z) if robust else np.ones(z.size)
+        within = pulls >= 1
+        x = found.by_parameter.T * scale
+        x *= stretch[:, None]
+        first = int(np.searchsorted(blocks, some.start, side="right")) - 1
+        here = np.arange(first, int(np.searchsorted(blocks, some.stop, side="left")))
+        here = here[blocks[here + 1] > blocks[here]]
+        begins = np.maximum(blocks[here] - some.start, 0)
+        rho = huber(np.abs(z)) if robust else 0.5 * z**2
+        of_rows = np.concatenate([[rho, z**2 * pulls], x * (z * pulls)])
+        added = np.add.reduceat(of_rows, begins, axis=1)
+        matrix = _products(x, x * within, begins)
+        whole.loss[here] += added[0]
+        whole.squares[here] += added[1]
+        whole.score[here] += added[2:].T
+        whole.matrix[here] += matrix
+        whole.pulled[...] += matrix.sum(axis=0) if within.all() else (x * pulls) @ x.T
+    return whole
 
 
 def _products(
@@ -124,41 +122,20 @@ def _products(
     return found
 
 
-def residuals(
+def law_at(
     rows: Rows,
     curve: Curve,
     parameters: Float[np.ndarray, " all"],
     span: Span,
     spread: Float[np.ndarray, " rows"],
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
-    """Residuals of adhesion, the slope of the curve there, and the curve itself."""
-    left, slope, mean = (np.empty(rows.slip.size) for _ in range(3))
-
-    def of_chunk(some: slice, found: Values) -> None:
-        left[some] = rows.adhesion[some] - found.adhesion
-        mean[some], slope[some] = found.adhesion, found.by_slip
-
-    for _ in _in_chunks(rows, curve, parameters, span, spread, of_chunk):
-        pass
-    return left, slope, mean
-
-
-def left_over(
-    rows: Rows,
-    curve: Curve,
-    parameters: Float[np.ndarray, " all"],
-    span: Span,
-    spread: Float[np.ndarray, " rows"],
-) -> Float[np.ndarray, " rows"]:
-    """The first of `residuals`, in half the time."""
-    left = np.empty(rows.slip.size)
-
-    def of_chunk(some: slice, found: Values) -> None:
-        left[some] = rows.adhesion[some] - found.adhesion
-
-    for _ in _in_chunks(rows, curve, parameters, span, spread, of_chunk):
-        pass
-    return left
+    *of: str,
+) -> list[Float[np.ndarray, " rows"]]:
+    """Adhesion at every row, and whatever else of `Values` is named that is one number a row."""
+    found = [np.empty(rows.slip.size) for _ in range(1 + len(of))]
+    for some, values in _in_chunks(rows, curve, parameters, span, spread, 3 * AT_A_TIME):
+        for column, name in zip(found, ("adhesion", *of), strict=True):
+            column[some] = getattr(values, name)
+    return found
 
 
 def _in_chunks(
@@ -167,15 +144,11 @@ def _in_chunks(
     parameters: Float[np.ndarray, " all"],
     span: Span,
     spread: Float[np.ndarray, " rows"],
-    of_chunk: Callable[[slice, Values], T],
-    size: int = 3 * AT_A_TIME,
-) -> Iterable[T]:
-    """What is made of the values of each chunk of rows, in their order."""
-
-    def made(first: int) -> T:
+    size: int,
+) -> Iterator[tuple[slice, Values]]:
+    """Chunks of rows in their order, and the values there."""
+    for first in range(0, rows.slip.size, size):
         some = slice(first, min(first + size, rows.slip.size))
         needed = {name: rows.conditions[name][some] for name in curve.NEEDS}
         slip = rows.slip[some], spread[some]
-        return of_chunk(some, expected_values(curve, parameters, span, *slip, needed))
-
-    return map(made, range(0, rows.slip.size, size))
+        yield some, expected_values(curve, parameters, span, *slip, needed)

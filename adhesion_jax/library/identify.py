@@ -21,14 +21,15 @@ from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
-from adhesion_jax.inference.rows import arranged
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
 from adhesion_jax.library.results import of_numbers, text_html
-from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate, answered
+from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
 from adhesion_jax.measured.groups import (
     GROUP,
+    Group,
+    beside,
     branches_of,
     candidates,
     each_by_itself,
@@ -36,7 +37,7 @@ from adhesion_jax.measured.groups import (
 )
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
-from adhesion_jax.measured.vetoes import Judgement, judged
+from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, draw_measured
 from adhesion_jax.report.measured.page import page_of
@@ -87,7 +88,7 @@ class Identification:
     slip: SlipNoise  # the noise of the slip that the fits assume
     runs: Sequence[str]  # their names; one for points without runs
     comparison: Comparison | None  # of runs, or of groups of rows, if it was asked for
-    groups: Mapping[str, Answer]  # the peak of each group by itself, where there are a few
+    groups: Mapping[str, Group]  # the peak of each group by itself, where there are a few
     branches: Comparison | None  # of traction and braking, where both were measured
 
     @property
@@ -132,13 +133,11 @@ class Identification:
 
     @property
     def _level(self) -> Estimate:
-        if self.vetoes:
-            return NOT_KNOWN
-        return self.judgement.at_least or self.answer.mu_max
+        return standing(self.answer, self.judgement)[0]
 
     @property
     def _place(self) -> Estimate:
-        return NOT_KNOWN if self.vetoes or self.judgement.at_least else self.answer.slip_opt
+        return standing(self.answer, self.judgement)[1]
 
     @property
     def slip_opt(self) -> float:
@@ -283,21 +282,23 @@ def identify_chosen(
     grouping = group([points])
     labels = labels_of(points, by, grouping.run) if by not in (None, _AUTO) else None
     velocity = points.slip == "slip_velocity_mps"
-    found, slip = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
-    fits = {name: of_numbers(fit) for name, fit in found.items()}
-    answer = answered(fits)
-    best = fits[max(fits, key=lambda name: fits[name].log_density)]
-    rows = arranged(record, grouping.run, best.law.curve.NEEDS)
-    order = np.argsort(grouping.run, kind="stable")
+    found = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
+    fits = {name: of_numbers(fit) for name, fit in found.curves.items()}
+    answer, step = answered(fits), _step(points)
+    best, rows = fits[found.best], found.rows
+    if by is not None:
+        order = np.argsort(grouping.run, kind="stable")
     if by == _AUTO:
         splits = {name: column.iloc[order] for name, column in candidates(points).items()}
         by = split_that_predicts(best, rows, splits)
         labels = None if by is None else labels_of(points, by, grouping.run)
     comparison = None
-    groups: Mapping[str, Answer] = {}
+    groups: Mapping[str, Group] = {}
     if labels is not None and by is not None:
         comparison = compared(best, rows, labels.iloc[order], by)
-        groups = each_by_itself(labels, fits, record, grouping.run, velocity, slip_noise)
+        groups = each_by_itself(labels, fits, record, grouping.run, velocity, slip_noise, step)
+        table = beside(comparison.table, by, groups)
+        comparison = comparison._replace(table=table)
     branches = branches_of(best, rows)
     return Identification(
         points,
@@ -305,10 +306,10 @@ def identify_chosen(
         citation,
         fits,
         not_fitted,
-        {name: residual_structure(fit, record) for name, fit in fits.items()},
+        {name: residual_structure(fit, rows) for name, fit in fits.items()},
         answer,
-        judged(fits, answer, rows, _step(points), branches),
-        slip,
+        judged(fits, answer, rows, step, branches),
+        found.slip,
         grouping.names,
         comparison,
         groups,

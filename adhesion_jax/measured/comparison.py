@@ -10,10 +10,12 @@ from jaxtyping import Float, Int
 
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.sums import residuals
 
 #: Largest number of groups that are compared.
 MOST_GROUPS = 1000
+
+#: A largest adhesion whose ends are further apart than this factor is not known.
+WIDEST = 2.0
 
 #: A change between groups is claimed if its p is at most this.
 _SIGNIFICANT = 0.01
@@ -23,10 +25,14 @@ _STRETCHES = 6
 
 
 class Comparison(NamedTuple):
-    """The largest adhesion of each group, and the tests that all are alike."""
+    """The largest adhesion of each group, and the tests that all are alike.
+
+    The table has a row a group: its name, runs, points, and under one curve mu_max, mu_max_se,
+    mu_max_lo and mu_max_hi, of which the last three are NaN where the points do not determine it.
+    """
 
     by: str
-    table: pd.DataFrame  # group, runs, points, mu_max, mu_max_se, mu_max_lo, mu_max_hi
+    table: pd.DataFrame
     statistic: float  # F if no level changed
     differences: int
     degrees: float  # of freedom of the scatter within the groups
@@ -61,11 +67,11 @@ def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> 
     a run then counts as scatter.
     """
     law = fit.law
-    left, _, mean = residuals(rows, law.curve, law.parameters, law.span, fit.slip_spread)
+    mean, _ = fit.at_rows(rows, slice(None))
+    left = rows.adhesion - mean
     limit = 3 * fit.noise.sigma + 0.1 * float(np.abs(mean).max())
     left = np.clip(left, -limit, limit)
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
-    new = np.append(True, (np.diff(run) != 0) | (np.diff(group) != 0))
+    new = np.append(True, (np.diff(rows.run) != 0) | (np.diff(group) != 0))
     count = np.bincount(group[new])
     starts = [
         first + np.linspace(0, last - first, pieces, endpoint=False).astype(int)
@@ -128,8 +134,8 @@ def compared(fit: MeasuredFit, rows: Rows, labels: pd.Series, by: str) -> Compar
     height = mu_max * (1 + level)
     se = mu_max * np.sqrt(within / size + (fit.mu_max_se / float(fit.peak.adhesion)) ** 2)
     half = float(scipy.special.stdtrit(max(degrees, 1.0), 0.975)) * se / np.maximum(height, 1e-300)
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
-    runs = pd.Series(run).groupby(codes).nunique()
+    se, half = (np.where(2 * half <= np.log(WIDEST), told, np.nan) for told in (se, half))
+    runs = pd.Series(rows.run).groupby(codes).nunique()
     table = pd.DataFrame(
         {
             by: names,

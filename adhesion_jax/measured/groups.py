@@ -1,7 +1,8 @@
 """Groups of rows: what tells them apart, and what each says by itself."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,9 +13,10 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.start import share_of
-from adhesion_jax.measured.answer import Answer, answered
+from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import MOST_GROUPS, Comparison, compared
 from adhesion_jax.measured.identification import fit_curves
+from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.records import Record
 
 #: The label that a column is read as whose groups are compared.
@@ -22,6 +24,27 @@ GROUP = "group"
 
 #: Most groups that are fitted each by itself, and the fewest rows of one.
 _MOST_FITTED, _FEWEST_ROWS = 8, 30
+
+
+class Group(NamedTuple):
+    """What the rows of one group say by themselves."""
+
+    answer: Answer
+    judgement: Judgement
+
+    @property
+    def mu_max(self) -> Estimate:
+        """NaN with a veto; at least this where no peak is seen."""
+        return standing(self.answer, self.judgement)[0]
+
+    @property
+    def slip_opt(self) -> Estimate:
+        return standing(self.answer, self.judgement)[1]
+
+    @property
+    def status(self) -> str:
+        """In words: why there is no answer, or no peak; empty where there is one."""
+        return " ".join(self.judgement.vetoes) or self.judgement.why
 
 
 def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
@@ -57,17 +80,18 @@ def candidates(points: Measured) -> Mapping[str, pd.Series]:
 
 def branches_of(fit: MeasuredFit, rows: Rows) -> Comparison | None:
     """Traction and braking compared, where both are measured beyond the noise about slip 0."""
-    size = np.abs(rows.slip)
+    size, braking = np.abs(rows.slip), rows.slip < 0
     aside = size > np.maximum(0.05 * size.max(), 4 * fit.slip_spread)
-    names = np.where(rows.slip < 0, "braking", "traction")
-    count = [int(np.sum(aside & (names == name))) for name in ("braking", "traction")]
-    reach = [float(size[names == name].max(initial=0.0)) for name in ("braking", "traction")]
+    branches = braking, ~braking
+    count = [int(np.sum(aside & branch)) for branch in branches]
+    reach = [float(size.max(initial=0.0, where=branch)) for branch in branches]
     if min(count) < max(20, 0.02 * sum(count)) or min(reach) < 0.3 * max(reach):
         return None
     # Points about slip 0, where noise turns the sign, belong to the branch before and do not count.
     last = np.maximum.accumulate(np.where(aside, np.arange(size.size), 0))
     own = rows._replace(design=np.where(aside, rows.design, 1e-9))
-    return compared(fit, own, pd.Series(names[last]), "branch")
+    names = np.where(braking[last], "braking", "traction")
+    return compared(fit, own, pd.Series(names), "branch")
 
 
 def each_by_itself(
@@ -77,10 +101,12 @@ def each_by_itself(
     run: np.ndarray,
     velocity: bool,
     slip_noise: float | None,
-) -> Mapping[str, Answer]:
-    """The answer of each of a few groups, whose curves are fitted to its rows alone.
+    step_s: float | None,
+) -> Mapping[str, Group]:
+    """What each of a few groups says, whose curves are fitted to its rows alone, and judged so.
 
-    They begin at the curves of all rows. A run that spans a change is cut there.
+    They begin at the curves of all rows. A run that spans a change is cut there. `step_s` is the
+    usual time between rows.
     """
     names = list(dict.fromkeys(labels))
     if len(names) > _MOST_FITTED:
@@ -89,7 +115,7 @@ def each_by_itself(
     starts.setdefault("kiencke", share_of(CURVES["kiencke"]))
     curves = {name: fit.law.curve for name, fit in fits.items()}
     codes = labels.to_numpy()
-    answers = {}
+    groups = {}
     for name in names:
         own = np.flatnonzero(codes == name)
         if own.size < _FEWEST_ROWS:
@@ -104,5 +130,24 @@ def each_by_itself(
         )
         pieces = np.cumsum(apart) - 1
         found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=lambda *_: starts)
-        answers[str(name)] = answered(found.curves)
-    return answers
+        answer = answered(found.curves)
+        branches = branches_of(found.curves[found.best], found.rows)
+        judgement = judged(found.curves, answer, found.rows, step_s, branches)
+        groups[str(name)] = Group(answer, judgement)
+    return groups
+
+
+def beside(table: pd.DataFrame, by: str, groups: Mapping[str, Group]) -> pd.DataFrame:
+    """The table of a comparison with what each group says by itself, NaN where it says nothing."""
+    own = [groups.get(str(name)) for name in table[by]]
+
+    def column(of: Callable[[Group], float]) -> list[float]:
+        return [np.nan if group is None else of(group) for group in own]
+
+    return table.assign(
+        own_mu_max=column(lambda group: group.mu_max.value),
+        own_mu_max_lo=column(lambda group: group.mu_max.low),
+        own_mu_max_hi=column(lambda group: group.mu_max.high),
+        own_slip_opt=column(lambda group: group.slip_opt.value),
+        own_status=["" if group is None else group.status for group in own],
+    )

@@ -8,10 +8,11 @@ from jaxtyping import Float, Int
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import CURVES, Curve
-from adhesion_jax.inference.fit import MeasuredFit, alike, fitted, missing_columns, weighed
-from adhesion_jax.inference.rows import arranged
+from adhesion_jax.inference.fit import MeasuredFit, fitted, missing_columns
+from adhesion_jax.inference.rows import Rows, arranged
 from adhesion_jax.inference.slip import SPEED, SlipNoise, slip_noise
 from adhesion_jax.inference.start import least_squares
+from adhesion_jax.inference.weighing import alike, weighed
 from adhesion_jax.records import Record
 
 #: A curve of three parameters that needs no further column.
@@ -19,10 +20,16 @@ _WEIGHING = "kiencke"
 
 
 class Fits(NamedTuple):
-    """The fit of every curve, by name, and the noise of the slip."""
+    """The fit of every curve, by name, the noise of the slip, and the measured rows."""
 
     curves: Mapping[str, MeasuredFit]
     slip: SlipNoise
+    rows: Rows
+
+    @property
+    def best(self) -> str:
+        """The name of that which predicts best what was left out of it."""
+        return max(self.curves, key=lambda name: self.curves[name].log_density)
 
 
 Starts = Callable[[Mapping[str, Curve], Record], Mapping[str, Float[np.ndarray, " free"]]]
@@ -61,12 +68,12 @@ def fit_curves(
     # The curve whose slope weighs rows of noisy slip, whichever curves are asked for.
     usual = {_WEIGHING: CURVES[_WEIGHING]} if slip.sigma else {}
     begun = starts({**usual, **known}, record)
-    weights = alike(rows)
+    expected, weights = rows, alike(rows)
     for name, curve in usual.items():
-        weights = weighed(curve, begun[name], rows, slip, slip_is_velocity)
+        expected, slip, weights = weighed(curve, begun[name], rows, slip, slip_is_velocity)
     found = {}
     for done, (name, curve) in enumerate(known.items()):
         progress(name, done / len(known))
-        found[name] = fitted(curve, begun[name], rows, slip, weights, slip_is_velocity)
+        found[name] = fitted(curve, begun[name], expected, slip, weights, slip_is_velocity)
     progress("fits", 1.0)
-    return Fits(found, slip)
+    return Fits(found, slip, rows)

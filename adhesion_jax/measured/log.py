@@ -10,7 +10,7 @@ from adhesion_jax.curves import SLIP_LIMIT
 from adhesion_jax.data import Measured
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.grouping import group
-from adhesion_jax.inference.fit import SLIP_VELOCITY_LIMIT
+from adhesion_jax.inference.posing import SLIP_VELOCITY_LIMIT
 
 #: Fewest samples of a log whose slip events are cut out without being asked for.
 _FEWEST = 1000

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.values import values
-from adhesion_jax.records import Record
+from adhesion_jax.inference.grouping import evenly
+from adhesion_jax.inference.rows import Rows, thinned
 
 #: If no peak lies among the points, the slope is taken beyond the slip at which the curve first
 #: reaches this share of its largest value at the points.
@@ -24,7 +24,7 @@ class Residual(NamedTuple):
     """Measured adhesion minus the curve, in order of the size of slip, with tests for structure.
 
     Curves are odd: both signs of a braking point (slip and adhesion negative) are turned. Of a long
-    record so many points as are of use, evenly chosen in slip.
+    record so many points as are of use, evenly chosen.
     """
 
     slip: Float[np.ndarray, " points"]  # |slip|, rising
@@ -46,18 +46,15 @@ class Residual(NamedTuple):
     slope_se: float
 
 
-def residual_structure(fit: MeasuredFit, record: Record) -> Residual:
-    """The residual of one fit."""
-    order = np.argsort(np.abs(np.asarray(record.slip)), kind="stable")
-    order = order[:: -(-order.size // _MOST_POINTS)]
-    signed = np.asarray(record.slip)[order]
-    measured = np.asarray(record.adhesion)[order]
+def residual_structure(fit: MeasuredFit, rows: Rows) -> Residual:
+    """The residual of one fit to these rows, in the mean over the true slips."""
+    some = thinned(rows, _MOST_POINTS)
+    mean, _ = fit.at_rows(some, evenly(rows.slip.size, _MOST_POINTS))
+    order = np.argsort(np.abs(some.slip), kind="stable")
+    signed, measured = some.slip[order], some.adhesion[order]
     slip, side = np.abs(signed), np.where((signed < 0) & (measured < 0), -1.0, 1.0)
     adhesion = side * measured
-    law, needed = fit.law, fit.law.curve.NEEDS
-    conditions = {name: np.asarray(record.conditions[name])[order] for name in needed}
-    expected = values(law.curve, law.parameters, law.span, signed, conditions).adhesion
-    residual = adhesion - side * expected
+    residual = adhesion - side * mean[order]
 
     points = slip.size
     centred = residual - residual.mean()

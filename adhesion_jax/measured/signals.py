@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from adhesion_jax.inference.grouping import evenly
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.wording import percent
 
@@ -69,7 +70,7 @@ def swapped(points: Points) -> str:
     Adhesion over slip rises within small slips and has one value at each. Where the names are
     exchanged, what is called slip does so over what is called adhesion.
     """
-    some = np.linspace(0, points.slip.size - 1, min(points.slip.size, _MOST_ROWS)).astype(int)
+    some = evenly(points.slip.size, _MOST_ROWS)
     slip, adhesion = points.slip[some], points.adhesion[some]
     half = _at_half(adhesion, slip)
     rough = _roughness(slip, adhesion), _roughness(adhesion, slip)
@@ -119,7 +120,7 @@ def shifted(points: Points, rows: Rows, step_s: float | None) -> str:
     if not step_s:
         return ""
     slip, adhesion = points.slip[:_MOST_ROWS], points.adhesion[:_MOST_ROWS]
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))[: slip.size]
+    run = rows.run[: slip.size]
     usual = float(np.median(np.diff(rows.starts)))
     reach = min(round(_LONGEST_S / step_s), int(_OF_RUN * usual))
     # The same rows for every shift: those that have neighbours in their run on both sides.
@@ -157,7 +158,7 @@ def _floor(values: np.ndarray, inner: np.ndarray) -> float:
 def passages(points: Points, rows: Rows) -> int:
     """How often slip passes a value in the order of time, all runs together."""
     place = np.sqrt(points.slip / max(float(np.quantile(points.slip, 0.99)), 1e-300))
-    run = np.repeat(np.arange(rows.runs), np.diff(rows.starts))
+    run = rows.run
     counts = []
     for level in _LEVELS:
         beyond = np.abs(place - level) > _BEYOND

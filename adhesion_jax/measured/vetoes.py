@@ -7,10 +7,9 @@ import numpy as np
 from scipy.stats import norm
 
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.sums import residuals
-from adhesion_jax.measured.answer import Answer, Estimate
-from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs
+from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate
+from adhesion_jax.measured.comparison import WIDEST, Comparison
 from adhesion_jax.measured.signals import Points, bins_of, passages, shifted, strange, swapped
 from adhesion_jax.wording import percent
 
@@ -25,11 +24,12 @@ _RISE = 0.1
 _FALL = 2.0
 
 #: A median residual beyond this share of the largest adhesion and three standard
-#: errors is passed by. Share of the points that may lie above the interval beyond what noise makes.
-_PASSED, _ABOVE = 0.1, 0.1
+#: errors is passed by; a smaller share of the points than this are outliers, which a robust fit
+#: leaves. Share of the points that may lie above the interval beyond what noise makes.
+_PASSED, _FEW, _ABOVE = 0.1, 0.02, 0.1
 
-#: A largest adhesion whose ends are further apart than this factor is not known.
-_WIDEST = 2.0
+#: About as many rows of whole runs are judged.
+_MOST_ROWS = 1_000_000
 
 #: Passages of a slip in one rise and return.
 _ONE_EVENT = 2
@@ -60,10 +60,12 @@ def judged(
 ) -> Judgement:
     """The vetoes, by the curve that has most weight; `step_s` is the usual time between rows."""
     fit = fits[max(answer.weights, key=lambda name: answer.weights[name])]
-    nothing = np.broadcast_to(0.0, rows.slip.shape)
-    left, slope, mean = residuals(rows, fit.law.curve, fit.law.parameters, fit.law.span, nothing)
+    chosen = of_some_runs(rows, _MOST_ROWS)
+    rows = of_runs(rows, chosen)
+    mean, slope = fit.at_rows(rows, chosen)
+    left = rows.adhesion - mean
     side = np.where(rows.slip < 0, -1.0, 1.0)
-    noise = np.sqrt(fit.noise.sigma**2 / rows.design + (slope * fit.slip_spread) ** 2)
+    noise = np.sqrt(fit.noise.sigma**2 / rows.design + (slope * fit.slip_scatter[chosen]) ** 2)
     points = Points(np.abs(rows.slip), side * rows.adhesion, side * left, side * mean, noise)
     sweeps, late = passages(points, rows), shifted(points, rows, step_s)
     # Of one rise and return of slip, a slow change of the rail makes the same loop as a shift.
@@ -82,6 +84,15 @@ def judged(
     single = rows.ordered and sweeps <= 1
     at_least, why = _reached(points, fit, answer) if not vetoes else (None, "")
     return Judgement(vetoes, at_least, why, _ONE_SWEEP if single and not vetoes else "")
+
+
+def standing(answer: Answer, judgement: Judgement) -> tuple[Estimate, Estimate]:
+    """The largest adhesion and its slip that may be told: neither with a veto."""
+    if judgement.vetoes:
+        return NOT_KNOWN, NOT_KNOWN
+    if judgement.at_least is not None:
+        return judgement.at_least, NOT_KNOWN
+    return answer.mu_max, answer.slip_opt
 
 
 def _two_branches(branches: Comparison) -> str:
@@ -134,7 +145,7 @@ def _passed_by(points: Points, fit: MeasuredFit) -> str:
     # Nearer to slip 0 than its noise, or than the departure reaches, points say little of a curve.
     least = max(fit.law.span.reach, 3 * float(np.median(fit.slip_spread)))
     for group in bins_of(np.where(points.slip < least, least, points.slip)):
-        if points.slip[group].max() <= least:
+        if points.slip[group].max() <= least or group.size < _FEW * points.slip.size:
             continue
         middle, error = _median(points.residual[group])
         if abs(middle) > _PASSED * top + 3 * error:
@@ -163,7 +174,7 @@ def _above(points: Points, answer: Answer) -> str:
 
 def _wide(answer: Answer) -> str:
     level = answer.mu_max
-    if level.high <= _WIDEST * level.low:
+    if level.high <= WIDEST * level.low:
         return ""
     return (
         f"These points do not determine the largest adhesion: its 95 % interval goes from "

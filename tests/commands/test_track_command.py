@@ -49,9 +49,9 @@ def test_what_is_said_of_the_locomotive(told):
     output = " ".join(told[1].split())
     assert "There is no time_s: the samples are followed in the order of the rows." in output
     assert "Elektrische Bahnen" in output
-    # Kiencke's curve of adhesion identify: a0 = 180 +- 21, peak .3035 +- .0022.
-    assert "a0 = 180 ± 21" in output
-    assert "standard error 12 %" in output
+    # The nearest curve of Kiencke in adhesion identify: a0 = 178 +- 20, peak .3035 +- .0022.
+    assert "a0 = 178 ± 20" in output
+    assert "standard error 11 %" in output
     riv = next(line for line in told[1].splitlines() if line.startswith("riv "))
     assert float(riv.split()[1]) == pytest.approx(0.3037, abs=0.003)
     assert "TRUSTED" in riv

@@ -158,3 +158,27 @@ def test_slow_noise_is_not_taken_for_a_departure(single_log):
     # Were each row a cluster of its own, the same noise would be taken for a departure.
     alone = [found_for(x, noise, rows) for noise in noises[:10]]
     assert np.mean([one.size > 0.01 for one in alone]) > 0.7
+
+
+def test_a_few_outliers_far_away_do_not_pass_for_noise():
+    """They pull at functions of which nothing else tells, and have no information themselves."""
+    generator = np.random.default_rng(7)
+    x, cluster = scattered(generator)
+    far = np.array([30, 31, 400, 640, 641, 642])
+    slip = generator.uniform(0.0, 0.2, len(x))
+    slip[far] = generator.uniform(0.5, 0.7, far.size)
+    x[:, 2:] = 0.3 * np.asarray(functions(slip, 0.01, 0.7)) / NOISE
+    x[far, :2] = 1 / NOISE, 0.0
+    factors = 0.02 * SMOOTH * generator.normal(size=FUNCTIONS)
+    z = x[:, 2:] @ factors + generator.normal(size=len(x))
+    near = np.setdiff1d(np.arange(len(x)), far)
+    z -= x[:, :2] @ np.linalg.lstsq(x[near, :2], z[near])[0]
+    z[far] = 40.0
+    pull = np.minimum(1.0, 2.0 / np.abs(z))
+    sums = summed(x * (pull >= 1)[:, None], z, cluster)._replace(
+        score=summed(x, z * pull, cluster).score,
+        pulled=summed(x * np.sqrt(pull)[:, None], z, cluster).pulled,
+    )
+    free = np.ones(x.shape[1], dtype=bool)
+    told = departure_of(sums, np.zeros(FUNCTIONS), free, np.arange(CLUSTERS), True)
+    assert told.inflation < 1.5

@@ -109,7 +109,7 @@ def at_least(found, low, high):
     assert "at least" in repr(found)
 
 
-@pytest.mark.parametrize("name", ["slow_level_noisy_slip", "tooth_spikes"])
+@pytest.mark.parametrize("name", ["slow_level_noisy_slip", "tooth_spikes", "rolling_rows"])
 def test_a_fault_that_hides_no_peak_leaves_the_truth_in_the_intervals(name):
     found = of_form(name)
     assert answers(found, DRY.mu_max, DRY.slip_opt)
@@ -187,6 +187,29 @@ def test_groups_by_a_column_of_text_differ_and_each_has_its_own_peak(name, by, t
         answer = found.groups[group]
         assert answer.mu_max.low <= mu_max <= answer.mu_max.high, group
         assert answer.slip_opt.low <= slip_opt <= answer.slip_opt.high, group
+
+
+def test_a_group_that_tells_no_peak_by_itself_has_a_veto_and_no_interval(tmp_path):
+    """One group is a curve, in the other adhesion does not depend on slip."""
+    curve, _ = FAULTS["slow_level_noisy_slip"](0)
+    level, _ = FAULTS["independent_of_slip"](0)
+    level["run"] += curve["run"].max()
+    table = pd.concat([curve.assign(surface="rail"), level.assign(surface="mat")])
+    found = aj.identify(table, "kiencke", by="surface")
+    rail, mat = found.groups["rail"], found.groups["mat"]
+    assert not rail.judgement.vetoes
+    assert holds((rail.mu_max.low, rail.mu_max.high), DRY.mu_max)
+    assert np.isnan([*mat.mu_max, *mat.slip_opt]).all()
+    assert "no dependence on slip" in mat.status
+    assert "mat: no answer (These points show no dependence on slip" in unwrapped(found.verdict)
+    found.write(tmp_path)
+    rows = pd.read_csv(tmp_path / "runs.csv").set_index("surface")
+    assert rows.loc["rail", "own_mu_max"] == rail.mu_max.value
+    assert rows.loc["mat", ["own_mu_max", "own_mu_max_lo", "own_slip_opt"]].isna().all()
+    assert rows.loc["mat", "own_status"] == mat.status
+    # An interval under one curve is told where its ends are within a factor of two.
+    told = rows["mu_max_hi"].notna()
+    assert np.all(rows["mu_max_hi"][told] <= 2 * rows["mu_max_lo"][told])
 
 
 def test_a_column_to_compare_by_that_is_absent_is_named():
@@ -302,3 +325,5 @@ def test_the_surfaces_under_a_robot_differ():
     found = of_file("field/robot_surfaces.csv", "surface")
     assert set(found.comparison.table["surface"]) == {"brown", "table"}
     assert found.comparison.changed or found.comparison.bent
+    for group in found.groups.values():
+        assert group.status or group.mu_max.high <= 2 * group.mu_max.low

@@ -6,11 +6,11 @@ import statsmodels.api as sm
 
 from adhesion_jax.curves import CURVES, free_values
 from adhesion_jax.curves.bent import FUNCTIONS
-from adhesion_jax.inference.fit import alike
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.sandwich import COSINES, by_clusters, by_cosines, sandwich
 from adhesion_jax.inference.sums import Sums, sums
 from adhesion_jax.inference.values import Span
+from adhesion_jax.inference.weighing import alike
 
 #: Rows of each cluster: unequal, so that leverage differs.
 SIZES = (3, 9, 4, 7, 5, 12, 6, 3, 8, 5)
@@ -35,8 +35,7 @@ def summed(x, residual, block):
     np.add.at(score, block, x * residual[:, None])
     np.add.at(matrix, block, x[:, :, None] * x[:, None, :])
     squares = np.bincount(block, residual**2)
-    plain = float(residual @ residual)
-    return Sums(0.5 * squares, score, matrix, squares, plain, matrix.sum(axis=0))
+    return Sums(0.5 * squares, score, matrix, squares, residual, matrix.sum(axis=0))
 
 
 def dense(x, penalty):

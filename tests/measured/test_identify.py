@@ -2,29 +2,35 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from unittest.mock import patch
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 from scipy.optimize import least_squares
 
+import adhesion_jax as aj
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.identify import main
 from adhesion_jax.curves import CURVES, physical_box
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.data import SHIPPED, read_measured, to_record
+from adhesion_jax.effects.saved import load_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Status
 from adhesion_jax.inference.law import FittedLaw, peak_of
+from adhesion_jax.inference.rows import arranged
 from adhesion_jax.inference.start import least_squares as start_of
 from adhesion_jax.inference.start import parameters_at
 from adhesion_jax.inference.values import Span
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import residual_structure
 from adhesion_jax.records import Record
+from adhesion_jax.report.measured.figure import draw_measured
 from adhesion_jax.report.measured.words import reasons
 
 SPEED = 10.0
@@ -279,7 +285,8 @@ def test_points_without_a_fall_tell_what_is_reached_at_least(tmp_path):
 def test_a_curve_bends_where_it_misses_the_points(fits, eurosprinter):
     """Coulomb's friction cannot fall: its departure does, and then no structure is left."""
     assert fits["polach"].misfit > 3 * fits["kiencke"].misfit
-    left = residual_structure(fits["polach"], eurosprinter)
+    run = np.zeros(eurosprinter.slip.size, dtype=int)
+    left = residual_structure(fits["polach"], arranged(eurosprinter, run, ()))
     assert abs(left.slope) < 2 * left.slope_se
     assert abs(left.likeness) < 2
     assert left.scatter == pytest.approx(0.0244, abs=0.00005)
@@ -289,6 +296,22 @@ def test_a_curve_bends_where_it_misses_the_points(fits, eurosprinter):
     line, covariance = np.polyfit(slip[behind], adhesion[behind], 1, cov=True)
     ends = fits["polach"].law.at(np.array([0.05, 0.19])).adhesion
     assert abs(np.diff(ends)[0] / 0.14 - line[0]) < 2 * np.sqrt(covariance[0, 0])
+
+
+@pytest.mark.parametrize(("lowest", "words"), [(0.05, "slip ratio (1)"), (0.001, "root scale")])
+def test_the_scale_of_slip_is_even_where_slips_are_of_one_size(lowest, words, tmp_path):
+    slip = np.linspace(lowest, 0.2, 60)
+    record = drawn(CURVES["kiencke"], slip, 0.001, seed=3)
+    found = aj.identify(pd.DataFrame({"slip_ratio": slip, "adhesion": record.adhesion}), "kiencke")
+    shown = {}
+    with patch.object(Figure, "savefig", lambda self, *_, **__: shown.update(figure=self)):
+        level = found.answer.mu_max
+        draw_measured(
+            tmp_path / "x.png", "", found.fits, found.residuals, found.answer, level, level
+        )
+    label = shown["figure"].axes[1].get_xlabel()
+    assert label.endswith(words)
+    assert (shown["figure"].axes[0].get_xscale() == "linear") == (words == "slip ratio (1)")
 
 
 def test_correlation_in_time_is_measured_within_runs():
@@ -449,3 +472,31 @@ def test_a_log_without_an_event_is_refused_and_nothing_written(tmp_path):
     with pytest.raises(InputError, match=r"log.parquet has no slip event: .* --whole\.$"):
         CliRunner().invoke(main, [file, "--out", str(out)], catch_exceptions=False)
     assert not out.exists()
+
+
+def test_the_departure_is_from_the_nearest_curve_of_the_name(fits, eurosprinter):
+    """Its parameters are those of least squares through the law at the slips of the points."""
+    fit = fits["burckhardt"]
+    assert fit.departure.size > 0.1
+    slip = np.asarray(eurosprinter.slip)
+    law = fit.law.at(slip).adhesion
+    start = CURVES["burckhardt"]
+    exact = least_squares(
+        lambda x: FORMULAS["burckhardt"](slip, *x) - law,
+        [start.c1, start.c2, start.c3],
+        x_scale=[0.1, 10.0, 0.1],
+        xtol=1e-14,
+        ftol=1e-14,
+    )
+    np.testing.assert_allclose(fit.parameters, exact.x, rtol=0.02)
+    missed = np.sqrt(2 * exact.cost / np.sum(law**2))
+    assert fit.misfit == pytest.approx(missed, rel=0.02)
+
+
+def test_the_law_that_is_saved_is_the_law_of_the_fit(told, fits):
+    slip = np.linspace(0.0, 0.3, 61)
+    law = load_law(told[0] / "law.json")
+    best = fits[max(fits, key=lambda name: fits[name].log_density)]
+    speed = {"vehicle_speed_mps": best.conditions["vehicle_speed_mps"]}
+    saved = np.asarray(law(jnp.asarray(slip), speed))
+    np.testing.assert_allclose(saved, best.law.at(slip).adhesion, rtol=1e-12)

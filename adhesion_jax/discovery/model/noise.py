@@ -67,8 +67,9 @@ def noise_of(fitted: Fitted, slip: SlipNoise) -> RunNoise:
     inside = setting.problem.points > 0
     slope = slope_of(fitted)[inside] if setting.spread.any() else np.zeros(int(inside.sum()))
     spread = setting.share * setting.spread[inside]
-    row = setting.sigma**2 / setting.problem.points[inside] + (slope * spread) ** 2
-    variance = Variance(setting.sigma, row, spread)
+    relative = 1 / setting.problem.points[inside] + (slope * spread / setting.sigma) ** 2
+    variance = Variance(setting.sigma, relative, spread)
+    slip = slip._replace(sigma=setting.share * slip.sigma)
     rows, error = rows_of(setting.problem), fitted.error[inside]
     return described(rows, error, slope, fitted.adhesion[inside], variance, slip)
 
@@ -97,7 +98,8 @@ def noise_of_rows(
         slope = (predicted(law, moved) - adhesion) / _NUDGE
     error, by_slip = whole.adhesion - adhesion, (slope * spread) ** 2
     sigma = sigma_of(error, runs.worth, by_slip)
-    variance = Variance(sigma, sigma**2 / runs.worth + by_slip, spread)
+    variance = Variance(sigma, 1 / runs.worth + by_slip / sigma**2, spread)
+    slip = slip._replace(sigma=share * slip.sigma)
     return described(rows, error, slope, adhesion, variance, slip)
 
 

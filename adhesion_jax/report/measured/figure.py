@@ -24,6 +24,10 @@ _STYLES = (
 )
 _POINT = "#6b6b6b"
 
+#: The scale of slip is even where the largest tenth begins below this multiple of the end of the
+#: smallest, and a root scale otherwise.
+_OF_ONE_SIZE = 5.0
+
 
 def draw_measured(
     path: Path,
@@ -56,7 +60,10 @@ def draw_measured(
         xlim=(begin, end),
         ylim=(min(0.0, 1.1 * left.adhesion.min()), 1.1 * left.adhesion.max()),
     )
-    root_axis(above, begin, end)  # the panels share it
+    low, high = np.quantile(left.slip, [0.1, 0.9])
+    of_one_size = high < _OF_ONE_SIZE * low
+    if not of_one_size:
+        root_axis(above, begin, end)  # the panels share it
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
 
     below.axhspan(-left.scatter, left.scatter, color="0.9", zorder=0)
@@ -68,7 +75,8 @@ def draw_measured(
         means = running_mean(residuals[name].slip, residuals[name].residual, window)
         below.plot(*means, color=colour, linestyle=line, linewidth=2.2 if rank == 0 else 1.4)
     below.set(
-        xlabel=f"{'slip velocity (m/s)' if best.slip_unit else 'slip ratio (1)'}, root scale",
+        xlabel=("slip velocity (m/s)" if best.slip_unit else "slip ratio (1)")
+        + ("" if of_one_size else ", root scale"),
         ylabel="measured less curve (1)",
         ylim=(-1.1 * np.abs(left.residual).max(), 1.1 * np.abs(left.residual).max()),
     )

@@ -2,15 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
-from adhesion_jax.inference.fit import EXACT, MeasuredFit
+from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.sandwich import COSINES
 from adhesion_jax.inference.slip import SlipNoise
+from adhesion_jax.inference.weighing import EXACT
 from adhesion_jax.measured.answer import Answer
 from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.measured.groups import Group
 from adhesion_jax.measured.residual import Residual
 from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.text import filled
@@ -44,7 +47,7 @@ def verdict(
     slip: SlipNoise,
     runs: int,
     comparisons: Sequence[Comparison],
-    groups: Mapping[str, Answer],
+    groups: Mapping[str, Group],
 ) -> Sections:
     """The verdict in sentences under titles: what forbids an answer comes first.
 
@@ -152,17 +155,18 @@ def _curve_sentences(
 
 
 def _departure_sentence(name: str, fit: MeasuredFit) -> str:
-    """How far the points leave the curve of this name, and where most."""
-    bent = fit.law.bent
+    """How far the points leave the nearest curve of this name, and where most."""
     slip = np.linspace(0.02, 1.0, 50) * fit.law.span.largest
-    departure = np.asarray(bent.departure(slip))
+    alone = np.asarray(fit.curve(jnp.asarray(slip), fit.conditions))
+    departure = (fit.law.at(slip).adhesion - alone) / np.abs(alone).max()
     most = int(np.argmax(np.abs(departure)))
     if abs(departure[most]) < _SLIGHT:
         return f"The points follow {name} itself: no departure from it is seen."
     return (
-        f"The points depart from {name} by {percent(fit.misfit)} (rms), most at slip "
-        f"{slip[most]:.3g}{fit.slip_unit}, where they lie {percent(abs(departure[most]))} "
-        f"{'above' if departure[most] > 0 else 'below'} it; the peak is that of the bent curve."
+        f"The points depart from the nearest curve of {name} by {percent(fit.misfit)} (rms), most "
+        f"at slip {slip[most]:.3g}{fit.slip_unit}, where they lie {percent(abs(departure[most]))} "
+        f"of its largest adhesion {'above' if departure[most] > 0 else 'below'} it; the peak is "
+        "that of the bent curve."
     )
 
 
@@ -262,7 +266,7 @@ def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
     return sentences
 
 
-def _group_sentences(comparison: Comparison, groups: Mapping[str, Answer]) -> list[str]:
+def _group_sentences(comparison: Comparison, groups: Mapping[str, Group]) -> list[str]:
     table, by = comparison.table, comparison.by
     order = np.argsort(table["mu_max"].to_numpy())
     low, high = table.iloc[order[0]], table.iloc[order[-1]]
@@ -277,15 +281,21 @@ def _group_sentences(comparison: Comparison, groups: Mapping[str, Answer]) -> li
         f"(p = {comparison.p_shape:.2g}).",
     ]
     if (comparison.changed or comparison.bent) and by != "branch":
-        each = [
-            f"{name}: {one.mu_max.value:.4f} [{one.mu_max.low:.4f}, {one.mu_max.high:.4f}]"
-            for name, one in groups.items()
-        ]
+        each = [_of_group(name, one) for name, one in groups.items()]
         sentences.append(
             f"One curve for all of {by} is a mean of different rails: use the answer of each"
             + (f", each fitted by itself: {'; '.join(each)}." if each else ".")
         )
     return sentences
+
+
+def _of_group(name: str, group: Group) -> str:
+    level = group.mu_max
+    if group.judgement.vetoes:
+        return f"{name}: no answer ({group.status.rstrip('.')})"
+    if group.judgement.at_least is not None:
+        return f"{name}: at least {level.value:.4f}, no peak is seen"
+    return f"{name}: {level.value:.4f} [{level.low:.4f}, {level.high:.4f}]"
 
 
 def _doubts(
