@@ -294,7 +294,7 @@ def test_a_planting_that_forgets_a_part_cannot_be_made(forgotten):
 
 @pytest.mark.parametrize("form", ["exact", "perturbed"])
 def test_an_effect_that_forgets_how_it_is_planted_is_never_planted_as_nothing(monkeypatch, form):
-    with pytest.raises(InputError, match="no effect 'forgotten'"):
+    with pytest.raises(InputError, match="no way to plant 'forgotten'"):
         simulate(["forgotten"], seed=0, form=form, runs=6, points=20)
     page_without()
     sizes = {"seed": 0, "form": form, "runs": 6, "points": 20}

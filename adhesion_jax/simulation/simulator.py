@@ -182,7 +182,7 @@ def _check(
     random: RandomEffect | None,
 ) -> None:
     for what, asked, known in (
-        ("effect", effects, PLANTABLE),
+        ("way to plant", effects, PLANTABLE),
         ("base curve", (base,), ("auto", *CURVES)),
         ("form", (form,), FORMS),
         ("column of a random effect", () if random is None else random.columns, RANDOM_COLUMNS),
