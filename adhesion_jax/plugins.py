@@ -228,11 +228,7 @@ KINDS: dict[str, Kind] = {
         "an effect",
         "adhesion_jax.effects",
         "Cause",
-        [
-            "adhesion_jax.effects.EFFECTS",
-            "adhesion_jax.effects.KINDS",
-            "adhesion_jax.simulation.plantable.PLANTABLE",
-        ],
+        ["adhesion_jax.effects.EFFECTS", "adhesion_jax.effects.KINDS"],
         _class,
         _TABLES,
     ),

@@ -1,7 +1,6 @@
 """A new effect, curve or method is one file and one line: shown on a copy of the package."""
 
 import ast
-import functools
 import json
 import os
 import re
@@ -14,7 +13,10 @@ import numpy as np
 import pytest
 
 import adhesion_jax
+from adhesion_jax.effects.cause import Scaling
+from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
+from adhesion_jax.simulation.planting import Planting, chosen
 from adhesion_jax.simulation.simulator import simulate
 
 pytestmark = pytest.mark.thorough  # all rest on one process that imports and compiles anew
@@ -37,6 +39,18 @@ def effect_of_page() -> str:
     section = section_of("### A new effect in one file")
     (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     return example
+
+
+def files_of_page() -> tuple[str, str]:
+    """The class, which belongs in effects, and how it is planted, which belongs in simulation."""
+    head, rest = effect_of_page().split("\n\n\n", 1)
+    written, planting = rest.split("\n\n\n", 1)
+    lines = head.splitlines()
+    below = [line for line in lines if "adhesion_jax.simulation" not in line]
+    above = [line for line in lines if "simulation.plantable" not in line]
+    above.append("from adhesion_jax.effects.leaves import Leaves")
+    planting = planting.replace('PLANTABLE["Leaves"] =', "LEAVES =")
+    return "\n".join([*below, "", "", written, ""]), "\n".join([*above, "", "", planting])
 
 
 def identifier_of_page() -> str:
@@ -66,12 +80,20 @@ def told(tmp_path_factory):
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, place)
 
-    (package / "effects" / "leaves.py").write_text(effect_of_page())
+    effect, planting = files_of_page()
+    (package / "effects" / "leaves.py").write_text(effect)
     lines_added(
         package / "effects" / "__init__.py",
         "EFFECTS",
         '"leaves": Leaves,',
         "from adhesion_jax.effects.leaves import Leaves",
+    )
+    (package / "simulation" / "leaves.py").write_text(planting)
+    lines_added(
+        package / "simulation" / "planted_surroundings.py",
+        "SURROUNDINGS",
+        '"leaves": LEAVES,',
+        "from adhesion_jax.simulation.leaves import LEAVES",
     )
     shutil.copy(HERE / "one_file" / "hyperbolic.py", package / "curves")
     lines_added(
@@ -154,7 +176,9 @@ def test_the_law_of_the_report_is_loaded_and_gives_the_same(told):
 
 def test_the_report_speaks_in_the_words_of_the_effect(told):
     report = told["found"]["report"]
-    example = re.findall(r'"([^"]*)"  # for the reader', section_of("### A new effect in one file"))
+    example = re.findall(
+        r'"([^"]*)",  # for the reader', section_of("### A new effect in one file")
+    )
     assert example
     assert example[0] in report
     assert "leaves on the rail" in report.lower()
@@ -195,62 +219,100 @@ def test_the_new_method_is_measured_among_the_others_and_reaches_the_bound(told)
 # --------------------------------------------------------------------------- what is forgotten
 
 
-@functools.cache
-def example() -> ast.Module:
-    return ast.parse(effect_of_page())
+def written() -> ast.ClassDef:
+    (found,) = [part for part in ast.parse(effect_of_page()).body if isinstance(part, ast.ClassDef)]
+    return found
 
 
 def name_of(part: ast.stmt) -> str:
-    return part.name if isinstance(part, ast.FunctionDef) else getattr(part.target, "id", "")
+    if isinstance(part, ast.FunctionDef):
+        return part.name
+    (target,) = part.targets if isinstance(part, ast.Assign) else (part.target,)
+    return target.id
 
 
-def leaves(without: str = ""):
-    """The class of the example, but for one of its declarations."""
+def facts_of(effect: ast.ClassDef) -> ast.Call:
+    (found,) = [part.value for part in effect.body if name_of(part) == "FACTS"]
+    return found
+
+
+def page_without(declared: str = "", fact: str = "") -> dict[str, object]:
+    """What the file of the page defines, but for one declaration of the class or one fact."""
     module = ast.parse(effect_of_page())
-    (written,) = [part for part in module.body if isinstance(part, ast.ClassDef)]
-    kept = [
-        part
-        for part in written.body
-        if isinstance(part, ast.Expr) or not without or name_of(part) != without
-    ]
-    assert (len(kept) < len(written.body)) == bool(without)
-    written.body = kept
+    (effect,) = [part for part in module.body if isinstance(part, ast.ClassDef)]
+    facts = facts_of(effect)
+    facts.keywords = [one for one in facts.keywords if one.arg != fact]
+    effect.body = [part for part in effect.body if name_of(part) != declared]
     space: dict[str, object] = {"__name__": "leaves"}
     exec(compile(module, "leaves.py", "exec"), space)
-    return space["Leaves"]
+    return space
 
 
-DECLARED = [
-    name_of(part)
-    for part in next(part for part in example().body if isinstance(part, ast.ClassDef)).body
-    if not isinstance(part, ast.Expr) and name_of(part) not in ("k", "extra_columns")
-]
+DECLARED = [name_of(part) for part in written().body if name_of(part) != "k"]
+FACTS = [one.arg for one in facts_of(written()).keywords if one.arg != "same_as"]
+
+
+@pytest.fixture(autouse=True)
+def registry(monkeypatch):
+    """The file of the page puts its planting into the registry: for one test alone."""
+    monkeypatch.setitem(PLANTABLE, "Leaves", None)
 
 
 def test_the_example_declares_all_and_is_an_effect():
-    assert float(leaves()(k=0.25).factor(0.0, {"leaf_cover": 0.4})) == pytest.approx(0.9)
-    assert {"FAMILY", "planted", "planted_otherwise", "SEEN_IN", "starts"} < set(DECLARED)
+    leaves = page_without()["Leaves"]
+    assert float(leaves(k=0.25).factor(0.0, {"leaf_cover": 0.4})) == pytest.approx(0.9)
+    assert {"FACTS", "factor", "starts"} == {*DECLARED}
 
 
-@pytest.mark.parametrize("declared", DECLARED)
-def test_an_effect_that_forgets_a_declaration_cannot_be_made(declared):
+@pytest.mark.parametrize("declared", [name for name in DECLARED if name != "FACTS"])
+def test_an_effect_that_forgets_a_method_cannot_be_made(declared):
     with pytest.raises(TypeError, match=rf"abstract[^\n]*\b{declared}\b"):
-        leaves(without=declared)(k=0.1)
+        page_without(declared)["Leaves"](k=0.1)
 
 
-@pytest.mark.parametrize(
-    ("forgotten", "form"),
-    [
-        ("planted", "exact"),
-        ("planted_otherwise", "exact"),
-        ("planted_otherwise", "perturbed"),
-        ("extra_columns", "exact"),
-        ("extra_columns", "perturbed"),
-    ],
-)
-def test_an_effect_that_forgets_how_it_is_planted_is_never_planted_as_nothing(
-    monkeypatch, forgotten, form
-):
-    monkeypatch.setitem(PLANTABLE, "leaves", leaves(without=forgotten))
-    with pytest.raises((TypeError, AttributeError, KeyError)):
-        simulate(["leaves"], seed=0, form=form, runs=6, points=20)
+@pytest.mark.parametrize("fact", FACTS)
+def test_an_effect_that_forgets_a_fact_is_not_even_read(fact):
+    with pytest.raises(TypeError, match=rf"missing[^\n]*'{fact}'"):
+        page_without(fact=fact)
+
+
+def test_an_effect_without_facts_is_not_read_and_cannot_be_made():
+    with pytest.raises(AttributeError, match="FACTS"):
+        page_without("FACTS")
+    with pytest.raises(TypeError, match=r"abstract[^\n]*FACTS"):
+        type("Bare", (Scaling,), {"factor": None, "starts": None})()
+
+
+@pytest.mark.parametrize("forgotten", ["otherwise", "seen_in"])
+def test_a_planting_that_forgets_a_part_cannot_be_made(forgotten):
+    page_without()
+    parts = PLANTABLE["Leaves"]._asdict()
+    del parts[forgotten]
+    with pytest.raises(TypeError, match=forgotten):
+        Planting(**parts)
+
+
+@pytest.mark.parametrize("form", ["exact", "perturbed"])
+def test_an_effect_that_forgets_how_it_is_planted_is_never_planted_as_nothing(monkeypatch, form):
+    with pytest.raises(InputError, match="no way to plant 'forgotten'"):
+        simulate(["forgotten"], seed=0, form=form, runs=6, points=20)
+    page_without()
+    sizes = {"seed": 0, "form": form, "runs": 6, "points": 20}
+    assert simulate(["Leaves"], **sizes).truth == ("Leaves",)
+    monkeypatch.setitem(PLANTABLE, "Leaves", PLANTABLE["Leaves"]._replace(extra=chosen()))
+    with pytest.raises(KeyError, match="leaf_cover"):
+        simulate(["Leaves"], **sizes)
+
+
+def test_the_example_passes_the_types_of_the_project(tmp_path):
+    (tmp_path / "leaves.py").write_text(effect_of_page())
+    settings = ("--config-file", PAGE.parents[1] / "pyproject.toml", "--cache-dir", tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", *settings, tmp_path / "leaves.py"],
+        cwd=PAGE.parents[1],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=400,
+    )
+    assert done.returncode == 0, done.stdout

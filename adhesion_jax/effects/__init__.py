@@ -98,5 +98,7 @@ def kind_of(effect: Effect) -> str:
 def family_of(name: str) -> str:
     """The family of a cause, or of what says the same as one by another name; else the name."""
     if name in EFFECTS:
-        return EFFECTS[name].FAMILY
-    return next((cause.FAMILY for cause in EFFECTS.values() if name in cause.SAME_AS), name)
+        return EFFECTS[name].FACTS.family
+    return next(
+        (cause.FACTS.family for cause in EFFECTS.values() if name in cause.FACTS.same_as), name
+    )

@@ -2,6 +2,9 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -9,48 +12,65 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Parameter
 
+#: Arrays of one shape in a function: those of a steady state, or of the points of a run.
+Signal = Float[Array, "*shape"]
+
+#: The same in time order, and one sample.
+Points = Float[Array, " points"]
+Value = Float[Array, ""]
+
+#: What combines with them: of their shape, or one number for all.
+Values = Float[Array, "..."]
+
 #: The conditions of all measured points, by column, flat: what a grid of starts is laid over.
 Columns = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """The formula of an effect and what must be known of it to fit and to tell it.
+
+    `described` says unit, lower and upper bound and meaning of the numeric fields, in their order.
+    Those of `strengths` are zero where there is no effect; those of `references` are no parameters
+    to be found but the median of a column, so that the law below keeps its meaning.
+    `needs` names the columns without which the effect cannot be evaluated.
+    `phrase` names the effect within a sentence, with {} for its columns where it is a form over any
+    column; `formula` is its equation for the reader, l the slip and mu the law below.
+    """
+
+    source: str
+    described: Mapping[str, tuple[str, float, float, str]]
+    strengths: tuple[str, ...]
+    references: Mapping[str, str] = field(default_factory=dict)
+    needs: tuple[str, ...] = ()
+    formula: str
+    phrase: str
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {name: Parameter(*one, self.source) for name, one in self.described.items()}
 
 
 class Effect(eqx.Module):
     """One effect on top of any law: law(slip) becomes after(law(before(slip))).
 
-    The numeric fields are its parameters, described by PARAMETERS in their order. Those of
-    STRENGTHS are zero where there is no effect; those of REFERENCES are no parameters to be
-    found but the median of a column, so that the law below keeps its meaning.
-    NEEDS names the columns without which the effect cannot be evaluated. ORDER sorts the effects
-    of a law: those that bend the slip are applied first (0), those of the signals last (2). Only
-    effects of order 0 may bend the slip.
-    PHRASE names the effect within a sentence, with {} for its columns where it is a form over any
-    column; FORMULA is its equation for the reader, l the slip and mu the law below.
+    ORDER sorts the effects of a law: those that bend the slip are applied first (0), those of the
+    signals last (2). Only effects of order 0 may bend the slip.
 
     Conditions are those of one run in the order of time, arrays [points]; effects that act in
     time need `time_s`. Where `time_s` is absent or a scalar, they are in their steady state.
     """
 
-    PARAMETERS: eqx.AbstractClassVar[Mapping[str, Parameter]]
-    STRENGTHS: eqx.AbstractClassVar[tuple[str, ...]]
-    REFERENCES: eqx.AbstractClassVar[Mapping[str, str]]
-    NEEDS: eqx.AbstractClassVar[tuple[str, ...]]
-    ORDER: eqx.AbstractClassVar[int]
-    PHRASE: eqx.AbstractClassVar[str]
-    FORMULA: eqx.AbstractClassVar[str]
+    FACTS: eqx.AbstractClassVar[Form]
+    ORDER: ClassVar[int] = 1
 
-    @abstractmethod
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def before(self, slip: Signal, conditions: Conditions) -> Signal:
         """The slip at which the law below is evaluated."""
+        return slip
 
-    @abstractmethod
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
+    def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         """The adhesion with the effect, from that of the law below; `slip` is the measured one."""
+        return adhesion
 
     @classmethod
     @abstractmethod

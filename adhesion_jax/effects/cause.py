@@ -1,53 +1,57 @@
 """The contract of a physical cause: an effect, and what the package needs to know about it."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.effects.base import Effect
-from adhesion_jax.effects.planting import Plantable
+from adhesion_jax.effects.base import Effect, Form, Signal, Values
 
 
-class Cause(Effect, Plantable):
-    """A physical cause; its class declares everything that other modules ask about it.
+@dataclass(frozen=True, kw_only=True)
+class Facts(Form):
+    """Everything that other modules ask about a physical cause.
 
-    SENTENCE tells what the cause does. RESTS_ON names the columns that a claim of it rests on,
-    slip_ratio among them where it is a function of the slip. OF_SLIP_ALONE: it is a function
-    of nothing else, an error of a signal that hardly any data tell from another shape of the
-    curve. SCREENED: it is looked for among the candidates of the search, rather than
-    by a test of its own.
+    `sentence` tells what the cause does. `family` is shared by causes whose formulas resemble each
+    other: a second one of a family that adds little is a matter of form. `rests_on` names the
+    columns that a claim of it rests on, slip_ratio among them where it is a function of the slip;
+    by default those that it needs. `same_as` holds the names that say the same: a plain column, a
+    wave along a column, or a cause that no data can tell from it; one that ends in a colon stands
+    for all that begin with it. `of_slip_alone`: it is a function of nothing else, an error of a
+    signal that hardly any data tell from another shape of the curve. `screened`: it is looked for
+    among the candidates of the search, rather than by a test of its own. `driven_by` is the column
+    whose step shows a memory: the slip ratio, or one that is set from zero to one.
     """
 
-    SENTENCE: eqx.AbstractClassVar[str]
-    RESTS_ON: eqx.AbstractClassVar[tuple[str, ...]]
-    OF_SLIP_ALONE: ClassVar[bool] = False
-    SCREENED: ClassVar[bool] = True
+    needs: tuple[str, ...] = field()  # none must be said, too
+    sentence: str
+    family: str
+    rests_on: tuple[str, ...] = ()
+    same_as: tuple[str, ...] = ()
+    of_slip_alone: bool = False
+    screened: bool = True
+    driven_by: str = "slip_ratio"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rests_on", self.rests_on or self.needs)
+
+
+class Cause(Effect):
+    """A physical cause; FACTS declares everything that other modules ask about it."""
+
+    FACTS: eqx.AbstractClassVar[Facts]
 
 
 class Scaling(Cause):
     """A cause that only scales adhesion: mu factor."""
 
-    ORDER: ClassVar[int] = 1
-
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
-        return slip
-
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
+    def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         return adhesion * self.factor(slip, conditions)
 
     @abstractmethod
-    def factor(self, slip: Float[Array, "*shape"], conditions: Conditions) -> Float[Array, "..."]:
+    def factor(self, slip: Values, conditions: Conditions) -> Values:
         """The factor on adhesion."""
 
 
@@ -56,52 +60,14 @@ class Bending(Cause):
 
     ORDER: ClassVar[int] = 0
 
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
-        return adhesion
+    @abstractmethod
+    def before(self, slip: Signal, conditions: Conditions) -> Signal:
+        """The slip at which the law below is evaluated."""
 
 
 class Changing(Cause):
     """A cause that leaves the slip and changes adhesion by more than a factor: after(mu)."""
 
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
-        return slip
-
-
-class Remembering(Cause):
-    """A cause with a memory, which a plant advances sample by sample.
-
-    `init` is told the first sample of a run, `step` every sample from the first on; conditions
-    are scalars with `time_s`. Over a run it gives what `after` gives; where `after` looks a sample
-    ahead, for a rate, to the first order in the time between two samples. DRIVEN_BY is the column
-    whose step shows it: the slip ratio, or one that is set from zero to one.
-    """
-
-    DRIVEN_BY: eqx.AbstractClassVar[str]
-
     @abstractmethod
-    def init(
-        self, adhesion: Float[Array, ""], slip: Float[Array, ""], conditions: Conditions
-    ) -> Any:
-        """The memory at the start of a run."""
-
-    @abstractmethod
-    def step(
-        self,
-        memory: Any,
-        adhesion: Float[Array, ""],
-        slip: Float[Array, ""],
-        conditions: Conditions,
-    ) -> tuple[Any, Float[Array, ""]]:
-        """The memory after one more sample, and the adhesion of that sample."""
-
-
-def now(conditions: Conditions) -> Float[Array, ""]:
-    """Time of a sample, s."""
-    return jnp.asarray(conditions["time_s"])
+    def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
+        """The adhesion with the effect, from that of the law below; `slip` is the measured one."""

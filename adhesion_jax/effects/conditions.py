@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from adhesion_jax.curves import Conditions, Scalar
+from adhesion_jax.effects.base import Signal
 from adhesion_jax.effects.history import has_history, smoothed
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
@@ -45,7 +46,7 @@ def calendar_of(record: Record) -> Calendar:
 
 
 def completed(
-    slip: Float[Array, "*shape"], measured: Conditions, calendar: Calendar
+    slip: Signal, measured: Conditions, calendar: Calendar
 ) -> Mapping[str, Float[Array, "..."]]:
     """The conditions of one run, or one steady state, with those that follow from them."""
     conditions = {name: jnp.asarray(values) for name, values in measured.items()}

@@ -1,18 +1,11 @@
 """A column without a formula of its own, taken as linear."""
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.effects.base import Columns
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
 from adhesion_jax.effects.shape import ShapeTerm
-
-_SOURCE = "first term of any smooth dependence"
 
 
 class Covariate(ShapeTerm):
@@ -23,19 +16,20 @@ class Covariate(ShapeTerm):
     scale: Scalar
     column: str = eqx.field(static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "k": Parameter("1", -3.0, 3.0, "change of g per standard deviation of the column", _SOURCE),
-        "reference": Parameter("column", -1e12, 1e12, "value at which nothing changes", _SOURCE),
-        "scale": Parameter("column", 1e-12, 1e12, "unit of the change", _SOURCE),
-    }
-    STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
-    REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "column", "scale": "column"}
-    FORMULA: ClassVar[str] = (
-        "g = k (z - z0)/s, z any column, z0 its median and s its standard deviation"
+    FACTS = Form(
+        source="first term of any smooth dependence",
+        described={
+            "k": ("1", -3.0, 3.0, "change of g per standard deviation of the column"),
+            "reference": ("column", -1e12, 1e12, "value at which nothing changes"),
+            "scale": ("column", 1e-12, 1e12, "unit of the change"),
+        },
+        strengths=("k",),
+        references={"reference": "column", "scale": "column"},
+        formula="g = k (z - z0)/s, z any column, z0 its median and s its standard deviation",
+        phrase="a dependence on {}",
     )
-    PHRASE: ClassVar[str] = "a dependence on {}"
 
-    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+    def log_factor(self, conditions: Conditions) -> Values:
         return jnp.asarray(self.k * (conditions[self.column] - self.reference) / self.scale)
 
     @classmethod
@@ -43,7 +37,7 @@ class Covariate(ShapeTerm):
         return np.linspace(-1.5, 1.5, 6)[:, None]
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
         return [
             cls(k=0.02, reference=float(np.median(z)), scale=float(np.std(z)), column=name)
             for name, z in columns.items()

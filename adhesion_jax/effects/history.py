@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from adhesion_jax.curves import Conditions, Scalar
+from adhesion_jax.effects.base import Points, Signal, Value, Values
 
 
 def has_history(conditions: Conditions) -> bool:
@@ -14,14 +15,16 @@ def has_history(conditions: Conditions) -> bool:
     return "time_s" in conditions and jnp.ndim(conditions["time_s"]) == 1
 
 
-def steps(conditions: Conditions) -> Float[Array, " points"]:
+def steps(conditions: Conditions) -> Points:
     """Seconds from the point before, zero at the first."""
     time = jnp.asarray(conditions["time_s"])
     return jnp.diff(time, prepend=time[:1])
 
 
-def rate(signal: Float[Array, " points"], conditions: Conditions) -> Float[Array, " points"]:
-    """Central difference in time, per second; zero where time stands still."""
+def rate(signal: Signal, conditions: Conditions) -> Signal:
+    """Central difference in time, per second; zero where time stands still or nothing changes."""
+    if not has_history(conditions):
+        return jnp.zeros_like(signal)
     time = jnp.asarray(conditions["time_s"])
     before = jnp.concatenate([signal[:1], signal[:-1]])
     behind = jnp.concatenate([signal[1:], signal[-1:]])
@@ -29,9 +32,7 @@ def rate(signal: Float[Array, " points"], conditions: Conditions) -> Float[Array
     return jnp.where(span > 0, (behind - before) / jnp.where(span > 0, span, 1.0), 0.0)
 
 
-def recurrence(
-    kept: Float[Array, " points"], drive: Float[Array, " points"]
-) -> Float[Array, " points"]:
+def recurrence(kept: Points, drive: Points) -> Points:
     """y(k) = kept(k) y(k-1) + drive(k), y(-1) = 0."""
     return jax.lax.scan(_step, jnp.zeros(()), (kept, drive))[1]
 
@@ -42,16 +43,14 @@ def _step(state: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
     return state, state
 
 
-def lagged(
-    signal: Float[Array, " points"],
-    time_constant: Float[Array, "*points"],
-    conditions: Conditions,
-) -> Float[Array, " points"]:
-    """First-order lag T y' + y = signal, the signal a straight line between points.
+def lagged(signal: Signal, time_constant: Values | Scalar, conditions: Conditions) -> Signal:
+    """First-order lag T y' + y = signal, the signal a straight line between points; T in s.
 
     The exact response to a ramp: y(k) = a y(k-1) + (g - a) s(k-1) + (1 - g) s(k), with
-    a = exp(-dt/T), g = (1 - a) T/dt. It starts settled.
+    a = exp(-dt/T), g = (1 - a) T/dt. It starts settled, and is so in a steady state.
     """
+    if not has_history(conditions):
+        return signal
     # A tiny constant is added, rather than a maximum taken, so that the derivative by a time
     # constant of zero is its limit from above.
     kept, gain = _response(steps(conditions) / (time_constant + 1e-12))
@@ -64,31 +63,29 @@ def lagged(
 class Filtered(NamedTuple):
     """A first-order lag between two samples."""
 
-    time: Float[Array, ""]  # s
-    value: Float[Array, ""]
-    signal: Float[Array, ""]
+    time: Value  # s
+    value: Value
+    signal: Value
 
 
-def filtered(
-    before: Filtered, signal: Float[Array, ""], time_constant: Scalar, time: Float[Array, ""]
-) -> Filtered:
+def filtered(before: Filtered, signal: Value, time_constant: Scalar, time: Value) -> Filtered:
     """The lag one sample on: `lagged`, step by step."""
     kept, gain = _response((time - before.time) / (time_constant + 1e-12))
     value = kept * before.value + (gain - kept) * before.signal + (1 - gain) * signal
     return Filtered(time, value, signal)
 
 
-def _response(ratio: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+def _response(ratio: Values) -> tuple[Values, Values]:
     """exp(-r) and (1 - exp(-r))/r."""
     small = ratio < 1e-4
     gain = jnp.where(small, 1 - ratio / 2, -jnp.expm1(-ratio) / jnp.where(small, 1.0, ratio))
     return jnp.exp(-ratio), gain
 
 
-def shifted(
-    signal: Float[Array, " points"], delay: Float[Array, ""], conditions: Conditions
-) -> Float[Array, " points"]:
-    """signal(t - delay), a straight line between points, held at the ends of the run."""
+def shifted(signal: Signal, delay: Scalar, conditions: Conditions) -> Signal:
+    """signal(t - delay), a straight line between points, held at the ends; a steady state stays."""
+    if not has_history(conditions):
+        return signal
     time = jnp.asarray(conditions["time_s"])
     return jnp.interp(time - delay, time, signal)
 
@@ -97,9 +94,7 @@ def shifted(
 _REACH = 12
 
 
-def smoothed(
-    signal: Float[Array, " points"], time: Float[Array, " points"], width: Scalar
-) -> tuple[Float[Array, " points"], Float[Array, " points"]]:
+def smoothed(signal: Points, time: Points, width: Scalar) -> tuple[Points, Points]:
     """Level and slope of a local straight line, neighbours weighted by exp(-(dt/width)^2/2).
 
     At most twelve neighbours on either side take part; beyond the ends of the run there are none.

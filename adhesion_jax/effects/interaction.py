@@ -1,18 +1,11 @@
 """Two columns whose joint influence is more than a plain product."""
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
-
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.effects.base import Columns
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
 from adhesion_jax.effects.shape import ShapeTerm
 from adhesion_jax.effects.two_columns import ENDS, REFERENCES, at_corners, legendre, pairs
-
-_SOURCE = "mixed terms of any smooth dependence up to the second degree in each column"
 
 
 class Interaction(ShapeTerm):
@@ -32,22 +25,23 @@ class Interaction(ShapeTerm):
     first: str = eqx.field(static=True)
     second: str = eqx.field(static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        **{
-            f"k{i}{j}": Parameter("1", -9.0, 9.0, f"weight of degrees {i} and {j}", _SOURCE)
-            for i in (1, 2)
-            for j in (1, 2)
+    FACTS = Form(
+        source="mixed terms of any smooth dependence up to the second degree in each column",
+        described={
+            **{
+                f"k{i}{j}": ("1", -9.0, 9.0, f"weight of degrees {i} and {j}")
+                for i in (1, 2)
+                for j in (1, 2)
+            },
+            **ENDS,
         },
-        **ENDS,
-    }
-    STRENGTHS: ClassVar[tuple[str, ...]] = ("k11", "k12", "k21", "k22")
-    REFERENCES: ClassVar[Mapping[str, str]] = REFERENCES
-    FORMULA: ClassVar[str] = (
-        "g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials"
+        strengths=("k11", "k12", "k21", "k22"),
+        references=REFERENCES,
+        formula="g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials",
+        phrase="a joint dependence on {}",
     )
-    PHRASE: ClassVar[str] = "a joint dependence on {}"
 
-    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+    def log_factor(self, conditions: Conditions) -> Values:
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
         v, v2 = legendre(conditions[self.second], self.second_low, self.second_high)
         return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
@@ -57,5 +51,5 @@ class Interaction(ShapeTerm):
         return at_corners((1, 1), (1, 2), (2, 1), (2, 2))
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence["Interaction"]:
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
         return [cls(0.02, 0.0, 0.0, 0.0, *pair) for pair in pairs(columns)]

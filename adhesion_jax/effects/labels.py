@@ -1,18 +1,13 @@
 """A column of labels: names, or numbers that are names."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.effects.base import Columns
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
 from adhesion_jax.effects.shape import ShapeTerm
-
-_SOURCE = "one level a label, shrunk towards that of all: Laird and Ware 1982, Biometrics 38:963"
 
 #: Most labels of a column.
 MOST = 12
@@ -53,22 +48,22 @@ class Labels(ShapeTerm):
     label12: Scalar
     column: str = eqx.field(static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        **{
-            f"k{j}": Parameter("1", -50.0, 50.0, f"change of g at label {j}", _SOURCE)
-            for j in range(1, MOST + 1)
+    FACTS = Form(
+        source="one level a label, shrunk towards that of all: Laird and Ware 1982, Biometrics "
+        "38:963",
+        described={
+            **{
+                f"k{j}": ("1", -50.0, 50.0, f"change of g at label {j}") for j in range(1, MOST + 1)
+            },
+            **{f"label{j}": ("column", -1e12, 1e12, f"label {j}") for j in range(1, MOST + 1)},
         },
-        **{
-            f"label{j}": Parameter("column", -1e12, 1e12, f"label {j}", _SOURCE)
-            for j in range(1, MOST + 1)
-        },
-    }
-    STRENGTHS: ClassVar[tuple[str, ...]] = tuple(f"k{j}" for j in range(1, MOST + 1))
-    REFERENCES: ClassVar[Mapping[str, str]] = {f"label{j}": "column" for j in range(1, MOST + 1)}
-    FORMULA: ClassVar[str] = "g = k_j where the column has the label j"
-    PHRASE: ClassVar[str] = "a level of its own for each label of {}"
+        strengths=tuple(f"k{j}" for j in range(1, MOST + 1)),
+        references={f"label{j}": "column" for j in range(1, MOST + 1)},
+        formula="g = k_j where the column has the label j",
+        phrase="a level of its own for each label of {}",
+    )
 
-    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+    def log_factor(self, conditions: Conditions) -> Values:
         z = jnp.asarray(conditions[self.column])
         terms = [
             getattr(self, f"k{j}") * (z == getattr(self, f"label{j}")) for j in range(1, MOST + 1)
@@ -80,9 +75,9 @@ class Labels(ShapeTerm):
         return np.eye(MOST)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
         """One for each column of three labels or more: two are those of a line."""
-        found = []
+        found: list[ShapeTerm] = []
         for name, z in columns.items():
             names = labels_of(z)
             if len(names) > 2:

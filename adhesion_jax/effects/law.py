@@ -5,13 +5,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar
 from adhesion_jax.curves.peak import find_peak
-from adhesion_jax.effects.base import Effect
-from adhesion_jax.effects.cause import Remembering
+from adhesion_jax.effects.base import Effect, Signal, Value
 from adhesion_jax.effects.conditions import Calendar, completed
+from adhesion_jax.effects.remembering import Remembering
 from adhesion_jax.effects.shape import exponents_of, shaped
 from adhesion_jax.effects.slip_noise import SlipNoise
 
@@ -32,9 +31,7 @@ class CorrectedLaw(Law):
     ranges: Mapping[str, tuple[Scalar, Scalar]]
     calendar: Calendar = eqx.field(static=True)
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         # Conditions that depend on the slip are computed from the expected slip.
         for effect in self.effects:
             if isinstance(effect, SlipNoise):
@@ -42,13 +39,11 @@ class CorrectedLaw(Law):
         others = tuple(effect for effect in self.effects if not isinstance(effect, SlipNoise))
         return with_effects(self.curve, others, slip, self._seen(slip, conditions))
 
-    def init(self, slip: Float[Array, ""], conditions: Conditions) -> Memory:
+    def init(self, slip: Value, conditions: Conditions) -> Memory:
         """What the effects remember at the first sample of a run, for `step`."""
         return self._advanced(None, slip, conditions)[0]
 
-    def step(
-        self, memory: Memory, slip: Float[Array, ""], conditions: Conditions
-    ) -> tuple[Memory, Float[Array, ""]]:
+    def step(self, memory: Memory, slip: Value, conditions: Conditions) -> tuple[Memory, Value]:
         """The memory after one more sample, the first included, and its adhesion.
 
         Conditions are scalars. Over the samples of a run it gives what a call with the whole run
@@ -59,8 +54,8 @@ class CorrectedLaw(Law):
         return self._advanced(memory, slip, conditions)
 
     def _advanced(
-        self, memory: Memory | None, slip: Float[Array, ""], conditions: Conditions
-    ) -> tuple[Memory, Float[Array, ""]]:
+        self, memory: Memory | None, slip: Value, conditions: Conditions
+    ) -> tuple[Memory, Value]:
         seen = self._seen(slip, conditions)
         effects = [effect for effect in self.effects if not isinstance(effect, SlipNoise)]
         effects.sort(key=lambda effect: effect.ORDER)
@@ -75,7 +70,7 @@ class CorrectedLaw(Law):
             after.append(remembered)
         return tuple(after), adhesion
 
-    def _seen(self, slip: Float[Array, "*shape"], conditions: Conditions) -> Conditions:
+    def _seen(self, slip: Signal, conditions: Conditions) -> Conditions:
         """The conditions, those that follow from them, and none outside the ranges."""
         whole = completed(slip, conditions, self.calendar)
         return {
@@ -88,11 +83,8 @@ class CorrectedLaw(Law):
 
 
 def with_effects(
-    curve: Law,
-    effects: tuple[Effect, ...],
-    slip: Float[Array, "*shape"],
-    conditions: Conditions,
-) -> Float[Array, "*shape"]:
+    curve: Law, effects: tuple[Effect, ...], slip: Signal, conditions: Conditions
+) -> Signal:
     """Adhesion of the curve under the effects, applied from the contact outwards."""
     inner_first = sorted(effects, key=lambda effect: effect.ORDER)
     adhesion = _at_contact(curve, inner_first, slip, conditions)
@@ -102,11 +94,8 @@ def with_effects(
 
 
 def _at_contact(
-    curve: Law,
-    inner_first: Sequence[Effect],
-    slip: Float[Array, "*shape"],
-    conditions: Conditions,
-) -> Float[Array, "*shape"]:
+    curve: Law, inner_first: Sequence[Effect], slip: Signal, conditions: Conditions
+) -> Signal:
     """The curve at the slip that the effects have bent, its shape bent by those on columns."""
     bent = slip
     for effect in reversed(inner_first):

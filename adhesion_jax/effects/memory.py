@@ -1,19 +1,12 @@
 """A column that acts with a memory."""
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.effects.base import Columns
-from adhesion_jax.effects.history import has_history, lagged
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
+from adhesion_jax.effects.history import lagged
 from adhesion_jax.effects.shape import ShapeTerm
-
-_SOURCE = "first-order lag"
 
 
 class Memory(ShapeTerm):
@@ -28,21 +21,22 @@ class Memory(ShapeTerm):
     scale: Scalar
     column: str = eqx.field(static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "k": Parameter("1", -3.0, 3.0, "change of g per standard deviation of the column", _SOURCE),
-        "time_constant": Parameter("s", 1e-3, 1e4, "time constant of the memory", _SOURCE),
-        "reference": Parameter("column", -1e12, 1e12, "value at which nothing changes", _SOURCE),
-        "scale": Parameter("column", 1e-12, 1e12, "unit of the change", _SOURCE),
-    }
-    STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
-    REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "column", "scale": "column"}
-    FORMULA: ClassVar[str] = "g = k (y - z0)/s, T y' + y = z, z any column, z0 its median"
-    PHRASE: ClassVar[str] = "a dependence on {} with a memory"
+    FACTS = Form(
+        source="first-order lag",
+        described={
+            "k": ("1", -3.0, 3.0, "change of g per standard deviation of the column"),
+            "time_constant": ("s", 1e-3, 1e4, "time constant of the memory"),
+            "reference": ("column", -1e12, 1e12, "value at which nothing changes"),
+            "scale": ("column", 1e-12, 1e12, "unit of the change"),
+        },
+        strengths=("k",),
+        references={"reference": "column", "scale": "column"},
+        formula="g = k (y - z0)/s, T y' + y = z, z any column, z0 its median",
+        phrase="a dependence on {} with a memory",
+    )
 
-    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
-        z = jnp.asarray(conditions[self.column])
-        time = jnp.asarray(self.time_constant)
-        seen = lagged(z, time, conditions) if has_history(conditions) else z
+    def log_factor(self, conditions: Conditions) -> Values:
+        seen = lagged(jnp.asarray(conditions[self.column]), self.time_constant, conditions)
         return jnp.asarray(self.k * (seen - self.reference) / self.scale)
 
     @classmethod
@@ -50,7 +44,7 @@ class Memory(ShapeTerm):
         return np.linspace(-1.5, 1.5, 6)[:, None]
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
         return [
             cls(0.02, time, float(np.median(z)), float(np.std(z)), column=name)
             for name, z in columns.items()

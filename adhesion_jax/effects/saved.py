@@ -72,7 +72,7 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         return CorrectedLaw(
             base,
             tuple(
-                kind(**_numbers(kind.PARAMETERS, effect))
+                kind(**_numbers(kind.FACTS.parameters, effect))
                 for kind, effect in zip(kinds, effects, strict=True)
             ),
             {name: _range(*ends) for name, ends in saved["ranges"].items()},

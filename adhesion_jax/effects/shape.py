@@ -3,7 +3,6 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.effects.base import Columns, Effect
+from adhesion_jax.effects.base import Columns, Effect, Signal, Values
 
 #: What a term may act on, in the order in which programs number them.
 ACTS_ON = ("level", "slip", "fall", "offset", "shift")
@@ -37,35 +36,19 @@ class ShapeTerm(Effect):
 
     acts_on: str = eqx.field(static=True, default="level", kw_only=True)
 
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    ORDER: ClassVar[int] = 1
-
     @classmethod
     @abstractmethod
     def at_places(cls) -> np.ndarray:
         """What each strength adds to g at places spread over the columns, [places, strengths]."""
 
     @abstractmethod
-    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+    def log_factor(self, conditions: Conditions) -> Values:
         """The function g, of the shape of the columns."""
 
     @classmethod
     @abstractmethod
     def starts(cls, columns: Columns) -> Sequence["ShapeTerm"]:
         """Terms to try first, on the level."""
-
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
-        return slip
-
-    def after(
-        self,
-        adhesion: Float[Array, "*shape"],
-        slip: Float[Array, "*shape"],
-        conditions: Conditions,
-    ) -> Float[Array, "*shape"]:
-        return adhesion
 
 
 @cache
@@ -76,10 +59,8 @@ def prior_precision(kind: type[ShapeTerm]) -> np.ndarray:
 
 
 def shaped(
-    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
-    slip: Float[Array, "*shape"],
-    exponents: Mapping[str, Float[Array, "..."]],
-) -> Float[Array, "*shape"]:
+    curve: Callable[[Values], Values], slip: Signal, exponents: Mapping[str, Values]
+) -> Signal:
     """The curve under the sums g of its terms, by what they act on; what is absent is zero."""
     bent = slip * jnp.exp(exponents["slip"]) if "slip" in exponents else slip
     bent = bent + exponents["shift"] if "shift" in exponents else bent
@@ -90,9 +71,7 @@ def shaped(
     return adhesion + exponents["offset"] if "offset" in exponents else adhesion
 
 
-def peak_slips(
-    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]], like: Float[Array, "*shape"]
-) -> Float[Array, "*shape"]:
+def peak_slips(curve: Callable[[Values], Values], like: Signal) -> Signal:
     """Where the curve has its peak, of the shape of its conditions; infinity where it has none.
 
     The derivative of mu_max by a parameter is that at the place of the peak, which is itself taken
@@ -114,21 +93,19 @@ def peak_slips(
 
 
 def fallen(
-    curve: Callable[[Float[Array, "..."]], Float[Array, "..."]],
-    slip: Float[Array, "*shape"],
-    adhesion: Float[Array, "*shape"],
-    exponent: Float[Array, "..."],
-    peak: Float[Array, "*shape"],
-) -> Float[Array, "*shape"]:
+    curve: Callable[[Values], Values],
+    slip: Signal,
+    adhesion: Signal,
+    exponent: Values,
+    peak: Signal,
+) -> Signal:
     """Beyond the slip of the peak mu_max - (mu_max - mu) exp(g); without a peak as it is."""
     highest = jnp.sign(slip) * curve(jnp.minimum(peak, _SLIPS[-1]))
     deeper = highest - (highest - adhesion) * jnp.exp(exponent)
     return jnp.where(jnp.abs(slip) > peak, deeper, adhesion)
 
 
-def exponents_of(
-    effects: Sequence[Effect], conditions: Conditions
-) -> dict[str, Float[Array, "..."]]:
+def exponents_of(effects: Sequence[Effect], conditions: Conditions) -> dict[str, Values]:
     """The sums of the terms among some effects, by what they act on."""
     sums: dict[str, Float[Array, ...]] = {}
     for effect in effects:

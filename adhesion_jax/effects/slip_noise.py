@@ -1,24 +1,28 @@
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.effects.base import Columns, Effect
-from adhesion_jax.effects.cause import Bending
+from adhesion_jax.effects.api import (
+    Bending,
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+    Values,
+)
+from adhesion_jax.effects.base import Points
 from adhesion_jax.effects.history import has_history
-from adhesion_jax.effects.planting import CleanRuns, Plan, Planted, unchanged
 
 #: Multiples of the roughness of the whole run that a part of it may have; the roughness at a point
 #: is estimated from `_AROUND` points on either side of it.
 _ROUGHER = 4.0 ** np.arange(-5, 2)
 _AROUND = 12
-
-_SOURCE = "Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter 4"
 
 
 class SlipNoise(Bending):
@@ -37,83 +41,42 @@ class SlipNoise(Bending):
     roughness: Scalar
     falls_with: str = eqx.field(static=True, default="")
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "sigma": Parameter("1 or m/s", 0.0, 10.0, "noise of the slip, or of a speed", _SOURCE),
-        "roughness": Parameter("1/s^1.5", 1e-9, 1e6, "change of the rate of slip", _SOURCE),
-    }
-    STRENGTHS: ClassVar[tuple[str, ...]] = ("sigma",)
-    REFERENCES: ClassVar[Mapping[str, str]] = {}
-    NEEDS: ClassVar[tuple[str, ...]] = ("time_s",)
-    SENTENCE: ClassVar[str] = (
-        "The slip signal is noisy: the true slip is estimated from neighbouring points in time."
+    FACTS = Facts(
+        source="Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter 4",
+        described={
+            "sigma": ("1 or m/s", 0.0, 10.0, "noise of the slip, or of a speed"),
+            "roughness": ("1/s^1.5", 1e-9, 1e6, "change of the rate of slip"),
+        },
+        strengths=("sigma",),
+        needs=("time_s",),
+        sentence="The slip signal is noisy: the true slip is estimated from neighbouring points "
+        "in time.",
+        formula="mu(E[l]), E[l] the slip to be expected where white noise is on the signal of the "
+        "wheel speed",
+        phrase="noise in the slip signal",
+        family="slip_noise",
+        rests_on=("slip_ratio",),
+        screened=False,
     )
-    FORMULA: ClassVar[str] = (
-        "mu(E[l]), E[l] the slip to be expected where white noise is on the signal of the "
-        "wheel speed"
-    )
-    PHRASE: ClassVar[str] = "noise in the slip signal"
-    FAMILY: ClassVar[str] = "slip_noise"
-    RESTS_ON: ClassVar[tuple[str, ...]] = ("slip_ratio",)
-    SAME_AS: ClassVar[tuple[str, ...]] = ()
-    SEEN_IN: ClassVar[tuple[str, ...]] = ("base_adhesion_change", "slip_size_change")
-    SCREENED: ClassVar[bool] = False
-    ONE_FORM: ClassVar[bool] = True
 
-    def before(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def before(self, slip: Signal, conditions: Conditions) -> Signal:
         if not has_history(conditions):
             return slip
-        return expected_slip(self, jnp.asarray(slip), conditions).slip
+        return expected_slip(self, jnp.asarray(slip), conditions)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[Effect]:
+    def starts(cls, columns: Columns) -> list[Effect]:
         return [cls(sigma=1e-3, roughness=0.05)]
-
-    @classmethod
-    def planted(cls, runs: CleanRuns, phase: float, generator: np.random.Generator) -> Plan:
-        return cls.planted_otherwise(runs, generator)
-
-    @classmethod
-    def planted_otherwise(cls, runs: CleanRuns, generator: np.random.Generator) -> Plan:
-        """White noise of `sigma` on the slip signal, after the adhesion was made."""
-        noise = generator.standard_normal(runs.slip.shape)
-
-        def make(amount: float) -> Planted:
-            return Planted(
-                3, unchanged, unchanged, lambda slip: slip + amount * noise, {"sigma": amount}
-            )
-
-        return Plan(make, 0.02)
-
-
-class ExpectedSlip(NamedTuple):
-    """The slip of a run, or of each of some, given all of its measured slips."""
-
-    slip: Float[Any, "*runs points"]
-    errors: Float[Any, "*runs points two two"]  # of slip and rate: the covariance
-    gains: Float[Any, "*runs points two two"]  # what a point has of the errors of the next
-
-    @property
-    def variance(self) -> Float[Any, "*runs points"]:
-        """Variance of the slip."""
-        return self.errors[..., 0, 0]
-
-    @property
-    def covariance(self) -> Float[Any, "*runs points"]:
-        """Covariance of the slip with that of the point before; 0 at the first."""
-        both = (self.gains[..., :-1, :, :] @ self.errors[..., 1:, :, :])[..., 0, 0]
-        return jnp.concatenate([jnp.zeros_like(both[..., :1]), both], axis=-1)
 
 
 class _State(NamedTuple):
     """Slip and its rate: their means, variances and covariance."""
 
-    slip: Float[Array, "..."]
-    rate: Float[Array, "..."]
-    of_slip: Float[Array, "..."]
-    shared: Float[Array, "..."]
-    of_rate: Float[Array, "..."]
+    slip: Values
+    rate: Values
+    of_slip: Values
+    shared: Values
+    of_rate: Values
 
 
 class _Course(NamedTuple):
@@ -121,25 +84,16 @@ class _Course(NamedTuple):
 
     ahead: _State  # before the point itself is known
     known: _State  # with it
-    step: Float[Array, " points"]  # since the point before
-    log_density: Float[Array, " points"]  # of the measured slip, given those before
+    step: Points  # since the point before
+    log_density: Points  # of the measured slip, given those before
 
 
-def of_means(noise: SlipNoise, worth: Float[Array, " points"]) -> SlipNoise:
-    """The noise of slips that are means over so many independent samples, at each point."""
-    return eqx.tree_at(lambda one: one.sigma, noise, noise.sigma / jnp.sqrt(worth))
-
-
-def log_density(
-    noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
-) -> Float[Array, " points"]:
+def log_density(noise: SlipNoise, slip: Points, conditions: Conditions) -> Points:
     """Log density of each measured slip of one run given those before; 0 for the first."""
     return _filtered(noise, slip, conditions).log_density
 
 
-def expected_slip(
-    noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
-) -> ExpectedSlip:
+def expected_slip(noise: SlipNoise, slip: Points, conditions: Conditions) -> Points:
     """The smoothed slip of one run in the order of time, as rough as it is near each point.
 
     Of some roughnesses q each has a share w of a point by how likely it makes the measured slips
@@ -156,14 +110,12 @@ def expected_slip(
     return smoothed_slip(eqx.tree_at(lambda one: one.roughness, noise, rough), slip, conditions)
 
 
-def _around(told: Float[Array, " points"]) -> Float[Array, " points"]:
+def _around(told: Points) -> Points:
     """Sums over the `_AROUND` points on either side of each point."""
     return jnp.convolve(told, jnp.ones(2 * _AROUND + 1), mode="full")[_AROUND : _AROUND + told.size]
 
 
-def smoothed_slip(
-    noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions
-) -> ExpectedSlip:
+def smoothed_slip(noise: SlipNoise, slip: Points, conditions: Conditions) -> Points:
     """The smoothed slip of one run in the order of time, of one roughness or of one for each point.
 
     Where no time passes from one point to the next the second is taken as a repetition, which
@@ -173,7 +125,9 @@ def smoothed_slip(
     ahead = jax.tree.map(lambda states: states[1:], course.ahead)
     known = jax.tree.map(lambda states: states[:-1], course.known)
 
-    def smoothed(later: _State, at: tuple[_State, _State, Array]) -> tuple[_State, tuple]:
+    def smoothed(
+        later: tuple[Array, Array], at: tuple[_State, _State, Array]
+    ) -> tuple[tuple[Array, Array], Array]:
         before, to, dt = at
         # Gain: the covariance of the state with the next, times the inverse variance of the next.
         first, second = before.of_slip + dt * before.shared, before.shared
@@ -183,29 +137,17 @@ def smoothed_slip(
         b = (second * to.of_slip - first * to.shared) / size
         c = (third * to.of_rate - fourth * to.shared) / size
         d = (fourth * to.of_slip - third * to.shared) / size
-        # By how much what comes later changes the mean and the variance of the next.
-        slip, rate = later.slip - to.slip, later.rate - to.rate
-        u, v, w = later.of_slip - to.of_slip, later.shared - to.shared, later.of_rate - to.of_rate
-        better = _State(
-            before.slip + a * slip + b * rate,
-            before.rate + c * slip + d * rate,
-            before.of_slip + a * a * u + 2 * a * b * v + b * b * w,
-            before.shared + a * c * u + (a * d + b * c) * v + b * d * w,
-            before.of_rate + c * c * u + 2 * c * d * v + d * d * w,
-        )
-        return better, (better, jnp.array([[a, b], [c, d]]))
+        # By how much what comes later changes the mean of the next.
+        slip, rate = later[0] - to.slip, later[1] - to.rate
+        better = before.slip + a * slip + b * rate
+        return (better, before.rate + c * slip + d * rate), better
 
-    last = jax.tree.map(lambda states: states[-1], course.known)
-    _, (states, gains) = jax.lax.scan(smoothed, last, (known, ahead, course.step[1:]), reverse=True)
-    states = jax.tree.map(jnp.append, states, last)
-    of_slip, of_rate = jnp.maximum(states.of_slip, 0.0), jnp.maximum(states.of_rate, 0.0)
-    rows = [jnp.stack([of_slip, states.shared], -1), jnp.stack([states.shared, of_rate], -1)]
-    return ExpectedSlip(
-        states.slip, jnp.stack(rows, -2), jnp.concatenate([gains, jnp.zeros((1, 2, 2))])
-    )
+    last = (course.known.slip[-1], course.known.rate[-1])
+    _, slips = jax.lax.scan(smoothed, last, (known, ahead, course.step[1:]), reverse=True)
+    return jnp.append(slips, last[0])
 
 
-def _filtered(noise: SlipNoise, slip: Float[Array, " points"], conditions: Conditions) -> _Course:
+def _filtered(noise: SlipNoise, slip: Points, conditions: Conditions) -> _Course:
     """The filter of Kalman 1960 from a wide start: slip and rate have a variance of one each."""
     time = jnp.asarray(conditions["time_s"])
     step = jnp.diff(time, prepend=time[:1])

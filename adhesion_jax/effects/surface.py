@@ -1,18 +1,14 @@
 """Two columns beyond the catalogue: a smooth surface over both."""
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
-
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.effects.base import Columns
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
 from adhesion_jax.effects.shape import ShapeTerm
 from adhesion_jax.effects.two_columns import ENDS, REFERENCES, at_corners, legendre, pairs
 
-_SOURCE = "any smooth function of two columns up to the second degree"
+#: Degrees of the polynomials in u and in v.
+_DEGREES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 
 
 class Surface(ShapeTerm):
@@ -34,29 +30,27 @@ class Surface(ShapeTerm):
     first: str = eqx.field(static=True)
     second: str = eqx.field(static=True)
 
-    STRENGTHS: ClassVar[tuple[str, ...]] = ("k10", "k01", "k20", "k11", "k02")
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        **{
-            name: Parameter("1", -9.0, 9.0, f"weight of degrees {name[1]} and {name[2]}", _SOURCE)
-            for name in STRENGTHS
+    FACTS = Form(
+        source="any smooth function of two columns up to the second degree",
+        described={
+            **{f"k{i}{j}": ("1", -9.0, 9.0, f"weight of degrees {i} and {j}") for i, j in _DEGREES},
+            **ENDS,
         },
-        **ENDS,
-    }
-    REFERENCES: ClassVar[Mapping[str, str]] = REFERENCES
-    FORMULA: ClassVar[str] = (
-        "g = k10 P_1(u) + k01 P_1(v) + k20 P_2(u) + k11 P_1(u) P_1(v) + k02 P_2(v)"
+        strengths=tuple(f"k{i}{j}" for i, j in _DEGREES),
+        references=REFERENCES,
+        formula="g = k10 P_1(u) + k01 P_1(v) + k20 P_2(u) + k11 P_1(u) P_1(v) + k02 P_2(v)",
+        phrase="a smooth dependence on {}",
     )
-    PHRASE: ClassVar[str] = "a smooth dependence on {}"
 
-    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
+    def log_factor(self, conditions: Conditions) -> Values:
         u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
         v, v2 = legendre(conditions[self.second], self.second_low, self.second_high)
         return self.k10 * u + self.k01 * v + self.k20 * u2 + self.k11 * u * v + self.k02 * v2
 
     @classmethod
     def at_places(cls) -> np.ndarray:
-        return at_corners((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        return at_corners(*_DEGREES)
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence["Surface"]:
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
         return [cls(0.02, 0.02, 0.02, 0.02, 0.02, *pair) for pair in pairs(columns)]

@@ -1,25 +1,15 @@
 """A column that acts as a step, sudden or gradual."""
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter, Scalar
-from adhesion_jax.effects.base import Columns
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
 from adhesion_jax.effects.shape import ShapeTerm
-
-_SOURCE = "Granger and Teraesvirta 1993, Modelling Nonlinear Economic Relationships, section 2.3"
 
 
 class Threshold(ShapeTerm):
-    """g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median.
-
-    Source: the smooth transition of Granger and Teraesvirta 1993.
-    """
+    """g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median."""
 
     k: Scalar
     centre: Scalar
@@ -27,21 +17,23 @@ class Threshold(ShapeTerm):
     reference: Scalar
     column: str = eqx.field(static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "k": Parameter("1", -3.0, 3.0, "half the log change over the step", _SOURCE),
-        "centre": Parameter("column", -1e12, 1e12, "middle of the step", _SOURCE),
-        "width": Parameter("column", 1e-12, 1e12, "half width of the step", _SOURCE),
-        "reference": Parameter("column", -1e12, 1e12, "value at which nothing changes", _SOURCE),
-    }
-    STRENGTHS: ClassVar[tuple[str, ...]] = ("k",)
-    REFERENCES: ClassVar[Mapping[str, str]] = {"reference": "column"}
-    FORMULA: ClassVar[str] = (
-        "g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median"
+    FACTS = Form(
+        source="smooth transition: Granger and Teraesvirta 1993, Modelling Nonlinear Economic "
+        "Relationships, section 2.3",
+        described={
+            "k": ("1", -3.0, 3.0, "half the log change over the step"),
+            "centre": ("column", -1e12, 1e12, "middle of the step"),
+            "width": ("column", 1e-12, 1e12, "half width of the step"),
+            "reference": ("column", -1e12, 1e12, "value at which nothing changes"),
+        },
+        strengths=("k",),
+        references={"reference": "column"},
+        formula="g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median",
+        phrase="a step over {}",
     )
-    PHRASE: ClassVar[str] = "a step over {}"
 
-    def log_factor(self, conditions: Conditions) -> Float[Array, "..."]:
-        def step(z: Float[Array, "..."] | float | Scalar) -> Float[Array, "..."]:
+    def log_factor(self, conditions: Conditions) -> Values:
+        def step(z: Values | float | Scalar) -> Values:
             return jnp.tanh((z - self.centre) / self.width)
 
         return self.k * (step(conditions[self.column]) - step(self.reference))
@@ -51,7 +43,7 @@ class Threshold(ShapeTerm):
         return np.linspace(-1.0, 1.0, 6)[:, None]
 
     @classmethod
-    def starts(cls, columns: Columns) -> Sequence[ShapeTerm]:
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
         return [
             cls(0.02, float(centre), 0.08 * float(np.ptp(z)), float(np.median(z)), name)
             for name, z in columns.items()

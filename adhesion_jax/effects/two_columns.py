@@ -5,23 +5,19 @@ from itertools import combinations
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Parameter, Scalar
-from adhesion_jax.effects.base import Columns
+from adhesion_jax.effects.api import Columns, Scalar, Values
 
 #: The ends of the ranges of both columns, and the columns they are references in.
-ENDS: Mapping[str, Parameter] = {
-    f"{place}_{end}": Parameter("column", -1e12, 1e12, f"{end} end in the data", "ranges of data")
+ENDS: Mapping[str, tuple[str, float, float, str]] = {
+    f"{place}_{end}": ("column", -1e12, 1e12, f"{end} end in the data")
     for place in ("first", "second")
     for end in ("low", "high")
 }
 REFERENCES: Mapping[str, str] = {name: name.split("_")[0] for name in ENDS}
 
 
-def legendre(
-    column: Float[Array, "..."] | float, low: Scalar, high: Scalar
-) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+def legendre(column: Values | float, low: Scalar, high: Scalar) -> tuple[Values, Values]:
     """P_1(u) and P_2(u), u the column on -1 to 1 over its range, held at the edges beyond."""
     place = jnp.clip(2 * (column - low) / (high - low) - 1, -1.0, 1.0)
     return place, 1.5 * place**2 - 0.5

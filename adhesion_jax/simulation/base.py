@@ -14,9 +14,9 @@ from adhesion_jax.curves import (
     with_free_values,
 )
 from adhesion_jax.effects.conditions import Calendar, completed_runs
-from adhesion_jax.effects.planting import Bend
 from adhesion_jax.optim import levenberg_marquardt
 from adhesion_jax.programs import kept
+from adhesion_jax.simulation.planting import Bend
 from adhesion_jax.simulation.runs import Runs
 
 #: Largest number of steps of a refit.

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.effects.planting import Bend, CleanRuns, Plan, Planted, unchanged
+from adhesion_jax.simulation.planting import Bend, CleanRuns, Plan, Planted, unchanged
 
 #: Columns that a random effect can rest on.
 RANDOM_COLUMNS = (
@@ -38,14 +38,14 @@ def draw_random_effect(acts_on: str, count: int, generator: np.random.Generator)
     return RandomEffect(tuple(str(name) for name in columns), acts_on)
 
 
-def random_plan(effect: RandomEffect, runs: CleanRuns, generator: np.random.Generator) -> Plan:
+def random_plan(effect: RandomEffect, runs: CleanRuns) -> Plan:
     """The effect on the runs, g = amount f with the extremes of f at +-1.
 
     level: mu exp(g); slip: mu(slip exp(g)); fall: mu_max - (mu_max - mu) exp(g) beyond the peak.
     """
     slip = runs.slip
     points = np.stack([runs.columns[name].ravel() for name in effect.columns], axis=1)
-    function, scales = smooth_function(points, generator)
+    function, scales = smooth_function(points, runs.generator)
     f = function.reshape(slip.shape)
     known = {
         f"length_scale_{name}": float(scale)

@@ -10,11 +10,11 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from adhesion_jax.curves import CURVES, Curve
-from adhesion_jax.effects.planting import Bend, CleanRuns, Plan, Planted
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.simulation.base import conditions_of, misfit, on_runs, rms
 from adhesion_jax.simulation.plantable import PLANTABLE
+from adhesion_jax.simulation.planting import Bend, CleanRuns, Plan, Planted
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
     RANDOM_COLUMNS,
@@ -109,16 +109,16 @@ def simulate(
     if random is not None and random.acts_on == "fall" and not has_peak(curve, truth.slip.shape):
         family, law = "burckhardt", draw_curve("burckhardt", np.random.default_rng((seed, 1)))
         curve = on_runs(law, conditions)
-    clean_runs = CleanRuns(truth.slip, truth.columns, conditions, curve)
     planted: dict[str, Planted] = {}
     for name in (*effects, *(() if random is None else ("random",))):
         # Seeded by name, so that an effect does not depend on the others that are planted.
         own = np.random.default_rng((seed, 9, *name.encode()))
         wanted = own.uniform(0.15, 0.3) if strength is None else strength
+        clean_runs = CleanRuns(truth.slip, truth.columns, conditions, curve, own)
         if random is not None and name == "random":
-            plan = random_plan(random, clean_runs, own)
+            plan = random_plan(random, clean_runs)
         else:
-            plan = _plan(name, form, clean_runs, own)
+            plan = _plan(name, form, clean_runs)
         planted[name] = _of_strength(plan, wanted, truth.slip, curve)
 
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
@@ -182,7 +182,7 @@ def _check(
     random: RandomEffect | None,
 ) -> None:
     for what, asked, known in (
-        ("effect", effects, PLANTABLE),
+        ("way to plant", effects, PLANTABLE),
         ("base curve", (base,), ("auto", *CURVES)),
         ("form", (form,), FORMS),
         ("column of a random effect", () if random is None else random.columns, RANDOM_COLUMNS),
@@ -216,15 +216,15 @@ def _extra_columns(effects: Sequence[str], truth: Runs, seed: int) -> Mapping[st
     extra: dict[str, np.ndarray] = {}
     for name in effects:
         own = np.random.default_rng((seed, 10, *name.encode()))
-        extra |= PLANTABLE[name].extra_columns(truth.columns, own)
+        extra |= PLANTABLE[name].extra(truth.columns, own)
     return extra
 
 
-def _plan(name: str, form: str, runs: CleanRuns, generator: np.random.Generator) -> Plan:
-    kind = PLANTABLE[name]
-    if form == "perturbed" or kind.ONE_FORM:
-        return kind.planted_otherwise(runs, generator)
-    return kind.planted(runs, generator.uniform(0, 2 * np.pi), generator)
+def _plan(name: str, form: str, runs: CleanRuns) -> Plan:
+    planting = PLANTABLE[name]
+    if form == "perturbed" or planting.exact is None:
+        return planting.otherwise(runs)
+    return planting.exact(runs._replace(phase=runs.generator.uniform(0, 2 * np.pi)))
 
 
 def _of_strength(plan: Plan, strength: float, slip: np.ndarray, curve: Bend) -> Planted:

@@ -69,7 +69,7 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
         yield PeerSet(
             f"simulated_{number:02d}",
             "+".join(campaign.truth) or "nothing",
-            tuple(Hidden(names_for(name), PLANTABLE[name].SEEN_IN) for name in campaign.truth),
+            tuple(Hidden(names_for(name), PLANTABLE[name].seen_in) for name in campaign.truth),
             campaign.train,
             campaign.test,
             campaign.test_rms_noise,
@@ -128,7 +128,7 @@ def right_columns(names: Sequence[str]) -> tuple[str, ...]:
     columns = [
         column
         for name in names
-        for column in (columns_of(name) if name not in PLANTABLE else PLANTABLE[name].SEEN_IN)
+        for column in (columns_of(name) if name not in PLANTABLE else PLANTABLE[name].seen_in)
     ]
     return tuple(dict.fromkeys(columns))
 

@@ -7,7 +7,7 @@ import numpy as np
 from adhesion_jax.discovery.types import Findings, FoundEffect
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.simulation.one_log import LOG_FORMS
-from adhesion_jax.simulation.plantable import names_for
+from adhesion_jax.simulation.plantable import PLANTABLE, names_for
 from adhesion_jax.simulation.simulator import SimulatedSet
 from experiments.discovery_study.tasks import Task
 
@@ -31,7 +31,7 @@ def columns_of(name: str) -> tuple[str, ...]:
     kind, colon, columns = name.partition(":")
     if colon:
         return tuple(columns.replace(",", "*").split("*"))
-    return EFFECTS[kind].SEEN_IN[:1] if kind in EFFECTS else ()
+    return PLANTABLE[kind].seen_in[:1] if kind in EFFECTS else ()
 
 
 def blamed(claim: FoundEffect, names: Sequence[str]) -> frozenset[str]:
@@ -93,7 +93,7 @@ def _stands_for(task: Task, hidden: str, claim: FoundEffect, names: Sequence[str
 
 def _is_offset(effect: str) -> bool:
     """Whether a doubt about the shape of the curve counts as naming the planted effect."""
-    return effect in EFFECTS and EFFECTS[effect].OF_SLIP_ALONE
+    return effect in EFFECTS and EFFECTS[effect].FACTS.of_slip_alone
 
 
 def _is_doubted(task: Task, hidden: str, findings: Findings) -> bool:

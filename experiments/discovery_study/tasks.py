@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adhesion_jax.effects import family_of
 from adhesion_jax.simulation.one_log import LOG_FORMS, one_log
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import ACTS_ON, RandomEffect, draw_random_effect
@@ -143,7 +144,7 @@ def _pair_tasks(count: int, seed: int) -> list[Task]:
     for turn in range(count):
         while True:
             pair = tuple(str(name) for name in generator.choice(list(PLANTABLE), 2, replace=False))
-            if len({PLANTABLE[name].FAMILY for name in pair}) == 2:
+            if len({family_of(name) for name in pair}) == 2:
                 break
         base, form = BASE_CURVES[turn % len(BASE_CURVES)], FORMS[turn // len(BASE_CURVES) % 2]
         number = 1_000_000 + 1000 * seed + turn

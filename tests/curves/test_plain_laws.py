@@ -27,10 +27,10 @@ LAWS = {
     "no effect": law(),
     "humidity": law(Humidity(k=-0.05, centre=50.0, width=150.0, reference=50.0)),
     "speed and humidity": law(
-        Speed(*(0.01 for _ in Speed.PARAMETERS)),
+        Speed(*(0.01 for _ in Speed.FACTS.parameters)),
         Humidity(k=-0.05, centre=50.0, width=150.0, reference=50.0),
     ),
-    "relaxation": law(Relaxation(*(0.3 for _ in Relaxation.PARAMETERS))),
+    "relaxation": law(Relaxation(*(0.3 for _ in Relaxation.FACTS.parameters))),
 }
 
 

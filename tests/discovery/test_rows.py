@@ -94,7 +94,7 @@ def long_campaign(seed, size, r, rows_a_run=10_000, count=30, sigma=0.01):
 def check_bounds(found):
     """Those parameters of effects of the catalogue are told that stand at a bound, and no other."""
     for effect in found.effects:
-        for name, described in EFFECTS[effect.name].PARAMETERS.items():
+        for name, described in EFFECTS[effect.name].FACTS.parameters.items():
             if name in effect.parameters:
                 value = effect.parameters[name].value
                 at = value in (described.lower, described.upper)

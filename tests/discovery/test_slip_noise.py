@@ -56,15 +56,10 @@ def covariances(noise, time=TIME, speed=SPEED):
 def test_the_smoothed_slip_is_that_of_the_normal_distribution(noise):
     true, error = covariances(noise)
     gain = np.linalg.solve(true + error, true).T
-    left = true - gain @ true
     found = smoothed(noise)
     expected = SLIP[0] + gain @ (SLIP - SLIP[0])
-    np.testing.assert_allclose(found.slip, expected, rtol=1e-7)
-    assert np.abs(found.slip - SLIP).max() > 5e-4
-    # Differences of variances near one: to ten digits of that.
-    np.testing.assert_allclose(found.variance, np.diag(left), rtol=1e-3, atol=1e-10)
-    np.testing.assert_allclose(found.covariance[1:], np.diag(left, 1), rtol=1e-3, atol=1e-10)
-    assert float(found.covariance[0]) == 0
+    np.testing.assert_allclose(found, expected, rtol=1e-7)
+    assert np.abs(found - SLIP).max() > 5e-4
 
 
 @pytest.mark.parametrize("noise", [NOISE, SPEED_NOISE], ids=["of the slip", "of the speed"])
@@ -82,9 +77,7 @@ def test_what_is_repeated_at_one_time_tells_nothing():
     again = np.diff(places, prepend=-1) == 0
     slip = np.where(again, 0.5, SLIP[places])
     found = smoothed(NOISE, slip, TIME[places], SPEED[places])
-    once = smoothed(NOISE)
-    np.testing.assert_allclose(found.slip, once.slip[places], rtol=1e-8)
-    np.testing.assert_allclose(found.variance, once.variance[places], rtol=1e-5)
+    np.testing.assert_allclose(found, smoothed(NOISE)[places], rtol=1e-8)
     repeated = density(NOISE, slip, TIME[places], SPEED[places])
     assert repeated == pytest.approx(density(NOISE), rel=1e-10)
 
@@ -92,15 +85,13 @@ def test_what_is_repeated_at_one_time_tells_nothing():
 def test_a_larger_noise_is_smoothed_more():
     sizes = [0.0, 1e-4, 1e-3, 1e-2, 1.0]
     found = [smoothed(SlipNoise(sigma=size, roughness=0.03)) for size in sizes]
-    np.testing.assert_allclose(found[0].slip, SLIP, atol=1e-9)
+    np.testing.assert_allclose(found[0], SLIP, atol=1e-9)
     # What is left of the bends of the signal, by its second divided differences.
-    rough = [np.linalg.norm(np.diff(np.diff(one.slip) / np.diff(TIME))) for one in found]
+    rough = [np.linalg.norm(np.diff(np.diff(one) / np.diff(TIME))) for one in found]
     assert all(more > less for more, less in pairwise(rough))
-    errors = [np.asarray(one.variance) for one in found]
-    assert all((less < more).all() for less, more in pairwise(errors))
     # Where nothing is known of neighbours the slip is that measured.
     still = smoothed(SlipNoise(sigma=1e-3, roughness=1e4))
-    np.testing.assert_allclose(still.slip, SLIP, atol=1e-7)
+    np.testing.assert_allclose(still, SLIP, atol=1e-7)
 
 
 @pytest.mark.slow
@@ -114,8 +105,7 @@ def test_the_expected_slip_is_as_rough_as_is_likely_near_each_point():
     rough = NOISE.roughness * np.exp(share @ np.log(rougher))
     found = of_run(expected_slip, NOISE, SLIP, TIME, SPEED)
     by_hand = smoothed(eqx.tree_at(lambda kind: kind.roughness, NOISE, jnp.asarray(rough)))
-    np.testing.assert_allclose(found.slip, by_hand.slip, rtol=1e-9)
-    np.testing.assert_allclose(found.variance, by_hand.variance, rtol=1e-7)
+    np.testing.assert_allclose(found, by_hand, rtol=1e-9)
 
 
 @pytest.mark.thorough
@@ -129,35 +119,19 @@ def test_a_slip_that_is_calm_but_for_events_is_followed_where_it_is_rough():
     def of(function, roughness):
         noise = SlipNoise(sigma=sigma, roughness=roughness)
         found = jax.vmap(lambda slip: function(noise, slip, {"time_s": jnp.asarray(time)}))(slips)
-        return np.asarray(found.slip - true) ** 2, np.asarray(found.variance)
+        return np.asarray(found - true) ** 2
 
     # The roughness of greatest likelihood for the whole lies between those of the two parts.
-    square, known = of(expected_slip, 0.008)
-    assert (square / known)[:, inside].mean() < 1.3
-    assert (square / known)[:, ~inside].mean() < 1.3
+    square = of(expected_slip, 0.008)
     # The same roughness everywhere is too rough for the creep ...
-    alike, _ = of(smoothed_slip, 0.008)
+    alike = of(smoothed_slip, 0.008)
     assert square[:, ~inside].mean() < 0.8 * alike[:, ~inside].mean()
-    # ... and what suits the creep misses the event by far more than it claims.
-    smooth, claimed = of(smoothed_slip, 0.002)
-    assert (smooth / claimed)[:, inside].mean() > 5
+    # ... and what suits the creep misses the event.
+    smooth = of(smoothed_slip, 0.002)
+    assert square[:, inside].mean() < 0.2 * smooth[:, inside].mean()
 
 
 def test_a_straight_course_stays_one():
     line = 0.02 + 0.003 * (TIME - TIME[0])
     # But for the start, whose rate is taken for one of zero, give or take one.
-    np.testing.assert_allclose(smoothed(NOISE, line).slip, line, atol=1e-7)
-
-
-def test_the_errors_are_those_of_drawn_slips():
-    """In 4000 courses of slip, whose noise falls with the speed."""
-    draw, count = np.random.default_rng(3), 4000
-    true, error = covariances(SPEED_NOISE)
-    factor = np.linalg.cholesky(true + 1e-12 * np.eye(POINTS))
-    drawn = factor @ draw.standard_normal((POINTS, count))
-    signal = drawn + np.sqrt(np.diag(error))[:, None] * draw.standard_normal((POINTS, count))
-    # The smoother starts from the first signal, which has been drawn about zero.
-    gain = np.linalg.solve(true + error, true).T
-    left = gain @ signal - drawn
-    found = smoothed(SPEED_NOISE)
-    np.testing.assert_allclose(left.var(axis=1), found.variance, rtol=5 * np.sqrt(2 / count))
+    np.testing.assert_allclose(smoothed(NOISE, line), line, atol=1e-7)

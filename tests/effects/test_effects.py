@@ -9,9 +9,10 @@ from lanes import lanes
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.effects import EFFECTS, KINDS, ShapeTerm, family_of
-from adhesion_jax.effects.cause import Bending, Cause, Changing, Remembering, Scaling
+from adhesion_jax.effects.cause import Bending, Cause, Changing, Scaling
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.law import CorrectedLaw, with_effects
+from adhesion_jax.effects.remembering import Remembering
 
 GENERIC = [name for name in KINDS if name not in EFFECTS]
 TWO_COLUMNS = ("product", "interaction", "surface")
@@ -70,20 +71,20 @@ def start(name):
     else:
         first = kind.starts(FLAT)[0]
     return dataclasses.replace(
-        first, **{strength: 1.7 * getattr(first, strength) for strength in kind.STRENGTHS}
+        first, **{strength: 1.7 * getattr(first, strength) for strength in kind.FACTS.strengths}
     )
 
 
 def zeroed(effect):
-    return dataclasses.replace(effect, **dict.fromkeys(effect.STRENGTHS, 0.0))
+    return dataclasses.replace(effect, **dict.fromkeys(effect.FACTS.strengths, 0.0))
 
 
 def numbers_of(effect):
-    return jnp.array([float(getattr(effect, name)) for name in effect.PARAMETERS])
+    return jnp.array([float(getattr(effect, name)) for name in effect.FACTS.parameters])
 
 
 def replaced(effect, numbers):
-    return dataclasses.replace(effect, **dict(zip(effect.PARAMETERS, numbers, strict=True)))
+    return dataclasses.replace(effect, **dict(zip(effect.FACTS.parameters, numbers, strict=True)))
 
 
 @functools.cache
@@ -117,7 +118,7 @@ def test_derivatives_are_those_of_central_differences(name):
     effect = start(name)
     numbers = numbers_of(effect)
     derivative = program(name)(numbers, *RUN)[1]
-    for place, parameter in enumerate(effect.PARAMETERS):
+    for place, parameter in enumerate(effect.FACTS.parameters):
         step = 1e-6 * max(abs(float(numbers[place])), 1e-3)
         moved = jnp.zeros_like(numbers).at[place].set(step)
         ends = [program(name)(numbers + sign * moved, *RUN)[0] for sign in (1, -1)]
@@ -196,22 +197,22 @@ def test_everything_is_described(name):
     kind = KINDS[name]
     fields = [field.name for field in dataclasses.fields(kind)]
     named = {"column", "first", "second", "falls_with", "acts_on"}
-    assert [field for field in fields if field not in named] == [*kind.PARAMETERS]
-    for parameter in kind.PARAMETERS.values():
+    assert [field for field in fields if field not in named] == [*kind.FACTS.parameters]
+    for parameter in kind.FACTS.parameters.values():
         assert parameter.unit
         assert parameter.meaning
         assert len(parameter.source) > 5
         assert parameter.lower < parameter.upper
-    assert kind.STRENGTHS
-    assert {*kind.STRENGTHS} <= {*kind.PARAMETERS} - {*kind.REFERENCES}
-    assert {*kind.REFERENCES} <= {*kind.PARAMETERS}
-    assert {*kind.NEEDS} <= {*FLAT}
+    assert kind.FACTS.strengths
+    assert {*kind.FACTS.strengths} <= {*kind.FACTS.parameters} - {*kind.FACTS.references}
+    assert {*kind.FACTS.references} <= {*kind.FACTS.parameters}
+    assert {*kind.FACTS.needs} <= {*FLAT}
     assert kind.ORDER in (0, 1, 2)
     # A term of the curve is told by its function, the others by what they make of the adhesion.
-    assert ("g = " if issubclass(kind, ShapeTerm) else "mu") in kind.FORMULA
-    assert ("{}" in kind.PHRASE) == (name not in EFFECTS)
-    for strength in kind.STRENGTHS:
-        assert kind.PARAMETERS[strength].lower <= 0 < kind.PARAMETERS[strength].upper
+    assert ("g = " if issubclass(kind, ShapeTerm) else "mu") in kind.FACTS.formula
+    assert ("{}" in kind.FACTS.phrase) == (name not in EFFECTS)
+    for strength in kind.FACTS.strengths:
+        assert kind.FACTS.parameters[strength].lower <= 0 < kind.FACTS.parameters[strength].upper
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -219,27 +220,30 @@ def test_starts_lie_inside_the_bounds_and_are_not_nothing(name):
     starts = KINDS[name].starts({key: z for key, z in FLAT.items() if np.ptp(z) > 0})
     assert starts
     for effect in starts:
-        for key, parameter in effect.PARAMETERS.items():
+        for key, parameter in effect.FACTS.parameters.items():
             assert parameter.lower <= float(getattr(effect, key)) <= parameter.upper
-        assert any(float(getattr(effect, key)) != 0 for key in effect.STRENGTHS)
+        assert any(float(getattr(effect, key)) != 0 for key in effect.FACTS.strengths)
     assert len({repr(effect) for effect in starts}) == len(starts)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_cause_says_what_others_must_know_of_it(name):
     cause = EFFECTS[name]
-    assert cause.SENTENCE.endswith(".")
-    assert cause.FAMILY
-    assert cause.RESTS_ON
-    assert cause.SEEN_IN
+    assert cause.FACTS.sentence.endswith(".")
+    assert cause.FACTS.family
+    assert cause.FACTS.rests_on
     # Another name for it is a form over columns, or a cause of its own family.
-    for same in cause.SAME_AS:
+    for same in cause.FACTS.same_as:
         kind, colon, column = same.partition(":")
-        assert (colon and kind in KINDS and column) or EFFECTS[same].FAMILY == cause.FAMILY
-        assert family_of(same) == cause.FAMILY
-    assert issubclass(cause, Remembering) == ("time_s" in cause.NEEDS and name != "slip_noise")
+        assert (colon and kind in KINDS and column) or EFFECTS[
+            same
+        ].FACTS.family == cause.FACTS.family
+        assert family_of(same) == cause.FACTS.family
+    assert issubclass(cause, Remembering) == (
+        "time_s" in cause.FACTS.needs and name != "slip_noise"
+    )
     if issubclass(cause, Remembering):
-        assert cause.DRIVEN_BY in ("slip_ratio", *cause.NEEDS)
+        assert cause.FACTS.driven_by in ("slip_ratio", *cause.FACTS.needs)
 
 
 def fine_run(step):
@@ -263,7 +267,7 @@ def fine_run(step):
 def test_step_by_step_a_memory_gives_what_the_whole_run_gives(name):
     """Exactly, or with an error that falls in proportion to the step where `after` looks ahead."""
     start = EFFECTS[name].starts({})[-1]
-    strong = {key: 10 * getattr(start, key) for key in start.STRENGTHS}
+    strong = {key: 10 * getattr(start, key) for key in start.FACTS.strengths}
     # Ten times the constant of these would be as long as the run.
     slow = name in ("lag", "relaxation", "delay")
     effect = dataclasses.replace(start, **({} if slow else strong))

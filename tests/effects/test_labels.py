@@ -53,7 +53,7 @@ def test_two_labels_are_a_line_and_no_labels():
     assert Labels.starts({"wet": np.array([0.0, 1.0, 0.0, 1.0])}) == []
     (start,) = Labels.starts({"rail": RAIL, "wear": np.linspace(0, 1, 9)})
     assert start.column == "rail"
-    given = [name for name in start.STRENGTHS if float(getattr(start, name)) != 0]
+    given = [name for name in start.FACTS.strengths if float(getattr(start, name)) != 0]
     assert given == ["k1", "k2", "k3"]
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from adhesion_jax.effects.planting import CleanRuns
 from adhesion_jax.simulation.plantable import PLANTABLE
+from adhesion_jax.simulation.planting import CleanRuns
 
 SLIP = np.array([[0.01, 0.04, 0.09, 0.16], [-0.16, -0.09, -0.04, -0.01]])
 COLUMNS = {
@@ -40,19 +40,6 @@ FOLLOWING = {
 PHASE = np.pi / 6
 
 
-def runs_of(slip, columns, conditions) -> CleanRuns:
-    """Runs whose curve is the root of the slip: .1, .2, .3, .4, then -.4, -.3, -.2, -.1."""
-    return CleanRuns(
-        slip=np.asarray(slip),
-        columns={name: np.asarray(values) for name, values in columns.items()},
-        conditions={name: jnp.asarray(values, dtype=float) for name, values in conditions.items()},
-        curve=lambda slip: np.sign(slip) * np.sqrt(np.abs(slip)),
-    )
-
-
-RUNS = runs_of(SLIP, COLUMNS, {**COLUMNS, **FOLLOWING})
-
-
 class Known(np.random.Generator):
     """Draws that are known: a quarter of the way up, and a quarter more for each next of many."""
 
@@ -70,6 +57,21 @@ class Known(np.random.Generator):
 
     def standard_normal(self, size):
         return np.resize([0.5, -1.0, 2.0, -0.25, 1.5], size)
+
+
+def runs_of(slip, columns, conditions) -> CleanRuns:
+    """Runs whose curve is the root of the slip: .1, .2, .3, .4, then -.4, -.3, -.2, -.1."""
+    return CleanRuns(
+        slip=np.asarray(slip),
+        columns={name: np.asarray(values) for name, values in columns.items()},
+        conditions={name: jnp.asarray(values, dtype=float) for name, values in conditions.items()},
+        curve=lambda slip: np.sign(slip) * np.sqrt(np.abs(slip)),
+        generator=Known(),
+        phase=PHASE,
+    )
+
+
+RUNS = runs_of(SLIP, COLUMNS, {**COLUMNS, **FOLLOWING})
 
 
 #: By the formula of the cause itself: the amount, then adhesion in either run.
@@ -416,11 +418,12 @@ DRAWN = {
 
 
 def by_its_formula(name, runs=RUNS, chosen=1):
-    return PLANTABLE[name].planted(runs, PHASE, Known(chosen))
+    planting = PLANTABLE[name]
+    return (planting.exact or planting.otherwise)(runs._replace(generator=Known(chosen)))
 
 
 def otherwise(name, runs=RUNS):
-    return PLANTABLE[name].planted_otherwise(runs, Known())
+    return PLANTABLE[name].otherwise(runs)
 
 
 def adhesion_of(planted, runs=RUNS):
@@ -461,7 +464,7 @@ def test_the_truth_says_what_was_drawn(name):
         assert {key: told[key] for key in DRAWN[name]} == pytest.approx(DRAWN[name], rel=1e-12)
     else:  # the amount alone
         assert [abs(value) for value in told.values() if value] == [amount]
-    if not PLANTABLE[name].ONE_FORM:
+    if PLANTABLE[name].exact is not None:
         assert otherwise(name).make(0.4).parameters == {"amount": 0.4}
 
 

@@ -4,10 +4,10 @@ import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
-from adhesion_jax.effects.planting import CleanRuns
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.base import conditions_of, on_runs
 from adhesion_jax.simulation.one_log import one_log
+from adhesion_jax.simulation.planting import CleanRuns
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
     RandomEffect,
@@ -73,14 +73,19 @@ def test_a_random_effect_acts_on_the_level_the_slip_or_the_fall():
     runs, curve = small_runs()
     slip = runs.slip
     base = curve(slip)
-    clean = CleanRuns(slip, runs.columns, conditions_of(runs), curve)
-    level = random_plan(RandomEffect(ONE, "level"), clean, np.random.default_rng(5))
+
+    def plan(acts_on):
+        generator = np.random.default_rng(5)
+        clean = CleanRuns(slip, runs.columns, conditions_of(runs), curve, generator)
+        return random_plan(RandomEffect(ONE, acts_on), clean)
+
+    level = plan("level")
     g = np.log(level.make(0.2).after(base) / base)
     assert np.abs(g).max() == pytest.approx(0.2)
     # The same function of the same column, on the slip and on the fall.
-    of_slip = random_plan(RandomEffect(ONE, "slip"), clean, np.random.default_rng(5))
+    of_slip = plan("slip")
     np.testing.assert_allclose(of_slip.make(0.2).before(slip), slip * np.exp(g))
-    of_fall = random_plan(RandomEffect(ONE, "fall"), clean, np.random.default_rng(5))
+    of_fall = plan("fall")
     law = draw_curve("burckhardt", np.random.default_rng(1))
     c1, c2, c3 = (float(getattr(law, name)) for name in ("c1", "c2", "c3"))
     where = np.log(c1 * c2 / c3) / c2

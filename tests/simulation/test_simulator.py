@@ -187,7 +187,7 @@ def test_a_campaign_is_written_and_read(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"effects": ["humidty"]}, "no effect 'humidty'; known are speed, slip_speed"),
+        ({"effects": ["humidty"]}, "no way to plant 'humidty'; known are speed, slip_speed"),
         ({"effects": ["speed", "speed"]}, "name each once"),
         ({"base": "pacejka"}, "auto, burckhardt"),
         ({"form": "vague"}, "exact, perturbed"),

@@ -7,6 +7,7 @@ from scipy.stats import beta
 
 from adhesion_jax.commands import status
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
+from adhesion_jax.effects import family_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE, names_for
 from adhesion_jax.simulation.random_effect import RandomEffect
@@ -158,7 +159,7 @@ def test_new_parts_draw_for_themselves_and_share_no_seed():
     assert [one for one in tasks if one.part == "random"] == alone
     pairs = [one for one in tasks if one.part == "pair"]
     assert len(pairs) == 24
-    assert all(len({PLANTABLE[name].FAMILY for name in one.effects}) == 2 for one in pairs)
+    assert all(len({family_of(name) for name in one.effects}) == 2 for one in pairs)
     kinds = pd.Series([(one.random.acts_on, len(one.random.columns)) for one in alone])
     assert (kinds.value_counts() == 4).all()
     assert kinds.nunique() == 6

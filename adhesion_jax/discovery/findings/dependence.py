@@ -11,7 +11,7 @@ from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.model.program import PROBES, Data, changes, pack
 from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
-from adhesion_jax.effects.cause import Remembering
+from adhesion_jax.effects.remembering import Remembering
 
 #: Number of values of a column that are shown.
 _GRID = 80
@@ -49,7 +49,7 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
         in_time = [part for part in effect.parts if isinstance(part, Remembering)]
         if in_time:
             if state.setting.problem.points.shape[1] >= _FEWEST_POINTS:
-                driver = in_time[0].DRIVEN_BY
+                driver = in_time[0].FACTS.driven_by
                 found.append(_after_step(state, effect.name, driver, parts, draws))
             continue
         columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]

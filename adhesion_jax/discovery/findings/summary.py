@@ -153,7 +153,7 @@ def law_of(state: Selection, ranges: Ranges) -> CorrectedLaw:
     problem = state.setting.problem
     ranges = dict(ranges)
     inside = problem.points > 0
-    needed = {name for effect in state.fitted.effects for name in effect.NEEDS}
+    needed = {name for effect in state.fitted.effects for name in effect.FACTS.needs}
     for name in needed & problem.constant - {*_UNBOUNDED}:
         value = float(np.asarray(problem.data.conditions[name])[inside][0])
         ranges[name] = (value, value)
@@ -294,8 +294,8 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
         parameters, units, at_bound = {}, {}, []
         for place, part in enumerate(effect.parts):
             prefix = "" if place == 0 else f"{kind_of(part)} "
-            for name, described in part.PARAMETERS.items():
-                if name in part.REFERENCES or _no_label(part, name):
+            for name, described in part.FACTS.parameters.items():
+                if name in part.FACTS.references or _no_label(part, name):
                     continue
                 interval = parameters[prefix + name] = intervals[number, place][name]
                 if not described.lower < interval.value < described.upper:
@@ -344,7 +344,11 @@ def acts_on(effect: Accepted) -> str:
 
 
 def _formula(part: Effect) -> str:
-    return f"{_BENT[part.acts_on]}, {part.FORMULA}" if isinstance(part, ShapeTerm) else part.FORMULA
+    return (
+        f"{_BENT[part.acts_on]}, {part.FACTS.formula}"
+        if isinstance(part, ShapeTerm)
+        else part.FACTS.formula
+    )
 
 
 def _sentence(effect: Accepted) -> str:
@@ -354,7 +358,7 @@ def _sentence(effect: Accepted) -> str:
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
     more = " and ".join(kind_of(part) for part in effect.parts[1:])
     refined = f" Its form is refined by {more}." if more else ""
-    return f"{first.SENTENCE}{refined}"
+    return f"{first.FACTS.sentence}{refined}"
 
 
 def _intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:

@@ -293,7 +293,7 @@ def strengths_of(fitted: Fitted, slots: Sequence[int]) -> list[int]:
         for slot, effect in enumerate(fitted.effects)
         if slot in slots
         for name, place in effect_places(slot, effect).items()
-        if name in effect.STRENGTHS
+        if name in effect.FACTS.strengths
     ]
 
 

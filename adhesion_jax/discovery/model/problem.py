@@ -12,7 +12,9 @@ from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, comp
 from adhesion_jax.records import Record
 
 #: Columns that effects refer to by name. If the data lack such a column it is filled with 1.
-_KNOWN = tuple(sorted({name for effect in EFFECTS.values() for name in effect.NEEDS} | {"time_s"}))
+_KNOWN = tuple(
+    sorted({name for effect in EFFECTS.values() for name in effect.FACTS.needs} | {"time_s"})
+)
 
 #: Fill values of absent columns that are not 1.
 _ABSENT = {"normal_load_N": 1e5}

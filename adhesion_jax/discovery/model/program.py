@@ -40,7 +40,7 @@ _BASE_SIZE = _CURVE_SIZE + 2 * FINE
 #: Where the factors stand that braking adds.
 APART = range(_CURVE_SIZE + FINE, _BASE_SIZE)
 
-_EFFECT_SIZE = max(len(kind.PARAMETERS) for kind in KINDS.values())
+_EFFECT_SIZE = max(len(kind.FACTS.parameters) for kind in KINDS.values())
 _NAMES = tuple(KINDS)
 
 # An effect is a term of the shape, bends the slip before the curve, or changes adhesion after it:
@@ -57,7 +57,7 @@ _PLACES = {kind: place for place, kind in enumerate(KINDS.values())}
 def words_of(kind: type[Effect]) -> tuple[str, ...]:
     """The fields of an effect that name columns."""
     names = (field.name for field in dataclasses.fields(kind))
-    return tuple(name for name in names if name not in (*kind.PARAMETERS, "acts_on"))
+    return tuple(name for name in names if name not in (*kind.FACTS.parameters, "acts_on"))
 
 
 def _branches(names: Sequence[str]) -> Array:
@@ -101,8 +101,8 @@ def effect_places(slot: int, effect: Effect) -> Mapping[str, int]:
     start = _BASE_SIZE + slot * _EFFECT_SIZE
     return {
         name: start + place
-        for place, name in enumerate(effect.PARAMETERS)
-        if name not in effect.REFERENCES
+        for place, name in enumerate(effect.FACTS.parameters)
+        if name not in effect.FACTS.references
     }
 
 
@@ -142,14 +142,16 @@ def pack(
         if isinstance(effect, ShapeTerm):
             column[slot, 2] = ACTS_ON.index(effect.acts_on)
         start = _BASE_SIZE + slot * _EFFECT_SIZE
-        numbers = [float(getattr(effect, name)) for name in effect.PARAMETERS]
+        numbers = [float(getattr(effect, name)) for name in effect.FACTS.parameters]
         values[start : start + len(numbers)] = numbers
         for name, place in effect_places(slot, effect).items():
             places.append(place)
-            lower.append(effect.PARAMETERS[name].lower)
-            upper.append(effect.PARAMETERS[name].upper)
+            lower.append(effect.FACTS.parameters[name].lower)
+            upper.append(effect.FACTS.parameters[name].upper)
         if isinstance(effect, ShapeTerm):
-            held = [places.index(effect_places(slot, effect)[name]) for name in effect.STRENGTHS]
+            held = [
+                places.index(effect_places(slot, effect)[name]) for name in effect.FACTS.strengths
+            ]
             precision[np.ix_(held, held)] = prior_precision(type(effect))
     padding = free - len(places)
     return Model(
@@ -169,7 +171,7 @@ def unpack(values: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
     found = []
     for slot, effect in enumerate(effects):
         start = _BASE_SIZE + slot * _EFFECT_SIZE
-        numbers = dict(zip(effect.PARAMETERS, values[start:].tolist(), strict=False))
+        numbers = dict(zip(effect.FACTS.parameters, values[start:].tolist(), strict=False))
         found.append(dataclasses.replace(effect, **numbers))
     return tuple(found)
 
@@ -201,7 +203,7 @@ def _adhesion(
 
     def effect(name: str, parameters: Array) -> Any:
         named = KINDS[name]
-        numbers = {key: parameters[place] for place, key in enumerate(named.PARAMETERS)}
+        numbers = {key: parameters[place] for place, key in enumerate(named.FACTS.parameters)}
         return named(**numbers, **dict(zip(words_of(named), ("first", "second"), strict=False)))
 
     def seen(slot: Array) -> Conditions:

@@ -51,7 +51,7 @@ def library_of(problem: Problem) -> tuple[Entry, ...]:
     entries = [
         entry_of(name, effect.starts(problem.flat), problem)
         for name, effect in EFFECTS.items()
-        if effect.SCREENED and not why_untested(name, problem)
+        if effect.FACTS.screened and not why_untested(name, problem)
     ]
     for column in problem.columns:
         entries += forms_of_column(column, problem)
@@ -115,7 +115,7 @@ def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
     if ":" in name:
         covariates = tuple(name.split(":", 1)[1].split("*"))
     else:
-        rests_on = EFFECTS[name].RESTS_ON
+        rests_on = EFFECTS[name].FACTS.rests_on
         covariates = tuple(dict.fromkeys(label_of(column, problem.measured) for column in rests_on))
     acts_on = getattr(starts[0], "acts_on", "level") if starts else "level"
     return Entry(name, tuple(starts), covariates, ":" in name, family_of(name), acts_on)
@@ -124,16 +124,16 @@ def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
 def why_untested(name: str, problem: Problem) -> str:
     """Why the data cannot test the effect of that name; empty if they can."""
     effect = EFFECTS[name]
-    if "time_s" in effect.NEEDS and not problem.in_time:
+    if "time_s" in effect.FACTS.needs and not problem.in_time:
         return "acts within a run in time, and the data are no runs in time"
-    needs = [need for need in effect.NEEDS if need != "time_s"]
+    needs = [need for need in effect.FACTS.needs if need != "time_s"]
     for need in needs:
         if need != "mode" and need not in problem.varying and need not in problem.constant:
             return f"needs the column {need}, which is absent"
     if not needs and "slip_ratio" in problem.constant:
         return "needs the slip to vary, which is constant"
     varies = not needs or any(need in problem.varying for need in needs)
-    if not varies and "slip_ratio" not in effect.RESTS_ON:
+    if not varies and "slip_ratio" not in effect.FACTS.rests_on:
         constant = next((need for need in needs if need in problem.constant), needs[0])
         return f"needs the column {constant} to vary, which is constant"
     return ""

@@ -127,9 +127,9 @@ def split(starts: Sequence[Effect]) -> tuple[list[Effect], np.ndarray]:
     """A probe for each strength that is not zero, the others at zero, and the start of each."""
     probes, owner = [], []
     for place, start in enumerate(starts):
-        for strength in start.STRENGTHS:
-            if float(getattr(start, strength)) != 0 or len(start.STRENGTHS) == 1:
-                others = {name: 0.0 for name in start.STRENGTHS if name != strength}
+        for strength in start.FACTS.strengths:
+            if float(getattr(start, strength)) != 0 or len(start.FACTS.strengths) == 1:
+                others = {name: 0.0 for name in start.FACTS.strengths if name != strength}
                 probes.append(dataclasses.replace(start, **others))
                 owner.append(place)
     return probes, np.array(owner, int)
@@ -161,7 +161,7 @@ def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
     """
     kind = type(probe)
     names = [getattr(probe, word) for word in words_of(kind)]
-    numbers = {name: float(getattr(probe, name)) for name in kind.PARAMETERS}
+    numbers = {name: float(getattr(probe, name)) for name in kind.FACTS.parameters}
     key = (kind, *names, *numbers.values())
     if key not in problem.terms:
         columns = [problem.data.columns[problem.columns.index(name)] for name in names]

@@ -100,7 +100,7 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
         for column in problem.columns
         if label_of(column, problem.measured) in effect.covariates
     ]
-    of_slip_velocity = effect.family == FallingFriction.FAMILY
+    of_slip_velocity = effect.family == FallingFriction.FACTS.family
     if of_slip_velocity:
         columns = [column for column in problem.columns if column == "slip_velocity_mps"]
     entries = [entry for column in columns for entry in forms_of_column(column, problem)]
@@ -151,7 +151,7 @@ def _form(effect: Effect) -> tuple[object, ...]:
     words = [
         getattr(effect, field.name)
         for field in dataclasses.fields(effect)
-        if field.name not in effect.PARAMETERS
+        if field.name not in effect.FACTS.parameters
     ]
     frequency = round(float(effect.frequency), 9) if isinstance(effect, Periodic) else 0.0
     return (type(effect), *words, frequency)

@@ -25,7 +25,9 @@ _BINS = 8192
 _FEW_BINS = 1024
 
 #: Columns along which a cause is a wave, each with the name of the cause.
-_AXES = dict(sorted((kind.AXIS, name) for name, kind in EFFECTS.items() if issubclass(kind, Wave)))
+_AXES = dict(
+    sorted((kind.FACTS.needs[0], name) for name, kind in EFFECTS.items() if issubclass(kind, Wave))
+)
 
 #: Number of frequencies on either side whose median power the coherence of a wave is relative to.
 #: It is large because a line is wide where every run has passed only a part of the axis.

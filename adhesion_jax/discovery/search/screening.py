@@ -129,10 +129,10 @@ def _groups(
     groups: list[list[tuple[Entry, Effect]]] = [[]]
     count = 0
     for one in starts:
-        count += len(one[1].STRENGTHS)
+        count += len(one[1].FACTS.strengths)
         if count > _TOGETHER and groups[-1]:
             groups.append([])
-            count = len(one[1].STRENGTHS)
+            count = len(one[1].FACTS.strengths)
         groups[-1].append(one)
     return groups
 

@@ -21,7 +21,7 @@ from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import EFFECTS, Covariate, Effect, Labels, Memory, ShapeTerm, Spline
 
 #: Errors of the signals: with Burckhardt's curve no data separate them, with others hardly any.
-OF_SIGNALS = tuple(name for name, cause in EFFECTS.items() if cause.OF_SLIP_ALONE)
+OF_SIGNALS = tuple(name for name, cause in EFFECTS.items() if cause.FACTS.of_slip_alone)
 
 
 class Trial(NamedTuple):
@@ -68,7 +68,7 @@ def _small(start: Effect) -> Effect:
     """The start itself; a term that is linear in its strengths begins at zero."""
     if not isinstance(start, ShapeTerm):
         return start
-    nothing: dict[str, Any] = dict.fromkeys(start.STRENGTHS, 0.0)
+    nothing: dict[str, Any] = dict.fromkeys(start.FACTS.strengths, 0.0)
     return dataclasses.replace(start, **nothing)
 
 

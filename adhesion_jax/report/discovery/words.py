@@ -46,7 +46,7 @@ def humanised(name: str) -> str:
     kind, _, column = name.partition(":")
     if kind not in KINDS:
         return one_line(kind.replace("_", " ") + (f" of {column}" if column else ""))
-    return KINDS[kind].PHRASE.replace("{}", one_line(column))
+    return KINDS[kind].FACTS.phrase.replace("{}", one_line(column))
 
 
 def decision(words: str) -> str:

@@ -1,8 +1,7 @@
 """Planting an effect in simulated runs: the runs, and the effect with its strength left open."""
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -23,12 +22,14 @@ def unchanged(signal: np.ndarray) -> np.ndarray:
 
 
 class CleanRuns(NamedTuple):
-    """Runs without any effect, arrays [runs, points]; braking runs have negative slip."""
+    """Runs without any effect, arrays [runs, points], and the chance of one that is planted."""
 
-    slip: np.ndarray  # the true slip ratio
+    slip: np.ndarray  # the true slip ratio, negative in braking runs
     columns: Mapping[str, np.ndarray]  # every other column of the simulated runs
     conditions: Conditions  # the columns, completed by what follows from them
     curve: Bend  # the base curve of these runs, slip to adhesion
+    generator: np.random.Generator  # draws what is not the strength of the effect
+    phase: float = 0.0  # of an effect that is a wave, rad
 
     @property
     def step(self) -> float:
@@ -79,45 +80,45 @@ class Plan(NamedTuple):
     limit: float
 
 
-class Plantable(eqx.Module):
-    """What can be planted in simulated runs, and how a study judges what is found of it.
+#: An effect in simulated runs: its strength is open, the rest drawn.
+Form = Callable[[CleanRuns], Plan]
 
-    FAMILY is shared by causes whose formulas resemble each other: a second one of a family that
-    adds little is a matter of form. SAME_AS holds the names that say the same: a plain column, a
-    wave along a column, or a cause that no data can tell from it; one that ends in a colon stands
-    for all that begin with it. SEEN_IN holds the columns in which a method without physics sees
-    it, the one that stands for it first: columns of a table, or beginnings of the names of
-    features made of them. ONE_FORM: it is noise, which has no formula to be varied, and always
-    planted by `planted_otherwise`.
+#: Columns [runs, points] from those that every run has.
+Extra = Callable[[Mapping[str, np.ndarray], np.random.Generator], Mapping[str, np.ndarray]]
+
+
+def chosen(*names: str) -> Extra:
+    """These of the columns."""
+    return lambda columns, _: {name: columns[name] for name in names}
+
+
+class Planting(NamedTuple):
+    """How an effect is planted in simulated runs, and how a study judges what is found of it.
+
+    `exact` plants it by its own formula; None for noise, which has no formula to be varied.
+    `otherwise` plants it by another formula, because a real rail follows none of the catalogue.
+    `seen_in` holds the columns in which a method without physics sees it, the one that stands for
+    it first: columns of a table, or beginnings of the names of features made of them. `extra` gives
+    the columns that runs have only where it is planted. `same_as` holds the names that say the same
+    of what the catalogue lacks; one that ends in a colon stands for all that begin with it.
     """
 
-    FAMILY: eqx.AbstractClassVar[str]
-    SAME_AS: eqx.AbstractClassVar[tuple[str, ...]]
-    SEEN_IN: eqx.AbstractClassVar[tuple[str, ...]]
-    ONE_FORM: ClassVar[bool] = False
+    exact: Form | None
+    otherwise: Form
+    seen_in: tuple[str, ...]
+    extra: Extra = chosen()
+    same_as: tuple[str, ...] = ()
 
-    @classmethod
-    def extra_columns(
-        cls, columns: Mapping[str, np.ndarray], generator: np.random.Generator
-    ) -> Mapping[str, np.ndarray]:
-        """Columns [runs, points] that simulated runs are given only where the cause is planted.
 
-        `columns` are those that every run has; a column among them is chosen, any other drawn.
-        """
-        return {}
+def of_strength(kind: type[Effect], limit: float, **fixed: float) -> Form:
+    """An effect of one strength by its own formula, its references the medians of the runs."""
+    (strength,) = kind.FACTS.strengths
 
-    @classmethod
-    @abstractmethod
-    def planted(cls, runs: CleanRuns, phase: float, generator: np.random.Generator) -> Plan:
-        """The cause by its own formula in simulated runs: its strength is open, the rest drawn.
+    def exact(runs: CleanRuns) -> Plan:
+        middles = {name: runs.middle(column) for name, column in kind.FACTS.references.items()}
+        return by_its_formula(lambda a: kind(**{strength: a}, **middles, **fixed), limit, runs)
 
-        `phase` in rad is that of a cause that is a wave.
-        """
-
-    @classmethod
-    @abstractmethod
-    def planted_otherwise(cls, runs: CleanRuns, generator: np.random.Generator) -> Plan:
-        """The same cause by another formula, because a real rail follows none of the catalogue."""
+    return exact
 
 
 def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRuns) -> Plan:
@@ -129,7 +130,7 @@ def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRu
         arrays = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), effect)
         values = {
             field: float(getattr(effect, field))
-            for field in effect.PARAMETERS
+            for field in effect.FACTS.parameters
             if isinstance(getattr(effect, field), float)
         }
 
