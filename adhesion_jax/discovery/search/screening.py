@@ -169,9 +169,9 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     u /= np.sqrt(np.maximum(1 - given, _LEAST_LEFT))
     runs = ends.size
     count = np.diff(first, append=x.shape[1])
-    own = [slice(at, at + k) for at, k in zip(first, count, strict=True)]
+    ranges = [slice(at, at + k) for at, k in zip(first, count, strict=True)]
     crosses, squares = [], []
-    for block, some in zip(blocks, own, strict=True):
+    for block, some in zip(blocks, ranges, strict=True):
         products = np.add.reduceat(block[:, :, None] * block[:, None, :], ends, axis=0)
         crosses.append(np.einsum("rkl,rl->rk", products, u[:, some]))
         squares.append(np.einsum("rkl,rlm->km", products, products))
@@ -183,7 +183,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         """Z of sums b [directions, choices]; `crossed` are those of X'X u with the same signs."""
         whole = np.add.reduceat((u**2).sum(axis=0)[:, None] - 2 * b * crossed, first, axis=0)
         made = [
-            np.sum(b[some] * (s @ b[some]), axis=0) for s, some in zip(squares, own, strict=True)
+            np.sum(b[some] * (s @ b[some]), axis=0) for s, some in zip(squares, ranges, strict=True)
         ]
         over = np.maximum(whole + np.stack(made), 1e-300) * runs / (runs - 1)
         statistic = np.add.reduceat(b**2, first, axis=0) / over
