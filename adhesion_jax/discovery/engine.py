@@ -20,6 +20,7 @@ from adhesion_jax.discovery.model.training_runs import refuse_training_runs
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import torsion
+from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import import_trees, second_opinion
 from adhesion_jax.discovery.search.selection import search, undecided
 from adhesion_jax.discovery.search.state import Selection, parts_of
@@ -132,7 +133,7 @@ def _problem(blocks: RunSet) -> Problem:
 def _few_runs(problem: Problem) -> list[str]:
     """What so few runs cannot show."""
     runs = problem.runs
-    least = 0.5 ** (runs - 1)
+    least = least_p(runs)
     if least <= rules.SIGNIFICANT:
         return []
     return [

@@ -133,3 +133,4 @@ class Findings(NamedTuple):
     base_before: str = ""  # the best curve without effects, where it is another one
     #: Sentences on columns in which much of the test data is outside the training data.
     outside: tuple[str, ...] = ()
+    least_p: float = 0.0  # the smallest p that signs of the runs can show

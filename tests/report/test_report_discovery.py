@@ -27,6 +27,7 @@ from matplotlib.image import imread
 from adhesion_jax.curves import BASES
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.reading import to_measured
+from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.files import staged
@@ -42,18 +43,17 @@ from adhesion_jax.report.discovery.levels import level_panels
 from adhesion_jax.report.discovery.markdown import discovery_markdown
 from adhesion_jax.report.discovery.residuals import residual_panels
 from adhesion_jax.report.discovery.shapes import shape_panels
-from adhesion_jax.report.discovery.tables import level_columns, residual_columns
+from adhesion_jax.report.discovery.tables import effects_table, level_columns, residual_columns
 from adhesion_jax.report.discovery.words import (
     acts_on,
     error,
     error_in_brackets,
     humanised,
     in_brackets,
-    p_value,
     percent_in_brackets,
     verdict,
 )
-from adhesion_jax.wording import plus_minus
+from adhesion_jax.wording import p_value, plus_minus
 
 EXAMPLES = {
     "null": null,
@@ -196,6 +196,13 @@ ERROR_ALONE = (
 )
 
 
+BY_CHANCE = (
+    "Each p is adjusted for everything that was looked at, and an effect is reported only if it "
+    "is at most 0.01: at most about 1 in 100 of the effects reported is there by chance, and "
+    "0.0005 is the smallest p that 1,999 patterns of signs of the runs can show."
+)
+
+
 def test_verdict_of_effects():
     assert verdict(two_effects()) == (
         "What burckhardt lacks here: humidity (adjusted p = 0.0011; adhesion falls by 14.8 % as "
@@ -204,8 +211,20 @@ def test_verdict_of_effects():
         "exponential loss with slip velocity from falling friction or contact heating). On runs "
         "not used for fitting (test set, 8 runs) the error falls from 0.01588 to 0.01031 "
         "[0.00972, 0.01104], which removes 57.8 % [49.5, 63.9] of the squared error; the noise "
-        "floor is 0.01002."
+        f"floor is 0.01002. {BY_CHANCE}"
     )
+
+
+def test_a_p_at_the_least_that_signs_can_show_is_told_as_such():
+    findings = two_effects()
+    humidity, speed = findings.effects
+    least = findings._replace(effects=(humidity._replace(p_adjusted=0.0005), speed))
+    assert "humidity (adjusted p <= 0.0005;" in verdict(least)
+    assert [row[1] for row in effects_table(least).rows if row[1]] == ["<= 0.0005", "0.0023"]
+    # Of eight runs there are 127 patterns of signs but their own.
+    eight = least._replace(least_p=least_p(8))
+    assert "and 0.0078 is the smallest p that 127 patterns of signs" in verdict(eight)
+    assert "humidity (adjusted p = 0.0005;" in verdict(eight)
 
 
 def test_verdict_says_where_an_effect_acts():
@@ -249,7 +268,7 @@ def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
         for row in null().ranking
     )
     assert verdict(null()._replace(ranking=ranking)) == (
-        "No effect is claimed, but humidity stands out among 2 candidates (adjusted p = 0.0005) "
+        "No effect is claimed, but humidity stands out among 2 candidates (adjusted p <= 0.0005) "
         "and was not accepted (no gain in cross-validation): something is missing that these data "
         "do not determine. Look at the residual against every column, and measure more runs that "
         f"differ in them. {ERROR_ALONE}"
@@ -309,7 +328,7 @@ def test_verdict_of_structure_without_a_cause():
         "relative_humidity_pct (adjusted p = 0.0031); it is corrected by a non-parametric term, "
         "and no physical cause is claimed. On runs not used for fitting (cross-validation, 24 "
         "runs) the error falls from 0.01341 to 0.01044 [0.00984, 0.01118], which removes 39.4 % "
-        "[31.1, 45.5] of the squared error; the noise floor is 0.01002."
+        f"[31.1, 45.5] of the squared error; the noise floor is 0.01002. {BY_CHANCE}"
     )
 
 

@@ -29,6 +29,7 @@ from adhesion_jax.discovery.model.rows import Ranges, predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
+from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
 from adhesion_jax.discovery.types import (
     Doubt,
@@ -134,6 +135,7 @@ def summarise(
         None if runs.blocks else _levels(runs, before, after, noise),
         "",
         tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
+        least_p(problem.runs),
     )
 
 

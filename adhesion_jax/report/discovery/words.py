@@ -15,7 +15,7 @@ from adhesion_jax.discovery.types import (
     Opinion,
 )
 from adhesion_jax.effects import KINDS
-from adhesion_jax.wording import listed, number
+from adhesion_jax.wording import listed, number, p_is
 
 #: What an effect does to the curve, by what it acts on.
 _ACTS_ON = {
@@ -92,16 +92,10 @@ def percent_in_brackets(interval: Interval) -> str:
     return _bracketed(value, *(bound.removesuffix(" %") for bound in bounds))
 
 
-def p_value(value: float) -> str:
-    return f"{value:.2g}" if np.isfinite(value) else ""
-
-
-def evidence(effect: FoundEffect) -> str:
-    return (
-        f"adjusted p = {p_value(effect.p_adjusted)}"
-        if np.isfinite(effect.p_adjusted)
-        else "no adjusted p"
-    )
+def evidence(findings: Findings, effect: FoundEffect) -> str:
+    if not np.isfinite(effect.p_adjusted):
+        return "no adjusted p"
+    return f"adjusted {p_is(effect.p_adjusted, findings.least_p)}"
 
 
 def candidates(effect: FoundEffect) -> tuple[str, ...]:
@@ -140,7 +134,7 @@ def opinion_sentence(opinion: Opinion) -> str:
     return (
         f"Boosted trees predict {percent(opinion.explained)} ± {percent(opinion.error)} of the "
         f"squared residual of runs that they were not fitted to, from {source} "
-        f"(p = {p_value(opinion.p)}): something is missing that the law has no form for"
+        f"({p_is(opinion.p)}): something is missing that the law has no form for"
     )
 
 
@@ -163,7 +157,7 @@ def verdict(findings: Findings) -> str:
         )
     open_questions = _open_questions(findings)
     if sentences:
-        sentences += [f"{_change(findings)}.", *_at_bounds(findings)]
+        sentences += [f"{_change(findings)}.", _by_chance(findings), *_at_bounds(findings)]
         sentences += [f"{words}." for words in open_questions]
     elif open_questions:
         first, *others = open_questions
@@ -179,6 +173,22 @@ def verdict(findings: Findings) -> str:
             _error_alone(findings),
         ]
     return " ".join([*sentences, *_in_noise(findings), *_unlike(findings)])
+
+
+def _by_chance(findings: Findings) -> str:
+    """How many of the effects may be there by chance, and the smallest p that there can be."""
+    rare, least = rules.SIGNIFICANT, findings.least_p
+    floor = ""
+    if least:
+        floor = (
+            f", and {least:.2g} is the smallest p that {1 / least - 1:,.0f} patterns of signs of "
+            f"the {kind_of_run(findings)}s can show"
+        )
+    return (
+        "Each p is adjusted for everything that was looked at, and an effect is reported only if "
+        f"it is at most {rare}: at most about 1 in {1 / rare:.0f} of the effects reported is there "
+        f"by chance{floor}."
+    )
 
 
 def _at_bounds(findings: Findings) -> list[str]:
@@ -216,7 +226,8 @@ def _unlike(findings: Findings) -> list[str]:
 
 def _axes(findings: Findings) -> str:
     return " and ".join(
-        f"{one_line(axis(effect))} ({evidence(effect)})" for effect in findings.unexplained
+        f"{one_line(axis(effect))} ({evidence(findings, effect)})"
+        for effect in findings.unexplained
     )
 
 
@@ -242,9 +253,9 @@ def _did_not_hold(findings: Findings) -> list[str]:
         return []
     return [
         f"{humanised(first.name)} stands out among {len(findings.ranking)} candidates (adjusted "
-        f"p = {p_value(first.p_adjusted)}) and was not accepted ({decision(first.decision)}): "
-        "something is missing that these data do not determine. Look at the residual against every "
-        "column, and measure more runs that differ in them"
+        f"{p_is(first.p_adjusted, findings.least_p)}) and was not accepted "
+        f"({decision(first.decision)}): something is missing that these data do not determine. "
+        "Look at the residual against every column, and measure more runs that differ in them"
     ]
 
 
@@ -262,8 +273,9 @@ def _scatter(findings: Findings) -> list[str]:
 def _in_noise(findings: Findings) -> list[str]:
     """Sentences on effects that no prediction can use."""
     return [
-        f"{humanised(effect.name)[0].upper()}{humanised(effect.name)[1:]} ({evidence(effect)}) is "
-        "part of the noise: its phase differs from run to run, so that it improves no prediction."
+        f"{humanised(effect.name)[0].upper()}{humanised(effect.name)[1:]} "
+        f"({evidence(findings, effect)}) is part of the noise: its phase differs from run to run, "
+        "so that it improves no prediction."
         for effect in findings.effects
         if effect.name in _IN_NOISE
     ]
@@ -285,7 +297,8 @@ def _missing(findings: Findings, effects: Sequence[FoundEffect]) -> str:
     described = []
     for effect in effects:
         shape = acts_on(effect) if effect.acts_on != "level" else ""
-        facts = (evidence(effect), shape or _size(findings, effect), class_sentence(effect))
+        size = shape or _size(findings, effect)
+        facts = (evidence(findings, effect), size, class_sentence(effect))
         described.append(f"{humanised(effect.name)} ({'; '.join(part for part in facts if part)})")
     return "; ".join(described)
 
@@ -363,5 +376,5 @@ def _strongest(findings: Findings) -> str:
         return ""
     return (
         f" (the strongest of {len(findings.ranking)} candidates, {humanised(first.name)}, has "
-        f"adjusted p = {p_value(first.p_adjusted)})"
+        f"adjusted {p_is(first.p_adjusted, findings.least_p)})"
     )
