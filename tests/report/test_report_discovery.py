@@ -352,8 +352,26 @@ def test_test_data_unlike_the_training_data_are_told():
     outside = "40 % of the test points have a larger slip than any training point (0.1)."
     words = verdict(findings._replace(test=far, outside=(outside,)))
     assert words.endswith("or something acts in them that did not act there.")
-    assert f"{outside} On the test set the error is 34" in words
-    assert "times that of training runs left out" in words
+    assert f"{outside} Of that on training runs left out, the error on the test set is 34" in words
+    assert "their intervals do not touch" in words
+
+
+def test_a_test_error_is_unlike_that_of_training_where_their_intervals_do_not_touch():
+    findings = two_effects()
+    usual, now = findings.validation, findings.test
+
+    def said(**changes):
+        return verdict(findings._replace(test=now._replace(**changes)))
+
+    # Just apart, by 1.3 times; of seven runs the bootstrap is too narrow to say so.
+    apart = Interval(1.3 * usual.after.value, 1.01 * usual.after.high, 0.02)
+    assert "the error on the test set is 1.3 times after, and" in said(after=apart)
+    assert "unlike" not in said(after=apart, runs=7)
+    assert "unlike" not in said(after=apart._replace(low=usual.after.high))
+    # A smaller error before is unlike training as well; a smaller one after is no reproach.
+    less = Interval(0.5 * usual.before.value, 0.004, 0.99 * usual.before.low)
+    assert "the error on the test set is 0.5 times before, and" in said(before=less)
+    assert "unlike" not in said(after=Interval(0.005, 0.004, 0.006))
 
 
 def test_the_verdict_names_the_curve_of_the_error_before():

@@ -93,7 +93,7 @@ def summarise(
     level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
     slow = noise.run_scatter**2 + noise.slow_level**2
     floor = float(np.sqrt(noise.sigma**2 + slow * level))
-    outside = extrapolated(final, law, runs, test)
+    outside = extrapolated(final.accepted, problem, law, runs, test)
     entries = library_of(problem)
     alike = likenesses(final, entries)
     effects = _found(final, validation)

@@ -213,14 +213,27 @@ def _at_bounds(findings: Findings) -> list[str]:
 def _unlike(findings: Findings) -> list[str]:
     """Sentences on test data that are unlike the training data."""
     sentences = [one_line(sentence) for sentence in findings.outside]
-    if findings.test is not None:
-        usual, now = findings.validation.after.value, findings.test.after
-        if now.low > rules.UNLIKE_TRAINING * usual > 0:
-            sentences.append(
-                f"On the test set the error is {number(now.value / usual)} times that of training "
-                f"{kind_of_run(findings)}s left out ({error(usual)}): the test data are unlike the "
-                "training data, or something acts in them that did not act there."
-            )
+    if findings.test is None:
+        return sentences
+    usual, now = findings.validation, findings.test
+    few = min(usual.runs, now.runs) < rules.FEWEST_RUNS_TO_COMPARE
+    least = rules.UNLIKE_TRAINING if few else 0.0
+    ratios = {
+        when: one.value / other.value
+        for when, one, other in (
+            ("before", now.before, usual.before),
+            ("after", now.after, usual.after),
+        )
+        if one.low > max(other.high, least * other.value) > 0
+        or (when == "before" and not few and one.high < other.low)
+    }
+    if ratios:
+        what = listed([f"{number(ratio)} times {when}" for when, ratio in ratios.items()])
+        sentences.append(
+            f"Of that on training {kind_of_run(findings)}s left out, the error on the test set is "
+            f"{what}, and their intervals do not touch: the test data are unlike the training "
+            "data, or something acts in them that did not act there."
+        )
     return sentences
 
 
