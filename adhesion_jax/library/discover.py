@@ -10,6 +10,7 @@ import pandas as pd
 from adhesion_jax.data import matching, to_runs
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.events import Chosen, events_of
+from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.effects.law import CorrectedLaw
@@ -114,11 +115,11 @@ def discover(
     all that is wrong with the data.
     """
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
-    logs = events_of(all_of(data, columns, known), events)
+    logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])
     judging = None
     if test is not None:
-        judged = events_of(all_of(test, columns, known), events)
+        judged = events_of(all_of(test, columns, known, few=FEW_OF_A_SEARCH), events)
         judging = matching(train, to_runs([log.points for log in judged]))
     remarks = (*(log.sentence for log in logs), *map(citation_of, parts_of(data)))
     findings = engine.discover(
