@@ -27,6 +27,7 @@ def main(
     seed: int,
     planted: tuple[str, ...] | None,
     slip_noise: float | None,
+    correct: bool,
     events: bool | None,
     out: Path,
     columns: Mapping[str, object],
@@ -65,6 +66,7 @@ def main(
             source=", ".join(train),
             citation=" ".join(filter(None, (used, *map(citation_of, train)))),
             slip_noise=slip_noise,
+            correct=correct,
         )
         progress("writing the report", 0.97)
         with staged(out, DISCOVERY_FILES) as stage:

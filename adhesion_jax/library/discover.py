@@ -65,7 +65,7 @@ class Discovery:
 
     @property
     def predictions(self) -> pd.DataFrame | None:
-        """A row for each row of the test data: row, base, corrected; None without a test."""
+        """A row for each row of the test: row, base, corrected and, if asked for, with_trees."""
         return self.findings.predictions
 
     @property
@@ -94,6 +94,7 @@ def discover(
     base: str = "auto",
     seed: int = 0,
     slip_noise: float | None = None,
+    correct: bool = False,
     progress: Callable[[str, float], None] = silent,
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
@@ -109,10 +110,11 @@ def discover(
     told) and whatever was measured beside them; several tables are taken together. `test` is
     predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
-    it is known. `progress` is called with words and the share that is done. `columns`,
-    `wheel_radius`, `delays`, `inertia`, `gear_ratio` and `efficiency` are those of `identify`, for
-    `data` and `test`, and so are `events`: each slip event of a long log is a run. InputError names
-    all that is wrong with the data.
+    it is known. With `correct`, the test is also predicted by the law with boosted trees on top, a
+    correction without a formula, where these predict what the law leaves. `progress` is called with
+    words and the share that is done. `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio`
+    and `efficiency` are those of `identify`, for `data` and `test`, and so are `events`: each slip
+    event of a long log is a run. InputError names all that is wrong with the data.
     """
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
@@ -131,6 +133,7 @@ def discover(
         source=", ".join(map(name_of, parts_of(data))),
         citation=" ".join(filter(None, remarks)),
         slip_noise=slip_noise,
+        correct=correct,
     )
     laws = {name: of_numbers(getattr(findings, name)) for name in ("law", "law_before")}
     return Discovery(findings._replace(**laws), tuple(logs))

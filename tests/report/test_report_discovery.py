@@ -22,6 +22,7 @@ from discovery_examples import (
     two_effects,
     unexplained,
 )
+from discovery_examples import errors as made_errors
 from matplotlib.image import imread
 
 from adhesion_jax.curves import BASES
@@ -39,11 +40,17 @@ from adhesion_jax.report.discovery.files import (
     report_json,
     write_discovery,
 )
+from adhesion_jax.report.discovery.frames import errors_frame
 from adhesion_jax.report.discovery.levels import level_panels
 from adhesion_jax.report.discovery.markdown import discovery_markdown
 from adhesion_jax.report.discovery.residuals import residual_panels
 from adhesion_jax.report.discovery.shapes import shape_panels
-from adhesion_jax.report.discovery.tables import effects_table, level_columns, residual_columns
+from adhesion_jax.report.discovery.tables import (
+    effects_table,
+    errors_table,
+    level_columns,
+    residual_columns,
+)
 from adhesion_jax.report.discovery.words import (
     acts_on,
     error,
@@ -297,6 +304,23 @@ def test_verdict_of_doubts_and_of_the_second_opinion():
     )
     unnamed = verdict(doubted()._replace(opinion=OPINION._replace(columns=())))
     assert "fitted to, from the slip itself, or columns that go together (p = 0.0003)" in unnamed
+
+
+def test_a_correction_by_trees_is_offered_and_named_as_what_it_is():
+    findings = two_effects()
+    opinion = OPINION._replace(correction=lambda columns: columns["slip_ratio"])
+    offered = verdict(findings._replace(opinion=opinion))
+    assert "add --correct and --test (in Python correct=True and test)" in offered
+    assert "--correct" not in verdict(findings._replace(opinion=OPINION))
+    done = findings._replace(opinion=opinion, with_trees=made_errors(0.01588, 0.01019, 8))
+    assert (
+        "On top of the law they take its error on the test set from 0.01031 to 0.01019 [0.00961, "
+        "0.01091]: a correction without a formula, from these columns, which is not in law.json."
+    ) in verdict(done)
+    assert errors_table(done).rows[-1][:2] == ("test, trees on top", "8")
+    assert errors_frame(done)["data"].tolist()[-1] == "test, trees on top"
+    assert report_json(done)["rmse"]["test_with_trees"] == {"before": 0.01588, "after": 0.01019}
+    assert "test_with_trees" not in report_json(findings)["rmse"]
 
 
 def test_verdict_of_runs_that_scatter_more_than_their_points():

@@ -25,11 +25,12 @@ from adhesion_jax.discovery.model.noise import NoisySlip, noise_of, noise_of_row
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
-from adhesion_jax.discovery.model.rows import Ranges, predicted
+from adhesion_jax.discovery.model.rows import Ranges, columns_of, predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.screening import least_p
+from adhesion_jax.discovery.search.second_opinion import features_of
 from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
 from adhesion_jax.discovery.types import (
     Doubt,
@@ -65,6 +66,7 @@ def summarise(
     warnings: Sequence[str],
     doubts: Sequence[Doubt],
     opinion: Opinion | None,
+    correct: bool,
     seed: int,
     source: str,
     citation: str,
@@ -81,11 +83,17 @@ def summarise(
     before, after = predicted(bare, runs), predicted(law, runs)
     train = _errors(runs, before, after, seed)
     validation = _validation(runs, before, after, plain.fitted, final.fitted, seed)
-    tested = predictions = None
+    tested = predictions = with_trees = None
     if test is not None:
         test_before, test_after = predicted(bare, test), predicted(law, test)
         tested = _errors(test, test_before, test_after, seed)
-        predictions = _predictions(test.places, test_before, test_after)
+        columns = {"base": test_before, "corrected": test_after}
+        if correct and opinion is not None and opinion.correction is not None:
+            known = columns_of(problem.columns, problem.calendar, test)
+            more = opinion.correction(features_of(problem, test.whole.slip, known))
+            columns["with_trees"] = test_after + np.sign(test.whole.slip) * more
+            with_trees = _errors(test, test_before, columns["with_trees"], seed)
+        predictions = _predictions(test.places, columns)
     refuted = _refuted(final, validation, tested)
     noise = noise_of(final.fitted, slip)
     if blocks is not runs:
@@ -136,6 +144,7 @@ def summarise(
         "",
         tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
         least_p(problem.runs),
+        with_trees,
     )
 
 
@@ -216,9 +225,9 @@ def _refuted(final: Selection, validation: Errors, test: Errors | None) -> list[
     return []
 
 
-def _predictions(rows: np.ndarray, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
+def _predictions(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
     """The predictions of the test files, one line for each of their rows, in its order."""
-    table = pd.DataFrame({"row": rows, "base": before, "corrected": after})
+    table = pd.DataFrame({"row": rows, **columns})
     return table.sort_values("row", ignore_index=True)
 
 

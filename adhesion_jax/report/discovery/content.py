@@ -173,7 +173,7 @@ def _doubts(findings: Findings) -> list[Section]:
     if findings.doubts:
         blocks += _items([doubt.sentence for doubt in findings.doubts], "")
     if findings.opinion:
-        blocks.append(Paragraph(f"{opinion_sentence(findings.opinion)}."))
+        blocks.append(Paragraph(f"{opinion_sentence(findings, findings.opinion)}."))
     return [Section("Doubts", blocks)] if blocks else []
 
 

@@ -10,6 +10,7 @@ from adhesion_jax.report.discovery.words import (
     decision,
     error,
     error_in_brackets,
+    errors_by_data,
     humanised,
     in_brackets,
     kind_of_run,
@@ -21,16 +22,11 @@ from adhesion_jax.wording import p_value, plus_minus
 
 
 def errors_table(findings: Findings) -> Table:
-    """Error before and after: training, cross-validation, test."""
+    """Error before and after: training, cross-validation, test, and with trees on top."""
     kind = kind_of_run(findings)
-    rows = [
-        ("training", findings.train),
-        ("cross-validation", findings.validation),
-        *([("test", findings.test)] if findings.test else []),
-    ]
     return Table(
         (f"{kind}s of", f"{kind}s", "error before", "error after", "squared error removed"),
-        [_errors_row(name, errors) for name, errors in rows],
+        [_errors_row(name, errors) for name, errors in errors_by_data(findings).items()],
         (f"{kind}s",),
     )
 

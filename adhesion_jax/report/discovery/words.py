@@ -120,21 +120,46 @@ def acts_on(effect: FoundEffect) -> str:
     return "" if effect.acts_on == "level" and signals else _ACTS_ON[effect.acts_on]
 
 
+def errors_by_data(findings: Findings) -> dict[str, Errors]:
+    """The errors before and after, by the data that they are of."""
+    errors = {
+        "training": findings.train,
+        "cross-validation": findings.validation,
+        "test": findings.test,
+        "test, trees on top": findings.with_trees,
+    }
+    return {data: of for data, of in errors.items() if of is not None}
+
+
 def kind_of_run(findings: Findings) -> str:
     """`run`, or `block` where one run was cut: blocks bear that name (`adhesion_jax.data`)."""
     names = findings.points["run"].astype(str)
     return "block" if names.str.startswith("block ").all() else "run"
 
 
-def opinion_sentence(opinion: Opinion) -> str:
+def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
     source = "the slip itself, or columns that go together"
     if opinion.columns:
         source = listed([one_line(name) for name in opinion.columns])
+    more = ""
+    if findings.test and findings.with_trees:
+        usual, now = findings.test.after.value, findings.with_trees.after
+        more = (
+            f". On top of the law they take its error on the test set from {error(usual)} to "
+            f"{error_in_brackets(now)}: "
+            "a correction without a formula, from these columns, which is not in law.json"
+        )
+    elif opinion.correction is not None:
+        more = (
+            ". To have a test set predicted with the trees on top of the law, a correction without "
+            "a formula, add --correct and --test (in Python correct=True and test)"
+        )
     return (
         f"Boosted trees predict {percent(opinion.explained)} ± {percent(opinion.error)} of the "
         f"squared residual of runs that they were not fitted to, from {source} "
         f"({p_is(opinion.p)}): something is missing that the law has no form for"
+        f"{more}"
     )
 
 
@@ -249,7 +274,7 @@ def _open_questions(findings: Findings) -> list[str]:
     return [
         *_did_not_hold(findings),
         *(one_line(doubt.sentence).rstrip(".") for doubt in findings.doubts),
-        *([opinion_sentence(findings.opinion)] if findings.opinion else []),
+        *([opinion_sentence(findings, findings.opinion)] if findings.opinion else []),
         *_scatter(findings),
     ]
 
