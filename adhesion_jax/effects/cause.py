@@ -16,15 +16,16 @@ class Cause(Effect, Plantable):
     """A physical cause; its class declares everything that other modules ask about it.
 
     SENTENCE tells what the cause does. RESTS_ON names the columns that a claim of it rests on,
-    slip_ratio among them where it is a function of the slip. OF_SLIP_ALONE: it is a function
-    of nothing else, an error of a signal that hardly any data tell from another shape of the
-    curve. SCREENED: it is looked for among the candidates of the search, rather than
-    by a test of its own.
+    slip_ratio among them where it is a function of the slip. OF_SLIP_ALONE: it is a function of
+    nothing else, an error of a signal that hardly any data tell from another shape of the curve.
+    ONE_SIDED: what SENTENCE says is true where the strength is above 0 alone. SCREENED: it is
+    looked for among the candidates of the search, rather than by a test of its own.
     """
 
     SENTENCE: eqx.AbstractClassVar[str]
     RESTS_ON: eqx.AbstractClassVar[tuple[str, ...]]
     OF_SLIP_ALONE: ClassVar[bool] = False
+    ONE_SIDED: ClassVar[bool] = False
     SCREENED: ClassVar[bool] = True
 
 

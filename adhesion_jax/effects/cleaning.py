@@ -43,6 +43,7 @@ class Cleaning(Changing, Remembering):
     FORMULA: ClassVar[str] = (
         "mu (1 + k (1 - exp(-W/W0))), W the integral of |mu| |l| V (F/F0)^q dt since the run began"
     )
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "cleaning by slip"
     FAMILY: ClassVar[str] = "cleaning"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("slip_ratio", "vehicle_speed_mps", "time_s")

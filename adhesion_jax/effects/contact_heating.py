@@ -32,6 +32,7 @@ class ContactHeating(Changing):
     FORMULA: ClassVar[str] = (
         "mu (1 - k |mu| v_s/sqrt(V)), v_s = |l| V the slip velocity and V the vehicle speed in m/s"
     )
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "contact heating"
     FAMILY: ClassVar[str] = "slip velocity"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("slip_ratio", "vehicle_speed_mps")

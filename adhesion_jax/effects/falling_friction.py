@@ -30,6 +30,7 @@ class FallingFriction(Scaling):
     FORMULA: ClassVar[str] = (
         "mu (1 - d (1 - exp(-b w))), w = |l| V the slip velocity in m/s; d = 1 - A of the source"
     )
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "falling friction"
     FAMILY: ClassVar[str] = "slip velocity"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("slip_ratio", "vehicle_speed_mps")

@@ -34,6 +34,7 @@ class Patch(Scaling):
     FORMULA: ClassVar[str] = (
         "mu (1 - d exp(-|(x - x0)/w|^n)), x the position in m; n = 2 is smooth, a large n a box"
     )
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "a patch on the rail"
     FAMILY: ClassVar[str] = "place"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("position_m",)

@@ -33,6 +33,7 @@ class Sanding(Scaling, Remembering):
     FORMULA: ClassVar[str] = (
         "mu (1 + k s), s following the sanding flag: build-up over t1, decay over t2, in s"
     )
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "sanding"
     FAMILY: ClassVar[str] = "sand"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("sanding",)

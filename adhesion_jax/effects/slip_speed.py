@@ -26,6 +26,7 @@ class SlipSpeed(Scaling):
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
     SENTENCE: ClassVar[str] = "Adhesion falls with slip velocity: Burckhardt's c4."
     FORMULA: ClassVar[str] = "mu exp(-c4 |l| V), l the slip ratio, V the vehicle speed in m/s"
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "exponential loss with slip velocity"
     FAMILY: ClassVar[str] = "slip velocity"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("slip_ratio", "vehicle_speed_mps")

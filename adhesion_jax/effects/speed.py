@@ -34,6 +34,7 @@ class Speed(Scaling):
     FORMULA: ClassVar[str] = (
         "mu (1 + k (f(V)/f(V0) - 1)), f(V) = 7.5/(44 + V) + 0.161, V the vehicle speed in km/h"
     )
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "vehicle speed"
     FAMILY: ClassVar[str] = "slip velocity"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)

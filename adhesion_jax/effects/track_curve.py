@@ -26,6 +26,7 @@ class CurveOfTrack(Scaling):
     NEEDS: ClassVar[tuple[str, ...]] = ("curvature_per_m",)
     SENTENCE: ClassVar[str] = "Adhesion is lower in curves of the track."
     FORMULA: ClassVar[str] = "mu (1 - k |kappa|), kappa the curvature of the track in 1/m"
+    ONE_SIDED: ClassVar[bool] = True
     PHRASE: ClassVar[str] = "curvature of the track"
     FAMILY: ClassVar[str] = "curvature"
     RESTS_ON: ClassVar[tuple[str, ...]] = ("curvature_per_m",)

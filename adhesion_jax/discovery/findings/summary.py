@@ -20,18 +20,19 @@ from adhesion_jax.discovery.findings.cautions import (
 )
 from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
-from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted, quantile
+from adhesion_jax.discovery.findings.naming import intervals, vetoed
+from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
 from adhesion_jax.discovery.model.noise import NoisySlip, noise_of, noise_of_rows
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
+from adhesion_jax.discovery.model.program import base_curve, base_places
 from adhesion_jax.discovery.model.rows import Ranges, columns_of, predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of
-from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
+from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
 from adhesion_jax.discovery.types import (
     Doubt,
     Errors,
@@ -78,6 +79,7 @@ def summarise(
     they are few). `began` is the time at which the search began, by `time.perf_counter`.
     """
     problem = final.setting.problem
+    final, unnamed = vetoed(final)
     ranges = ranges_of(problem, runs)
     law, bare = law_of(final, ranges), law_of(plain, ranges)
     before, after = predicted(bare, runs), predicted(law, runs)
@@ -126,6 +128,7 @@ def summarise(
         dependences(final, seed),
         (
             *refuted,
+            *unnamed,
             *shape_words(final),
             *warnings,
             *noise_words(final, noise),
@@ -294,7 +297,7 @@ def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
 
 def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
     """The effects with their intervals, and the error with each added to those before it."""
-    intervals = _intervals(state)
+    told = intervals(state)
     values = state.fitted.base_values.tolist()
     whole = float(held_out_loss(state.fitted).sum())
     found = []
@@ -308,7 +311,7 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
             for name, described in part.PARAMETERS.items():
                 if name in part.REFERENCES or _no_label(part, name):
                     continue
-                interval = parameters[prefix + name] = intervals[number, place][name]
+                interval = parameters[prefix + name] = told[number, place][name]
                 if not described.lower < interval.value < described.upper:
                     at_bound.append(prefix + name)
                 column = effect.covariates[0] if effect.covariates else ""
@@ -361,26 +364,11 @@ def _formula(part: Effect) -> str:
 def _sentence(effect: Accepted) -> str:
     """What the effect does, in words."""
     first = effect.parts[0]
-    if not isinstance(first, Cause):
+    if effect.generic or not isinstance(first, Cause):
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
     more = " and ".join(kind_of(part) for part in effect.parts[1:])
     refined = f" Its form is refined by {more}." if more else ""
     return f"{first.SENTENCE}{refined}"
-
-
-def _intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
-    """95 % intervals of the parameters of every part, by parameter name."""
-    error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0)) * quantile(state.fitted)
-    at = {place: number for number, place in enumerate(state.fitted.places)}
-    slots = slots_of(state.accepted)
-    found = {}
-    for slot, (part, effect) in enumerate(zip(slots, state.fitted.effects, strict=True)):
-        found[part] = {
-            name: Interval(value, value - error[at[place]], value + error[at[place]])
-            for name, place in effect_places(slot, effect).items()
-            for value in (float(getattr(effect, name)),)
-        }
-    return found
 
 
 def _slip_noise(noisy: NoisySlip | None, validation: Errors) -> list[FoundEffect]:
