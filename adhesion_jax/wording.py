@@ -39,6 +39,19 @@ def plus_minus(value: float, standard_error: float) -> str:
     return f"{value:.{decimals}f} ± {standard_error:.{decimals}f}"
 
 
+def p_value(value: float, least: float = 0.0) -> str:
+    """A p with two digits, `<= 0.0005` at the `least` that its test can show; empty if NaN."""
+    if not math.isfinite(value):
+        return ""
+    return f"<= {least:.2g}" if value == least else f"{value:.2g}"
+
+
+def p_is(value: float, least: float = 0.0) -> str:
+    """`p = 0.003`, or `p <= 0.0005`."""
+    written = p_value(value, least)
+    return f"p {written}" if written.startswith("<") else f"p = {written}"
+
+
 def listed(words: Sequence[str], conjunction: str = "and") -> str:
     """`a, b and c`."""
     return f" {conjunction} ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)

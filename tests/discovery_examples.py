@@ -174,6 +174,7 @@ def null() -> Findings:
         points=_nothing_missing(),
         predictions=None,
         seconds=1.43,
+        least_p=0.0005,
     )
 
 

@@ -66,6 +66,11 @@ class Plantable(Names):
     "vehicle speed); by default it is estimated.",
 )
 @click.option(
+    "--correct",
+    is_flag=True,
+    help="Where boosted trees predict what the law leaves, predict --test with them as well.",
+)
+@click.option(
     "--out",
     type=Folder(),
     default=Path("out/discover"),

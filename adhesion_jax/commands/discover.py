@@ -11,6 +11,7 @@ import click
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
 from adhesion_jax.data.events import events_of
+from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.data.runs import matching, to_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.files import output_directory, staged
@@ -26,6 +27,7 @@ def main(
     seed: int,
     planted: tuple[str, ...] | None,
     slip_noise: float | None,
+    correct: bool,
     events: bool | None,
     out: Path,
     columns: Mapping[str, object],
@@ -34,8 +36,8 @@ def main(
 ) -> None:
     """Write what a curve lacks in the runs, or in simulated ones where effects are planted."""
     if planted is None:
-        measured = read(train, columns, known)
-        judged = read(tests, columns, known) if tests else []
+        measured = read(train, columns, known, FEW_OF_A_SEARCH)
+        judged = read(tests, columns, known, FEW_OF_A_SEARCH) if tests else []
         if dry_run:
             return
     output_directory(out)
@@ -64,6 +66,7 @@ def main(
             source=", ".join(train),
             citation=" ".join(filter(None, (used, *map(citation_of, train)))),
             slip_noise=slip_noise,
+            correct=correct,
         )
         progress("writing the report", 0.97)
         with staged(out, DISCOVERY_FILES) as stage:

@@ -8,19 +8,23 @@ import click
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.data import Measured
 from adhesion_jax.data.corrections import corrections_of
+from adhesion_jax.data.gaps import FEW
 from adhesion_jax.library.reading import all_of
 from adhesion_jax.report.measured.understood import understood
 
 
 def read(
-    files: Sequence[str], columns: Mapping[str, object], known: Mapping[str, Any]
+    files: Sequence[str],
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    few: float = FEW,
 ) -> list[Measured]:
     """The measurements of the files; what was understood of each is printed.
 
-    `known` are arguments of `corrections_of`.
+    `known` are arguments of `corrections_of`, and `few` is that of `read_measured`.
     """
     corrections = corrections_of(**known)
     with shown() as progress:
-        found = all_of(files, columns, corrections, progress)
+        found = all_of(files, columns, corrections, progress, few)
     click.echo("\n\n".join(map(understood, found)) + "\n")
     return found

@@ -14,12 +14,13 @@ from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.delays import without_delays
 from adhesion_jax.data.derived import SLOW, SOURCES, Derived, derive, needed
 from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
-from adhesion_jax.data.gaps import without_gaps
-from adhesion_jax.data.gathering import Gathered, gather
+from adhesion_jax.data.gaps import FEW, bridged, without_gaps
+from adhesion_jax.data.gathering import gather
 from adhesion_jax.data.lateness import late_signals
 from adhesion_jax.data.plausible import speed_warnings
 from adhesion_jax.data.repeats import of_means, stacked, stacked_note, with_scatter
 from adhesion_jax.data.schema import label_faults, range_faults, time_faults, unusual
+from adhesion_jax.data.stretches import series_of
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -45,6 +46,7 @@ class Measured(NamedTuple):
     left_out: tuple[str, ...]  # columns it does not know and that are not numbers throughout
     understood: pd.DataFrame  # a row a column: column, taken_as, unit, lowest, highest, missing
     notes: tuple[str, ...]  # sentences on how the file was read and which rows are not used
+    gaps: tuple[str, ...]  # those of them on rows without a value
 
 
 def read_measured(
@@ -52,15 +54,17 @@ def read_measured(
     columns: Mapping[str, object] | None = None,
     known: Corrections = NOTHING,
     progress: Progress = silent,
+    few: float = FEW,
 ) -> Measured:
     """A measured table with slip and adhesion from a file; see `to_measured`.
 
     Read are .csv, .csv.gz, .txt, .tsv and .parquet. In text, cells are separated by commas,
     semicolons, tabs or bars, numbers have a decimal point or comma, and a row of units may stand
     under the header. `known` is what is corrected, and of which sensors the columns do not tell.
-    `progress` is called with words and the share that is read.
+    `progress` is called with words and the share that is read. `few` is the largest share of rows
+    that is left out for the sake of columns that are not needed.
     """
-    return _measured(sheet_of_file(path), columns, known, progress)
+    return _measured(sheet_of_file(path), columns, known, progress, few)
 
 
 def to_measured(
@@ -68,6 +72,7 @@ def to_measured(
     frame: pd.DataFrame,
     columns: Mapping[str, object] | None = None,
     known: Corrections = NOTHING,
+    few: float = FEW,
 ) -> Measured:
     """A measured table with slip and adhesion, or InputError naming all that is wrong with it.
 
@@ -75,10 +80,11 @@ def to_measured(
     body. Columns are taken for these by their names and units, or as `columns` says, see
     `mapping.said`. The other columns of COLUMNS and LABELS are checked where they are there;
     further numeric ones are kept as covariates. Rows with a gap in a column that is needed are left
-    out, and so are those with a gap in another one as long as these are few; otherwise that column
-    is left out. Whether the points are of use is for `check_curve` and `adhesion_faults` to say.
+    out, and so are those with a gap in another one that is not bridged (`gaps.bridged`), as long as
+    these are few, at most that share of all; otherwise that column is left out. Whether the points
+    are of use is for `check_curve` and `adhesion_faults` to say.
     """
-    return _measured(sheet_of_frame(frame, name), columns, known, silent)
+    return _measured(sheet_of_frame(frame, name), columns, known, silent, few)
 
 
 def read_all(
@@ -86,6 +92,7 @@ def read_all(
     columns: Mapping[str, object] | None = None,
     known: Corrections = NOTHING,
     progress: Progress = silent,
+    few: float = FEW,
 ) -> list[Measured]:
     """Every file as by `read_measured`; InputError naming all that is wrong with any of them."""
     files: list[Measured] = []
@@ -101,7 +108,7 @@ def read_all(
             progress(words, (before + share) / len(paths))
 
         try:
-            files.append(read_measured(path, columns, known, of_all))
+            files.append(read_measured(path, columns, known, of_all, few))
         except InputError as error:
             faults.append(str(error).removesuffix("."))
     if faults:
@@ -114,6 +121,7 @@ def _measured(
     columns: Mapping[str, object] | None,
     known: Corrections,
     progress: Progress,
+    few: float,
 ) -> Measured:
     sheet = with_dates_joined(sheet)
     found = understand(sheet, columns or {})
@@ -143,7 +151,9 @@ def _measured(
     rows_of_file = read.rows
     read = stacked(read, found.taken)
     numbers = read.numbers
-    rows = without_gaps(numbers, [name for name in names_needed if name in numbers])
+    there = [name for name in names_needed if name in numbers]
+    bridges = bridged(numbers, series_of(read.labels, read.rows), there)
+    rows = without_gaps(numbers, there, few)
     if not rows.kept.any():
         raise _refusal(sheet, [f"no row has a value in {listed(names_needed)}"])
     for name in rows.left_out:
@@ -194,8 +204,9 @@ def _measured(
         (*read.left_out, *rows.left_out),
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
         (
-            *_format_notes(sheet, found, read),
+            *_format_notes(sheet, found, read.origin, {**read.left_out, **rows.left_out}),
             *stacked_note(found.taken, read.rows),
+            *bridges,
             *rows.notes,
             *count_notes,
             *delay_notes,
@@ -205,6 +216,7 @@ def _measured(
             *unusual(numbers, taken),
             *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
         ),
+        (*bridges, *rows.notes),
     )
 
 
@@ -260,11 +272,13 @@ def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
     return f"{'; '.join(missing)} (there are {there}{more}){questions}"
 
 
-def _format_notes(sheet: Sheet, found: Understanding, read: Gathered) -> list[str]:
+def _format_notes(
+    sheet: Sheet, found: Understanding, origin: str, left_out: Mapping[str, str]
+) -> list[str]:
     notes = [f"The file has {sheet.format}."] if sheet.format else []
-    if read.origin:
-        notes.append(f"The time counts from {read.origin}.")
-    notes += [f"The column {name} is left out: {why}." for name, why in read.left_out.items()]
+    if origin:
+        notes.append(f"The time counts from {origin}.")
+    notes += [f"The column {name} is left out: {why}." for name, why in left_out.items()]
     notes += [
         f"The column {name} is left out: it may be a force, which is what the adhesion explains."
         for name in found.left_out

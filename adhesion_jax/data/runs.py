@@ -155,6 +155,7 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
             *_slip_warnings(slip),
             *_time_warnings(table, whole),
             *_run_warnings(grouping),
+            *dict.fromkeys(note for file in files for note in file.gaps),
             *(
                 f"The column {name} is left out: it is not a number in every row."
                 for name in left_out
@@ -190,6 +191,7 @@ def as_one(files: Sequence[Measured]) -> Measured:
         tuple(dict.fromkeys([*incomplete, *(name for file in files for name in file.left_out)])),
         pd.concat([file.understood for file in files], ignore_index=True),
         tuple(note for file in files for note in file.notes),
+        tuple(note for file in files for note in file.gaps),
     )
 
 

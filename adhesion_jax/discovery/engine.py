@@ -14,13 +14,14 @@ from adhesion_jax.discovery.findings.summary import law_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.noise import noisy_slip, slip_noise_of
-from adhesion_jax.discovery.model.problem import Problem, label_of, prepare
+from adhesion_jax.discovery.model.problem import Problem, prepare
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.model.training_runs import refuse_training_runs
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import torsion
-from adhesion_jax.discovery.search.second_opinion import import_trees, second_opinion
+from adhesion_jax.discovery.search.screening import least_p
+from adhesion_jax.discovery.search.second_opinion import features_of, import_trees, second_opinion
 from adhesion_jax.discovery.search.selection import search, undecided
 from adhesion_jax.discovery.search.state import Selection, parts_of
 from adhesion_jax.discovery.types import Findings, Opinion
@@ -57,6 +58,7 @@ def discover(
     source: str = "",
     citation: str = "",
     slip_noise: float | None = None,
+    correct: bool = False,
 ) -> Findings:
     """The effects that an adhesion curve lacks in the measured runs, with all that is reported.
 
@@ -64,12 +66,15 @@ def discover(
     fitting. `seed` draws the runs that are held out and all resampling. `progress` is called with
     words and with the share of the whole that is done. `source` and `citation` are passed on to
     the findings. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s if
-    it is known; otherwise the noise of the slip is estimated.
+    it is known; otherwise the noise of the slip is estimated. With `correct` the test runs are also
+    predicted by the law with the trees of the second opinion on top, if these predict anything.
 
-    Raises InputError for a base curve that is not known, or that needs a column the runs lack, and
-    for test runs that are training runs.
+    Raises InputError for a base curve that is not known, or that needs a column the runs lack, for
+    test runs that are training runs, and for a correction without test runs.
     """
     began = time.perf_counter()
+    if correct and test is None:
+        raise InputError("--correct is of the predictions of test data; name them by --test.")
     if test is not None:
         refuse_training_runs(runs, test)
     import_trees()
@@ -104,6 +109,10 @@ def discover(
     line = None if waves else torsion(final.fitted)
     progress("asking for a second opinion", 0.85)
     opinion = opinion_of(final, seed)
+    if correct and (opinion is None or opinion.correction is None):
+        warnings.append(
+            "No correction by boosted trees was made: they predict nothing of what the law leaves."
+        )
     progress("measuring the errors", 0.95)
     return summarise(
         runs=runs,
@@ -117,6 +126,7 @@ def discover(
         warnings=warnings,
         doubts=undecided(final),
         opinion=opinion,
+        correct=correct,
         seed=seed,
         source=source,
         citation=citation,
@@ -132,7 +142,7 @@ def _problem(blocks: RunSet) -> Problem:
 def _few_runs(problem: Problem) -> list[str]:
     """What so few runs cannot show."""
     runs = problem.runs
-    least = 0.5 ** (runs - 1)
+    least = least_p(runs)
     if least <= rules.SIGNIFICANT:
         return []
     return [
@@ -202,12 +212,7 @@ def opinion_of(state: Selection, seed: int) -> Opinion | None:
         return None
     inside = problem.points > 0
     slip = np.asarray(problem.data.slip)[inside]
-    columns = np.asarray(problem.data.columns)
-    features = {
-        label_of(name, problem.measured): columns[place][inside]
-        for place, name in enumerate(problem.columns)
-    }
-    own = {"slip_ratio": np.abs(slip), "mode": np.sign(slip)}
+    features = features_of(problem, slip, problem.flat)
     residual = state.fitted.error[inside] * np.sign(slip)
     runs = np.nonzero(inside)[0]
-    return second_opinion({**features, **own}, residual, runs, tuple(own), seed)
+    return second_opinion(features, residual, runs, ("slip_ratio", "mode"), seed)

@@ -1,6 +1,6 @@
 """The result of a discovery; reports and studies read this and compute nothing new."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +56,9 @@ class Opinion(NamedTuple):
     explained: float  # share of the squared residual of the runs left out
     error: float  # standard error of that share, over runs
     p: float  # of the hypothesis that no column is related to the residual
+    #: The residual that the trees predict, [points], from the columns [points] that they know. None
+    #: where what they predict is no more than its standard error.
+    correction: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
 
 
 class Candidate(NamedTuple):
@@ -114,7 +117,7 @@ class Findings(NamedTuple):
     #: One row a point of the search, a training row or the mean of a block of neighbouring ones:
     #: run, slip, adhesion, before, after, every column.
     points: pd.DataFrame
-    #: With a test set, one row a row of it: row, base, corrected.
+    #: With a test set, one row a row of it: row, base, corrected, and with_trees if asked for.
     predictions: pd.DataFrame | None
     seconds: float
     #: The z of the score test whose adjusted p equals the significance level, by round; NaN or left
@@ -133,3 +136,7 @@ class Findings(NamedTuple):
     base_before: str = ""  # the best curve without effects, where it is another one
     #: Sentences on columns in which much of the test data is outside the training data.
     outside: tuple[str, ...] = ()
+    least_p: float = 0.0  # the smallest p that signs of the runs can show
+    #: The errors of the law (before) and of the trees of the opinion on top of it (after) on the
+    #: test set; None if that was not asked for, or if the trees predict nothing.
+    with_trees: Errors | None = None

@@ -33,6 +33,7 @@ class Cleaning(Changing, Remembering):
         "run began",
         phrase="cleaning by slip",
         family="cleaning",
+        one_sided=True,
         rests_on=("slip_ratio", "vehicle_speed_mps", "time_s"),
     )
 

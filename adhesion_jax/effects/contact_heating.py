@@ -18,6 +18,7 @@ class ContactHeating(Changing):
         "speed in m/s",
         phrase="contact heating",
         family="slip velocity",
+        one_sided=True,
         rests_on=("slip_ratio", "vehicle_speed_mps"),
         same_as=("covariate:slip_velocity_mps",),
     )

@@ -22,6 +22,7 @@ class FallingFriction(Scaling):
         "the source",
         phrase="falling friction",
         family="slip velocity",
+        one_sided=True,
         rests_on=("slip_ratio", "vehicle_speed_mps"),
         same_as=("covariate:slip_velocity_mps",),
     )

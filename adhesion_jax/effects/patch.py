@@ -25,6 +25,7 @@ class Patch(Scaling):
         "n a box",
         phrase="a patch on the rail",
         family="place",
+        one_sided=True,
         same_as=("covariate:position_m",),
     )
 

@@ -25,6 +25,7 @@ class Sanding(Scaling, Remembering):
         formula="mu (1 + k s), s following the sanding flag: build-up over t1, decay over t2, in s",
         phrase="sanding",
         family="sand",
+        one_sided=True,
         rests_on=("sanding",),
         same_as=("covariate:sanding",),
         driven_by="sanding",

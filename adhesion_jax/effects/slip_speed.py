@@ -17,6 +17,7 @@ class SlipSpeed(Scaling):
         formula="mu exp(-c4 |l| V), l the slip ratio, V the vehicle speed in m/s",
         phrase="exponential loss with slip velocity",
         family="slip velocity",
+        one_sided=True,
         rests_on=("slip_ratio", "vehicle_speed_mps"),
         same_as=("covariate:slip_velocity_mps",),
     )

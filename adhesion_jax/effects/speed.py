@@ -28,6 +28,7 @@ class Speed(Scaling):
         "in km/h",
         phrase="vehicle speed",
         family="slip velocity",
+        one_sided=True,
         same_as=("covariate:vehicle_speed_mps",),
     )
 

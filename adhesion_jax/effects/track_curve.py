@@ -15,6 +15,7 @@ class CurveOfTrack(Scaling):
         formula="mu (1 - k |kappa|), kappa the curvature of the track in 1/m",
         phrase="curvature of the track",
         family="curvature",
+        one_sided=True,
         same_as=("covariate:curvature_per_m",),
     )
 

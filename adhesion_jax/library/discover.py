@@ -10,6 +10,7 @@ import pandas as pd
 from adhesion_jax.data import matching, to_runs
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.events import Chosen, events_of
+from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.effects.law import CorrectedLaw
@@ -64,7 +65,7 @@ class Discovery:
 
     @property
     def predictions(self) -> pd.DataFrame | None:
-        """A row for each row of the test data: row, base, corrected; None without a test."""
+        """A row for each row of the test: row, base, corrected and, if asked for, with_trees."""
         return self.findings.predictions
 
     @property
@@ -93,6 +94,7 @@ def discover(
     base: str = "auto",
     seed: int = 0,
     slip_noise: float | None = None,
+    correct: bool = False,
     progress: Callable[[str, float], None] = silent,
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
@@ -108,17 +110,18 @@ def discover(
     told) and whatever was measured beside them; several tables are taken together. `test` is
     predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
-    it is known. `progress` is called with words and the share that is done. `columns`,
-    `wheel_radius`, `delays`, `inertia`, `gear_ratio` and `efficiency` are those of `identify`, for
-    `data` and `test`, and so are `events`: each slip event of a long log is a run. InputError names
-    all that is wrong with the data.
+    it is known. With `correct`, the test is also predicted by the law with boosted trees on top, a
+    correction without a formula, where these predict what the law leaves. `progress` is called with
+    words and the share that is done. `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio`
+    and `efficiency` are those of `identify`, for `data` and `test`, and so are `events`: each slip
+    event of a long log is a run. InputError names all that is wrong with the data.
     """
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
-    logs = events_of(all_of(data, columns, known), events)
+    logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])
     judging = None
     if test is not None:
-        judged = events_of(all_of(test, columns, known), events)
+        judged = events_of(all_of(test, columns, known, few=FEW_OF_A_SEARCH), events)
         judging = matching(train, to_runs([log.points for log in judged]))
     remarks = (*(log.sentence for log in logs), *map(citation_of, parts_of(data)))
     findings = engine.discover(
@@ -130,6 +133,7 @@ def discover(
         source=", ".join(map(name_of, parts_of(data))),
         citation=" ".join(filter(None, remarks)),
         slip_noise=slip_noise,
+        correct=correct,
     )
     laws = {name: of_numbers(getattr(findings, name)) for name in ("law", "law_before")}
     return Discovery(findings._replace(**laws), tuple(logs))

@@ -14,6 +14,7 @@ from adhesion_jax.data import (
     to_measured,
 )
 from adhesion_jax.data.corrections import NOTHING, Corrections
+from adhesion_jax.data.gaps import FEW
 from adhesion_jax.data.reading import Progress
 from adhesion_jax.errors import InputError
 from adhesion_jax.runtime import silent
@@ -31,14 +32,15 @@ def measured_of(
     columns: Mapping[str, object] | None = None,
     known: Corrections = NOTHING,
     progress: Progress = silent,
+    few: float = FEW,
 ) -> Measured:
     """The data as measured points; see `data.read_measured`."""
     if isinstance(data, Measured):
         return data
     name = name_of(data)
     if isinstance(data, pd.DataFrame):
-        return to_measured(name, data, columns, known)
-    found = read_measured(_path(data), columns, known, progress)
+        return to_measured(name, data, columns, known, few)
+    found = read_measured(_path(data), columns, known, progress, few)
     return found._replace(name=name)
 
 
@@ -47,6 +49,7 @@ def all_of(
     columns: Mapping[str, object] | None = None,
     known: Corrections = NOTHING,
     progress: Progress = silent,
+    few: float = FEW,
 ) -> list[Measured]:
     """Several tables; InputError names all that is wrong with any file of them."""
     parts = parts_of(data)
@@ -54,9 +57,9 @@ def all_of(
     if len(files) == len(parts):
         return [
             one._replace(name=name_of(part))
-            for part, one in zip(parts, read_all(files, columns, known, progress), strict=True)
+            for part, one in zip(parts, read_all(files, columns, known, progress, few), strict=True)
         ]
-    tables = [measured_of(part, columns, known, progress) for part in parts]
+    tables = [measured_of(part, columns, known, progress, few) for part in parts]
     if len(tables) > 1 and any(isinstance(part, pd.DataFrame) for part in parts):
         # Runs of one name are told apart by that of their table.
         return [table._replace(name=f"table {i}") for i, table in enumerate(tables, 1)]

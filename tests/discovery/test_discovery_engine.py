@@ -6,6 +6,7 @@ from discovery_campaigns import campaign as small
 from scipy.optimize import least_squares
 from scipy.stats import binom
 
+import adhesion_jax as aj
 from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.discovery.engine import discover
@@ -193,6 +194,18 @@ def test_progress_never_goes_back(two):
     assert shares == sorted(shares)
     assert 0 < shares[0] < shares[-1] < 1
     assert all(words for words, _ in told)
+
+
+@pytest.mark.thorough
+def test_a_cause_whose_column_has_gaps_is_found(campaign):
+    """Some cells are empty, and three runs of 28 have none of it: the others tell."""
+    empty = np.random.default_rng(3).random(len(campaign.train)) < 0.08
+    empty |= campaign.train["run"].isin(sorted(campaign.train["run"].unique())[:3])
+    humidity = campaign.train["relative_humidity_pct"].mask(empty)
+    found = aj.discover(campaign.train.assign(relative_humidity_pct=humidity)).findings
+    assert "humidity" in names_of(found.effects)
+    assert found.train.runs == 25
+    assert sum("no value of relative_humidity_pct" in words for words in found.warnings) == 2
 
 
 @pytest.mark.thorough

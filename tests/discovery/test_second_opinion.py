@@ -67,8 +67,26 @@ def test_a_level_that_follows_a_column_is_named():
     # In whatever unit, and every time.
     again = second_opinion(columns, 1e-4 * left, run, OWN, 0)
     assert again.columns == opinion.columns
-    assert again[1:] == pytest.approx(opinion[1:], rel=1e-6)
-    assert second_opinion(columns, left, run, OWN, 0) == opinion
+    assert again[1:4] == pytest.approx(opinion[1:4], rel=1e-6)
+    assert second_opinion(columns, left, run, OWN, 0)[:4] == opinion[:4]
+
+
+def test_the_correction_removes_from_other_runs_the_share_that_was_told():
+    columns, run = campaign(3)
+    other, _ = campaign(4)
+    share = np.mean(columns["relative_humidity_pct"] > 60)
+
+    def residual(columns, seed):
+        wet = columns["relative_humidity_pct"] > 60
+        return 0.03 * (share - wet) + 0.01 * noise(seed, 0.5, 0.3)
+
+    opinion = second_opinion(columns, residual(columns, 3), run, OWN, 0)
+    unseen = residual(other, 4)
+    left = unseen - opinion.correction(other)
+    removed = 1 - np.mean(left**2) / np.mean(unseen**2)
+    # The error is that of the runs that told; as many other runs scatter as much.
+    assert removed == pytest.approx(opinion.explained, abs=3 * np.sqrt(2) * opinion.error)
+    assert removed > 0.5
 
 
 def test_what_happens_within_runs_is_seen_below_their_scatter():

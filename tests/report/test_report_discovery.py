@@ -22,11 +22,13 @@ from discovery_examples import (
     two_effects,
     unexplained,
 )
+from discovery_examples import errors as made_errors
 from matplotlib.image import imread
 
 from adhesion_jax.curves import BASES
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.reading import to_measured
+from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.files import staged
@@ -38,22 +40,27 @@ from adhesion_jax.report.discovery.files import (
     report_json,
     write_discovery,
 )
+from adhesion_jax.report.discovery.frames import errors_frame
 from adhesion_jax.report.discovery.levels import level_panels
 from adhesion_jax.report.discovery.markdown import discovery_markdown
 from adhesion_jax.report.discovery.residuals import residual_panels
 from adhesion_jax.report.discovery.shapes import shape_panels
-from adhesion_jax.report.discovery.tables import level_columns, residual_columns
+from adhesion_jax.report.discovery.tables import (
+    effects_table,
+    errors_table,
+    level_columns,
+    residual_columns,
+)
 from adhesion_jax.report.discovery.words import (
     acts_on,
     error,
     error_in_brackets,
     humanised,
     in_brackets,
-    p_value,
     percent_in_brackets,
     verdict,
 )
-from adhesion_jax.wording import plus_minus
+from adhesion_jax.wording import p_value, plus_minus
 
 EXAMPLES = {
     "null": null,
@@ -196,6 +203,13 @@ ERROR_ALONE = (
 )
 
 
+BY_CHANCE = (
+    "Each p is adjusted for everything that was looked at, and an effect is reported only if it "
+    "is at most 0.01: at most about 1 in 100 of the effects reported is there by chance, and "
+    "0.0005 is the smallest p that 1,999 patterns of signs of the runs can show."
+)
+
+
 def test_verdict_of_effects():
     assert verdict(two_effects()) == (
         "What burckhardt lacks here: humidity (adjusted p = 0.0011; adhesion falls by 14.8 % as "
@@ -204,8 +218,20 @@ def test_verdict_of_effects():
         "exponential loss with slip velocity from falling friction or contact heating). On runs "
         "not used for fitting (test set, 8 runs) the error falls from 0.01588 to 0.01031 "
         "[0.00972, 0.01104], which removes 57.8 % [49.5, 63.9] of the squared error; the noise "
-        "floor is 0.01002."
+        f"floor is 0.01002. {BY_CHANCE}"
     )
+
+
+def test_a_p_at_the_least_that_signs_can_show_is_told_as_such():
+    findings = two_effects()
+    humidity, speed = findings.effects
+    least = findings._replace(effects=(humidity._replace(p_adjusted=0.0005), speed))
+    assert "humidity (adjusted p <= 0.0005;" in verdict(least)
+    assert [row[1] for row in effects_table(least).rows if row[1]] == ["<= 0.0005", "0.0023"]
+    # Of eight runs there are 127 patterns of signs but their own.
+    eight = least._replace(least_p=least_p(8))
+    assert "and 0.0078 is the smallest p that 127 patterns of signs" in verdict(eight)
+    assert "humidity (adjusted p = 0.0005;" in verdict(eight)
 
 
 def test_verdict_says_where_an_effect_acts():
@@ -249,7 +275,7 @@ def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
         for row in null().ranking
     )
     assert verdict(null()._replace(ranking=ranking)) == (
-        "No effect is claimed, but humidity stands out among 2 candidates (adjusted p = 0.0005) "
+        "No effect is claimed, but humidity stands out among 2 candidates (adjusted p <= 0.0005) "
         "and was not accepted (no gain in cross-validation): something is missing that these data "
         "do not determine. Look at the residual against every column, and measure more runs that "
         f"differ in them. {ERROR_ALONE}"
@@ -278,6 +304,23 @@ def test_verdict_of_doubts_and_of_the_second_opinion():
     )
     unnamed = verdict(doubted()._replace(opinion=OPINION._replace(columns=())))
     assert "fitted to, from the slip itself, or columns that go together (p = 0.0003)" in unnamed
+
+
+def test_a_correction_by_trees_is_offered_and_named_as_what_it_is():
+    findings = two_effects()
+    opinion = OPINION._replace(correction=lambda columns: columns["slip_ratio"])
+    offered = verdict(findings._replace(opinion=opinion))
+    assert "add --correct and --test (in Python correct=True and test)" in offered
+    assert "--correct" not in verdict(findings._replace(opinion=OPINION))
+    done = findings._replace(opinion=opinion, with_trees=made_errors(0.01588, 0.01019, 8))
+    assert (
+        "On top of the law they take its error on the test set from 0.01031 to 0.01019 [0.00961, "
+        "0.01091]: a correction without a formula, from these columns, which is not in law.json."
+    ) in verdict(done)
+    assert errors_table(done).rows[-1][:2] == ("test, trees on top", "8")
+    assert errors_frame(done)["data"].tolist()[-1] == "test, trees on top"
+    assert report_json(done)["rmse"]["test_with_trees"] == {"before": 0.01588, "after": 0.01019}
+    assert "test_with_trees" not in report_json(findings)["rmse"]
 
 
 def test_verdict_of_runs_that_scatter_more_than_their_points():
@@ -309,7 +352,7 @@ def test_verdict_of_structure_without_a_cause():
         "relative_humidity_pct (adjusted p = 0.0031); it is corrected by a non-parametric term, "
         "and no physical cause is claimed. On runs not used for fitting (cross-validation, 24 "
         "runs) the error falls from 0.01341 to 0.01044 [0.00984, 0.01118], which removes 39.4 % "
-        "[31.1, 45.5] of the squared error; the noise floor is 0.01002."
+        f"[31.1, 45.5] of the squared error; the noise floor is 0.01002. {BY_CHANCE}"
     )
 
 
@@ -333,8 +376,26 @@ def test_test_data_unlike_the_training_data_are_told():
     outside = "40 % of the test points have a larger slip than any training point (0.1)."
     words = verdict(findings._replace(test=far, outside=(outside,)))
     assert words.endswith("or something acts in them that did not act there.")
-    assert f"{outside} On the test set the error is 34" in words
-    assert "times that of training runs left out" in words
+    assert f"{outside} Of that on training runs left out, the error on the test set is 34" in words
+    assert "their intervals do not touch" in words
+
+
+def test_a_test_error_is_unlike_that_of_training_where_their_intervals_do_not_touch():
+    findings = two_effects()
+    usual, now = findings.validation, findings.test
+
+    def said(**changes):
+        return verdict(findings._replace(test=now._replace(**changes)))
+
+    # Just apart, by 1.3 times; of seven runs the bootstrap is too narrow to say so.
+    apart = Interval(1.3 * usual.after.value, 1.01 * usual.after.high, 0.02)
+    assert "the error on the test set is 1.3 times after, and" in said(after=apart)
+    assert "unlike" not in said(after=apart, runs=7)
+    assert "unlike" not in said(after=apart._replace(low=usual.after.high))
+    # A smaller error before is unlike training as well; a smaller one after is no reproach.
+    less = Interval(0.5 * usual.before.value, 0.004, 0.99 * usual.before.low)
+    assert "the error on the test set is 0.5 times before, and" in said(before=less)
+    assert "unlike" not in said(after=Interval(0.005, 0.004, 0.006))
 
 
 def test_the_verdict_names_the_curve_of_the_error_before():

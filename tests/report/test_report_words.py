@@ -12,10 +12,9 @@ from adhesion_jax.report.discovery.words import (
     error,
     humanised,
     in_brackets,
-    p_value,
 )
 from adhesion_jax.report.style import root_axis
-from adhesion_jax.wording import plus_minus
+from adhesion_jax.wording import p_value, plus_minus
 
 NAN = float("nan")
 

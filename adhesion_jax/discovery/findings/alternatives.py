@@ -11,6 +11,7 @@ from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.probes import directions_of, null_of
 from adhesion_jax.discovery.search.state import Selection, all_but, parts_of
 from adhesion_jax.discovery.types import Proposal
+from adhesion_jax.effects import kind_of
 
 
 class Likeness(NamedTuple):
@@ -36,7 +37,7 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
         others = [
             entry
             for entry in entries
-            if entry.name != effect.name
+            if entry.name not in (effect.name, kind_of(effect.parts[0]))
             and entry.name not in {one.name for one in rest}
             and not (entry.generic and entry.family == effect.family)
         ]

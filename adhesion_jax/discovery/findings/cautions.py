@@ -1,6 +1,6 @@
 """Cautions about a result: absent columns, untested effects, extrapolation, kinds of noise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
@@ -13,13 +13,17 @@ from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import why_untested
-from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.discovery.search.state import Accepted, Selection
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
+from adhesion_jax.wording import percent
 
 #: Stretches of slip in which the departure of the curve is looked at.
 _STRETCHES = 20
+
+#: The quantiles between which nine in ten values lie.
+_MIDDLE = (0.05, 0.95)
 
 #: Columns that an engineer may have measured, each with the columns that can replace it.
 _EXPECTED: Mapping[str, tuple[str, ...]] = {
@@ -88,41 +92,68 @@ _NARROW: Mapping[str, float] = {
 
 
 def extrapolated(
-    state: Selection, law: CorrectedLaw, runs: RunSet, test: RunSet | None
+    accepted: Sequence[Accepted],
+    problem: Problem,
+    law: CorrectedLaw,
+    runs: RunSet,
+    test: RunSet | None,
 ) -> list[tuple[float, str]]:
-    """The share of test points outside the training range, and a sentence on it, largest first.
+    """The share of test points that training hardly covers, and a sentence on it, largest first.
 
-    Of the columns of the effects, and of the slip if many points lie beyond the largest.
+    Of the columns of the effects, and of the slip: points outside the range of the training data,
+    else those outside the middle of it if the middles of both do not touch.
     """
     if test is None:
         return []
     record = condensed(test).record
     whole = conditions_of(record, law.calendar)
     inside = np.asarray(record.mask)
-    used = {name for effect in state.accepted for name in effect.covariates}
+    used = {name for effect in accepted for name in effect.covariates}
     found = []
     for name in sorted(used & set(law.ranges) & set(whole)):
         low, high = law.ranges[name]
         share = float(np.mean((whole[name][inside] < low) | (whole[name][inside] > high)))
+        if share <= rules.MUCH_OUTSIDE and name in problem.flat:
+            found += _apart(name, whole[name][inside], problem.flat[name])
         found.append(
             (
                 share,
-                f"{100 * share:.2g} % of the test points have {name} outside {low:.4g} to "
+                f"{percent(share)} of the test points have {name} outside {low:.4g} to "
                 f"{high:.4g}, where its effect was found: there the correction keeps "
                 "its value at the edge.",
             )
         )
-    largest = float(np.abs(runs.whole.slip).max())
-    share = float(np.mean(np.abs(test.whole.slip) > largest))
+    slips, judged = np.abs(runs.whole.slip), np.abs(test.whole.slip)
+    largest = float(slips.max())
+    share = float(np.mean(judged > largest))
+    if share <= rules.MUCH_OUTSIDE:
+        found += _apart("a slip", judged, slips)
     if share > rules.FEW_OUTSIDE:
         found.append(
             (
                 share,
-                f"{100 * share:.2g} % of the test points have a larger slip than any training "
+                f"{percent(share)} of the test points have a larger slip than any training "
                 f"point ({largest:.4g}): there the curve is extrapolated.",
             )
         )
     return sorted((one for one in found if one[0] > 0), reverse=True)
+
+
+def _apart(what: str, test: np.ndarray, training: np.ndarray) -> list[tuple[float, str]]:
+    """A sentence if the middle nine tenths of the values do not touch, both [points]."""
+    first, last = np.quantile(test, _MIDDLE)
+    low, high = np.quantile(training, _MIDDLE)
+    if first <= high and low <= last:
+        return []
+    share = float(np.mean((test < low) | (test > high)))
+    return [
+        (
+            share,
+            f"Nine in ten test points have {what} from {first:.4g} to {last:.4g}, nine in ten "
+            f"training points one from {low:.4g} to {high:.4g}: the law is judged where hardly "
+            "any data are that it was fitted to.",
+        )
+    ]
 
 
 def shape_words(state: Selection) -> tuple[str, ...]:

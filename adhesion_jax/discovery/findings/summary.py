@@ -20,16 +20,19 @@ from adhesion_jax.discovery.findings.cautions import (
 )
 from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
-from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted, quantile
+from adhesion_jax.discovery.findings.naming import intervals, vetoed
+from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
 from adhesion_jax.discovery.model.noise import NoisySlip, noise_of, noise_of_rows
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import base_curve, base_places, effect_places
-from adhesion_jax.discovery.model.rows import Ranges, predicted
+from adhesion_jax.discovery.model.program import base_curve, base_places
+from adhesion_jax.discovery.model.rows import Ranges, columns_of, predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
-from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
+from adhesion_jax.discovery.search.screening import least_p
+from adhesion_jax.discovery.search.second_opinion import features_of
+from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
 from adhesion_jax.discovery.types import (
     Doubt,
     Errors,
@@ -64,6 +67,7 @@ def summarise(
     warnings: Sequence[str],
     doubts: Sequence[Doubt],
     opinion: Opinion | None,
+    correct: bool,
     seed: int,
     source: str,
     citation: str,
@@ -75,16 +79,23 @@ def summarise(
     they are few). `began` is the time at which the search began, by `time.perf_counter`.
     """
     problem = final.setting.problem
+    final, unnamed = vetoed(final)
     ranges = ranges_of(problem, runs)
     law, bare = law_of(final, ranges), law_of(plain, ranges)
     before, after = predicted(bare, runs), predicted(law, runs)
     train = _errors(runs, before, after, seed)
     validation = _validation(runs, before, after, plain.fitted, final.fitted, seed)
-    tested = predictions = None
+    tested = predictions = with_trees = None
     if test is not None:
         test_before, test_after = predicted(bare, test), predicted(law, test)
         tested = _errors(test, test_before, test_after, seed)
-        predictions = _predictions(test.places, test_before, test_after)
+        columns = {"base": test_before, "corrected": test_after}
+        if correct and opinion is not None and opinion.correction is not None:
+            known = columns_of(problem.columns, problem.calendar, test)
+            more = opinion.correction(features_of(problem, test.whole.slip, known))
+            columns["with_trees"] = test_after + np.sign(test.whole.slip) * more
+            with_trees = _errors(test, test_before, columns["with_trees"], seed)
+        predictions = _predictions(test.places, columns)
     refuted = _refuted(final, validation, tested)
     noise = noise_of(final.fitted, slip)
     if blocks is not runs:
@@ -92,7 +103,7 @@ def summarise(
     level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
     slow = noise.run_scatter**2 + noise.slow_level**2
     floor = float(np.sqrt(noise.sigma**2 + slow * level))
-    outside = extrapolated(final, law, runs, test)
+    outside = extrapolated(final.accepted, problem, law, runs, test)
     entries = library_of(problem)
     alike = likenesses(final, entries)
     effects = _found(final, validation)
@@ -117,6 +128,7 @@ def summarise(
         dependences(final, seed),
         (
             *refuted,
+            *unnamed,
             *shape_words(final),
             *warnings,
             *noise_words(final, noise),
@@ -134,6 +146,8 @@ def summarise(
         None if runs.blocks else _levels(runs, before, after, noise),
         "",
         tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
+        least_p(problem.runs),
+        with_trees,
     )
 
 
@@ -214,9 +228,9 @@ def _refuted(final: Selection, validation: Errors, test: Errors | None) -> list[
     return []
 
 
-def _predictions(rows: np.ndarray, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
+def _predictions(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
     """The predictions of the test files, one line for each of their rows, in its order."""
-    table = pd.DataFrame({"row": rows, "base": before, "corrected": after})
+    table = pd.DataFrame({"row": rows, **columns})
     return table.sort_values("row", ignore_index=True)
 
 
@@ -283,7 +297,7 @@ def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
 
 def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
     """The effects with their intervals, and the error with each added to those before it."""
-    intervals = _intervals(state)
+    told = intervals(state)
     values = state.fitted.base_values.tolist()
     whole = float(held_out_loss(state.fitted).sum())
     found = []
@@ -297,7 +311,7 @@ def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
             for name, described in part.FACTS.parameters.items():
                 if name in part.FACTS.references or _no_label(part, name):
                     continue
-                interval = parameters[prefix + name] = intervals[number, place][name]
+                interval = parameters[prefix + name] = told[number, place][name]
                 if not described.lower < interval.value < described.upper:
                     at_bound.append(prefix + name)
                 column = effect.covariates[0] if effect.covariates else ""
@@ -354,26 +368,11 @@ def _formula(part: Effect) -> str:
 def _sentence(effect: Accepted) -> str:
     """What the effect does, in words."""
     first = effect.parts[0]
-    if not isinstance(first, Cause):
+    if effect.generic or not isinstance(first, Cause):
         return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
     more = " and ".join(kind_of(part) for part in effect.parts[1:])
     refined = f" Its form is refined by {more}." if more else ""
     return f"{first.FACTS.sentence}{refined}"
-
-
-def _intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
-    """95 % intervals of the parameters of every part, by parameter name."""
-    error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0)) * quantile(state.fitted)
-    at = {place: number for number, place in enumerate(state.fitted.places)}
-    slots = slots_of(state.accepted)
-    found = {}
-    for slot, (part, effect) in enumerate(zip(slots, state.fitted.effects, strict=True)):
-        found[part] = {
-            name: Interval(value, value - error[at[place]], value + error[at[place]])
-            for name, place in effect_places(slot, effect).items()
-            for value in (float(getattr(effect, name)),)
-        }
-    return found
 
 
 def _slip_noise(noisy: NoisySlip | None, validation: Errors) -> list[FoundEffect]:

@@ -1,6 +1,6 @@
 """The prediction of a law at every row of measured runs, a bounded number of rows at a time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import jax
@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.data.grouping import places
 from adhesion_jax.data.runs import RunSet
+from adhesion_jax.effects.conditions import Calendar, completed_runs
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.programs import kept
 
@@ -71,6 +72,16 @@ def predicted(law: CorrectedLaw, runs: RunSet) -> np.ndarray:
     for piece in _pieces(runs):
         values = np.asarray(_of_runs(law, *_rows_of(runs, piece)))
         found[piece.held[piece.inside]] = values[piece.inside]
+    return found
+
+
+def columns_of(names: Iterable[str], calendar: Calendar, runs: RunSet) -> dict[str, np.ndarray]:
+    """Conditions of every row, [rows], measured or computed from what is measured."""
+    found = {name: np.empty(runs.whole.slip.size) for name in names}
+    for piece in _pieces(runs):
+        whole = completed_runs(*_rows_of(runs, piece), calendar)
+        for name, values in found.items():
+            values[piece.held[piece.inside]] = np.asarray(whole[name])[piece.inside]
     return found
 
 

@@ -226,9 +226,10 @@ FEW_OUTSIDE = 0.01
 #: By hand.
 MUCH_OUTSIDE = 0.2
 
-#: The verdict says that the error on test data is larger than on training runs left out if even the
-#: lower end of its interval exceeds that by this factor. By hand.
-UNLIKE_TRAINING = 2.0
+#: The verdict says that the error on test data is unlike that on training runs left out if their
+#: intervals do not touch. Of fewer runs than this in either, whose bootstrap is too narrow, the
+#: lower end of the one must exceed the value of the other by this factor as well. By hand.
+FEWEST_RUNS_TO_COMPARE, UNLIKE_TRAINING = 8, 2.0
 
 #: The departure of the curve from its formula is reported above this share of the largest adhesion.
 #: By hand.

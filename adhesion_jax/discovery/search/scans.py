@@ -12,11 +12,9 @@ from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.probes import Null
+from adhesion_jax.discovery.search.screening import FLIPS, least_p
 from adhesion_jax.effects import EFFECTS, Effect, Periodic, family_of
 from adhesion_jax.effects.wave import Wave
-
-#: Number of random sign flips of the runs.
-_FLIPS = 1999
 
 #: Number of bins of the transform along an axis of a cause.
 _BINS = 8192
@@ -121,7 +119,7 @@ def _coherent(
     strong = power > rules.LEAST_POWER_SHARE * np.median(power)
     observed = np.where(strong, np.abs(spectrum.sum(0)) ** 2 / level, 0.0)
     best = int(np.argmax(observed))
-    signs = np.random.default_rng(list(seed)).choice([-1.0, 1.0], size=(_FLIPS, used.sum()))
+    signs = np.random.default_rng(list(seed)).choice([-1.0, 1.0], size=(FLIPS, used.sum()))
     # Single precision is enough to compare with, and twice as fast.
     normal = np.where(strong, spectrum / np.sqrt(level), 0.0).astype(np.complex64)
     signs = signs.astype(np.float32)
@@ -131,7 +129,7 @@ def _coherent(
         largest = (real**2 + imaginary**2).max(axis=1)
         # Signs that are all alike give the data again, up to rounding.
         exceeded += int(np.sum(largest * (1 + 1e-4) >= observed[best]))
-    p = (1 + exceeded) / (1 + _FLIPS)
+    p = max((1 + exceeded) / (1 + FLIPS), least_p(int(used.sum())))
     half = int(np.argmin(np.abs(frequencies - frequencies[best] / 2)))
     beside = slice(max(half - 1, 0), half + 2)
     coherent = observed[beside].max() > rules.HALF_FREQUENCY_COHERENCE

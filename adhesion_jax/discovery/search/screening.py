@@ -50,6 +50,14 @@ _GRID = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 240)])
 Form = tuple[str, type, str]
 
 
+def least_p(runs: int) -> float:
+    """The smallest p that signs of so many runs can show: one of the draws, or of the patterns.
+
+    There are 2^(runs - 1) patterns of signs, for those that are all opposite tell the same.
+    """
+    return max(1 / (1 + FLIPS), 0.5 ** (runs - 1))
+
+
 class Score(NamedTuple):
     """How surely one form of an entry explains a part of a residual, before any refit."""
 
@@ -110,11 +118,12 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     # Signs that are all alike give the data again, up to rounding.
     largest = largest + _ROUNDING
     needed = float(np.quantile(largest, 1 - rules.SIGNIFICANT))
+    least = least_p(parts[0][0].fitted.setting.problem.runs)
     scores: dict[Form, Score] = {}
     for one in tested:
         told = zip(one.starts, one.z, one.own, one.gains, one.changes, strict=True)
         for (entry, start), z, own, gains, change in told:
-            p = (1 + np.sum(largest >= z)) / (1 + FLIPS)
+            p = max((1 + np.sum(largest >= z)) / (1 + FLIPS), least)
             score = Score(entry, start, float(z), float(p), float(own), needed, gains, change)
             old = scores.get(score.form)
             if old is None or (old.gains.sum(), old.z) < (gains.sum(), z):

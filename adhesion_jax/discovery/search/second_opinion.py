@@ -5,6 +5,7 @@ whatever form. They claim no cause; the columns that they need for the predictio
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from threading import Thread
 from typing import TYPE_CHECKING, NamedTuple
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
+from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.types import Opinion
 
@@ -37,6 +39,14 @@ _EXCHANGES = 3
 def import_trees() -> None:
     """Import the library of the trees, which takes longer than their work, beside what runs now."""
     Thread(target=import_module, args=("sklearn.ensemble",), daemon=True).start()
+
+
+def features_of(
+    problem: Problem, slip: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """What the trees know of points [points]: the columns of a problem, and what is of the slip."""
+    known = {label_of(name, problem.measured): columns[name] for name in problem.columns}
+    return {**known, "slip_ratio": np.abs(slip), "mode": np.sign(slip)}
 
 
 def second_opinion(
@@ -75,7 +85,8 @@ def second_opinion(
     if count < rules.FEWEST_RUNS_OF_OPINION or not names:
         return None
     columns = np.column_stack([features[name][rows] for name in names])
-    error = residual[rows] / np.sqrt(np.mean(residual[rows] ** 2))
+    unit = float(np.sqrt(np.mean(residual[rows] ** 2)))
+    error = residual[rows] / unit
     fold = (generator.permutation(count) % _FOLDS)[run]
 
     trials = [
@@ -86,17 +97,32 @@ def second_opinion(
     p = min(1.0, len(trials) * best.p)
     if p > rules.OPINION_SIGNIFICANT:
         return None
+    size = _TREES
     for trees in _MORE_TREES:
         longer = _trial(columns, best.left, run, fold, trees)
         if longer.gain.sum() <= best.gain.sum():
             break
-        best = longer
+        best, size = longer, trees
     rise = _rise(best, columns, run, fold, generator)
     gain, before = best.gain, _mean_by_run(error**2, run)
     explained = gain.sum() / before.sum()
     spread = np.std(gain - explained * before, ddof=1) * np.sqrt(count) / before.sum()
     named = _named(rise, [place for place, name in enumerate(names) if name not in own])
-    return Opinion(tuple(names[place] for place in named), float(explained), float(spread), p)
+    correction = None
+    if explained > spread:
+        model = _fitted(columns, best.left, size, _leaf(run.size))
+        correction = partial(_corrected, model, tuple(names), unit)
+    of = tuple(names[place] for place in named)
+    return Opinion(of, float(explained), float(spread), p, correction)
+
+
+def _corrected(
+    model: "HistGradientBoostingRegressor",
+    names: Sequence[str],
+    unit: float,
+    columns: Mapping[str, np.ndarray],
+) -> np.ndarray:
+    return unit * model.predict(np.column_stack([columns[name] for name in names]))
 
 
 class _Trial(NamedTuple):
@@ -112,7 +138,8 @@ class _Trial(NamedTuple):
 def _trial(
     columns: np.ndarray, left: np.ndarray, run: np.ndarray, fold: np.ndarray, trees: int
 ) -> _Trial:
-    models = _fitted(columns, left, fold, trees)
+    leaf = _leaf(left.size)
+    models = [_fitted(columns[fold != k], left[fold != k], trees, leaf) for k in range(_FOLDS)]
     predicted = _predicted(models, columns, fold)
     squared = (left - predicted) ** 2
     gain = _mean_by_run(left**2 - squared, run)
@@ -120,24 +147,25 @@ def _trial(
     return _Trial(left, models, squared, gain, p)
 
 
+def _leaf(points: int) -> int:
+    """The fewest points of a leaf, where there are so many in all."""
+    return max(20, points // 40)
+
+
 def _fitted(
-    columns: np.ndarray, left: np.ndarray, fold: np.ndarray, trees: int
-) -> "list[HistGradientBoostingRegressor]":
-    """For each fold, trees fitted to all the other folds."""
+    columns: np.ndarray, left: np.ndarray, trees: int, leaf: int
+) -> "HistGradientBoostingRegressor":
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-    return [
-        HistGradientBoostingRegressor(
-            max_iter=trees,
-            learning_rate=0.08,
-            max_leaf_nodes=8,
-            min_samples_leaf=max(20, left.size // 40),
-            max_bins=63,
-            early_stopping=False,
-            random_state=0,
-        ).fit(columns[fold != k], left[fold != k])
-        for k in range(_FOLDS)
-    ]
+    return HistGradientBoostingRegressor(
+        max_iter=trees,
+        learning_rate=0.08,
+        max_leaf_nodes=8,
+        min_samples_leaf=leaf,
+        max_bins=63,
+        early_stopping=False,
+        random_state=0,
+    ).fit(columns, left)
 
 
 def _predicted(

@@ -19,7 +19,7 @@ from adhesion_jax.discovery.search.probes import Null, null_of, split
 from adhesion_jax.discovery.search.pruning import pruned
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.search.scans import waves
-from adhesion_jax.discovery.search.screening import Score, screen
+from adhesion_jax.discovery.search.screening import Score, least_p, screen
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of, settled
 from adhesion_jax.discovery.search.trials import (
     Trial,
@@ -34,6 +34,7 @@ from adhesion_jax.discovery.search.trials import (
 )
 from adhesion_jax.discovery.types import Candidate, Doubt
 from adhesion_jax.effects import Covariate, Effect, kind_of
+from adhesion_jax.wording import p_is
 
 #: Columns that say which slip a point has.
 _OF_THE_SLIP = ("slip_ratio", "slip_velocity_mps")
@@ -303,7 +304,8 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
         return ()
     row = max(standing, key=lambda row: row.gain)
     name = row.name.split(" (")[0]
-    seen = f"{row.name} stands out in the residual (adjusted p = {row.p_adjusted:.2g}), but"
+    p = p_is(row.p_adjusted, least_p(state.setting.problem.runs))
+    seen = f"{row.name} stands out in the residual (adjusted {p}), but"
     if state.fitted.log and row.gain > rules.SURE_BUT_FOR_A_STRETCH * row.gain_se:
         why = (
             f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "

@@ -101,20 +101,20 @@ def _data(findings: Findings, of_events: bool) -> Section:
 
 def _effects(findings: Findings) -> list[Section]:
     sections = [
-        _effect(effect, f"Missing {place}: {title(effect, True)}")
+        _effect(findings, effect, f"Missing {place}: {title(effect, True)}")
         for place, effect in enumerate(findings.effects, start=1)
     ] or [Section("Missing effects", [Paragraph("No effect was accepted.")])]
     return sections + [
-        _effect(effect, f"Unexplained: structure against {title(effect, False)}")
+        _effect(findings, effect, f"Unexplained: structure against {title(effect, False)}")
         for effect in findings.unexplained
     ]
 
 
-def _effect(effect: FoundEffect, heading: str) -> Section:
+def _effect(findings: Findings, effect: FoundEffect, heading: str) -> Section:
     told = class_sentence(effect)
     columns = ", ".join(one_line(name) for name in effect.covariates)
     facts = [
-        _begun(evidence(effect)),
+        _begun(evidence(findings, effect)),
         *([_begun(told)] if told else []),
         *([f"It rests on {columns}"] if columns else []),
         *([f"It {acts_on(effect)}"] if acts_on(effect) else []),
@@ -173,7 +173,7 @@ def _doubts(findings: Findings) -> list[Section]:
     if findings.doubts:
         blocks += _items([doubt.sentence for doubt in findings.doubts], "")
     if findings.opinion:
-        blocks.append(Paragraph(f"{opinion_sentence(findings.opinion)}."))
+        blocks.append(Paragraph(f"{opinion_sentence(findings, findings.opinion)}."))
     return [Section("Doubts", blocks)] if blocks else []
 
 
@@ -258,7 +258,7 @@ def _ranking(findings: Findings) -> Section:
                     else ""
                 ),
             ),
-            ranking_table(ranked),
+            ranking_table(ranked, findings.least_p),
             Paragraph(
                 "Gain of log likelihood: of runs left out, summed over all runs, where the "
                 "candidate was refitted together with the law of that round."

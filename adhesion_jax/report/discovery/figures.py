@@ -19,6 +19,7 @@ from adhesion_jax.report.discovery.words import (
     column_label,
     decision,
     error,
+    errors_by_data,
     humanised,
     kind_of_run,
 )
@@ -138,9 +139,7 @@ def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
 
 
 def _errors(findings: Findings) -> Figure:
-    rows = {"training": findings.train, "cross-validation": findings.validation}
-    if findings.test:
-        rows["test"] = findings.test
+    rows = errors_by_data(findings)
     figure = Figure(figsize=(8.5, 1.3 + 0.62 * len(rows)), layout="constrained")
     axis = figure.subplots()
     for when in ("before", "after"):

@@ -61,7 +61,11 @@ def write_discovery(folder: Path, findings: Findings, logs: Sequence[Chosen] = (
 
 def report_json(findings: Findings) -> dict[str, object]:
     """The findings for programs: names as in catalogue and file; what is missing is null."""
-    errors = {"train": findings.train, "test": findings.test}
+    errors = {
+        "train": findings.train,
+        "test": findings.test,
+        "test_with_trees": findings.with_trees,
+    }
     return {
         "format": FORMAT,
         "base": findings.base,

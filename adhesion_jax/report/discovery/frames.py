@@ -5,6 +5,7 @@ import pandas as pd
 
 from adhesion_jax.discovery.types import Candidate, Findings
 from adhesion_jax.report.discovery.tables import ranking
+from adhesion_jax.report.discovery.words import errors_by_data
 
 _EFFECT_COLUMNS = (
     *("effect", "explained", "acts_on", "parameter", "value", "lo", "hi", "unit"),
@@ -14,20 +15,14 @@ _EFFECT_COLUMNS = (
 
 def errors_frame(findings: Findings) -> pd.DataFrame:
     """A row for each kind of data: its runs, and the errors with the ends of their intervals."""
-    kinds = {
-        "training": findings.train,
-        "cross-validation": findings.validation,
-        "test": findings.test,
-    }
     rows: list[dict[str, object]] = []
-    for kind, errors in kinds.items():
-        if errors is not None:
-            row: dict[str, object] = {"data": kind, "runs": errors.runs}
-            for name in ("before", "after", "removed"):
-                interval = getattr(errors, name)
-                row[name] = interval.value
-                row[f"{name}_lo"], row[f"{name}_hi"] = interval.low, interval.high
-            rows.append(row)
+    for kind, errors in errors_by_data(findings).items():
+        row: dict[str, object] = {"data": kind, "runs": errors.runs}
+        for name in ("before", "after", "removed"):
+            interval = getattr(errors, name)
+            row[name] = interval.value
+            row[f"{name}_lo"], row[f"{name}_hi"] = interval.low, interval.high
+        rows.append(row)
     return pd.DataFrame(rows)
 
 

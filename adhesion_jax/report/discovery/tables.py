@@ -10,28 +10,23 @@ from adhesion_jax.report.discovery.words import (
     decision,
     error,
     error_in_brackets,
+    errors_by_data,
     humanised,
     in_brackets,
     kind_of_run,
     one_line,
-    p_value,
     percent_in_brackets,
 )
 from adhesion_jax.report.page import Table
-from adhesion_jax.wording import plus_minus
+from adhesion_jax.wording import p_value, plus_minus
 
 
 def errors_table(findings: Findings) -> Table:
-    """Error before and after: training, cross-validation, test."""
+    """Error before and after: training, cross-validation, test, and with trees on top."""
     kind = kind_of_run(findings)
-    rows = [
-        ("training", findings.train),
-        ("cross-validation", findings.validation),
-        *([("test", findings.test)] if findings.test else []),
-    ]
     return Table(
         (f"{kind}s of", f"{kind}s", "error before", "error after", "squared error removed"),
-        [_errors_row(name, errors) for name, errors in rows],
+        [_errors_row(name, errors) for name, errors in errors_by_data(findings).items()],
         (f"{kind}s",),
     )
 
@@ -56,7 +51,8 @@ def effects_table(findings: Findings) -> Table:
             (f"{name} {in_brackets(interval)}", effect.units.get(name, ""))
             for name, interval in known.items()
         ] or [("non-parametric", "")]
-        facts = (title(effect, explained), p_value(effect.p_adjusted), error(effect.rmse_after))
+        p = p_value(effect.p_adjusted, findings.least_p)
+        facts = (title(effect, explained), p, error(effect.rmse_after))
         rows += [
             (*(facts if place == 0 else ("", "", "")), *parameter)
             for place, parameter in enumerate(parameters)
@@ -83,7 +79,7 @@ def ranking(findings: Findings) -> list[Candidate]:
     return sorted(findings.ranking, key=lambda row: (row.round, -np.nan_to_num(row.z, nan=-np.inf)))
 
 
-def ranking_table(ranked: list[Candidate]) -> Table:
+def ranking_table(ranked: list[Candidate], least_p: float) -> Table:
     return Table(
         ("round", "candidate", "z", "adjusted p", "gain of log likelihood", "decision"),
         [
@@ -91,7 +87,7 @@ def ranking_table(ranked: list[Candidate]) -> Table:
                 str(row.round + 1),
                 humanised(row.name),
                 f"{row.z:.2f}" if np.isfinite(row.z) else "",
-                p_value(row.p_adjusted),
+                p_value(row.p_adjusted, least_p),
                 plus_minus(row.gain, row.gain_se),
                 decision(row.decision),
             )

@@ -15,7 +15,7 @@ from adhesion_jax.discovery.types import (
     Opinion,
 )
 from adhesion_jax.effects import KINDS
-from adhesion_jax.wording import listed, number
+from adhesion_jax.wording import listed, number, p_is
 
 #: What an effect does to the curve, by what it acts on.
 _ACTS_ON = {
@@ -92,16 +92,10 @@ def percent_in_brackets(interval: Interval) -> str:
     return _bracketed(value, *(bound.removesuffix(" %") for bound in bounds))
 
 
-def p_value(value: float) -> str:
-    return f"{value:.2g}" if np.isfinite(value) else ""
-
-
-def evidence(effect: FoundEffect) -> str:
-    return (
-        f"adjusted p = {p_value(effect.p_adjusted)}"
-        if np.isfinite(effect.p_adjusted)
-        else "no adjusted p"
-    )
+def evidence(findings: Findings, effect: FoundEffect) -> str:
+    if not np.isfinite(effect.p_adjusted):
+        return "no adjusted p"
+    return f"adjusted {p_is(effect.p_adjusted, findings.least_p)}"
 
 
 def candidates(effect: FoundEffect) -> tuple[str, ...]:
@@ -126,21 +120,46 @@ def acts_on(effect: FoundEffect) -> str:
     return "" if effect.acts_on == "level" and signals else _ACTS_ON[effect.acts_on]
 
 
+def errors_by_data(findings: Findings) -> dict[str, Errors]:
+    """The errors before and after, by the data that they are of."""
+    errors = {
+        "training": findings.train,
+        "cross-validation": findings.validation,
+        "test": findings.test,
+        "test, trees on top": findings.with_trees,
+    }
+    return {data: of for data, of in errors.items() if of is not None}
+
+
 def kind_of_run(findings: Findings) -> str:
     """`run`, or `block` where one run was cut: blocks bear that name (`adhesion_jax.data`)."""
     names = findings.points["run"].astype(str)
     return "block" if names.str.startswith("block ").all() else "run"
 
 
-def opinion_sentence(opinion: Opinion) -> str:
+def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
     source = "the slip itself, or columns that go together"
     if opinion.columns:
         source = listed([one_line(name) for name in opinion.columns])
+    more = ""
+    if findings.test and findings.with_trees:
+        usual, now = findings.test.after.value, findings.with_trees.after
+        more = (
+            f". On top of the law they take its error on the test set from {error(usual)} to "
+            f"{error_in_brackets(now)}: "
+            "a correction without a formula, from these columns, which is not in law.json"
+        )
+    elif opinion.correction is not None:
+        more = (
+            ". To have a test set predicted with the trees on top of the law, a correction without "
+            "a formula, add --correct and --test (in Python correct=True and test)"
+        )
     return (
         f"Boosted trees predict {percent(opinion.explained)} ± {percent(opinion.error)} of the "
         f"squared residual of runs that they were not fitted to, from {source} "
-        f"(p = {p_value(opinion.p)}): something is missing that the law has no form for"
+        f"({p_is(opinion.p)}): something is missing that the law has no form for"
+        f"{more}"
     )
 
 
@@ -163,7 +182,7 @@ def verdict(findings: Findings) -> str:
         )
     open_questions = _open_questions(findings)
     if sentences:
-        sentences += [f"{_change(findings)}.", *_at_bounds(findings)]
+        sentences += [f"{_change(findings)}.", _by_chance(findings), *_at_bounds(findings)]
         sentences += [f"{words}." for words in open_questions]
     elif open_questions:
         first, *others = open_questions
@@ -179,6 +198,22 @@ def verdict(findings: Findings) -> str:
             _error_alone(findings),
         ]
     return " ".join([*sentences, *_in_noise(findings), *_unlike(findings)])
+
+
+def _by_chance(findings: Findings) -> str:
+    """How many of the effects may be there by chance, and the smallest p that there can be."""
+    rare, least = rules.SIGNIFICANT, findings.least_p
+    floor = ""
+    if least:
+        floor = (
+            f", and {least:.2g} is the smallest p that {1 / least - 1:,.0f} patterns of signs of "
+            f"the {kind_of_run(findings)}s can show"
+        )
+    return (
+        "Each p is adjusted for everything that was looked at, and an effect is reported only if "
+        f"it is at most {rare}: at most about 1 in {1 / rare:.0f} of the effects reported is there "
+        f"by chance{floor}."
+    )
 
 
 def _at_bounds(findings: Findings) -> list[str]:
@@ -203,20 +238,34 @@ def _at_bounds(findings: Findings) -> list[str]:
 def _unlike(findings: Findings) -> list[str]:
     """Sentences on test data that are unlike the training data."""
     sentences = [one_line(sentence) for sentence in findings.outside]
-    if findings.test is not None:
-        usual, now = findings.validation.after.value, findings.test.after
-        if now.low > rules.UNLIKE_TRAINING * usual > 0:
-            sentences.append(
-                f"On the test set the error is {number(now.value / usual)} times that of training "
-                f"{kind_of_run(findings)}s left out ({error(usual)}): the test data are unlike the "
-                "training data, or something acts in them that did not act there."
-            )
+    if findings.test is None:
+        return sentences
+    usual, now = findings.validation, findings.test
+    few = min(usual.runs, now.runs) < rules.FEWEST_RUNS_TO_COMPARE
+    least = rules.UNLIKE_TRAINING if few else 0.0
+    ratios = {
+        when: one.value / other.value
+        for when, one, other in (
+            ("before", now.before, usual.before),
+            ("after", now.after, usual.after),
+        )
+        if one.low > max(other.high, least * other.value) > 0
+        or (when == "before" and not few and one.high < other.low)
+    }
+    if ratios:
+        what = listed([f"{number(ratio)} times {when}" for when, ratio in ratios.items()])
+        sentences.append(
+            f"Of that on training {kind_of_run(findings)}s left out, the error on the test set is "
+            f"{what}, and their intervals do not touch: the test data are unlike the training "
+            "data, or something acts in them that did not act there."
+        )
     return sentences
 
 
 def _axes(findings: Findings) -> str:
     return " and ".join(
-        f"{one_line(axis(effect))} ({evidence(effect)})" for effect in findings.unexplained
+        f"{one_line(axis(effect))} ({evidence(findings, effect)})"
+        for effect in findings.unexplained
     )
 
 
@@ -225,7 +274,7 @@ def _open_questions(findings: Findings) -> list[str]:
     return [
         *_did_not_hold(findings),
         *(one_line(doubt.sentence).rstrip(".") for doubt in findings.doubts),
-        *([opinion_sentence(findings.opinion)] if findings.opinion else []),
+        *([opinion_sentence(findings, findings.opinion)] if findings.opinion else []),
         *_scatter(findings),
     ]
 
@@ -242,9 +291,9 @@ def _did_not_hold(findings: Findings) -> list[str]:
         return []
     return [
         f"{humanised(first.name)} stands out among {len(findings.ranking)} candidates (adjusted "
-        f"p = {p_value(first.p_adjusted)}) and was not accepted ({decision(first.decision)}): "
-        "something is missing that these data do not determine. Look at the residual against every "
-        "column, and measure more runs that differ in them"
+        f"{p_is(first.p_adjusted, findings.least_p)}) and was not accepted "
+        f"({decision(first.decision)}): something is missing that these data do not determine. "
+        "Look at the residual against every column, and measure more runs that differ in them"
     ]
 
 
@@ -262,8 +311,9 @@ def _scatter(findings: Findings) -> list[str]:
 def _in_noise(findings: Findings) -> list[str]:
     """Sentences on effects that no prediction can use."""
     return [
-        f"{humanised(effect.name)[0].upper()}{humanised(effect.name)[1:]} ({evidence(effect)}) is "
-        "part of the noise: its phase differs from run to run, so that it improves no prediction."
+        f"{humanised(effect.name)[0].upper()}{humanised(effect.name)[1:]} "
+        f"({evidence(findings, effect)}) is part of the noise: its phase differs from run to run, "
+        "so that it improves no prediction."
         for effect in findings.effects
         if effect.name in _IN_NOISE
     ]
@@ -285,7 +335,8 @@ def _missing(findings: Findings, effects: Sequence[FoundEffect]) -> str:
     described = []
     for effect in effects:
         shape = acts_on(effect) if effect.acts_on != "level" else ""
-        facts = (evidence(effect), shape or _size(findings, effect), class_sentence(effect))
+        size = shape or _size(findings, effect)
+        facts = (evidence(findings, effect), size, class_sentence(effect))
         described.append(f"{humanised(effect.name)} ({'; '.join(part for part in facts if part)})")
     return "; ".join(described)
 
@@ -363,5 +414,5 @@ def _strongest(findings: Findings) -> str:
         return ""
     return (
         f" (the strongest of {len(findings.ranking)} candidates, {humanised(first.name)}, has "
-        f"adjusted p = {p_value(first.p_adjusted)})"
+        f"adjusted {p_is(first.p_adjusted, findings.least_p)})"
     )

@@ -1,0 +1,85 @@
+"""Which accepted causes are named, and which by their columns alone."""
+
+import numpy as np
+import pytest
+from discovery_campaigns import campaign, curve, noise, state_of
+
+from adhesion_jax.discovery.findings.naming import contradiction, vetoed
+from adhesion_jax.discovery.search.state import Accepted
+from adhesion_jax.discovery.types import Interval
+from adhesion_jax.effects import EFFECTS, Covariate
+
+
+def accepted(name, *parts, members=()):
+    kind = EFFECTS[name]
+    covariates = kind.FACTS.rests_on
+    return Accepted(
+        name, (name, *members), kind.FACTS.family, False, covariates, parts, 0.001, 50.0
+    )
+
+
+SPEED = EFFECTS["speed"](k=0.5, reference=12.0)
+SAND = EFFECTS["sanding"](k=0.2, build_up=1.0, decay=5.0)
+WARMTH = EFFECTS["temperature"](k=0.001, reference=10.0)
+AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "strengths", "said"),
+    [
+        ("speed", SPEED, {"k": (0.5, 0.3, 0.7)}, ""),
+        ("speed", SPEED, {"k": (-0.5, -0.7, -0.3)}, "its k is -0.5, and it would have to be above"),
+        ("speed", SPEED, {"k": (5.0, 4.0, 6.0)}, "its k stands at 5, an end of the range"),
+        ("speed", SPEED, {"k": (0.5, -0.1, 1.1)}, "the interval of its k holds 0"),
+        ("sanding", SAND, {"k": (-0.2, -0.3, -0.1)}, "its k is -0.2"),
+        # Adhesion may rise or fall with the temperature.
+        ("temperature", WARMTH, {"k": (-0.01, -0.02, -0.005)}, ""),
+        # One axle that differs is enough.
+        ("axle_position", AXLES, {"k1": (0.1, 0.05, 0.15)}, ""),
+        ("axle_position", AXLES, {"k1": (0.1, -0.05, 0.25)}, "its k1, k2, k3, k4 and k5 holds 0"),
+    ],
+)
+def test_a_cause_is_contradicted_by_the_end_the_sign_or_the_interval_of_its_strength(
+    name, part, strengths, said
+):
+    found = {strength: Interval(0.0, -0.1, 0.1) for strength in part.FACTS.strengths}
+    found |= {strength: Interval(*values) for strength, values in strengths.items()}
+    why = contradiction(accepted(name, part), found)
+    assert said in why
+    assert bool(said) == bool(why)
+
+
+def test_with_a_form_that_refines_it_an_interval_alone_is_no_contradiction():
+    line = Covariate(0.1, 0.0, 1.0, column="vehicle_speed_mps", acts_on="level")
+    found = {"k": Interval(0.5, -0.1, 1.1)}
+    assert contradiction(accepted("speed", SPEED, line), found) == ""
+    assert contradiction(accepted("speed", SPEED), found)
+    plain = accepted("speed", line)._replace(name="covariate:vehicle_speed_mps", generic=True)
+    assert contradiction(plain, {}) == ""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("rises", [False, True])
+def test_adhesion_that_rises_with_speed_is_not_named_a_fall_with_it(rises):
+    draw = np.random.default_rng(8)
+    table = campaign(draw)
+    speed = 10.0 + 3.0 * table["warm"]
+    table = table.assign(vehicle_speed_mps=speed)
+    factor = np.exp((0.02 if rises else -0.02) * (speed - speed.mean()))
+    table = table.assign(adhesion=curve(table["slip_ratio"]) * factor + noise(draw))
+    members = ("falling_friction", "covariate:vehicle_speed_mps", "drift")
+    state = state_of(table, accepted("speed", SPEED, members=members))
+    named, sentences = vetoed(state)
+    assert named.fitted is state.fitted
+    if not rises:
+        assert sentences == ()
+        assert named.accepted == state.accepted
+        return
+    (effect,) = named.accepted
+    assert effect.name == "covariate:vehicle_speed_mps"
+    assert effect.members[0] == effect.name
+    assert "speed" not in effect.members
+    assert "drift" in effect.members
+    assert effect.parts == state.accepted[0].parts
+    (words,) = sentences
+    assert words.startswith("speed is not named as a cause, although its formula is in the law: ")
