@@ -159,6 +159,7 @@ def test_a_worker_that_dies_costs_none_of_the_other_units(two, tmp_path):
     assert (tmp_path / "died").exists()
 
 
+@pytest.mark.thorough
 def test_a_worker_that_dies_is_replaced_and_its_unit_tried_again(two, tmp_path):
     paths = [tmp_path / "a", tmp_path / "b"]
     assert found(two, killed_once, paths, tmp_path) == ["done", "done"]

@@ -183,35 +183,48 @@ def stacked(curve, values):
     return jnp.stack([peak.slip, peak.adhesion])
 
 
+# Like the peak compiled once a form of curve.
+@quick_jit
+def with_derivative(curve, values):
+    return stacked(curve, values), jax.jacfwd(lambda v: stacked(curve, v))(values)
+
+
+@quick_jit
+def derivative_of_the_end(curve, values):
+    def short(v):
+        return with_free_values(curve, v).peak(CONDITIONS, 1e-4).adhesion
+
+    return jax.jacfwd(short)(values)
+
+
 @pytest.mark.parametrize("name", [n for n in PEAKED if n not in ("exponential-close",)])
 def test_the_derivative_of_the_peak_agrees_with_finite_differences(name):
     curve = PEAKED[name]
     values = np.asarray(free_values(curve))
-    both = quick_jit(lambda v: (stacked(curve, v), jax.jacfwd(lambda w: stacked(curve, w))(v)))
-    at, derivative = map(np.asarray, both(jnp.asarray(values)))
+    at, derivative = map(np.asarray, with_derivative(curve, jnp.asarray(values)))
     scale = at[:, None] / np.where(values == 0, 1.0, values)
     for j, value in enumerate(values):
         if value == 0:
             continue  # c3 = 0 lies on its bound: there is no difference on both sides.
         step = np.zeros_like(values)
         step[j] = 1e-5 * value
-        above, below = (np.asarray(both(jnp.asarray(v))[0]) for v in (values + step, values - step))
+        above, below = (
+            np.asarray(with_derivative(curve, jnp.asarray(v))[0])
+            for v in (values + step, values - step)
+        )
         difference = (above - below) / (2e-5 * value)
         np.testing.assert_allclose(
             derivative[:, j] / scale[:, j], difference / scale[:, j], atol=2e-6
         )
 
     # Without a peak the derivative is that of the adhesion at the end: finite, not a NaN.
-    def short(v):
-        return with_free_values(curve, v).peak(CONDITIONS, 1e-4).adhesion
-
-    assert np.all(np.isfinite(quick_jit(jax.jacfwd(short))(jnp.asarray(values))))
+    assert np.all(np.isfinite(derivative_of_the_end(curve, jnp.asarray(values))))
 
 
 @pytest.mark.parametrize("name", PEAKLESS)
 def test_derivatives_stay_finite_where_there_is_no_peak(name):
     curve, _ = PEAKLESS[name]
-    derivative = quick_jit(jax.jacfwd(lambda v: stacked(curve, v)))(free_values(curve))
+    _, derivative = with_derivative(curve, free_values(curve))
     assert np.all(np.isfinite(derivative))
 
 

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 
 from adhesion_jax.curves import BASES, free_values, with_free_values
 from adhesion_jax.effects.conditions import Calendar
@@ -38,7 +39,7 @@ def central(function, at):
     return (function(at + STEP) - function(at - STEP)) / (2 * STEP)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", lanes(LAWS, always=5, thorough=len(LAWS)))
 def test_by_slip(name):
     law = LAWS[name]
     alone = [float(law(slip, NOW)) for slip in SLIPS]
@@ -49,7 +50,7 @@ def test_by_slip(name):
     np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", lanes(LAWS, always=5, thorough=len(LAWS)))
 def test_by_its_numbers_and_by_conditions(name):
     law, slip = LAWS[name], SLIPS[1]
     slopes = jax.grad(lambda law: law(slip, NOW))(law)
@@ -72,7 +73,7 @@ def test_by_its_numbers_and_by_conditions(name):
         assert slope * NOW[column] == pytest.approx(float(central(at, 0.0)), rel=1e-4, abs=1e-8)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", lanes(LAWS, always=3, thorough=len(LAWS)))
 def test_what_it_is_made_of_may_be_arrays(name):
     """As it is where parameters were found by a solver; methods are compiled like functions."""
     arrays = jax.tree.map(jnp.asarray, LAWS[name])

@@ -1,10 +1,12 @@
 """How late one speed is against the other: said where it is so, and not where it is not."""
 
+import itertools
 import re
 
 import numpy as np
 import pandas as pd
 import pytest
+from lanes import lanes
 from late_log import trip
 
 from adhesion_jax.data import to_measured
@@ -31,9 +33,10 @@ def said(log):
     return option, value, error
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("late", [0.2, 0.1])
-@pytest.mark.parametrize("which", ["vehicle", "wheel"])
+@pytest.mark.parametrize(
+    ("seed", "late", "which"),
+    lanes(itertools.product(range(3), [0.2, 0.1], ["vehicle", "wheel"]), always=4, thorough=8),
+)
 def test_a_late_speed_is_told_with_its_error(seed, late, which):
     """The delay was put in by hand; the estimate is within four of its errors, and 3 ms."""
     option, value, error = said(trip(seed, seconds=900.0, **{f"{which}_late": late}))
@@ -42,8 +45,9 @@ def test_a_late_speed_is_told_with_its_error(seed, late, which):
     assert error < 0.01
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("step", [0.05, 0.01])
+@pytest.mark.parametrize(
+    ("seed", "step"), lanes(itertools.product(range(6), [0.05, 0.01]), always=4, thorough=8)
+)
 def test_nothing_is_said_of_signals_in_time_with_each_other(seed, step):
     assert said(trip(seed, seconds=600.0, step=step)) is None
 

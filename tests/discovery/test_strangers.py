@@ -2,12 +2,14 @@
 
 from functools import cache
 from types import SimpleNamespace as Bare
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.interpolate import make_lsq_spline
 
+from adhesion_jax.discovery.types import Findings, FoundEffect
 from experiments import stranger_sets, strangers
 from experiments.stranger_sets import (
     ACTING,
@@ -144,14 +146,22 @@ def test_noise_has_the_size_and_correlation_that_its_name_says(noise):
     assert (grown > 1.5) == (noise == "grows with slip")
 
 
+def effect_of(name, covariates=(), candidates=()):
+    """A found effect of which no more than this is asked."""
+    effect = Mock(spec=FoundEffect, covariates=covariates, candidates=candidates, p_adjusted=0.001)
+    effect.name = name
+    return effect
+
+
 def reported(monkeypatch, *effects):
     """The row of set 0 where exactly these effects are reported, and half of the error removed."""
 
     def discover(train, test, seed):
         assert seed == 0
         points = pd.DataFrame({"slip": train["slip_ratio"], "before": 0.2})
-        findings = Bare(
-            effects=[Bare(candidates=(), p_adjusted=0.001, **effect) for effect in effects],
+        findings = Mock(
+            spec=Findings,
+            effects=[effect_of(**effect) for effect in effects],
             unexplained=[],
             points=points,
             predictions=pd.DataFrame({"base": np.full(len(test), 0.2)}),
@@ -201,6 +211,6 @@ def test_rates_and_shares_of_sets_counted_by_hand(monkeypatch):
 
 
 def test_names_of_a_class_and_its_columns():
-    effect = Bare(name="covariate:x01", candidates=("product:a*b", "lag"), covariates=("time_s",))
+    effect = effect_of("covariate:x01", ("time_s",), ("product:a*b", "lag"))
     named = strangers.names_of(effect)
     assert {"x01", "a", "b", "lag", "time_s"} <= named

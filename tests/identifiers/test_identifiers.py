@@ -37,6 +37,9 @@ from adhesion_jax.records import Known
 from adhesion_jax.scenarios import build
 from adhesion_jax.scenarios.blocks import Blocks
 
+#: Levenberg and Marquardt's method in other libraries.
+LM_OF_OTHERS = ("lm-jaxopt", "lm-optimistix")
+
 
 def test_every_identifier_accepts_a_case_and_every_case_has_an_identifier():
     assert {name for name, _ in PAIRS} == set(IDENTIFIERS)
@@ -156,7 +159,13 @@ def test_a_record_without_points_tells_nothing(name):
     assert not np.any(np.isin(estimate.status, (Status.TRUSTED, Status.ON_BOX)))
 
 
-@pytest.mark.parametrize("name", CURVE_METHODS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.thorough if name in LM_OF_OTHERS else ())
+        for name in CURVE_METHODS
+    ],
+)
 def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
     truth = Kiencke(a0=40.0, p1=31.29, p2=100.0)
     scenario = Blocks(("dry",), 0.001, 0.0, jnp.linspace(0.0, 0.2, 100), (truth,), KIENCKE)

@@ -294,7 +294,7 @@ def test_the_compensated_program_is_that_of_a_loop_in_numpy():
 def test_compensation_removes_the_bias_of_noise_in_the_regressors():
     scenario = build("qian2024", Options(sigma=0.1))
     keys = jax.random.split(jax.random.key(0), 512)
-    records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
+    records = jax.jit(jax.vmap(lambda key: scenario.draw(key), out_axes=scenario.run_axes))(keys)
     run = jax.jit(jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0)))
     truth = float(scenario.truth[0].peak({}).adhesion)
 

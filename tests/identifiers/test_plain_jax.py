@@ -1,5 +1,6 @@
 """Identifiers under the plain transformations of jax."""
 
+import functools
 import re
 
 import jax
@@ -26,10 +27,12 @@ def home_of(identifier):
     return next(s for s in scenarios if identifier.accepts(s.known) is None)
 
 
+@functools.cache
 def records(identifier, streams=STREAMS, steps=2, samples=2):
     """[streams, steps, points] of the first samples of a run each, or its blocks."""
     scenario = home_of(identifier)
-    drawn = jax.vmap(scenario.draw)(jax.random.split(jax.random.key(0), streams))
+    draw = jax.jit(jax.vmap(lambda key: scenario.draw(key)))
+    drawn = draw(jax.random.split(jax.random.key(0), streams))
     points = (
         samples * steps if scenario.known.by_sample else steps * (drawn.mask.shape[-1] // steps)
     )
@@ -132,7 +135,7 @@ def test_single_precision_is_refused_in_a_sentence(name):
         IDENTIFIERS[name].init(known, jax.random.key(0))
 
 
-@pytest.mark.parametrize("name", IDENTIFIERS)
+@pytest.mark.parametrize("name", lanes(IDENTIFIERS, always=3, thorough=len(IDENTIFIERS)))
 def test_an_identifier_is_translated_for_a_gpu_without_one(name):
     identifier = IDENTIFIERS[name]
     known, blocks = records(identifier)

@@ -58,7 +58,7 @@ def found_the_truth(estimate, scenario):
     return np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
 
 
-@pytest.mark.parametrize(("name", "case"), lanes(SURE, always=5, thorough=5))
+@pytest.mark.parametrize(("name", "case"), lanes(SURE, always=3, thorough=7))
 def test_data_without_any_noise_give_the_truth_back(name, case):
     scenario_name, options = CASES[case]
     scenario = build(scenario_name, Options(**{**options, "sigma": 0.0}))
@@ -173,15 +173,15 @@ def test_a_stream_of_updates_gives_what_identify_gives(name):
         assert int(found.status) == int(estimate.status[0, block])
 
 
-def test_gradient_methods_agree_with_the_exact_one_where_they_claim_success():
+@pytest.mark.parametrize("name", lanes(GRADIENT, always=1, thorough=len(GRADIENT)))
+def test_a_gradient_method_agrees_with_the_exact_one_where_it_claims_success(name):
     _, _, exact = small("ml-exact", "he2018-blocks")
-    for name in GRADIENT:
-        _, _, estimate = small(name, "he2018-blocks")
-        trusted = np.asarray(estimate.status) == Status.TRUSTED
-        assert np.mean(trusted) > 0.3, name
-        np.testing.assert_allclose(
-            parameters_of(estimate)[trusted], parameters_of(exact)[trusted], rtol=1e-5
-        )
+    _, _, estimate = small(name, "he2018-blocks")
+    trusted = np.asarray(estimate.status) == Status.TRUSTED
+    assert np.mean(trusted) > 0.3
+    np.testing.assert_allclose(
+        parameters_of(estimate)[trusted], parameters_of(exact)[trusted], rtol=1e-5
+    )
 
 
 def test_de_variants_differ_where_the_paper_says():

@@ -109,7 +109,14 @@ def at_least(found, low, high):
     assert "at least" in repr(found)
 
 
-@pytest.mark.parametrize("name", ["slow_level_noisy_slip", "tooth_spikes", "rolling_rows"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "slow_level_noisy_slip",
+        pytest.param("tooth_spikes", marks=pytest.mark.thorough),
+        "rolling_rows",
+    ],
+)
 def test_a_fault_that_hides_no_peak_leaves_the_truth_in_the_intervals(name):
     found = of_form(name)
     assert answers(found, DRY.mu_max, DRY.slip_opt)
@@ -145,7 +152,9 @@ def test_traction_and_braking_that_differ_are_no_one_curve():
     assert "identify each by itself" in veto
 
 
-@pytest.mark.parametrize("name", ["shifted_signals", "late_in_few_rows"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("shifted_signals", marks=pytest.mark.thorough), "late_in_few_rows"]
+)
 def test_adhesion_that_is_late_is_said_to_follow_the_slip_by_so_much(name):
     """A slip event's top is flat: the delay is known to about two rows."""
     table, truth = FAULTS[name](0)
@@ -225,6 +234,7 @@ def test_a_column_to_compare_by_that_is_misspelt_or_absent_is_answered_with_thos
         aj.identify(table, CURVES, by=by)
 
 
+@pytest.mark.thorough
 def test_a_group_by_a_label_that_is_known_is_compared_as_that_label():
     table, _ = FAULTS["two_surfaces"](0)
     as_axle = aj.identify(table.rename(columns={"surface": "axle"}), CURVES, by="axle")

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from lanes import lanes
 
 import adhesion_jax as aj
 from adhesion_jax.data import to_measured
@@ -127,7 +128,7 @@ def test_a_fall_is_seen_no_longer_than_the_method_remembers_it():
         assert found["riv"]["resets"].iloc[-1] == 0
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 1.0, 1.2])
+@pytest.mark.parametrize("share", lanes([0.3, 0.6, 0.9, 1.0, 1.2], always=2, thorough=3))
 def test_noise_of_the_slip_fakes_no_fall(share):
     """A hold at slip .004 with noise of a quarter of it, after a ramp, wherever the peak is put."""
     falls = []

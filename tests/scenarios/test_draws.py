@@ -139,7 +139,7 @@ def test_distribution_is_normal():
     assert stats.kstest(last, "uniform").pvalue > 1e-4
 
 
-@pytest.mark.parametrize("power", [1, 2])
+@pytest.mark.parametrize("power", [1, pytest.param(2, marks=pytest.mark.thorough)])
 def test_no_correlation_along_a_run_between_runs_and_within_pairs(power):
     x = np.asarray(drawn(keys(0, RUNS))) ** power
     x = (x - np.mean(x)) / np.std(x)

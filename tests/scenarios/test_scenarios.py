@@ -56,9 +56,14 @@ def clean_adhesion(scenario, record):
     return jnp.stack([curve(slip, conditions) for curve, slip in pairs])
 
 
+@jax.jit
+def draw(scenario, key):
+    return scenario.draw(key)
+
+
 def noise_of(scenario, key):
     """What is left of a run when the truth is taken away, [blocks, points]."""
-    record = scenario.draw(key)
+    record = draw(scenario, key)
     return np.asarray(record.adhesion - clean_adhesion(scenario, record))
 
 
@@ -185,7 +190,7 @@ def test_outliers_have_ten_times_the_deviation_and_the_share_asked_for(name):
 @pytest.mark.parametrize("points", [100, 137, 500])
 def test_the_masks_of_a_growing_sequence_are_prefixes_that_grow_to_the_whole(points):
     scenario = build("he2018-1", Options(points=points))
-    mask = np.asarray(scenario.draw(jax.random.key(0)).mask)
+    mask = np.asarray(draw(scenario, jax.random.key(0)).mask)
     seen = mask.sum(axis=1)
     assert mask.shape == (20, points)
     np.testing.assert_array_equal(seen, scenario.lengths)
@@ -194,7 +199,7 @@ def test_the_masks_of_a_growing_sequence_are_prefixes_that_grow_to_the_whole(poi
         assert not row[count:].any()
     assert seen[-1] == points
     np.testing.assert_allclose(seen, points * np.arange(1, 21) / 20, atol=0.5)
-    others = build("he2018-blocks", Options(points=points)).draw(jax.random.key(0)).mask
+    others = draw(build("he2018-blocks", Options(points=points)), jax.random.key(0)).mask
     assert np.all(others)
 
 

@@ -202,6 +202,7 @@ def test_the_search_over_all_points_finds_the_optimum():
         assert np.sum(left(x, slip, adhesion) ** 2) <= 2 * best.cost * (1 + 1e-6)
 
 
+@pytest.mark.thorough
 def test_a_gpu_is_measured_beside_a_core_on_the_same_runs(monkeypatch):
     # The CPU stands for one.
     chosen = [case for case in gpu.CASES if case.method in ("ml-exact", "rls-kiencke")]

@@ -47,7 +47,11 @@ def held(command, surface=DRY, slope=0.01):
 
 def run(plant, state, command, step, seconds):
     """The state after a command was held, and the energy that went each way meanwhile."""
-    inputs = held(command)
+    return steps_of(plant, state, held(command), step, round(seconds / step))
+
+
+@jax.jit
+def steps_of(plant, state, inputs, step, count):
     state = state._replace(torque=held_by(plant, state.torque, inputs.command))
 
     def derivative(both):
@@ -59,9 +63,7 @@ def run(plant, state, command, step, seconds):
     def body(_, both):
         return rk4(derivative, both, step)
 
-    return jax.jit(lambda both: jax.lax.fori_loop(0, round(seconds / step), body, both))(
-        (state, spent)
-    )
+    return jax.lax.fori_loop(0, count, body, (state, spent))
 
 
 @pytest.mark.thorough
@@ -100,12 +102,16 @@ def test_a_gear_only_takes(name, efficiency):
 def test_a_trajectory_is_that_of_a_solver_of_order_eight(name):
     plant, state, torques = started(name)
     _, whole = ravel_pytree(state)
+
+    @jax.jit
+    def rhs(flat, inputs):
+        return ravel_pytree(plant.derivative(whole(flat), inputs))[0]
+
     for torque in torques:
         inputs = held(torque)
         state = state._replace(torque=held_by(plant, state.torque, inputs.command))
-        rhs = jax.jit(lambda flat, u=inputs: ravel_pytree(plant.derivative(whole(flat), u))[0])
         exact = solve_ivp(
-            lambda _, y, f=rhs: np.asarray(f(jnp.asarray(y))),
+            lambda _, y, u=inputs: np.asarray(rhs(jnp.asarray(y), u)),
             (0.0, 0.3),
             np.asarray(ravel_pytree(state)[0]),
             method="DOP853",

@@ -24,7 +24,7 @@ from adhesion_jax.discovery.model.program import (
 from adhesion_jax.effects import Covariate, Effect
 
 #: Sizes of the program: (slots, free parameters). The larger one is compiled when it is needed.
-_SIZES = ((6, 72), (12, 120))
+_SIZES = ((6, 72), (12, 144))
 
 #: If the curvature along each parameter is scaled to one, the data do not determine a direction
 #: whose curvature is below this.
