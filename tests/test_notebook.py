@@ -22,9 +22,9 @@ def test_what_is_kept_is_small_and_without_an_error():
         assert output.get("name", "stdout") == "stdout"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("default")  # of what runs notebooks
-def test_it_runs_to_its_end(tmp_path):
+def test_it_runs_to_its_end_and_shows_what_is_kept(tmp_path):
     from nbclient import NotebookClient  # slow to import
 
     notebook = nbformat.read(NOTEBOOK, 4)
@@ -32,3 +32,6 @@ def test_it_runs_to_its_end(tmp_path):
     told = [output for output in outputs(notebook) if "data" in output]
     assert any("image/png" in output["data"] for output in told)
     assert any("lateral creep" in output["data"].get("text/html", "") for output in told)
+    kept = [output for output in outputs(nbformat.read(NOTEBOOK, 4)) if "data" in output]
+    tables = [one["data"]["text/plain"].split("\n")[0] for one in kept]
+    assert [one["data"]["text/plain"].split("\n")[0] for one in told] == tables
