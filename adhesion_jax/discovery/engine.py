@@ -19,6 +19,7 @@ from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.model.training_runs import refuse_training_runs
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
+from adhesion_jax.discovery.search.falling_curve import plainer
 from adhesion_jax.discovery.search.scans import torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of, import_trees, second_opinion
@@ -104,6 +105,8 @@ def discover(
     warnings += _few_runs(problem)
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
+    falling = _falling(runs) if base == "auto" and len(bases) > 1 else ()
+    plain, final = plainer(plain, final, falling, spread, entries, seed, progress)
     # A wave along the track whose form is inexact leaves lines in the spectrum over time.
     waves = any(isinstance(part, Wave) for part in parts_of(final.accepted))
     line = None if waves else torsion(final.fitted)
@@ -168,7 +171,7 @@ def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
     if np.ptp(sizes) < _ONE_SLIP * max(float(sizes.max()), 1e-300):
         return ("level",)
     if base == "auto":
-        # What falls with the speed is an effect, and its own curve would hide it.
+        # What falls with the speed may be an effect: `_falling` has the curves that would hide it.
         return tuple(name for name, curve in BASES.items() if curve.AUTOMATIC and not curve.NEEDS)
     if base not in CURVES:
         raise InputError(f"--base {base} is not known; name one of {', '.join(CURVES)}, or auto.")
@@ -178,6 +181,16 @@ def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
             f"--base {base} needs the column {' and '.join(missing)}; add it or name another curve."
         )
     return (base,)
+
+
+def _falling(runs: RunSet) -> tuple[str, ...]:
+    """The curves of an automatic choice that need a column, where the runs have it."""
+    measured = {*runs.whole.conditions}
+    return tuple(
+        name
+        for name, curve in BASES.items()
+        if curve.AUTOMATIC and curve.NEEDS and measured.issuperset(curve.NEEDS)
+    )
 
 
 def _condensing_words(runs: RunSet, blocks: RunSet) -> list[str]:

@@ -39,8 +39,8 @@ def best_alone(problem: Problem, spread: np.ndarray, bases: Sequence[str]) -> Fi
     best = [min((one for one in fits if one.base == base), key=_cost) for base in bases]
     robust = side_by_side(robustly_fitted, best)
     same = min(robust, key=lambda fitted: fitted.setting.sigma).setting
-    chosen = min(robust, key=lambda one: _cost(_under(same, one)))
-    bent = [_under(_of_bend(same, bend), chosen) for bend in _BENDS]
+    chosen = min(robust, key=lambda one: _cost(under(same, one)))
+    bent = [under(_of_bend(same, bend), chosen) for bend in _BENDS]
     losses = [expected_loss(one) for one in bent]
     lowest = min(losses, key=lambda one: float(one.sum()))
     # The least bend that is not surely worse: what is hidden is not to be taken for a bend.
@@ -53,8 +53,10 @@ def _of_bend(setting: Setting, bend: float) -> Setting:
     return setting._replace(problem=setting.problem._replace(bend=bend))
 
 
-def _under(setting: Setting, fitted: Fitted) -> Fitted:
-    return nearly_fitted(setting, fitted.base, fitted.base_values.tolist(), ())
+def under(setting: Setting, fitted: Fitted) -> Fitted:
+    """The same model with the weights and the departure of another setting."""
+    values = fitted.base_values.tolist()
+    return nearly_fitted(setting, fitted.base, values, fitted.effects)
 
 
 def _cost(fitted: Fitted) -> float:

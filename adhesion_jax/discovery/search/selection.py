@@ -214,11 +214,11 @@ def _next(
     worthy = [
         trial for trial in trials if is_worth(now.fitted, trial.fitted, trial.score.entry.generic)
     ]
-    # Some form of the columns of a worthy candidate must be significant, not that candidate itself:
-    # the form of the best score need not be the one that explains most.
-    certain = {trial.score.entry.covariates for trial in trials if trial.score.p <= significant}
-    sure = any(trial.score.entry.covariates in certain for trial in worthy)
     best = choose(worthy or trials, now)
+    # Some form of its columns must be significant, not that candidate itself: the form of the best
+    # score need not be the one that explains most.
+    certain = {trial.score.entry.covariates for trial in trials if trial.score.p <= significant}
+    sure = best.score.entry.covariates in certain
     joint = _joint(best, now, scores, seed)
     chosen = best if joint is None else joint
     gained = gain(now.fitted, chosen.fitted)
