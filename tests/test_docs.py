@@ -54,6 +54,13 @@ def test_the_readme_is_short():
 
 
 @every_page
+def test_a_page_says_something_under_a_heading(page):
+    first, *others = text_of(page).splitlines()
+    assert first.startswith("# ")
+    assert len(others) > 10
+
+
+@every_page
 def test_links_and_pictures_lead_somewhere(page):
     wrong = [
         f"{path}#{anchor}"

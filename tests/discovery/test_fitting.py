@@ -190,6 +190,19 @@ def test_loss_gradient_and_hessian_are_the_sums_over_each_run(setting, fitted):
         )
 
 
+def test_the_derivatives_by_a_term_that_moves_the_slip_are_those_of_the_law(setting):
+    """Of curve and departure: the factors stand at .02, so that the departure slopes."""
+    moving = Covariate(0.1, 0.0, 0.6, column="warm", acts_on="slip")
+    start = [*TRUE, *np.full(setting.problem.branches * FINE, 0.02)]
+    fitted = fit_model(setting, "burckhardt", start, (moving,), np.inf)
+    at = free_of(fitted)
+    expected = parts_of(setting, "burckhardt", (moving,))[1](at)
+    inside = setting.root > 0
+    found = fitted.jacobian[:, inside].T
+    size = np.abs(expected[: len(found)]).max(axis=0)
+    np.testing.assert_allclose(found / size, expected[: len(found)] / size, atol=1e-9)
+
+
 def test_what_is_masked_changes_nothing(setting):
     outside = setting.problem.points == 0
     data = setting.problem.data

@@ -21,8 +21,20 @@ from scipy.interpolate import CubicSpline
 from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
-from adhesion_jax.discovery.search.probes import beside_levels, directions_of, null_of, signals
-from adhesion_jax.discovery.search.screening import FLIPS, _gained, screen
+from adhesion_jax.discovery.search.probes import (
+    beside_levels,
+    directions_of,
+    null_of,
+    signals,
+    split,
+)
+from adhesion_jax.discovery.search.screening import (
+    FLIPS,
+    _gained,
+    least_p,
+    orthonormal,
+    screen,
+)
 from adhesion_jax.effects import Covariate, Labels, Memory
 from adhesion_jax.effects.shape import ACTS_ON
 
@@ -119,44 +131,60 @@ def test_a_direction_is_what_is_given_cannot_explain(null):
 # ------------------------------------------------------------------------- one direction by hand
 
 
-def by_hand(null, probe, signs=None):
-    """F of one direction, and its degrees of freedom, for signs [runs, choices] of the runs."""
-    _, flat = directions_of(null, [probe])
+def by_hand(null, start, signs=None):
+    """F of a start, and its degrees of freedom, for signs [runs, choices] of the runs."""
+    x = orthonormal(directions_of(null, split([start])[0])[1])
     run = np.nonzero(null.inside)[0]
-    numbers = np.unique(run)
-    x = flat[:, 0]
-    u = np.array([(x * null.residual)[run == number].sum() for number in numbers])
-    g = np.array([(x**2)[run == number].sum() for number in numbers])
-    # Of independent errors the score of a run has the variance g - |N_r' x_r|^2.
-    parts = [null.basis[run == number].T @ x[run == number] for number in numbers]
-    plain, u = u, u / np.sqrt(1 - np.array([part @ part for part in parts]) / g)
-    whole = signs is None
-    signs = np.ones((numbers.size, 1)) if signs is None else signs
+    scores, products = [], []
+    for number in np.unique(run):
+        own, given = x[run == number], null.basis[run == number]
+        product = own.T @ own
+        # Of independent errors the score of a run has the variance |x_r|^2 - |N_r' x_r|^2.
+        left = 1 - ((given.T @ own) ** 2).sum(axis=0) / np.diag(product)
+        scores.append(own.T @ null.residual[run == number] / np.sqrt(left))
+        products.append(product)
+    u, g, runs = np.array(scores), np.array(products), len(scores)
     ratios = []
-    for sign in signs.T:
-        b = (plain if whole else sign * u).sum()
-        variance = numbers.size / (numbers.size - 1) * ((sign * u - g * b) ** 2).sum()
-        ratios.append(b**2 / variance)
-    return np.array(ratios), max(1 / (g**2).sum() - 1, 1.0)
+    for sign in np.ones((1, runs)) if signs is None else signs.T:
+        b = x.T @ null.residual if signs is None else sign @ u
+        ratios.append(b @ b / (runs / (runs - 1) * ((sign[:, None] * u - g @ b) ** 2).sum()))
+    shares = np.diagonal(g, axis1=1, axis2=2)
+    carried = np.mean(1 / (shares**2).sum(axis=0))
+    return np.array(ratios), max(carried - 1, 1.0) * np.sqrt(b.size)
+
+
+def check_by_hand(now, entry, rel):
+    """The score of an entry against F by hand, with the scale and the need of the random signs."""
+    (score,) = screen([(now, [entry])], seed=5)
+    (ratio,), freedom = by_hand(now, entry.starts[0])
+    signs = np.random.default_rng([5, 11]).choice([-1.0, 1.0], size=(RUNS, FLIPS))
+    ratios, _ = by_hand(now, entry.starts[0], signs)
+    k = orthonormal(directions_of(now, split(entry.starts)[0])[1]).shape[1]
+    deviate, deviates = (
+        stats.norm.isf(stats.f.sf(f, k, freedom)) for f in (ratio, ratios)
+    )  # fmt: skip
+    # Of the random signs, those of this seed, .5 % are beyond 2.58.
+    scale = stats.norm.isf(0.005) / max(np.quantile(deviates, 0.995), 1.0)
+    assert score.z == pytest.approx(deviate * scale, rel=rel)
+    assert score.needed == pytest.approx(np.quantile(deviates, 0.99) * scale, rel=rel)
+    return score
 
 
 def test_z_of_one_direction_is_the_deviate_of_its_f(null, table):
     draw = np.random.default_rng(3)
     adhesion = curve(table["slip_ratio"]) * np.exp(0.03 * table["warm"]) + noise(draw)
-    now = seen(null, adhesion.to_numpy())
-    (score,) = screen([(now, [line("warm")])], seed=5)
-    probe = line("warm").starts[0]
-    (ratio,), freedom = by_hand(now, probe)
-    deviate = stats.norm.isf(stats.f.sf(ratio, 1, freedom))
-    # Of the random signs, those of this seed, .5 % are beyond 2.58.
-    signs = np.random.default_rng([5, 11]).choice([-1.0, 1.0], size=(RUNS, FLIPS))
-    ratios, _ = by_hand(now, probe, signs)
-    tail = np.quantile(stats.norm.isf(stats.f.sf(ratios, 1, freedom)), 0.995)
-    scale = stats.norm.isf(0.005) / tail
-    assert score.z == pytest.approx(deviate * scale, rel=0.01)
+    score = check_by_hand(seen(null, adhesion.to_numpy()), line("warm"), 0.01)
     assert 2 < score.z < 8
-    most = np.quantile(stats.norm.isf(stats.f.sf(ratios, 1, freedom)), 0.99)
-    assert score.needed == pytest.approx(most * scale, rel=0.01)
+
+
+def test_several_directions_are_held_against_the_scatter_beside_their_own_effect(null, table):
+    """Of the four levels of a label, which a variance of one direction at a time would hide."""
+    draw = np.random.default_rng(8)
+    level = table["place"].map({"a": 1.0, "b": 0.9, "c": 1.08, "d": 0.97}).to_numpy()
+    now = seen(null, (curve(table["slip_ratio"]) * level).to_numpy() + noise(draw))
+    entries = [one for one in library_of(null.fitted.setting.problem) if one.acts_on == "level"]
+    (entry,) = [one for one in entries if isinstance(one.starts[0], Labels)]
+    assert check_by_hand(now, entry, 0.02).p == least_p(RUNS)
 
 
 def in_few_runs(null, count):
