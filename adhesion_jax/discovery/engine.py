@@ -88,7 +88,7 @@ def discover(
         warnings += [f"In the test data: {words}" for words in told]
     progress("fitting the base curves", 0.02)
     problem = _problem(blocks)
-    slip = slip_noise_of(problem, slip_noise)
+    slip = slip_noise_of(blocks, slip_noise)
     spread = np.zeros(problem.points.shape)
     spread[problem.points > 0] = slip.spread
     plain = Selection(best_alone(problem, spread, bases))

@@ -2,12 +2,25 @@
 
 import numpy as np
 import pytest
-from discovery_campaigns import POINTS, RUNS, TRUE, campaign, curve, noise, problem_of, setting_of
+from discovery_campaigns import (
+    POINTS,
+    RUNS,
+    TRUE,
+    campaign,
+    curve,
+    noise,
+    problem_of,
+    runs_of,
+    setting_of,
+)
 
 from adhesion_jax.discovery.engine import _few_runs
+from adhesion_jax.discovery.findings.summary import law_of
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.fitting import nearly_fitted, weighed
 from adhesion_jax.discovery.model.noise import noise_of, noisy_slip, slip_noise_of
+from adhesion_jax.discovery.model.rows import predicted
+from adhesion_jax.discovery.search.state import Selection
 
 
 def fitted_to(table, spread=0.0):
@@ -48,8 +61,7 @@ def test_a_column_computed_from_a_signal_echoes_it_and_a_cause_does_not():
 @pytest.mark.parametrize("acts", [True, False])
 def test_noise_of_the_slip_is_told_where_adhesion_does_not_follow_it(acts):
     table = drawn(4, 0.002, acts)
-    problem = problem_of(table)
-    slip = slip_noise_of(problem, None)
+    slip = slip_noise_of(runs_of(table), None)
     assert slip.sigma == pytest.approx(0.002, rel=0.1)
     fitted = fitted_to(table, slip.sigma)
     told = noisy_slip(fitted, slip)
@@ -59,7 +71,7 @@ def test_noise_of_the_slip_is_told_where_adhesion_does_not_follow_it(acts):
     else:
         assert told is None or told.p > 0.01
     # What is given is told as it is.
-    given = slip_noise_of(problem, 0.003)
+    given = slip_noise_of(runs_of(table), 0.003)
     assert noisy_slip(fitted, given)[::2] == (0.003, 0.0)
 
 
@@ -69,8 +81,10 @@ def test_the_noise_of_a_fit_is_that_of_the_campaign():
     table = campaign(draw)
     scatter = (1 + 0.05 * draw.normal(size=RUNS))[table["run"]]
     error = noise(draw, sigma=0.006, correlation=0.6)
-    fitted = fitted_to(table.assign(adhesion=curve(table["slip_ratio"]) * scatter + error))
-    told = noise_of(fitted, slip_noise_of(fitted.setting.problem, None))
+    table = table.assign(adhesion=curve(table["slip_ratio"]) * scatter + error)
+    fitted = fitted_to(table)
+    runs, law = runs_of(table), law_of(Selection(fitted), {})
+    told = noise_of(runs, law, predicted(law, runs), 1.0, None)
     # To three standard errors: of a variance of AR .6 sqrt(2/n 2.1), of a scatter 1/sqrt(2 runs).
     rows = RUNS * POINTS
     assert told.sigma == pytest.approx(0.006, rel=3 * np.sqrt(2.1 / 2 / rows) + 0.03)

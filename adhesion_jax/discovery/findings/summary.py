@@ -22,7 +22,7 @@ from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.naming import intervals, vetoed
 from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
-from adhesion_jax.discovery.model.noise import NoisySlip, noise_of, noise_of_rows
+from adhesion_jax.discovery.model.noise import NoisySlip, noise_of
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import base_curve, base_places
@@ -97,9 +97,8 @@ def summarise(
             with_trees = _errors(test, test_before, columns["with_trees"], seed)
         predictions = _predictions(test.places, columns)
     refuted = _refuted(final, validation, tested)
-    noise = noise_of(final.fitted, slip)
-    if blocks is not runs:
-        noise = noise_of_rows(runs, law, after, final.setting.share, slip)
+    given = slip.sigma if slip.given else None
+    noise = noise_of(runs, law, after, final.setting.share, given)
     level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
     slow = noise.run_scatter**2 + noise.slow_level**2
     floor = float(np.sqrt(noise.sigma**2 + slow * level))

@@ -8,7 +8,6 @@ from scipy.signal import savgol_filter
 
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.fitting import Fitted, sigma_of, slope_of
-from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise, described
@@ -35,70 +34,40 @@ class NoisySlip(NamedTuple):
     p: float
 
 
-def rows_of(problem: Problem) -> Rows:
-    """The points one after the other."""
-    inside = problem.points > 0
-    data = problem.data
-    starts = np.append(0, np.cumsum(inside.sum(axis=1)[inside.any(axis=1)]))
-    conditions = {name: np.asarray(values)[inside] for name, values in data.conditions.items()}
+def rows_of(runs: RunSet) -> Rows:
+    """The rows of runs as the room of inference takes them."""
+    whole, edges = runs.whole, np.append(runs.starts, runs.whole.slip.size)
+    ordered = "time_s" in whole.conditions and bool(runs.lengths.max() > 2)
+    numbers = np.arange(runs.starts.size)
+    weights = runs.worth / runs.worth.mean()
     return Rows(
-        np.asarray(data.slip)[inside],
-        np.asarray(data.adhesion)[inside],
-        conditions,
-        problem.points[inside],
-        starts,
-        starts,
-        np.arange(starts.size - 1),
-        problem.in_time,
-        not problem.blocks,
-    )
+        whole.slip, whole.adhesion, whole.conditions, weights, edges, edges, numbers, ordered,
+        not runs.blocks,
+    )  # fmt: skip
 
 
-def slip_noise_of(problem: Problem, given: float | None) -> SlipNoise:
+def slip_noise_of(runs: RunSet, given: float | None) -> SlipNoise:
     """The noise of the slip by its course in time, or as given (`inference.slip`)."""
-    rows = rows_of(problem)
-    measured = "vehicle_speed_mps" in problem.measured
-    return slip_noise(rows, rows.conditions["vehicle_speed_mps"] if measured else None, given)
+    return slip_noise(rows_of(runs), runs.whole.conditions.get("vehicle_speed_mps"), given)
 
 
-def noise_of(fitted: Fitted, slip: SlipNoise) -> RunNoise:
-    """The noise that a fit leaves (`inference.noise`)."""
-    setting = fitted.setting
-    inside = setting.problem.points > 0
-    slope = slope_of(fitted)[inside] if setting.spread.any() else np.zeros(int(inside.sum()))
-    spread = setting.share * setting.spread[inside]
-    relative = 1 / setting.problem.points[inside] + (slope * spread / setting.sigma) ** 2
-    variance = Variance(setting.sigma, relative, spread)
-    slip = slip._replace(sigma=setting.share * slip.sigma)
-    rows, error = rows_of(setting.problem), fitted.error[inside]
-    return described(rows, error, slope, fitted.adhesion[inside], variance, slip)
-
-
-def noise_of_rows(
-    runs: RunSet, law: CorrectedLaw, adhesion: np.ndarray, share: float, blocks: SlipNoise
+def noise_of(
+    runs: RunSet, law: CorrectedLaw, adhesion: np.ndarray, share: float, given: float | None
 ) -> RunNoise:
-    """The noise of single rows where the law was fitted to means of `blocks` of them.
+    """The noise of single rows about a law (`inference.noise`), also if it was fitted to blocks.
 
     `adhesion` is the prediction of the law, `share` that of the slip's noise that acts.
     """
-    whole = runs.whole
-    edges = np.append(runs.starts, whole.slip.size)
-    ordered, several = "time_s" in whole.conditions, not runs.blocks
-    places = np.arange(runs.starts.size)
-    rows = Rows(
-        whole.slip, whole.adhesion, whole.conditions, runs.worth, edges, edges, places, ordered,
-        several,
-    )  # fmt: skip
-    speed = whole.conditions.get("vehicle_speed_mps")
-    slip = slip_noise(rows, speed, blocks.sigma if blocks.given else None)
+    rows, whole = rows_of(runs), runs.whole
+    slip = slip_noise_of(runs, given)
     spread = share * slip.spread
     slope = np.zeros(whole.slip.size)
     if spread.any():
         moved = runs._replace(whole=whole._replace(slip=whole.slip + _NUDGE))
         slope = (predicted(law, moved) - adhesion) / _NUDGE
     error, by_slip = whole.adhesion - adhesion, (slope * spread) ** 2
-    sigma = sigma_of(error, runs.worth, by_slip)
-    variance = Variance(sigma, 1 / runs.worth + by_slip / sigma**2, spread)
+    sigma = sigma_of(error, rows.design, by_slip)
+    variance = Variance(sigma, 1 / rows.design + by_slip / sigma**2, spread)
     slip = slip._replace(sigma=share * slip.sigma)
     return described(rows, error, slope, adhesion, variance, slip)
 
