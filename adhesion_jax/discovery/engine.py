@@ -13,7 +13,7 @@ from adhesion_jax.data.runs import Rows, RunSet
 from adhesion_jax.discovery.findings.summary import law_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.echoes import echoes
-from adhesion_jax.discovery.model.noise import noisy_slip, slip_noise_of
+from adhesion_jax.discovery.model.noise import slip_noise_of
 from adhesion_jax.discovery.model.problem import Problem, prepare
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.model.training_runs import refuse_training_runs
@@ -123,7 +123,6 @@ def discover(
         test=test,
         plain=plain,
         slip=slip,
-        noisy=noisy_slip(final.fitted, slip),
         final=final,
         line=line,
         warnings=warnings,

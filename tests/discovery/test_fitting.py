@@ -22,7 +22,7 @@ from statsmodels.robust.norms import HuberT
 from adhesion_jax.curves import BASES, with_free_values
 from adhesion_jax.curves.bent import FINE, Bent
 from adhesion_jax.discovery.model.fitting import (
-    _TUNING,
+    TUNING,
     covariance,
     fit_model,
     loss_without,
@@ -390,7 +390,7 @@ def test_the_weights_are_hubers(setting, fitted):
     sigma = np.median(np.abs(error) * np.sqrt(points[inside])) / stats.norm.ppf(0.75)
     assert found.sigma == pytest.approx(sigma, rel=1e-4)
     relative = error * np.sqrt(points[inside]) / sigma
-    expected = points[inside] / sigma**2 * HuberT(_TUNING).weights(relative)
+    expected = points[inside] / sigma**2 * HuberT(TUNING).weights(relative)
     np.testing.assert_allclose(found.root[inside] ** 2, expected, rtol=1e-3)
     assert (found.root[~inside] == 0).all()
     assert (expected < 0.99 * points[inside] / sigma**2).any()

@@ -18,7 +18,7 @@ from adhesion_jax.discovery.engine import _few_runs
 from adhesion_jax.discovery.findings.summary import law_of
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.fitting import nearly_fitted, weighed
-from adhesion_jax.discovery.model.noise import noise_of, noisy_slip, slip_noise_of
+from adhesion_jax.discovery.model.noise import left_by, noise_of, noisy_slip, slip_noise_of
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.search.state import Selection
 
@@ -58,21 +58,24 @@ def test_a_column_computed_from_a_signal_echoes_it_and_a_cause_does_not():
     assert found == {"drive_Nm": "adhesion", "drum_mps": "slip"}
 
 
+def left_of(table, spread, given=None):
+    runs, law = runs_of(table), law_of(Selection(fitted_to(table, spread)), {})
+    return left_by(runs, law, predicted(law, runs), 1.0, given)
+
+
 @pytest.mark.parametrize("acts", [True, False])
 def test_noise_of_the_slip_is_told_where_adhesion_does_not_follow_it(acts):
     table = drawn(4, 0.002, acts)
     slip = slip_noise_of(runs_of(table), None)
     assert slip.sigma == pytest.approx(0.002, rel=0.1)
-    fitted = fitted_to(table, slip.sigma)
-    told = noisy_slip(fitted, slip)
+    told = noisy_slip(left_of(table, slip.sigma))
     if acts:
         assert told.p < 1e-6
         assert told.sigma == pytest.approx(0.002, rel=0.15)
     else:
         assert told is None or told.p > 0.01
     # What is given is told as it is.
-    given = slip_noise_of(runs_of(table), 0.003)
-    assert noisy_slip(fitted, given)[::2] == (0.003, 0.0)
+    assert noisy_slip(left_of(table, slip.sigma, 0.003))[::2] == (0.003, 0.0)
 
 
 def test_the_noise_of_a_fit_is_that_of_the_campaign():
@@ -82,9 +85,7 @@ def test_the_noise_of_a_fit_is_that_of_the_campaign():
     scatter = (1 + 0.05 * draw.normal(size=RUNS))[table["run"]]
     error = noise(draw, sigma=0.006, correlation=0.6)
     table = table.assign(adhesion=curve(table["slip_ratio"]) * scatter + error)
-    fitted = fitted_to(table)
-    runs, law = runs_of(table), law_of(Selection(fitted), {})
-    told = noise_of(runs, law, predicted(law, runs), 1.0, None)
+    told = noise_of(left_of(table, 0.0))
     # To three standard errors: of a variance of AR .6 sqrt(2/n 2.1), of a scatter 1/sqrt(2 runs).
     rows = RUNS * POINTS
     assert told.sigma == pytest.approx(0.006, rel=3 * np.sqrt(2.1 / 2 / rows) + 0.03)

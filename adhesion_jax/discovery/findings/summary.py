@@ -22,7 +22,7 @@ from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.naming import intervals, vetoed
 from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
-from adhesion_jax.discovery.model.noise import NoisySlip, noise_of
+from adhesion_jax.discovery.model.noise import NoisySlip, left_by, noise_of, noisy_slip
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import base_curve, base_places
@@ -62,7 +62,6 @@ def summarise(
     plain: Selection,
     final: Selection,
     slip: SlipNoise,
-    noisy: NoisySlip | None,
     line: Torsion | None,
     warnings: Sequence[str],
     doubts: Sequence[Doubt],
@@ -98,7 +97,8 @@ def summarise(
         predictions = _predictions(test.places, columns)
     refuted = _refuted(final, validation, tested)
     given = slip.sigma if slip.given else None
-    noise = noise_of(runs, law, after, final.setting.share, given)
+    left = left_by(runs, law, after, final.setting.share, given)
+    noise = noise_of(left)
     level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
     slow = noise.run_scatter**2 + noise.slow_level**2
     floor = float(np.sqrt(noise.sigma**2 + slow * level))
@@ -106,7 +106,7 @@ def summarise(
     entries = library_of(problem)
     alike = likenesses(final, entries)
     effects = _found(final, validation)
-    found = [*_slip_noise(noisy, validation), *effects, *_torsion(line, validation)]
+    found = [*_slip_noise(noisy_slip(left), validation), *effects, *_torsion(line, validation)]
     return Findings(
         source,
         final.base,

@@ -35,7 +35,7 @@ _PRECISE, _NEAR = 1e-12, 1e-5
 
 #: Residuals beyond this number of standard deviations count as much as one there. Huber 1964, Ann.
 #: Math. Stat. 35:73-101.
-_TUNING = 2.0
+TUNING = 2.0
 
 #: Turns of fits and weights, and of the standard deviation within one.
 _TURNS, _ROUNDS = 3, 4
@@ -168,13 +168,13 @@ def weighed(fitted: Fitted) -> Setting:
     for share in _SHARES if by_slip.any() else _SHARES[:1]:
         sigma = sigma_of(error, weight, share**2 * by_slip)
         variance = sigma**2 / weight + share**2 * by_slip
-        size = np.minimum(np.abs(error) / np.sqrt(variance), 2 * _TUNING)
+        size = np.minimum(np.abs(error) / np.sqrt(variance), 2 * TUNING)
         told = -0.5 * float(np.sum(np.log(variance) + size**2))
         if told > best[0]:
             best = (told, sigma, float(share))
     _, sigma, share = best
     variance = sigma**2 / weight + share**2 * by_slip
-    far = np.abs(error) / np.sqrt(variance) / _TUNING
+    far = np.abs(error) / np.sqrt(variance) / TUNING
     root = np.zeros(points.shape)
     root[inside] = 1 / np.sqrt(variance * np.maximum(far, 1.0))
     return setting._replace(root=root, sigma=sigma, share=share)

@@ -7,7 +7,7 @@ import scipy
 from scipy.signal import savgol_filter
 
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.model.fitting import Fitted, sigma_of, slope_of
+from adhesion_jax.discovery.model.fitting import TUNING, sigma_of
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise, described
@@ -51,28 +51,42 @@ def slip_noise_of(runs: RunSet, given: float | None) -> SlipNoise:
     return slip_noise(rows_of(runs), runs.whole.conditions.get("vehicle_speed_mps"), given)
 
 
-def noise_of(
-    runs: RunSet, law: CorrectedLaw, adhesion: np.ndarray, share: float, given: float | None
-) -> RunNoise:
-    """The noise of single rows about a law (`inference.noise`), also if it was fitted to blocks.
+class Left(NamedTuple):
+    """What a law leaves of every row, also if it was fitted to blocks of them."""
 
-    `adhesion` is the prediction of the law, `share` that of the slip's noise that acts.
-    """
+    rows: Rows
+    error: np.ndarray  # measured less predicted adhesion
+    predicted: np.ndarray
+    slope: np.ndarray  # of the law over the slip; 0 where no noise of the slip is known
+    variance: Variance
+    slip: SlipNoise
+    share: float  # of the noise of the slip that acts
+
+
+def left_by(
+    runs: RunSet, law: CorrectedLaw, adhesion: np.ndarray, share: float, given: float | None
+) -> Left:
+    """What a law leaves whose prediction is `adhesion`, and where that share of slip noise acts."""
     rows, whole = rows_of(runs), runs.whole
     slip = slip_noise_of(runs, given)
-    spread = share * slip.spread
     slope = np.zeros(whole.slip.size)
-    if spread.any():
+    if slip.sigma:
         moved = runs._replace(whole=whole._replace(slip=whole.slip + _NUDGE))
         slope = (predicted(law, moved) - adhesion) / _NUDGE
-    error, by_slip = whole.adhesion - adhesion, (slope * spread) ** 2
+    error, spread = whole.adhesion - adhesion, share * slip.spread
+    by_slip = (slope * spread) ** 2
     sigma = sigma_of(error, rows.design, by_slip)
     variance = Variance(sigma, 1 / rows.design + by_slip / sigma**2, spread)
-    slip = slip._replace(sigma=share * slip.sigma)
-    return described(rows, error, slope, adhesion, variance, slip)
+    return Left(rows, error, adhesion, slope, variance, slip, share)
 
 
-def noisy_slip(fitted: Fitted, slip: SlipNoise) -> NoisySlip | None:
+def noise_of(left: Left) -> RunNoise:
+    """The noise of single rows about a law (`inference.noise`)."""
+    slip = left.slip._replace(sigma=left.share * left.slip.sigma)
+    return described(left.rows, left.error, left.slope, left.predicted, left.variance, slip)
+
+
+def noisy_slip(left: Left) -> NoisySlip | None:
     """The noise of the slip, if adhesion shows it.
 
     Where d is the deviation of the slip from parabolas through 15 neighbours, noise in it leaves
@@ -80,31 +94,29 @@ def noisy_slip(fitted: Fitted, slip: SlipNoise) -> NoisySlip | None:
     residual on -m'(l) d is the share of the variance of d that is noise. Its p is that of Student's
     t over the runs.
     """
-    setting = fitted.setting
+    rows, slip = left.rows, left.slip
     if not slip.sigma:
         return None
     if slip.given:
         return NoisySlip(slip.sigma, slip.of_wheel_speed, 0.0)
-    inside = setting.problem.points > 0
-    measured = np.asarray(setting.problem.data.slip)
-    probe = np.zeros(measured.shape)
-    slope = slope_of(fitted)
-    for run, used in enumerate(inside):
-        if used.sum() >= _WINDOW:
-            course = measured[run, used]
+    probe = np.zeros(rows.slip.size)
+    for first, last in zip(rows.starts[:-1], rows.starts[1:], strict=True):
+        if last - first >= _WINDOW:
+            course = rows.slip[first:last]
             away = course - savgol_filter(course, _WINDOW, 2)
-            probe[run, used] = -slope[run, used] * away
-    weight = setting.root**2
-    size = float((weight * probe**2).sum())
-    if not size > 0 or size < _NOTICEABLE * float(inside.sum()):
+            probe[first:last] = -left.slope[first:last] * away
+    variance = left.variance.row()
+    far = np.maximum(np.abs(left.error) / np.sqrt(variance) / TUNING, 1.0)
+    weight = 1 / (variance * far)
+    size = float(weight @ probe**2)
+    if not size > 0 or size < _NOTICEABLE * rows.slip.size:
         return None
-    share = float((weight * probe * fitted.error).sum()) / size
-    own = (weight * probe * (fitted.error - share * probe)).sum(axis=1) / size
-    used_runs = np.any(probe != 0, axis=1)
-    runs = int(used_runs.sum())
+    share = float(weight @ (probe * left.error)) / size
+    own = np.add.reduceat(weight * probe * (left.error - share * probe), rows.starts[:-1]) / size
+    used = np.add.reduceat(np.abs(probe), rows.starts[:-1]) > 0
+    runs = int(used.sum())
     if runs < 2 or share <= 0:
         return None
-    error = float(np.sqrt(runs / (runs - 1) * np.sum(own[used_runs] ** 2)))
+    error = float(np.sqrt(runs / (runs - 1) * np.sum(own[used] ** 2)))
     p = float(scipy.stats.t.sf(share / max(error, 1e-300), runs - 1))
-    sigma = float(np.sqrt(min(share, 1.0))) * slip.sigma
-    return NoisySlip(sigma, slip.of_wheel_speed, p)
+    return NoisySlip(float(np.sqrt(min(share, 1.0))) * slip.sigma, slip.of_wheel_speed, p)
