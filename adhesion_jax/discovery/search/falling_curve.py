@@ -32,7 +32,8 @@ def plainer(
     if not falling:
         return plain, final
     steep = Selection(best_alone(plain.setting.problem, spread, falling))
-    if gain(plain.fitted, under(_like(plain, steep), steep.fitted)).deviate <= rules.SURE_ERRORS_OF_COLUMN:
+    gained = gain(plain.fitted, under(_like(plain, steep), steep.fitted))
+    if gained.deviate <= rules.SURE_ERRORS_OF_COLUMN:
         return plain, final
     other = search(steep, entries, seed, progress)
     ahead = gain(under(_like(final, other), other.fitted), final.fitted)
