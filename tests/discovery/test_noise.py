@@ -78,6 +78,17 @@ def test_noise_of_the_slip_is_told_where_adhesion_does_not_follow_it(acts):
     assert noisy_slip(left_of(table, slip.sigma, 0.003))[::2] == (0.003, 0.0)
 
 
+def test_a_curve_that_is_a_little_too_steep_is_no_noise_of_a_slip_that_truly_jumps():
+    table = drawn(4, 0.002, acts=False)
+    slip, steep = table["slip_ratio"].to_numpy(), (TRUE[0], 1.15 * TRUE[1], TRUE[2])
+    predicted = curve(slip, steep)
+    left = left_of(table, 0.002)._replace(
+        error=table["adhesion"].to_numpy() - predicted,
+        slope=(curve(slip + 1e-6, steep) - predicted) / 1e-6,
+    )
+    assert noisy_slip(left) is None
+
+
 def test_the_noise_of_a_fit_is_that_of_the_campaign():
     """sigma .006, AR .6 and levels of runs that scatter by 5 %."""
     draw = np.random.default_rng(6)

@@ -19,6 +19,10 @@ from adhesion_jax.inference.sums import Variance
 #: hand.
 _NOTICEABLE = 0.1
 
+#: Least share of what jumps in the slip that is told as noise: a curve that is too steep by less
+#: than that, where the slip truly jumps, leaves the same. By hand.
+_LEAST_SHARE = 0.25
+
 #: Rows through which the parabolas are laid.
 _WINDOW = 15
 
@@ -115,7 +119,7 @@ def noisy_slip(left: Left) -> NoisySlip | None:
     own = np.add.reduceat(weight * probe * (left.error - share * probe), rows.starts[:-1]) / size
     used = np.add.reduceat(np.abs(probe), rows.starts[:-1]) > 0
     runs = int(used.sum())
-    if runs < 2 or share <= 0:
+    if runs < 2 or share < _LEAST_SHARE:
         return None
     error = float(np.sqrt(runs / (runs - 1) * np.sum(own[used] ** 2)))
     p = float(scipy.stats.t.sf(share / max(error, 1e-300), runs - 1))
