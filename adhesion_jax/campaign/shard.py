@@ -166,7 +166,7 @@ def truth_of(scenario: Scenario, bound: NDArray[np.float64]) -> Truth:
         names=tuple(quantities),
         values=np.stack(list(quantities.values()), axis=-1),
         bound=bound,
-        sigma=scenario.sigma,
+        sigma=scenario.noise.sigma,
         quantile=stdtrit(degrees_of_freedom, 0.975),
     )
 

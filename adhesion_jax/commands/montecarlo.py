@@ -29,8 +29,6 @@ from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, tracking_text
 from adhesion_jax.runtime import CORES
 from adhesion_jax.scenarios import Options
-from adhesion_jax.scenarios.growing import GrowingSequence
-from adhesion_jax.scenarios.stream import Stream
 
 OWN_FILES = (
     *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", "metadata.json"),
@@ -127,8 +125,7 @@ def _in_force(job: Job) -> dict[str, object]:
     slip = np.asarray(draw_tile(job.config, 0).slip)
     return {
         "rails": job.scenario.rails,
-        "sigma": job.scenario.sigma,
-        "outliers": job.scenario.outliers,
+        **dataclasses.asdict(job.scenario.noise),
         "points": slip.shape[-1],
         "slip_max": float(slip.max()),
     }
@@ -157,19 +154,12 @@ def _draw(
         scenario = job.scenario
         truth = pd.DataFrame(scenario.quantities())
         truth.insert(0, "block", np.arange(len(truth)))
-        if scenario.known.by_sample:
-            steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
-            figures.bands(stage / "bands.png", truth, campaign.bands, steps)
-            continue
-        if len(truth) > 1:  # a single block has no course
-            figures.tracking(stage / "tracking.png", truth, campaign.bands)
-        if isinstance(scenario, GrowingSequence):
-            slip = np.asarray(scenario.slip)
-            reached = [float(slip[length - 1]) for length in scenario.lengths]
-            label = "slip reached (1)"
-        elif isinstance(scenario, Stream):
-            reached, label = [float(length) for length in scenario.lengths], "samples seen (1)"
-        else:
-            continue
-        path = stage / "convergence.png"
-        figures.convergence(path, tables["checkpoints"], campaign.bands, reached, label)
+        for name, reached in scenario.figures():
+            path = stage / f"{name}.png"
+            if name == "bands":
+                steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
+                figures.bands(path, truth, campaign.bands, steps)
+            elif name == "tracking":
+                figures.tracking(path, truth, campaign.bands)
+            elif reached is not None:
+                figures.convergence(path, tables["checkpoints"], campaign.bands, *reached)

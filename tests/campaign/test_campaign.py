@@ -335,7 +335,7 @@ def test_a_planted_error_of_a_tenth_of_a_per_cent_in_mu_max_is_seen(many):
             names=("mu_max",),
             values=np.array([[truth]]),
             bound=np.full(peaks.shape, campaign.tables["summary"]["crlb"].iloc[3]),
-            sigma=scenario.sigma,
+            sigma=scenario.noise.sigma,
             quantile=student_t.ppf(0.975, np.array([497])),
         )
         moments = Moments.of(run_statistics(outcome, about, (0,), None))

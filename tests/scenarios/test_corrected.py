@@ -157,7 +157,7 @@ def test_the_bound_knows_the_conditions(tmp_path):
 def test_conditions_are_those_of_one_operating_point_a_run(tmp_path):
     scenario = build("corrected", options(tmp_path, ranges=RANGES, calendar=FIVE_DAYS))
     keys = jax.random.split(jax.random.key(0), 400)
-    columns = {k: np.asarray(v) for k, v in jax.vmap(scenario.conditions)(keys).items()}
+    columns = {k: np.asarray(v) for k, v in jax.vmap(scenario.excitation.conditions)(keys).items()}
     for name, (low, high) in RANGES.items():
         values = columns[name]
         assert values.min() >= low

@@ -35,10 +35,11 @@ def test_what_was_not_asked_for_is_left_out_and_equal_options_are_one_key():
 
 def test_defaults_stand_in_the_arguments_and_are_what_is_built():
     scenario = build("single")
-    assert (scenario.rails, scenario.sigma, scenario.outliers) == (("dry",), 0.01, 0.0)
-    assert scenario.slip.shape == (500,)
-    assert float(scenario.slip[-1]) == 0.2
-    assert build("single", Options(sigma=0.0)).sigma == 0.0
+    assert scenario.rails == ("dry",)
+    assert (scenario.noise.sigma, scenario.noise.outliers) == (0.01, 0.0)
+    assert scenario.excitation.points == 500
+    assert scenario.excitation.slip_max == 0.2
+    assert build("single", Options(sigma=0.0)).noise.sigma == 0.0
 
 
 def test_an_option_is_described_where_it_is_declared():
