@@ -21,7 +21,6 @@ from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import Campaign, Totals, added, campaign_of, suited
 from adhesion_jax.campaign.shard import content, reduced_of
 from adhesion_jax.campaign.store import read_all, write_rows
-from adhesion_jax.campaign.tiles import draw_tile
 from adhesion_jax.commands.shards import compute, extended, opened_for
 from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import Status
@@ -122,7 +121,7 @@ def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
 
 def _in_force(job: Job) -> dict[str, object]:
     """What the options and the scenario's own defaults come to; the slip is that of one tile."""
-    slip = np.asarray(draw_tile(job.config, 0).slip)
+    slip = np.asarray(job.tiles.draw(0, 0).slip)
     return {
         "rails": job.scenario.rails,
         **dataclasses.asdict(job.scenario.noise),

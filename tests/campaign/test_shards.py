@@ -109,8 +109,8 @@ def test_a_shard_is_the_same_whatever_was_computed_before(small):
 
 
 def test_bands_are_those_of_all_runs_to_half_a_bin(small):
-    _, _, campaign, rows = small
-    centre, scale = scales(SMALL.scenario, SMALL.options)
+    job, _, campaign, rows = small
+    centre, scale = scales(job.tiles)
     quantities = list(dict.fromkeys(campaign.bands["quantity"]))
     for row in campaign.bands.itertuples():
         of_block = rows[(rows["block"] == row.block) & (rows["identifier"] == row.identifier)]
