@@ -8,7 +8,6 @@ import click
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
-from adhesion_jax.curves import CURVES
 from adhesion_jax.data.events import events_of
 from adhesion_jax.files import output_directory, staged
 from adhesion_jax.library.identify import IDENTIFY_FILES, identify_chosen, with_groups
@@ -35,9 +34,10 @@ def main(
     del measured
     directory = output_directory(out)
     with shown() as progress:
-        curves = CURVES if curve == "all" else curve
         citation = " ".join(filter(None, map(citation_of, files)))
-        found = identify_chosen(logs, curves, citation, by, slip_noise, progress)
+        found = identify_chosen(
+            logs, None if curve == "all" else curve, citation, by, slip_noise, progress
+        )
     with staged(directory, IDENTIFY_FILES) as stage:
         found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")

@@ -13,9 +13,11 @@ from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
+from adhesion_jax.effects import Cause
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
 from adhesion_jax.library.results import of_numbers, table_html, text_html
+from adhesion_jax.plugins import add
 from adhesion_jax.report.discovery.files import printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
@@ -93,6 +95,7 @@ def discover(
     test: Data | Sequence[Data] | None = None,
     base: str = "auto",
     seed: int = 0,
+    effects: Sequence[type[Cause]] | Mapping[str, type[Cause]] = (),
     slip_noise: float | None = None,
     correct: bool = False,
     progress: Callable[[str, float], None] = silent,
@@ -108,7 +111,9 @@ def discover(
 
     `data` has the columns that `identify` takes, a column run (or time_s, from whose gaps runs are
     told) and whatever was measured beside them; several tables are taken together. `test` is
-    predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
+    predicted and never fitted. `base` is a name of CURVES, or auto. `effects` are classes of your
+    own, which are searched for beside the causes of EFFECTS under their names; they stay there, so
+    that what is found can be told, saved and loaded. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
     it is known. With `correct`, the test is also predicted by the law with boosted trees on top, a
     correction without a formula, where these predict what the law leaves. `progress` is called with
@@ -116,6 +121,8 @@ def discover(
     and `efficiency` are those of `identify`, for `data` and `test`, and so are `events`: each slip
     event of a long log is a run. InputError names all that is wrong with the data.
     """
+    own = effects if isinstance(effects, Mapping) else {kind.__name__: kind for kind in effects}
+    add("effect", own)
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.curves import CURVES, Curve
+from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
 from adhesion_jax.data.corrections import corrections_of
@@ -38,6 +38,7 @@ from adhesion_jax.measured.groups import (
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
+from adhesion_jax.plugins import add
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, draw_measured
 from adhesion_jax.report.measured.page import page_of
@@ -207,7 +208,7 @@ class Identification:
 
 def identify(
     data: Data | Sequence[Data],
-    curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES),
+    curves: str | Sequence[str] | Mapping[str, Curve] | None = None,
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
     events: bool | None = None,
@@ -232,7 +233,8 @@ def identify(
     Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run are in
     their order. Of a long log only its slip events are used, as runs (`data.events`), unless
     `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
-    of your own by name. `by` is a column whose groups of rows are compared: did the rail change
+    of your own by name, which stay there, so that their laws can be saved and loaded; by default
+    all of CURVES. `by` is a column whose groups of rows are compared: did the rail change
     between them? (`run` compares the runs, `auto` the best groups.) `slip_noise` is the
     standard deviation of the noise of the wheel speed in m/s (of the slip, where there is no
     vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.
@@ -260,7 +262,7 @@ def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, o
 @as_in_commands
 def identify_chosen(
     logs: Sequence[Chosen],
-    curves: str | Sequence[str] | Mapping[str, Curve],
+    curves: str | Sequence[str] | Mapping[str, Curve] | None,
     citation: str,
     by: str | None = None,
     slip_noise: float | None = None,
@@ -325,8 +327,14 @@ def _step(points: Measured) -> float | None:
     return float(np.median(steps[steps > 0])) if np.any(steps > 0) else None
 
 
-def _curves(curves: str | Sequence[str] | Mapping[str, Curve]) -> Mapping[str, Curve]:
+def _curves(
+    curves: str | Sequence[str] | Mapping[str, Curve] | None,
+) -> Mapping[str, Curve]:
+    if curves is None:
+        return dict(CURVES)
     if isinstance(curves, Mapping):
+        forms = {type(known) for known in BASES.values()}
+        add("curve", {name: own for name, own in curves.items() if type(own) not in forms})
         return curves
     names = [curves] if isinstance(curves, str) else curves
     unknown = [name for name in names if name not in CURVES]
