@@ -21,9 +21,9 @@ from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import Campaign, Totals, added, campaign_of, suited
 from adhesion_jax.campaign.shard import content, reduced_of
 from adhesion_jax.campaign.store import read_all, write_rows
-from adhesion_jax.commands.shards import compute, extended, opened_for
 from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import Status
+from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, tracking_text
 from adhesion_jax.runtime import CORES

@@ -16,9 +16,9 @@ from adhesion_jax.campaign.monte_carlo import added, campaign_of, frame_of, run_
 from adhesion_jax.campaign.notes import notes, noting
 from adhesion_jax.campaign.shard import content, reduced_of, scales, shard
 from adhesion_jax.commands import montecarlo, status
-from adhesion_jax.commands.shards import opened_for
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.library.shards import opened_for
 from adhesion_jax.metrics.counts import WIDTH
 from adhesion_jax.scenarios import Options
 
