@@ -23,7 +23,7 @@ from adhesion_jax.files import write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
-from adhesion_jax.library.results import of_numbers, text_html
+from adhesion_jax.library.results import of_numbers, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
 from adhesion_jax.measured.groups import (
@@ -219,6 +219,7 @@ def identify(
     inertia: float | None = None,
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
+    out: str | PathLike[str] | None = None,
 ) -> Identification:
     """Fit adhesion curves that may bend to measured points, whatever their noise depends on.
 
@@ -238,7 +239,8 @@ def identify(
     between them? (`run` compares the runs, `auto` the best groups.) `slip_noise` is the
     standard deviation of the noise of the wheel speed in m/s (of the slip, where there is no
     vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.
-    `progress` is called with words and the share done. InputError names all that is wrong with the
+    `progress` is called with words and the share done, and `out` is a folder for the files of the
+    command. InputError names all that is wrong with the
     data. Source: least squares with Huber's loss 1964; covariance by clusters, Bell and McCaffrey
     2002, and by cosines, Lazarus et al. 2018; the weights of the curves by pseudo Bayesian model
     averaging, Yao et al. 2018.
@@ -246,7 +248,7 @@ def identify(
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)
     citation = " ".join(filter(None, map(citation_of, parts_of(data))))
-    return identify_chosen(logs, curves, citation, by, slip_noise, progress)
+    return identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
 
 
 def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, object]:
@@ -267,6 +269,7 @@ def identify_chosen(
     by: str | None = None,
     slip_noise: float | None = None,
     progress: Callable[[str, float], None] = silent,
+    out: str | PathLike[str] | None = None,
 ) -> Identification:
     """The same of rows that were read and chosen before, of sets with this citation."""
     chosen = _curves(curves)
@@ -302,7 +305,7 @@ def identify_chosen(
         table = beside(comparison.table, by, groups)
         comparison = comparison._replace(table=table)
     branches = branches_of(best, rows)
-    return Identification(
+    identified = Identification(
         points,
         logs,
         citation,
@@ -317,6 +320,7 @@ def identify_chosen(
         groups,
         branches,
     )
+    return written(identified, out, IDENTIFY_FILES)
 
 
 def _step(points: Measured) -> float | None:
