@@ -140,9 +140,7 @@ def check(name: str, known: Mapping[str, Declared], options: Options) -> None:
 def check_accepted(identifier: str, scenario: str, reason: str | None) -> None:
     """InputError where there is a reason why an identifier cannot work on a scenario."""
     if reason is not None:
-        raise InputError(
-            f"--identifiers {identifier} does not go with --scenario {scenario}: {reason}."
-        )
+        raise InputError(f"{identifier} cannot be run on {scenario}: {reason}.")
 
 
 def _dashed(name: str) -> str:

@@ -12,7 +12,8 @@ from adhesion_jax.data import check_curve
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
-from adhesion_jax.identifiers import IDENTIFIERS, Identifier
+from adhesion_jax.identifiers import Identifier
+from adhesion_jax.library.methods import methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
 from adhesion_jax.library.results import of_numbers, text_html, written
 from adhesion_jax.measured.following import Followed, follow_log, refusal
@@ -96,7 +97,7 @@ def track(
     of the command. InputError names all that is wrong
     with the data, and a method that cannot follow a log.
     """
-    methods = _methods(identifiers)
+    methods = identifiers if isinstance(identifiers, Mapping) else methods_named(identifiers)
     _refuse(methods)
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     measured = measured_of(data, columns, known)
@@ -113,21 +114,6 @@ def track(
 
     followed = follow_log(methods, log, slope.plausible, slope.form, one_more)
     return written(Track(log, citation_of(data), slope, followed), out, TRACK_FILES)
-
-
-def _methods(
-    identifiers: str | Sequence[str] | Mapping[str, Identifier],
-) -> Mapping[str, Identifier]:
-    if isinstance(identifiers, Mapping):
-        return identifiers
-    names = [identifiers] if isinstance(identifiers, str) else identifiers
-    unknown = [name for name in names if name not in IDENTIFIERS]
-    if unknown or not names:
-        raise InputError(
-            f"There is no identifier {', '.join(unknown) if unknown else 'named'}; name some of "
-            f"{', '.join(IDENTIFIERS)}, or give methods of your own by name."
-        )
-    return {name: IDENTIFIERS[name] for name in names}
 
 
 def _refuse(methods: Mapping[str, Identifier]) -> None:
