@@ -100,6 +100,41 @@ def test_a_probe_is_the_derivative_of_the_prediction_times_its_function(null, ta
     np.testing.assert_allclose(found[inside], expected[inside], atol=0.03 * size)
 
 
+def test_smoothing_a_slip_that_is_noisy_is_given_and_a_memory_of_it_is_not(table):
+    """No mean over neighbours on both sides is left; what came before a point alone is left."""
+    draw = np.random.default_rng(3)
+    rough = table["slip_ratio"] + 1e-3 * draw.normal(size=len(table))
+    fitted = alone(table.assign(slip_ratio=rough, adhesion=curve(rough) + noise(draw)))
+    setting, rough = fitted.setting, rough.to_numpy().reshape(RUNS, POINTS)
+    slope = TRUE[0] * TRUE[1] * np.exp(-TRUE[1] * np.abs(rough)) - TRUE[2]
+    # At the ends of a run a point stands in for the neighbour that it lacks.
+    ahead = np.append(rough[:, 1:], rough[:, -1:], axis=1) - rough
+    before = np.append(rough[:, :1], rough[:, :-1], axis=1) - rough
+
+    def left(spread, change):
+        whole = np.full(setting.root.shape, spread)
+        null = null_of(fitted._replace(setting=setting._replace(spread=whole)))
+        flat = setting.root[null.inside] * (slope * change).ravel()
+        flat = beside_levels(null, flat[:, None])[:, 0]
+        kept = flat - null.basis @ (null.basis.T @ flat)
+        return np.linalg.norm(kept) / np.linalg.norm(flat)
+
+    assert left(0.0, ahead + before) > 0.5
+    assert left(1e-3, ahead + before) < 0.1
+    assert left(1e-3, before) > 0.4
+
+
+def test_a_column_that_is_constant_within_runs_may_bend(library):
+    """It has as many values as there are runs, however many points a run has."""
+    kinds = {
+        type(start).__name__
+        for entry in library
+        if entry.name == "covariate:warm"
+        for start in entry.starts
+    }
+    assert kinds == {"Covariate", "Spline"}
+
+
 def test_no_function_of_the_slip_is_left_to_be_found(null, table):
     """Whatever bends the curve itself, alone or as a constant in the place of a column."""
     fitted = null.fitted

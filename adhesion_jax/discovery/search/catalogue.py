@@ -64,7 +64,7 @@ def forms_of_column(column: str, problem: Problem) -> list[Entry]:
     if label in problem.named:
         return column_entries(Labels, column, problem)
     entries = column_entries(Covariate, column, problem)
-    if np.unique(problem.flat[column][: 100 * _FEW]).size > _FEW:
+    if np.unique(problem.flat[column]).size > _FEW:
         entries += column_entries(Spline, column, problem)
     entries += column_entries(Labels, column, problem)
     turn = _turn(label)

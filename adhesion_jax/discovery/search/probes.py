@@ -24,6 +24,9 @@ _NUDGE = 1e-4
 #: Knots of the functions of the slip that are given in a test, and points for each of them.
 _KNOTS, _POINTS_A_KNOT = 16, 20
 
+#: Neighbours before and after a point by whose mean its slip may be smoothed.
+_NEIGHBOURS = 4
+
 #: Directions shorter than this, beside those before them, are none of their own.
 _OWN = 1e-6
 
@@ -61,6 +64,7 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
             if shared
             else fitted.jacobian[:, inside].T,
             _of_slip(fitted, inside, shared),
+            _of_slip_noise(plain),
             # A constant in the place of a term is another curve, and no effect of a column.
             np.stack([(root * change)[inside] for change in changed.values()], axis=1),
             signals(plain, beside),
@@ -108,6 +112,27 @@ def _of_slip(fitted: Fitted, inside: np.ndarray, shared: bool) -> np.ndarray:
         whole = CubicSpline(np.linspace(0.0, 1.0, knots), np.eye(knots), bc_type="natural")(place)
         found.append(whole * (branch * level)[:, None])
     return np.concatenate([np.zeros((slip.size, 0)), *found], axis=1)
+
+
+def _of_slip_noise(null: Null) -> np.ndarray:
+    """What smoothing the slip would change where it is noisy, in units of the noise.
+
+    To first order any symmetric mean of neighbours in time is the slip with a sum of the second
+    differences l(i - k) - 2 l(i) + l(i + k) on top. Adhesion follows such a mean where white noise
+    is on the measured slip. A memory is told from it by what came before a point alone.
+    Returns [points, differences].
+    """
+    setting = null.fitted.setting
+    if not setting.problem.in_time or not setting.spread.any():
+        return np.zeros((int(null.inside.sum()), 0))
+    slip = np.asarray(setting.problem.data.slip)
+    points = np.arange(slip.shape[1])
+    slope = setting.root * null.changed["shift"]
+    differences = [
+        slip[:, np.maximum(points - k, 0)] - 2 * slip + slip[:, np.minimum(points + k, points[-1])]
+        for k in range(1, _NEIGHBOURS + 1)
+    ]
+    return np.stack([(slope * one)[null.inside] for one in differences], axis=1)
 
 
 def directions_of(null: Null, probes: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
