@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 import pandas as pd
@@ -10,13 +10,42 @@ import pandas as pd
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import campaign_of
 from adhesion_jax.library.montecarlo import montecarlo, totals_of
+from adhesion_jax.options import Options, check, declared
 from adhesion_jax.report.montecarlo.tables import accuracy_table, tracking_text
 from adhesion_jax.runtime import CORES
+from adhesion_jax.scenarios import SCENARIOS
 
 
-def main(scenario: str | None, identifiers: tuple[str, ...], out: Path, **asked: Any) -> None:
+def main(
+    scenario: str | None,
+    identifiers: tuple[str, ...],
+    out: Path,
+    runs: int,
+    seed: int,
+    keep: Literal["checkpoints", "all"],
+    resume: bool,
+    extend: int,
+    cluster: str | None = None,
+    shared_folder: bool = False,
+    **options: object,
+) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
-    found = montecarlo(scenario, identifiers or None, workers=CORES, out=out, **asked)
+    if scenario is not None:  # one of the user's own is known only now
+        check(scenario, declared(SCENARIOS[scenario]), Options(**options))
+    found = montecarlo(
+        scenario,
+        identifiers or None,
+        runs,
+        seed,
+        CORES,
+        out=out,
+        keep=keep,
+        resume=resume,
+        extend=extend,
+        cluster=cluster,
+        shared_folder=shared_folder,
+        **options,
+    )
     tell(found.tables, found.asked.runs, [job.name for job in found.jobs])
     click.echo(f"\nwritten to {out} in {found.seconds:.0f} s")
 
