@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from adhesion_jax.library.sample import sample as sample
     from adhesion_jax.library.track import Track as Track
     from adhesion_jax.library.track import track as track
+    from adhesion_jax.library.traction import Traction as Traction
+    from adhesion_jax.library.traction import traction_control as traction_control
     from adhesion_jax.records import Known as Known
     from adhesion_jax.records import Record as Record
     from adhesion_jax.scenarios import SCENARIOS as SCENARIOS
@@ -54,6 +56,7 @@ _EXPORTS = {
     "library.plan": ("Planning", "plan"),
     "library.sample": ("sample",),
     "library.track": ("Track", "track"),
+    "library.traction": ("Traction", "traction_control"),
     "records": ("Known", "Record"),
     "scenarios": ("SCENARIOS",),
 }

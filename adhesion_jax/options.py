@@ -1,10 +1,17 @@
-"""What a user may change about a scenario: each scenario declares it by the arguments it takes."""
+"""What a user may change about a scenario: each scenario declares it by the arguments it takes.
+
+An argument is an option, or a part of the scenario (noise, excitation) whose fields are options:
+they are declared once, and the default of the argument gives their defaults.
+"""
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, NamedTuple, get_args, get_origin
+from dataclasses import is_dataclass, replace
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
 
 from adhesion_jax.errors import InputError
+
+T = TypeVar("T")
 
 
 class Option(NamedTuple):
@@ -24,6 +31,9 @@ Points = Annotated[int, Option("Points in a block, or samples of a stream.", 4, 
 SlipMax = Annotated[float, Option("Largest slip of the excitation.", 0, 1, low_open=True)]
 Outliers = Annotated[
     float, Option("Share of points with ten times the noise.", 0, 1, high_open=True)
+]
+Autocorrelation = Annotated[
+    float, Option("Correlation of the noise from sample to sample.", 0, 1, high_open=True)
 ]
 BlockCount = Annotated[int, Option("Blocks of a run.", 1)]
 Law = Annotated[
@@ -67,10 +77,40 @@ class Declared(NamedTuple):
 
 def declared(build: Callable[..., Any]) -> Mapping[str, Declared]:
     """The options of a scenario by name, from the annotations of the function that builds it."""
-    return {
-        name: _declared(argument)
-        for name, argument in inspect.signature(build, eval_str=True).parameters.items()
-    }
+    found: dict[str, Declared] = {}
+    for name, argument in _arguments(build).items():
+        own = {name: argument}
+        if _is_part(argument):
+            made = argument.default is not inspect.Parameter.empty
+            own = {
+                field: one.replace(default=getattr(argument.default, field)) if made else one
+                for field, one in _arguments(argument.annotation).items()
+            }
+        found |= {field: _declared(one) for field, one in own.items()}
+    return found
+
+
+def built(build: Callable[..., T], options: Options) -> T:
+    """What the function makes of some of its options; its parts are made of theirs."""
+    arguments: dict[str, Any] = {}
+    for name, argument in _arguments(build).items():
+        if _is_part(argument):
+            own = {n: options[n] for n in _arguments(argument.annotation) if n in options}
+            made = argument.default is not inspect.Parameter.empty
+            arguments[name] = (
+                replace(argument.default, **own) if made else argument.annotation(**own)
+            )
+        elif name in options:
+            arguments[name] = options[name]
+    return build(**arguments)
+
+
+def _arguments(build: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(build, eval_str=True).parameters
+
+
+def _is_part(argument: inspect.Parameter) -> bool:
+    return isinstance(argument.annotation, type) and is_dataclass(argument.annotation)
 
 
 def _declared(argument: inspect.Parameter) -> Declared:
@@ -100,9 +140,7 @@ def check(name: str, known: Mapping[str, Declared], options: Options) -> None:
 def check_accepted(identifier: str, scenario: str, reason: str | None) -> None:
     """InputError where there is a reason why an identifier cannot work on a scenario."""
     if reason is not None:
-        raise InputError(
-            f"--identifiers {identifier} does not go with --scenario {scenario}: {reason}."
-        )
+        raise InputError(f"{identifier} cannot be run on {scenario}: {reason}.")
 
 
 def _dashed(name: str) -> str:

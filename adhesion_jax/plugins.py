@@ -8,7 +8,7 @@ text, for only that of the part is imported, and reading a file needs none.
 import inspect
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from functools import wraps
 from hashlib import sha256
 from importlib import import_module
@@ -35,21 +35,20 @@ class Part(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What a part may be: an article and a noun, its class, its registries, what is made of it."""
+    """What a part may be: an article and a noun, its class, its registry, what is made of it."""
 
     what: str
     room: str
     base: str
-    registries: Sequence[str]  # a module and a mapping of it
-    made: Callable[[Part, Any, "Kind"], Any]
-    #: Rooms that make tables of the registries when they are imported.
-    before: str = ""
+    registry: str  # a module and a mapping of it
+    made: Callable[[str, Any, "Kind"], Any]
 
 
-_TABLES = "adhesion_jax.discovery.model.program"
-
-#: The parts that were put into the registries, by kind and name.
+#: The parts of files that were put into a registry, by kind and name.
 _used: dict[tuple[str, str], Part] = {}
+
+#: Kinds and names of all parts of the user's own.
+_own: set[tuple[str, str]] = set()
 
 
 def part(kind: str, text: str) -> Part | None:
@@ -76,26 +75,35 @@ def part(kind: str, text: str) -> Part | None:
 
 
 def use(asked: Part) -> str:
-    """Run the file, put the part into the registries of its kind, and return its name there."""
-    kind = KINDS[asked.kind]
+    """Run the file, put the part into the registry of its kind, and return its name there."""
     before = _used.get((asked.kind, asked.name))
     if before is not None and before.source == asked.source:
         return asked.name
-    if kind.before in sys.modules:
-        raise InputError(f"{asked} comes too late: name it where this process begins.")
     module = _module(asked)
     if not hasattr(module, asked.name):
         names = [name for name, value in vars(module).items() if _of(module, name, value)]
         has = f"it has {listed(names)}" if names else "it defines nothing"
         raise InputError(f"{asked.path} has no {asked.name}; {has}.")
-    made = kind.made(asked, getattr(module, asked.name), kind)
-    registries = [_named(registry) for registry in kind.registries]
-    if any(asked.name in registry for registry in registries):
-        raise InputError(f"{asked} has the name of another part; give it a name of its own.")
-    for registry in registries:
-        registry[asked.name] = made
+    _put(asked.kind, asked.name, getattr(module, asked.name), str(asked))
     _used[asked.kind, asked.name] = asked
     return asked.name
+
+
+def add(kind: str, own: Mapping[str, object]) -> None:
+    """Put parts into the registry of their kind, in the place of earlier ones of the user's own.
+
+    InputError where one is none of the kind, or has the name of a part of the package.
+    """
+    for name, found in own.items():
+        _put(kind, name, found, name)
+
+
+def _put(kind: str, name: str, found: object, told: str) -> None:
+    made, registry = KINDS[kind].made(told, found, KINDS[kind]), _named(KINDS[kind].registry)
+    if name in registry and (kind, name) not in _own:
+        raise InputError(f"{told} has the name of another part; give it a name of its own.")
+    registry[name] = made
+    _own.add((kind, name))
 
 
 def used() -> tuple[Part, ...]:
@@ -151,7 +159,7 @@ def _of(module: ModuleType, name: str, value: object) -> bool:
     return of == module.__name__ and not name.startswith("_")
 
 
-def _class(asked: Part, found: Any, kind: Kind) -> Any:
+def _class(asked: str, found: Any, kind: Kind) -> Any:
     """The class, if it is one of the kind and lacks nothing."""
     base = _named(f"{kind.room}.{kind.base}")
     if not (inspect.isclass(found) and issubclass(found, base)):
@@ -163,7 +171,7 @@ def _class(asked: Part, found: Any, kind: Kind) -> Any:
     return found
 
 
-def _instance(asked: Part, found: Any, kind: Kind) -> Any:
+def _instance(asked: str, found: Any, kind: Kind) -> Any:
     """The object, or that of the class without arguments."""
     if not inspect.isclass(found):
         _class(asked, type(found), kind)
@@ -178,7 +186,7 @@ def _instance(asked: Part, found: Any, kind: Kind) -> Any:
         ) from None
 
 
-def _builder(asked: Part, found: Any, kind: Kind) -> Callable[..., Any]:
+def _builder(asked: str, found: Any, kind: Kind) -> Callable[..., Any]:
     """The function, whose arguments become options, and what it builds a scenario."""
     scenario = _named(f"{kind.room}.{kind.base}")
     if inspect.isclass(found) or not callable(found):
@@ -206,38 +214,36 @@ KINDS: dict[str, Kind] = {
         "an identifier",
         "adhesion_jax.identifiers",
         "Identifier",
-        ["adhesion_jax.identifiers.IDENTIFIERS"],
+        "adhesion_jax.identifiers.IDENTIFIERS",
         _instance,
     ),
     "scenario": Kind(
         "a function that builds a scenario",
         "adhesion_jax.scenarios",
         "Scenario",
-        ["adhesion_jax.scenarios.SCENARIOS"],
+        "adhesion_jax.scenarios.SCENARIOS",
         _builder,
     ),
     "curve": Kind(
         "a curve",
         "adhesion_jax.curves",
         "Curve",
-        ["adhesion_jax.curves.CURVES", "adhesion_jax.curves.BASES"],
+        "adhesion_jax.curves.CURVES",
         _instance,
-        _TABLES,
     ),
     "effect": Kind(
         "an effect",
         "adhesion_jax.effects",
         "Cause",
-        ["adhesion_jax.effects.EFFECTS", "adhesion_jax.effects.KINDS"],
+        "adhesion_jax.effects.EFFECTS",
         _class,
-        _TABLES,
     ),
     **{
         noun: Kind(
             f"{article} {noun}",
             f"adhesion_jax.traction.{noun}s",
             noun.capitalize(),
-            [f"adhesion_jax.traction.{noun}s.{noun.upper()}S"],
+            f"adhesion_jax.traction.{noun}s.{noun.upper()}S",
             _instance,
         )
         for article, noun in (("an", "observer"), ("a", "seeker"), ("a", "controller"))

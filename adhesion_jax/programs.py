@@ -138,6 +138,7 @@ def _made(
 
     It would lack parts when it is loaded ("Function ... not found", jax 0.10).
     """
+    _hits_are_counted()
     lowered = jax.jit(function).lower(argument)  # which may compile small programs on its way
     _of_thread.hits = 0
     made = lowered.compile(dict(compiler))
@@ -152,7 +153,9 @@ def _count_hits(event: str, **_: object) -> None:
         _of_thread.hits = getattr(_of_thread, "hits", 0) + 1
 
 
-jax.monitoring.register_event_listener(_count_hits)
+@cache
+def _hits_are_counted() -> None:
+    jax.monitoring.register_event_listener(_count_hits)
 
 
 def _named(function: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
@@ -257,16 +260,24 @@ class Kept:
     """A function of a module, compiled as by `jax.jit`, whose programs are kept.
 
     Its arguments are given by position; `static` are the places of those that are no arrays.
+    `reads` says which parts a program is made of that are no arguments, such as those of a
+    registry: where they are others than before, another program is made.
     Inside another program it is a part of that one, and arrays that were put on another device are
     followed there, as with `jax.jit`.
     """
 
     def __init__(
-        self, function: Callable[..., Any], compiler: _Options, static: tuple[int, ...]
+        self,
+        function: Callable[..., Any],
+        compiler: _Options,
+        static: tuple[int, ...],
+        reads: Callable[[], tuple[object, ...]],
     ) -> None:
         self.function, self.options, self.static = function, dict(compiler), static
+        self.reads = reads
         self.jitted = jax.jit(function, static_argnums=static)
-        self.programs: dict[object, Callable[..., Any]] = {}
+        #: With what they read, which stays alive, so that no other object has its identity.
+        self.programs: dict[object, tuple[Callable[..., Any], object]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         leaves = jax.tree.leaves(self._arrays(arguments))
@@ -279,7 +290,8 @@ class Kept:
         leaves, form = jax.tree.flatten(self._arrays(arguments))
         kinds = tuple(map(_kind, leaves))
         fixed = tuple(arguments[place] for place in self.static)
-        known = (form, kinds, fixed, is_double(), device(), of_outside())
+        read = self.reads()
+        known = (form, kinds, fixed, is_double(), device(), of_outside(), *map(id, read))
         if known not in self.programs:
 
             def of_leaves(leaves: list[Any]) -> Any:
@@ -290,17 +302,22 @@ class Kept:
 
             shapes = [jax.ShapeDtypeStruct(s, d, weak_type=w) for s, d, w in kinds]
             whose = (self.function.__module__, self.function.__qualname__, self.options)
-            name = (whose, form, str(kinds), fixed)
-            self.programs[known] = program(name, of_leaves, shapes, self.options)
-        return self.programs[known]
+            name = (whose, form, str(kinds), fixed, read)
+            self.programs[known] = program(name, of_leaves, shapes, self.options), read
+        return self.programs[known][0]
 
     def _arrays(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(None if i in self.static else one for i, one in enumerate(arguments))
 
 
-def kept(*, compiler: _Options = QUICKLY, static: tuple[int, ...] = ()) -> Any:
+def kept(
+    *,
+    compiler: _Options = QUICKLY,
+    static: tuple[int, ...] = (),
+    reads: Callable[[], tuple[object, ...]] = tuple,
+) -> Any:
     """A decorator that makes a function of a module one whose programs are kept (`Kept`)."""
-    return lambda function: wraps(function)(Kept(function, compiler, static))
+    return lambda function: wraps(function)(Kept(function, compiler, static, reads))
 
 
 def _is_elsewhere(leaf: Any) -> bool:

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from adhesion_jax.campaign.config import Config, choose_identifiers
+from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
-from adhesion_jax.campaign.tiles import TILE, scenario_of
+from adhesion_jax.campaign.tiles import TILE, Tiles, tiles_of
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.scenarios import Group, Options, Scenario
 
@@ -31,7 +31,7 @@ _LARGEST = 32
 _MOST_BLOCKS = 512
 
 #: What the settings of a method are recorded under, before its name.
-_SETTINGS = "settings of "
+_SETTINGS = "settings of the method "
 
 #: Blocks after a switch whose estimates are kept for every run.
 _AFTER_SWITCH = 5
@@ -46,9 +46,10 @@ class Row(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A configuration and its methods by name, of which `names` are reported."""
+    """A configuration, its scenario, and its methods by name, of which `names` are reported."""
 
     config: Config
+    scenario: Scenario
     methods: Mapping[str, Any]  # an `Identifier` each; None where shards are only read
     names: tuple[str, ...]
     every_block: bool  # whether the estimates of all blocks are kept, or of a few
@@ -60,16 +61,17 @@ class Job(NamedTuple):
         every_block: bool = True,
     ) -> "Job":
         """With the methods of these names; the reference is among them if it fits the scenario."""
-        scenario = scenario_of(config.scenario, config.options)
+        scenario = build_scenario(config)
         names = choose_identifiers(config, scenario, identifiers)
         reference = identifiers.get(REFERENCE)
         fits = reference is not None and reference.accepts(scenario.known) is None
         wanted = dict.fromkeys((*([REFERENCE] if fits else []), *names))
-        return Job(config, {name: identifiers[name] for name in wanted}, names, every_block)
+        methods = {name: identifiers[name] for name in wanted}
+        return Job(config, scenario, methods, names, every_block)
 
     @property
-    def scenario(self) -> Scenario:
-        return scenario_of(self.config.scenario, self.config.options)
+    def tiles(self) -> Tiles:
+        return tiles_of(self.name, self.scenario)
 
     @property
     def rows(self) -> list[Row]:
@@ -163,6 +165,7 @@ class Job(NamedTuple):
             "--seed": str(config.seed),
             "--identifiers": ",".join(self.names),
             "--keep": "all" if self.every_block else "checkpoints",
+            "settings of the scenario": settings_of(self.scenario),
             **{f"{_SETTINGS}{name}": settings_of(one) for name, one in self.methods.items()},
             **surroundings(),
             **own_files(),
@@ -182,4 +185,6 @@ class Job(NamedTuple):
             int(told["--seed"]),
         )
         methods = [key.removeprefix(_SETTINGS) for key in told if key.startswith(_SETTINGS)]
-        return Job(config, dict.fromkeys(methods), names, told["--keep"] == "all")
+        return Job(
+            config, build_scenario(config), dict.fromkeys(methods), names, told["--keep"] == "all"
+        )

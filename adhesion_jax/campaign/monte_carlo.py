@@ -12,7 +12,7 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.pool import Pool, Processes, Work
 from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
-from adhesion_jax.campaign.tiles import TILE, make_ready
+from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.metrics.accuracy import table_rows
 from adhesion_jax.metrics.counts import BINS, edges, middles, quantile, rebinned, share_middles
@@ -51,11 +51,6 @@ class Campaign(NamedTuple):
     bands: pd.DataFrame
     histogram: pd.DataFrame
     compile_seconds: Mapping[str, float]
-
-
-def progress_steps(config: Config) -> int:
-    """The number of times that progress is reported for one configuration."""
-    return -(-config.runs // TILE)
 
 
 def run_campaign(
@@ -100,7 +95,7 @@ def suited(pool: P, work: Work) -> P | Processes:
     if not isinstance(pool, Processes) or (pool.workers > 1 and len(work) > _FEW_SHARDS):
         return pool
     for job, *_ in work:
-        make_ready(job.config, [*job.methods.values()])
+        job.tiles.make_ready(job.methods.values())
     return Processes(1)
 
 
@@ -176,7 +171,7 @@ def _tracking_table(job: Job, totals: Totals) -> pd.DataFrame:
 
 
 def _bands(job: Job, totals: Totals) -> pd.DataFrame:
-    centre, scale = scales(job.config.scenario, job.config.options)
+    centre, scale = scales(job.tiles)
     frames = []
     for place, name in enumerate(job.names):
         for number, quantity in enumerate(job.counted):
@@ -208,7 +203,7 @@ def _histogram(job: Job, totals: Totals, summary: pd.DataFrame) -> pd.DataFrame:
     if "mu_max" not in job.counted:
         return pd.DataFrame()
     number = job.counted.index("mu_max")
-    centre, scale = (x[:, number] for x in scales(job.config.scenario, job.config.options))
+    centre, scale = (x[:, number] for x in scales(job.tiles))
     peaks = summary[summary["quantity"] == "mu_max"].set_index(["rail", "identifier"])
     groups = job.scenario.tables()["summary"]
     frames = []

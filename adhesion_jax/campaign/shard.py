@@ -7,7 +7,6 @@ computed where.
 
 import operator
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
@@ -16,19 +15,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.job import REFERENCE, Job
 from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import Found, estimate_rows
 from adhesion_jax.campaign.store import Arrays, Content
-from adhesion_jax.campaign.tiles import (
-    TILE,
-    TileResult,
-    bound_tile,
-    draw_tile,
-    identify_records,
-    scenario_of,
-)
+from adhesion_jax.campaign.tiles import TILE, TileResult, Tiles
 from adhesion_jax.identifiers import Estimate, Identifier, Status
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics
 from adhesion_jax.metrics.counts import BINS, bins_of, share_bins_of
@@ -36,7 +27,7 @@ from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import delay_counts, tracking_statistics
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.runtime import silent
-from adhesion_jax.scenarios import Options, Scenario
+from adhesion_jax.scenarios import Scenario
 
 #: Statuses that count as a failure for every method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
@@ -83,7 +74,7 @@ class Shard(NamedTuple):
 
 def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
     """The shard of this number: each run is drawn once, for all methods."""
-    config, scenario = job.config, job.scenario
+    config, scenario, of_tile = job.config, job.scenario, job.tiles
     parts: dict[str, list[Found]] = {name: [] for name in job.methods}
     seconds, compile_seconds = [], dict.fromkeys(job.methods, 0.0)
     bounds = []
@@ -93,12 +84,12 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
             break
         done = (tile - tiles.start) * TILE
         tell(done, f"noise of {config.scenario}")
-        records = draw_tile(config, tile)
-        bounds.append(np.asarray(bound_tile(config, records)))
+        records = of_tile.draw(config.seed, tile)
+        bounds.append(np.asarray(of_tile.bound(records)))
         spent = {}
         for name in _in_turn(job.methods, number):
             tell(done, f"{name} on {config.scenario}")
-            result = identify_records(config, tile, name, job.methods[name], records)
+            result = of_tile.identify(config.seed, tile, name, job.methods[name], records)
             parts[name].append(_found(scenario, result))
             spent[name] = result.seconds / (TILE * len(scenario.rails))
             compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
@@ -166,7 +157,7 @@ def truth_of(scenario: Scenario, bound: NDArray[np.float64]) -> Truth:
         names=tuple(quantities),
         values=np.stack(list(quantities.values()), axis=-1),
         bound=bound,
-        sigma=scenario.sigma,
+        sigma=scenario.noise.sigma,
         quantile=stdtrit(degrees_of_freedom, 0.975),
     )
 
@@ -224,7 +215,7 @@ def _tracking(job: Job, found: Mapping[str, Found]) -> Moments:
 
 def _counts(job: Job, found: Mapping[str, Found]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """The estimates after each block counted in bins: the places that are not zero, the numbers."""
-    centre, scale = scales(job.config.scenario, job.config.options)
+    centre, scale = scales(job.tiles)
     blocks, quantities = centre.shape[0], len(job.counted)
     every = np.arange(blocks * quantities).reshape(blocks, quantities) * (BINS + 1)
     places, numbers = [], []
@@ -242,16 +233,13 @@ def _counts(job: Job, found: Mapping[str, Found]) -> tuple[NDArray[np.int64], ND
     return np.concatenate(places), np.concatenate(numbers)
 
 
-@lru_cache
-def scales(scenario_name: str, options: Options) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def scales(tiles: Tiles) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The truth and the scale about which estimates are counted, [blocks, quantities] each.
 
     The scale is the bound of the runs of one tile, which stands for that of all.
     """
-    config = Config(scenario_name, options=options)
-    bound = np.asarray(bound_tile(config, draw_tile(config, 0)))
-    scenario = scenario_of(scenario_name, options)
-    truth = truth_of(scenario, bound).values
+    bound = np.asarray(tiles.bound(tiles.draw(0, 0)))
+    truth = truth_of(tiles.scenario, bound).values
     bound = np.sqrt(np.mean(bound**2, axis=0))
     without = np.where(truth == 0, 1.0, _SHARE_OF_TRUTH * np.abs(truth))
     return truth, np.where(np.isfinite(bound) & (bound > 0), bound, without)

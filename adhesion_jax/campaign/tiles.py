@@ -6,8 +6,9 @@ not on how many runs, tiles at a time or workers there are.
 """
 
 import time
-from collections.abc import Callable, Sequence
-from functools import cache, lru_cache
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import jax
@@ -16,12 +17,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int, Key
 
 from adhesion_jax import programs, runtime
-from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.keys import keys_of_runs, noise_key, solver_key
 from adhesion_jax.identifiers import Estimate, Identifier, follow
 from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
-from adhesion_jax.scenarios import Options, Scenario, build
+from adhesion_jax.scenarios import Scenario
 
 TILE = 128
 
@@ -57,104 +57,127 @@ def tile_runs(tile: int) -> np.ndarray:
     return np.arange(tile * TILE, (tile + 1) * TILE)
 
 
-def draw_tile(config: Config, tile: int) -> Record:
-    """The records of a tile: [runs, blocks, points], shared arrays [blocks, points]."""
-    key = noise_key(config.seed, config.scenario)
-    return _draw(config.scenario, config.options)((key, tile_runs(tile)))
+class Tiles:
+    """The tiles of a scenario, whose programs are compiled or loaded once.
 
-
-def bound_tile(config: Config, records: Record) -> Float[Array, "runs blocks values"]:
-    """The Cramer-Rao bound of every run and block."""
-    return _bound(config.scenario, config.options)(records)
-
-
-def identify_tile(config: Config, tile: int, name: str, method: Identifier) -> TileResult:
-    """The estimates of one identifier, by its name and itself, on all the runs of a tile."""
-    return identify_records(config, tile, name, method, draw_tile(config, tile))
-
-
-def identify_records(
-    config: Config, tile: int, name: str, method: Identifier, records: Record
-) -> TileResult:
-    """The same from the records of the tile."""
-    records = jax.block_until_ready(records)
-    key = solver_key(config.seed, config.scenario, name)
-    compiled, compile_seconds = _program(config, method)
-    began = time.process_time()
-    found = jax.block_until_ready(compiled(method, records, key, tile_runs(tile)))
-    seconds = time.process_time() - began
-    estimate, tracking = jax.tree.map(np.asarray, found)
-    return TileResult(estimate, tracking, seconds, compile_seconds)
-
-
-def make_ready(config: Config, methods: Sequence[Identifier]) -> None:
-    """The programs of `identify_tile`, compiled side by side in the threads of this process."""
-    with runtime.threads() as pool:
-        list(pool.map(lambda method: _program(config, method), methods))
-
-
-def _program(config: Config, method: Identifier) -> tuple[_Program, float]:
-    leaves, form = jax.tree.flatten(method)
-    kinds = tuple(jax.typeof(jnp.asarray(leaf)) for leaf in leaves)
-    return _compiled(config.scenario, config.options, form, kinds)
-
-
-@lru_cache
-def scenario_of(name: str, options: Options) -> Scenario:
-    """The scenario of this name with these options, built once in a process."""
-    return build(name, options)
-
-
-@lru_cache
-def _draw(scenario_name: str, options: Options) -> Callable[[_KeyAndRuns], Record]:
-    scenario = scenario_of(scenario_name, options)
-
-    def draw(of: _KeyAndRuns) -> Record:
-        return jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys_of_runs(*of))
-
-    example = noise_key(0, scenario_name), tile_runs(0)
-    return programs.program(("draw", scenario_name, options), draw, example)
-
-
-@lru_cache
-def _bound(
-    scenario_name: str, options: Options
-) -> Callable[[Record], Float[Array, "runs blocks values"]]:
-    scenario = scenario_of(scenario_name, options)
-    records = draw_tile(Config(scenario_name, options=options), 0)
-    bound = jax.vmap(scenario.bound, in_axes=(scenario.run_axes,), axis_size=TILE)
-    return programs.program(("bound", scenario_name, options), bound, records)
-
-
-@cache
-def _compiled(
-    scenario_name: str,
-    options: Options,
-    form: jax.tree_util.PyTreeDef,
-    kinds: tuple[Any, ...],
-) -> tuple[_Program, float]:
-    """The compiled function of all methods of one form, and the seconds to compile or load it.
-
-    The identifier, whose numbers are of these kinds, is an argument, so that variants that differ
-    in numbers alone share the function.
+    Random keys depend on its name.
     """
-    scenario = scenario_of(scenario_name, options)
-    key = solver_key(0, scenario_name, "")
-    numbers = [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
-    records = draw_tile(Config(scenario=scenario_name, options=options), 0)
-    example = jax.tree.unflatten(form, numbers)
-    leaves, structure = jax.tree.flatten((example, records, key, tile_runs(0)))
-    mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
 
-    def tile(leaves: list[Array]) -> tuple[Estimate, Tracking]:
-        method, records, key, runs = jax.tree.unflatten(structure, leaves)
-        keys = keys_of_runs(key, runs)
-        tracker = Tracker.of(scenario.rails, mu_max, criteria_of(scenario.known), method.RESETS)
-        in_axes = (None, None, scenario.run_axes, 0, None)
-        return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
+    def __init__(self, name: str, scenario: Scenario) -> None:
+        self.name, self.scenario = name, scenario
+        self._content = content_of(scenario)
+        self._programs: dict[object, tuple[_Program, float]] = {}
 
-    name = ("tile", scenario_name, options, form, str(kinds))
-    began = time.perf_counter()
-    compiled = programs.program(name, tile, leaves, compiler_of(example))
-    seconds = time.perf_counter() - began
-    return lambda *arguments: compiled(jax.tree.leaves(arguments)), seconds
+    def draw(self, seed: int, tile: int) -> Record:
+        """The records of a tile: [runs, blocks, points], shared arrays [blocks, points]."""
+        drawn: Record = self._draw((noise_key(seed, self.name), tile_runs(tile)))
+        return drawn
+
+    @cached_property
+    def _draw(self) -> Callable[[_KeyAndRuns], Record]:
+        scenario = self.scenario
+
+        def draw(of: _KeyAndRuns) -> Record:
+            return jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys_of_runs(*of))
+
+        example = noise_key(0, self.name), tile_runs(0)
+        return programs.program(("draw", self._content), draw, example)
+
+    def bound(self, records: Record) -> Float[Array, "runs blocks values"]:
+        """The Cramer-Rao bound of every run and block."""
+        found: Float[Array, "runs blocks values"] = self._bound(records)
+        return found
+
+    @cached_property
+    def _bound(self) -> Callable[[Record], Float[Array, "runs blocks values"]]:
+        axes = self.scenario.run_axes
+        bound = jax.vmap(self.scenario.bound, in_axes=(axes,), axis_size=TILE)
+        return programs.program(("bound", self._content), bound, self.draw(0, 0))
+
+    def identify(
+        self, seed: int, tile: int, name: str, method: Identifier, records: Record
+    ) -> TileResult:
+        """The estimates of one identifier, by its name and itself, on the records of a tile."""
+        records = jax.block_until_ready(records)
+        key = solver_key(seed, self.name, name)
+        compiled, compile_seconds = self._program(method)
+        began = time.process_time()
+        found = jax.block_until_ready(compiled(method, records, key, tile_runs(tile)))
+        seconds = time.process_time() - began
+        estimate, tracking = jax.tree.map(np.asarray, found)
+        return TileResult(estimate, tracking, seconds, compile_seconds)
+
+    def make_ready(self, methods: Iterable[Identifier]) -> None:
+        """The programs of `identify`, compiled side by side in the threads of this process."""
+        with runtime.threads() as pool:
+            list(pool.map(self._program, methods))
+
+    def _program(self, method: Identifier) -> tuple[_Program, float]:
+        """The function of all methods of one form, and the seconds to compile or load it.
+
+        The identifier, whose numbers are of some kinds, is an argument, so that variants that
+        differ in numbers alone share the function.
+        """
+        leaves, form = jax.tree.flatten(method)
+        kinds = tuple(jax.typeof(jnp.asarray(leaf)) for leaf in leaves)
+        if (form, kinds) not in self._programs:
+            self._programs[form, kinds] = self._compiled(form, kinds)
+        return self._programs[form, kinds]
+
+    def _compiled(
+        self, form: jax.tree_util.PyTreeDef, kinds: tuple[Any, ...]
+    ) -> tuple[_Program, float]:
+        scenario = self.scenario
+        numbers = [jax.ShapeDtypeStruct(k.shape, k.dtype, weak_type=k.weak_type) for k in kinds]
+        example = jax.tree.unflatten(form, numbers)
+        given = (example, self.draw(0, 0), solver_key(0, self.name, ""), tile_runs(0))
+        leaves, structure = jax.tree.flatten(given)
+        mu_max = scenario.quantities().get("mu_max", np.full(len(scenario.rails), np.nan))
+
+        def tile(leaves: list[Array]) -> tuple[Estimate, Tracking]:
+            method, records, key, runs = jax.tree.unflatten(structure, leaves)
+            keys = keys_of_runs(key, runs)
+            criteria = criteria_of(scenario.known)
+            tracker = Tracker.of(scenario.rails, mu_max, criteria, method.RESETS)
+            in_axes = (None, None, scenario.run_axes, 0, None)
+            return jax.vmap(follow, in_axes)(method, scenario.known, records, keys, tracker)
+
+        name = ("tile", self._content, form, str(kinds))
+        began = time.perf_counter()
+        compiled = programs.program(name, tile, leaves, compiler_of(example))
+        seconds = time.perf_counter() - began
+        return lambda *arguments: compiled(jax.tree.leaves(arguments)), seconds
+
+
+def content_of(scenario: Scenario) -> tuple[object, ...]:
+    """The form and all numbers of a scenario: what two of them differ in, whatever their names."""
+    leaves, form = jax.tree.flatten(scenario)
+    numbers = map(np.asarray, leaves)
+    return form, *((leaf.dtype.str, leaf.shape, leaf.tobytes()) for leaf in numbers)
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A scenario and its name, equal to another one of the same content."""
+
+    name: str
+    scenario: Scenario
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Named) and self._told() == other._told()
+
+    def __hash__(self) -> int:
+        return hash(self._told())
+
+    def _told(self) -> tuple[object, ...]:
+        return self.name, *content_of(self.scenario)
+
+
+def tiles_of(name: str, scenario: Scenario) -> Tiles:
+    """The tiles of a scenario: a process that is given equal ones again and again has one."""
+    return _tiles(_Named(name, scenario))
+
+
+@lru_cache(maxsize=8)
+def _tiles(named: _Named) -> Tiles:
+    return Tiles(named.name, named.scenario)

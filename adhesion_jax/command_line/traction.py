@@ -61,16 +61,10 @@ KNOWN = catalogue()
     help="Add so many runs with noise to the job in the folder.",
 )
 @click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
-def main(system: str, plant: str | None, out: Path | None, **asked: Any) -> None:
+def main(system: str, out: Path | None, **asked: Any) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.
 
     Every scenario of the paper runs once without noise and `--runs` times with noise. With an
     observer, a seeker or a controller named, it takes the place of the paper's own.
     """
-    perform(
-        "traction",
-        name=system,
-        plant_name=plant,
-        out=out or Path("out") / f"traction-{system}",
-        **asked,
-    )
+    perform("traction", system=system, out=out or Path("out") / f"traction-{system}", **asked)

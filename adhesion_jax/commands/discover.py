@@ -13,10 +13,8 @@ from adhesion_jax.commands.reading import read
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.data.runs import matching, to_runs
-from adhesion_jax.discovery.engine import discover
-from adhesion_jax.files import output_directory, staged
-from adhesion_jax.library.reading import citation_of
-from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
+from adhesion_jax.files import output_directory
+from adhesion_jax.library.discover import discover_in, sources_of
 from adhesion_jax.simulation.simulator import simulate, write_set
 
 
@@ -54,24 +52,14 @@ def main(
     with shown() as progress:
         runs = to_runs([log.points for log in logs])
         test = matching(runs, to_runs([log.points for log in judging])) if judging else None
+        sources = sources_of(logs, train)
         # Events alone are drawn in the end: the rows of other logs are held by the runs.
         del judging
         logs = [log for log in logs if log.events is not None]
-        findings = discover(
-            runs,
-            test,
-            base,
-            seed,
-            progress,
-            source=", ".join(train),
-            citation=" ".join(filter(None, (used, *map(citation_of, train)))),
-            slip_noise=slip_noise,
-            correct=correct,
+        found = discover_in(
+            runs, test, logs, sources, base, seed, slip_noise, correct, progress, out
         )
-        progress("writing the report", 0.97)
-        with staged(out, DISCOVERY_FILES) as stage:
-            write_discovery(stage, findings, logs)
-    click.echo(f"{printed(findings)}\n\nWritten to {out} in {findings.seconds:.0f} s")
+    click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())
         click.echo(f"Planted: {', '.join(truth['effects']) or 'nothing'}")

@@ -8,10 +8,8 @@ import click
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
-from adhesion_jax.curves import CURVES
 from adhesion_jax.data.events import events_of
-from adhesion_jax.files import output_directory, staged
-from adhesion_jax.library.identify import IDENTIFY_FILES, identify_chosen, with_groups
+from adhesion_jax.library.identify import identify_chosen, with_groups
 from adhesion_jax.library.reading import citation_of
 
 
@@ -33,11 +31,8 @@ def main(
     # Nothing holds the log while the curves are fitted to its events.
     logs = events_of(measured, events)
     del measured
-    directory = output_directory(out)
+    curves = None if curve == "all" else curve
+    citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
-        curves = CURVES if curve == "all" else curve
-        citation = " ".join(filter(None, map(citation_of, files)))
-        found = identify_chosen(logs, curves, citation, by, slip_noise, progress)
-    with staged(directory, IDENTIFY_FILES) as stage:
-        found.write(stage)
+        found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
     click.echo(f"{found}\n\nWritten to {out}")

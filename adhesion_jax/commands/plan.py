@@ -9,7 +9,7 @@ import pandas as pd
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
-from adhesion_jax.curves import CURVES, Law
+from adhesion_jax.curves import Law
 from adhesion_jax.data.events import events_of
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.files import output_directory, staged, write_table
@@ -47,7 +47,7 @@ def main(
         chosen = events_of(measured, events)
         del measured  # nothing holds the log while curves are fitted to its events
         citation = citation_of(log)
-        source = identify_chosen(chosen, CURVES if curve is None else curve, citation)
+        source = identify_chosen(chosen, curve, citation)
     elif curves is not None:
         source = load_curve(Path(curves), curve)
     elif law is not None:

@@ -8,8 +8,7 @@ import click
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
-from adhesion_jax.files import output_directory, staged
-from adhesion_jax.library.track import METHODS, TRACK_FILES, track
+from adhesion_jax.library.track import METHODS, track
 
 
 def main(
@@ -26,7 +25,6 @@ def main(
     (measured,) = read([log], columns, known)
     if dry_run:
         return
-    output_directory(out)
     with shown() as progress:
         found = track(
             measured,
@@ -34,7 +32,6 @@ def main(
             initial_slope,
             events=events,
             report=lambda done, total: progress("following", done / total),
+            out=out,
         )
-    with staged(out, TRACK_FILES) as stage:
-        found.write(stage)
     click.echo(f"{found}\n\nWritten to {out}")

@@ -1,6 +1,7 @@
 """Adhesion laws mu(slip). A new curve is one file here and one line in CURVES."""
 
-from collections.abc import Mapping
+from collections import ChainMap
+from collections.abc import Mapping, MutableMapping
 
 from adhesion_jax.curves.base import SLIP_LIMIT as SLIP_LIMIT
 from adhesion_jax.curves.base import Conditions as Conditions
@@ -22,8 +23,8 @@ from adhesion_jax.curves.magic_formula import MagicFormula
 from adhesion_jax.curves.polach import Polach, PolachFalling, PolachScaled
 
 #: The curves by their command-line names, with typical values and every parameter that measured
-#: data can determine set free.
-CURVES: Mapping[str, Curve] = {
+#: data can determine set free. One of your own is used from the moment when it is put here.
+CURVES: MutableMapping[str, Curve] = {
     "burckhardt": Burckhardt(c1=0.3, c2=100.0, c3=0.3),
     "kiencke": Kiencke(a0=40.0, p1=100.0, p2=500.0, free=("a0", "p1", "p2")),
     "polach": Polach(mu0=0.3, stiffness=100.0),
@@ -33,8 +34,10 @@ CURVES: Mapping[str, Curve] = {
 }
 
 #: The curves that a law with effects may rest on; the level is for data at one slip.
-BASES: Mapping[str, Curve] = {
-    **CURVES,
-    "polach-scaled": PolachScaled(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
-    "level": Level(level=0.3),
-}
+BASES: Mapping[str, Curve] = ChainMap(
+    {
+        "polach-scaled": PolachScaled(mu0=0.4, a=0.4, b=0.6, stiffness=150.0, k_s=0.4),
+        "level": Level(level=0.3),
+    },
+    CURVES,  # whose names come first
+)

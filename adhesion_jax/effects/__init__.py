@@ -1,6 +1,8 @@
 """The catalogue. A new effect is one file here and one line in EFFECTS."""
 
-from collections.abc import Mapping
+from collections import ChainMap
+from collections.abc import Mapping, MutableMapping
+from typing import cast
 
 from adhesion_jax.effects.axle_position import AxlePosition
 from adhesion_jax.effects.base import Columns as Columns
@@ -43,8 +45,8 @@ from adhesion_jax.effects.torque_offset import TorqueOffset
 from adhesion_jax.effects.track_curve import CurveOfTrack
 from adhesion_jax.effects.wheel_order import WheelOrder
 
-#: The physical causes by their names.
-EFFECTS: Mapping[str, type[Cause]] = {
+#: The physical causes by their names. One of your own is searched for from when it is put here.
+EFFECTS: MutableMapping[str, type[Cause]] = {
     "speed": Speed,
     "slip_speed": SlipSpeed,
     "falling_friction": FallingFriction,
@@ -76,18 +78,20 @@ EFFECTS: Mapping[str, type[Cause]] = {
 
 #: Every kind of effect by the name it is saved under; those beyond the causes are forms over any
 #: column.
-KINDS: Mapping[str, type[Effect]] = {
-    **EFFECTS,
-    "covariate": Covariate,
-    "spline": Spline,
-    "labels": Labels,
-    "memory": Memory,
-    "threshold": Threshold,
-    "product": Product,
-    "interaction": Interaction,
-    "surface": Surface,
-    "periodic": Periodic,
-}
+KINDS: Mapping[str, type[Effect]] = ChainMap(
+    {
+        "covariate": Covariate,
+        "spline": Spline,
+        "labels": Labels,
+        "memory": Memory,
+        "threshold": Threshold,
+        "product": Product,
+        "interaction": Interaction,
+        "surface": Surface,
+        "periodic": Periodic,
+    },
+    cast("MutableMapping[str, type[Effect]]", EFFECTS),  # whose names come first
+)
 
 
 def kind_of(effect: Effect) -> str:

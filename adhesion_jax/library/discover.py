@@ -7,16 +7,18 @@ from pathlib import Path
 
 import pandas as pd
 
-from adhesion_jax.data import matching, to_runs
+from adhesion_jax.data import RunSet, matching, to_runs
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
+from adhesion_jax.effects import Cause
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
-from adhesion_jax.library.results import of_numbers, table_html, text_html
-from adhesion_jax.report.discovery.files import printed, write_discovery
+from adhesion_jax.library.results import of_numbers, table_html, text_html, written
+from adhesion_jax.plugins import add
+from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.words import verdict
@@ -93,6 +95,7 @@ def discover(
     test: Data | Sequence[Data] | None = None,
     base: str = "auto",
     seed: int = 0,
+    effects: Sequence[type[Cause]] | Mapping[str, type[Cause]] = (),
     slip_noise: float | None = None,
     correct: bool = False,
     progress: Callable[[str, float], None] = silent,
@@ -103,19 +106,25 @@ def discover(
     inertia: float | None = None,
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
+    out: str | PathLike[str] | None = None,
 ) -> Discovery:
     """Find which effects an adhesion curve lacks in measured runs.
 
     `data` has the columns that `identify` takes, a column run (or time_s, from whose gaps runs are
     told) and whatever was measured beside them; several tables are taken together. `test` is
-    predicted and never fitted. `base` is a name of CURVES, or auto. `seed` draws the runs that are
+    predicted and never fitted. `base` is a name of CURVES, or auto. `effects` are classes of your
+    own, which are searched for beside the causes of EFFECTS under their names; they stay there, so
+    that what is found can be told, saved and loaded. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
     it is known. With `correct`, the test is also predicted by the law with boosted trees on top, a
     correction without a formula, where these predict what the law leaves. `progress` is called with
     words and the share that is done. `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio`
     and `efficiency` are those of `identify`, for `data` and `test`, and so are `events`: each slip
-    event of a long log is a run. InputError names all that is wrong with the data.
+    event of a long log is a run. `out` is a folder for the files of the command. InputError names
+    all that is wrong with the data.
     """
+    own = effects if isinstance(effects, Mapping) else {kind.__name__: kind for kind in effects}
+    add("effect", own)
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])
@@ -123,17 +132,47 @@ def discover(
     if test is not None:
         judged = events_of(all_of(test, columns, known, few=FEW_OF_A_SEARCH), events)
         judging = matching(train, to_runs([log.points for log in judged]))
-    remarks = (*(log.sentence for log in logs), *map(citation_of, parts_of(data)))
+    sources = sources_of(logs, parts_of(data))
+    return discover_in(
+        train, judging, logs, sources, base, seed, slip_noise, correct, progress, out
+    )
+
+
+def sources_of(logs: Sequence[Chosen], data: Sequence[Data]) -> tuple[str, str]:
+    """The names of tables, and what is to be said of their rows and of whom to cite."""
+    remarks = (*(log.sentence for log in logs), *map(citation_of, data))
+    return ", ".join(map(name_of, data)), " ".join(filter(None, remarks))
+
+
+@as_in_commands
+def discover_in(
+    train: RunSet,
+    test: RunSet | None,
+    logs: Sequence[Chosen],
+    sources: tuple[str, str],
+    base: str,
+    seed: int,
+    slip_noise: float | None,
+    correct: bool,
+    progress: Callable[[str, float], None],
+    out: str | PathLike[str] | None,
+) -> Discovery:
+    """The same in runs that were read before, of the tables of `sources_of`.
+
+    `logs` are those whose slip events are drawn.
+    """
+    source, citation = sources
     findings = engine.discover(
         train,
-        judging,
+        test,
         base,
         seed,
         progress,
-        source=", ".join(map(name_of, parts_of(data))),
-        citation=" ".join(filter(None, remarks)),
+        source=source,
+        citation=citation,
         slip_noise=slip_noise,
         correct=correct,
     )
+    progress("writing the report", 0.97)
     laws = {name: of_numbers(getattr(findings, name)) for name in ("law", "law_before")}
-    return Discovery(findings._replace(**laws), tuple(logs))
+    return written(Discovery(findings._replace(**laws), tuple(logs)), out, DISCOVERY_FILES)

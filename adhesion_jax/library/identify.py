@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.curves import CURVES, Curve
+from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
 from adhesion_jax.data.corrections import corrections_of
@@ -23,7 +23,7 @@ from adhesion_jax.files import write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
-from adhesion_jax.library.results import of_numbers, text_html
+from adhesion_jax.library.results import of_numbers, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
 from adhesion_jax.measured.groups import (
@@ -38,6 +38,7 @@ from adhesion_jax.measured.groups import (
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
+from adhesion_jax.plugins import add
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, draw_measured
 from adhesion_jax.report.measured.page import page_of
@@ -207,7 +208,7 @@ class Identification:
 
 def identify(
     data: Data | Sequence[Data],
-    curves: str | Sequence[str] | Mapping[str, Curve] = tuple(CURVES),
+    curves: str | Sequence[str] | Mapping[str, Curve] | None = None,
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
     events: bool | None = None,
@@ -218,6 +219,7 @@ def identify(
     inertia: float | None = None,
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
+    out: str | PathLike[str] | None = None,
 ) -> Identification:
     """Fit adhesion curves that may bend to measured points, whatever their noise depends on.
 
@@ -232,11 +234,13 @@ def identify(
     Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run are in
     their order. Of a long log only its slip events are used, as runs (`data.events`), unless
     `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
-    of your own by name. `by` is a column whose groups of rows are compared: did the rail change
+    of your own by name, which stay there, so that their laws can be saved and loaded; by default
+    all of CURVES. `by` is a column whose groups of rows are compared: did the rail change
     between them? (`run` compares the runs, `auto` the best groups.) `slip_noise` is the
     standard deviation of the noise of the wheel speed in m/s (of the slip, where there is no
     vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.
-    `progress` is called with words and the share done. InputError names all that is wrong with the
+    `progress` is called with words and the share done, and `out` is a folder for the files of the
+    command. InputError names all that is wrong with the
     data. Source: least squares with Huber's loss 1964; covariance by clusters, Bell and McCaffrey
     2002, and by cosines, Lazarus et al. 2018; the weights of the curves by pseudo Bayesian model
     averaging, Yao et al. 2018.
@@ -244,7 +248,7 @@ def identify(
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)
     citation = " ".join(filter(None, map(citation_of, parts_of(data))))
-    return identify_chosen(logs, curves, citation, by, slip_noise, progress)
+    return identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
 
 
 def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, object]:
@@ -260,11 +264,12 @@ def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, o
 @as_in_commands
 def identify_chosen(
     logs: Sequence[Chosen],
-    curves: str | Sequence[str] | Mapping[str, Curve],
+    curves: str | Sequence[str] | Mapping[str, Curve] | None,
     citation: str,
     by: str | None = None,
     slip_noise: float | None = None,
     progress: Callable[[str, float], None] = silent,
+    out: str | PathLike[str] | None = None,
 ) -> Identification:
     """The same of rows that were read and chosen before, of sets with this citation."""
     chosen = _curves(curves)
@@ -300,7 +305,7 @@ def identify_chosen(
         table = beside(comparison.table, by, groups)
         comparison = comparison._replace(table=table)
     branches = branches_of(best, rows)
-    return Identification(
+    identified = Identification(
         points,
         logs,
         citation,
@@ -315,6 +320,7 @@ def identify_chosen(
         groups,
         branches,
     )
+    return written(identified, out, IDENTIFY_FILES)
 
 
 def _step(points: Measured) -> float | None:
@@ -325,8 +331,14 @@ def _step(points: Measured) -> float | None:
     return float(np.median(steps[steps > 0])) if np.any(steps > 0) else None
 
 
-def _curves(curves: str | Sequence[str] | Mapping[str, Curve]) -> Mapping[str, Curve]:
+def _curves(
+    curves: str | Sequence[str] | Mapping[str, Curve] | None,
+) -> Mapping[str, Curve]:
+    if curves is None:
+        return dict(CURVES)
     if isinstance(curves, Mapping):
+        forms = {type(known) for known in BASES.values()}
+        add("curve", {name: own for name, own in curves.items() if type(own) not in forms})
         return curves
     names = [curves] if isinstance(curves, str) else curves
     unknown = [name for name in names if name not in CURVES]

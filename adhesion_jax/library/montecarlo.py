@@ -1,40 +1,103 @@
 """`montecarlo`: how well methods know the truth of a scenario, one's own methods among them."""
 
+import dataclasses
+import json
 import math
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import jax
+import numpy as np
 import pandas as pd
 
-from adhesion_jax.campaign.config import Config, choose_identifiers
-from adhesion_jax.campaign.monte_carlo import run_campaign
+from adhesion_jax import runtime
+from adhesion_jax.campaign.cluster import pool_of
+from adhesion_jax.campaign.config import Config, main_job
+from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.monte_carlo import (
+    Campaign,
+    Totals,
+    added,
+    campaign_of,
+    run_campaign,
+    suited,
+)
+from adhesion_jax.campaign.shard import content, reduced_of
+from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
-from adhesion_jax.identifiers import IDENTIFIERS, Identifier
+from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.identifiers import IDENTIFIERS, Identifier, Status
+from adhesion_jax.library.methods import methods_named
+from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table
 from adhesion_jax.runtime import as_in_commands, silent
-from adhesion_jax.scenarios import SCENARIOS, Options, build, declared
+from adhesion_jax.scenarios import SCENARIOS, Options, declared
 from adhesion_jax.wording import listed
+
+#: The files of a campaign.
+MONTECARLO_FILES = (
+    *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", "metadata.json"),
+    *("steady.csv", "tracking.csv", "bands.csv"),
+    *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png"),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MonteCarlo:
-    """How well methods know the truth of a scenario, over all runs.
+    """How well methods know the truth of a scenario, or of those of the main job, over all runs."""
 
-    `tables` holds, by name, what the command writes as files: summary, and where a scenario has
-    them switches, checkpoints, tracking, steady and bands.
-    """
+    asked: Config
+    keep: str  # whose estimates there are: all, or checkpoints
+    jobs: Sequence[Job]  # of each scenario
+    campaigns: Sequence[Campaign]
+    rows: pd.DataFrame | Path  # the estimates, or the file where they are
+    seconds: float  # by the clock
 
-    tables: Mapping[str, pd.DataFrame]
-    estimates: pd.DataFrame  # a row for each run, identifier and block
+    @cached_property
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """By name: summary, and where a scenario has them switches, checkpoints, tracking, ..."""
+        return _joined([campaign.tables for campaign in self.campaigns])
 
     @property
     def summary(self) -> pd.DataFrame:
         """A row for each rail, identifier and quantity: truth, bias, RMSE, bound, coverage ..."""
         return self.tables["summary"]
+
+    @property
+    def estimates(self) -> pd.DataFrame:
+        """A row for each run, identifier and block, or some of the blocks (`keep`)."""
+        return pd.read_parquet(self.rows) if isinstance(self.rows, Path) else self.rows
+
+    def write(self, folder: str | PathLike[str]) -> None:
+        """The files MONTECARLO_FILES that apply, as the command writes them."""
+        path = Path(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        if not (path / "runs.parquet").exists():
+            self.estimates.to_parquet(path / "runs.parquet", index=False)
+        for name, table in self.tables.items():
+            write_table(path / f"{name}.csv", table)
+        _draw(path, self.jobs, self.campaigns, self.tables)
+        names = [job.config.scenario for job in self.jobs]
+        of_campaigns = zip(names, self.campaigns, strict=True)
+        metadata = {
+            "config": {**_config(self.asked, [job.config for job in self.jobs]), "keep": self.keep},
+            "in_force": {job.config.scenario: _in_force(job) for job in self.jobs},
+            "identifiers": {job.config.scenario: job.names for job in self.jobs},
+            "seed": self.asked.seed,
+            "statuses": {status.name.lower(): status.sentence for status in Status},
+            "compile_seconds": {name: found.compile_seconds for name, found in of_campaigns},
+            "wall_seconds": self.seconds,
+            **runtime.describe(),
+        }
+        write_metadata(path / "metadata.json", metadata)
 
     def __repr__(self) -> str:
         return accuracy_table(self.summary, _quantities(self.summary))
@@ -45,31 +108,74 @@ class MonteCarlo:
 
 @as_in_commands
 def montecarlo(
-    scenario: str = "single",
+    scenario: str | None = "single",
     identifiers: str | Sequence[str] | Mapping[str, Identifier] | None = None,
     runs: int = 256,
     seed: int = 0,
     workers: int = 1,
+    out: str | PathLike[str] | None = None,
+    keep: Literal["checkpoints", "all"] = "checkpoints",
+    resume: bool = False,
+    extend: int = 0,
+    cluster: str | None = None,
+    shared_folder: bool = False,
     **options: object,
 ) -> MonteCarlo:
     """Identify the same noisy runs of a scenario by several methods.
 
-    `scenario` is a name of SCENARIOS, and `options` are its arguments (rail, sigma, points ...;
-    `law` is a law that was found, or the path of a saved one). `identifiers` are names of
-    IDENTIFIERS, or methods of your own by name; without any, all that accept the scenario. Run r of
-    a seed has the same noise whatever else is asked for. With more `workers` than one the runs are
-    shared among processes, which a script must start under `if __name__ == "__main__":`.
+    `scenario` is a name of SCENARIOS, or None for those of the main job.
+    `options` are its arguments (rail, sigma, points ...; `law` is a law that was found, the path of
+    a saved one, or what stands in it).
+    `identifiers` are names of IDENTIFIERS, or methods of your own by name; without any, all that
+    accept the scenario.
+    `runs` is their number; run r of a `seed` has the same noise whatever else is asked for.
+    `workers` are processes, which a script must start under `if __name__ == "__main__":`; with
+    `cluster` (local:N, or the address of a scheduler of Dask) they are those of a cluster, which
+    see the folder by the same path if it is a `shared_folder`.
+    `out` is a folder for the files of the command. There the runs are computed in shards, so that
+    memory does not grow with them; a job that was interrupted goes on with `resume`, and gets so
+    many more runs with `extend`. `keep` says whose estimates are kept: those of the blocks around a
+    switch and of the last, or of all; without a folder they are those of all.
+
+    Returns tables of the accuracy, and the estimates.
     InputError where a name, a number or an option does not fit.
     """
-    given = _options(scenario, options)
+    began = time.perf_counter()
+    given = {name: value for name, value in options.items() if value is not None}
+    whole = Options(**given) if scenario is None else _options(scenario, given)
     if runs < 1 or workers < 1 or not 0 <= seed < 2**32:
         raise InputError("runs and workers are 1 or more, and a seed is from 0 to 2**32 - 1.")
     methods, names = _methods(identifiers)
-    config = Config(scenario, names, given, int(runs), int(seed))
-    _refuse_unsuited(config, methods)
-    estimates: list[pd.DataFrame] = []
-    campaign = run_campaign(config, estimates.append, silent, workers, methods)
-    return MonteCarlo(campaign.tables, pd.concat(estimates, ignore_index=True))
+    if extend and out is not None:
+        runs = extended(Path(out), extend)
+    asked = Config("", names, whole, int(runs), int(seed))
+    parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
+    jobs = [Job.of(config, methods, every_block=out is None or keep == "all") for config in parts]
+    if out is None:
+        estimates: list[pd.DataFrame] = []
+        found = [run_campaign(one, estimates.append, silent, workers, methods) for one in parts]
+        rows = pd.concat(estimates, ignore_index=True)
+        return MonteCarlo(asked, "all", jobs, found, rows, time.perf_counter() - began)
+    directory = output_directory(Path(out))
+    with (
+        pool_of(workers, cluster, shared_folder) as pool,
+        opened_for("montecarlo", jobs, directory, MONTECARLO_FILES, resume, extend) as (
+            folder,
+            stage,
+        ),
+    ):
+        compute(content, jobs, folder, partial(suited, pool))
+        found = [campaign_of(job, totals_of(job, folder)) for job in jobs]
+        write_rows(stage / "runs.parquet", folder, jobs)
+        seconds = time.perf_counter() - began
+        MonteCarlo(asked, keep, jobs, found, stage / "runs.parquet", seconds).write(stage)
+    seconds = time.perf_counter() - began
+    return MonteCarlo(asked, keep, jobs, found, directory / "runs.parquet", seconds)
+
+
+def totals_of(job: Job, folder: Path) -> Totals:
+    """What those shards of a job add up to that are there."""
+    return added(job, map(reduced_of, read_all(folder, job.name, job.shards)))
 
 
 def _methods(
@@ -85,24 +191,7 @@ def _methods(
                 f"{listed(taken)} is the name of a method of the package; name yours otherwise."
             )
         return {**IDENTIFIERS, **identifiers}, tuple(identifiers)
-    names = (identifiers,) if isinstance(identifiers, str) else tuple(identifiers)
-    unknown = [name for name in names if name not in IDENTIFIERS]
-    if unknown:
-        raise InputError(
-            f"There is no identifier {listed(unknown)}; the identifiers are "
-            f"{', '.join(IDENTIFIERS)}, and one of your own is given by name: {{'mine': Mine()}}."
-        )
-    return IDENTIFIERS, names
-
-
-def _refuse_unsuited(config: Config, methods: Mapping[str, Identifier]) -> None:
-    """InputError where a method that is asked for does not accept the scenario."""
-    scenario = build(config.scenario, config.options)
-    for name in config.identifiers:
-        reason = methods[name].accepts(scenario.known)
-        if reason is not None:
-            raise InputError(f"{name} cannot be run on {config.scenario}: {reason}.")
-    choose_identifiers(config, scenario, methods)
+    return IDENTIFIERS, tuple(methods_named(identifiers))
 
 
 def _options(scenario: str, options: Mapping[str, object]) -> Options:
@@ -149,6 +238,8 @@ def _option(name: str, one: Any, value: object) -> object:
 def _law_text(name: str, value: object) -> str:
     if isinstance(value, CorrectedLaw):
         return law_text(value)
+    if isinstance(value, str) and value.lstrip().startswith("{"):
+        return value
     try:
         return Path(str(value)).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -158,3 +249,57 @@ def _law_text(name: str, value: object) -> str:
 def _quantities(summary: pd.DataFrame) -> tuple[str, ...]:
     there = tuple(dict.fromkeys(summary["quantity"]))
     return ("mu_max",) if "mu_max" in there else there
+
+
+def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
+    """The command line, a law among the options as what it says."""
+    options = dict(asked.options)
+    if "law" in options:
+        options["law"] = json.loads(options["law"])
+    config = {**dataclasses.asdict(replace(asked, options=Options())), "options": options}
+    return {**config, "scenario": ",".join(part.scenario for part in parts)}
+
+
+def _in_force(job: Job) -> dict[str, object]:
+    """What the options and the scenario's own defaults come to; the slip is that of one tile."""
+    slip = np.asarray(job.tiles.draw(0, 0).slip)
+    return {
+        "rails": job.scenario.rails,
+        **dataclasses.asdict(job.scenario.noise),
+        "points": slip.shape[-1],
+        "slip_max": float(slip.max()),
+    }
+
+
+def _joined(campaigns: Sequence[Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
+    """Tables of the same name one below the other."""
+    names = dict.fromkeys(name for tables in campaigns for name in tables)
+    return {
+        name: pd.concat([tables[name] for tables in campaigns if name in tables], ignore_index=True)
+        for name in names
+    }
+
+
+def _draw(
+    stage: Path,
+    jobs: Sequence[Job],
+    campaigns: Sequence[Campaign],
+    tables: Mapping[str, pd.DataFrame],
+) -> None:
+    densities = [campaign.histogram for campaign in campaigns if len(campaign.histogram)]
+    if densities:
+        path = stage / "histogram_mu_max.png"
+        figures.histogram(path, tables["summary"], pd.concat(densities, ignore_index=True))
+    for job, campaign in zip(jobs, campaigns, strict=True):
+        scenario = job.scenario
+        truth = pd.DataFrame(scenario.quantities())
+        truth.insert(0, "block", np.arange(len(truth)))
+        for name, reached in scenario.figures():
+            path = stage / f"{name}.png"
+            if name == "bands":
+                steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
+                figures.bands(path, truth, campaign.bands, steps)
+            elif name == "tracking":
+                figures.tracking(path, truth, campaign.bands)
+            elif reached is not None:
+                figures.convergence(path, tables["checkpoints"], campaign.bands, *reached)

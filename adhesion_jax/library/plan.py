@@ -37,7 +37,8 @@ from adhesion_jax.planning.truth import Truth, curve_of
 from adhesion_jax.report.plan.figure import draw_plan
 from adhesion_jax.report.plan.words import plan_rows, told, wanted_rows
 from adhesion_jax.runtime import as_in_commands
-from adhesion_jax.scenarios.rails import RAILS, rail_named
+from adhesion_jax.scenarios.rail_process import steady
+from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.wording import listed
 
 #: The files of a plan.
@@ -173,7 +174,7 @@ def _settled(
 def _truth(source: str | Law, conditions: Mapping[str, float]) -> tuple[str, Truth]:
     if isinstance(source, str):
         words = f"Burckhardt's curve on {source} rail (He et al. 2018)"
-        truth = RAILS[rail_named(source)]
+        truth = steady(RAILS, source).curve
         _refuse_strange(conditions, {})
         return words, Truth(truth, {})
     if isinstance(source, CorrectedLaw):

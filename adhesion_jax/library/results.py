@@ -1,15 +1,38 @@
 """What results share: numbers that mean the same in a program of another precision, and HTML."""
 
 import html
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import jax
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.files import output_directory, staged
 from adhesion_jax.report.page import Table
 
 T = TypeVar("T")
+
+
+@runtime_checkable
+class _Writes(Protocol):
+    def write(self, folder: Path) -> None: ...
+
+
+W = TypeVar("W", bound=_Writes)
+
+
+def written(found: W, out: str | PathLike[str] | None, files: Sequence[str]) -> W:
+    """The result, whose files, of which these are possible, are in the folder `out` if it is named.
+
+    They appear there when all are complete, in the place of those of an earlier result.
+    """
+    if out is not None:
+        with staged(output_directory(Path(out)), files) as stage:
+            found.write(stage)
+    return found
 
 
 def of_numbers(result: T) -> T:

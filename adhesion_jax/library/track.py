@@ -12,9 +12,10 @@ from adhesion_jax.data import check_curve
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
-from adhesion_jax.identifiers import IDENTIFIERS, Identifier
+from adhesion_jax.identifiers import Identifier
+from adhesion_jax.library.methods import methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
-from adhesion_jax.library.results import of_numbers, text_html
+from adhesion_jax.library.results import of_numbers, text_html, written
 from adhesion_jax.measured.following import Followed, follow_log, refusal
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.initial_slope import initial_slope as slope_of
@@ -83,6 +84,7 @@ def track(
     inertia: float | None = None,
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
+    out: str | PathLike[str] | None = None,
 ) -> Track:
     """Follow a log by online methods, sample by sample in the order of time.
 
@@ -91,10 +93,11 @@ def track(
     IDENTIFIERS, or methods of your own by name. The initial slope a0 of Kiencke's curve is
     `initial_slope`, or that of a fit to the log. With `events` slip events alone are used, and
     where it is False all samples are; by default events are cut out of a log that hardly slips.
-    `report` is told how many steps are done, and of how many. InputError names all that is wrong
+    `report` is told how many steps are done, and of how many, and `out` is a folder for the files
+    of the command. InputError names all that is wrong
     with the data, and a method that cannot follow a log.
     """
-    methods = _methods(identifiers)
+    methods = identifiers if isinstance(identifiers, Mapping) else methods_named(identifiers)
     _refuse(methods)
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     measured = measured_of(data, columns, known)
@@ -110,22 +113,7 @@ def track(
         report(done[0], total)
 
     followed = follow_log(methods, log, slope.plausible, slope.form, one_more)
-    return Track(log, citation_of(data), slope, followed)
-
-
-def _methods(
-    identifiers: str | Sequence[str] | Mapping[str, Identifier],
-) -> Mapping[str, Identifier]:
-    if isinstance(identifiers, Mapping):
-        return identifiers
-    names = [identifiers] if isinstance(identifiers, str) else identifiers
-    unknown = [name for name in names if name not in IDENTIFIERS]
-    if unknown or not names:
-        raise InputError(
-            f"There is no identifier {', '.join(unknown) if unknown else 'named'}; name some of "
-            f"{', '.join(IDENTIFIERS)}, or give methods of your own by name."
-        )
-    return {name: IDENTIFIERS[name] for name in names}
+    return written(Track(log, citation_of(data), slope, followed), out, TRACK_FILES)
 
 
 def _refuse(methods: Mapping[str, Identifier]) -> None:

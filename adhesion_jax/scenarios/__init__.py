@@ -3,16 +3,15 @@
 from collections.abc import Callable, Mapping
 
 from adhesion_jax.options import Options as Options
-from adhesion_jax.options import check, declared
-from adhesion_jax.scenarios.base import Group as Group
+from adhesion_jax.options import built, check, declared
 from adhesion_jax.scenarios.base import Scenario as Scenario
 from adhesion_jax.scenarios.blocks import coloured, he2018_blocks, single
 from adhesion_jax.scenarios.corrected import corrected
-from adhesion_jax.scenarios.growing import he2018_1
+from adhesion_jax.scenarios.course import Group as Group
+from adhesion_jax.scenarios.growing import he2018_1, qian2024
 from adhesion_jax.scenarios.mismatch import mismatch, mismatch_kiencke
-from adhesion_jax.scenarios.samples import drift, qian2024_switch
 from adhesion_jax.scenarios.slope import fang2018_slope
-from adhesion_jax.scenarios.stream import qian2024
+from adhesion_jax.scenarios.stream import drift, qian2024_switch
 
 #: Command-line name to the function that builds the scenario; its arguments are the options that a
 #: user may change, with their defaults.
@@ -31,10 +30,10 @@ SCENARIOS: Mapping[str, Callable[..., Scenario]] = {
 }
 
 
-def build(name: str, options: Options = Options()) -> Scenario:  # noqa: B008  (immutable)
+def build(name: str, options: Options = Options()) -> Scenario:
     """The scenario of this name with a user's options; InputError where they do not fit it."""
     check(name, declared(SCENARIOS[name]), options)
-    return SCENARIOS[name](**options)
+    return built(SCENARIOS[name], options)
 
 
 def needs_options(name: str) -> bool:

@@ -1,59 +1,118 @@
-"""The contract of a scenario: it draws records in blocks, and gives the truth behind them."""
+"""A scenario: a rail, an excitation and noise, of which it draws records and knows the truth."""
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from adhesion_jax.curves import Curve
+from adhesion_jax.metrics.information import bound_of_information, quantity_names, true_quantities
 from adhesion_jax.records import Known, Record
-
-
-class Group(NamedTuple):
-    """Blocks whose estimates are pooled into one row of a table.
-
-    `switched` is the number of the stretch that began with a switch to this rail, or None; k is
-    the number of points seen, in tables that are ordered by it.
-    """
-
-    rail: str
-    blocks: tuple[int, ...]
-    switched: int | None = None
-    k: int | None = None
+from adhesion_jax.scenarios.course import Course, Figure, Tables
+from adhesion_jax.scenarios.excitation import Excitation
+from adhesion_jax.scenarios.noise import Noise
+from adhesion_jax.scenarios.rail_process import RailProcess
 
 
 class Scenario(eqx.Module):
-    """Draws runs. `rails` names the rail of each block."""
+    """Draws runs of slip and adhesion: mu = law(slip) + noise at every sample.
 
-    known: eqx.AbstractVar[Known]
-    rails: eqx.AbstractVar[tuple[str, ...]]
-    sigma: eqx.AbstractVar[float]
-    outliers: eqx.AbstractVar[float]
-    #: Zero for each field of a record that differs from run to run, None for one shared by all.
-    run_axes: eqx.AbstractVar[Any]
+    `course` says how the samples come in blocks, `known` what an identifier is told.
+    """
 
-    @abstractmethod
+    rail: RailProcess
+    excitation: Excitation
+    noise: Noise
+    course: Course
+    known: Known
+
+    @property
+    def rails(self) -> tuple[str, ...]:
+        """The name of the rail at the end of each block."""
+        return self.rail.names
+
+    @property
+    def run_axes(self) -> Any:
+        return self.excitation.AXES
+
     def draw(self, key: PRNGKeyArray) -> Record:
         """All the blocks of one run: arrays [blocks, points]."""
+        excited, left = self.excitation.draw(key, self.course.shape)
+        clean = self.rail.adhesion(excited.slip, excited.conditions)
+        adhesion = clean + self.noise.draw(left, self.course.shape)
+        slip, adhesion, conditions = jax.tree.map(
+            self.course.blocks_of, (excited.measured, adhesion, excited.conditions)
+        )
+        return Record(slip, adhesion, *self.course.seen(), conditions)
 
-    @abstractmethod
     def quantities(self) -> Mapping[str, np.ndarray]:
-        """The true value of each quantity at the end of each block, arrays [blocks]."""
+        """The true value of each quantity at the end of each block, arrays [blocks].
 
-    @abstractmethod
+        Of a curve of another form than the one assumed these are the quantities of its peak.
+        """
+        if self.known.asked == ("slope",):
+            return {"slope": self._slopes()}
+        found = true_quantities(self._ends(), self._of_truth())
+        return {name: found[name] for name in self._names()}
+
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
         """Cramer-Rao bound of `quantities`, [blocks, values]; NaN where there is none.
 
-        It is the bound for the last `support` points of one run up to each block; a method that
-        uses more points may come below it.
+        It is the bound for the last `support` points of one run up to each block, conditions and
+        effects known; a method that uses more points may come below it. Where every sample has
+        another curve, or asks for another slope, there is none.
         """
+        names = self._names()
+        if self.rail.drifts or "slope" in names:
+            return jnp.full((len(self.rails), len(names)), jnp.nan)
+        ends = self._ends()
+        sensitivity = jax.vmap(self.rail.sensitivity)(ends, record.slip, record.conditions)
+        information = self.course.information(sensitivity, record.mask, self.noise, self.rails)
+        bound = jax.vmap(bound_of_information, (0, 0, None, None))(
+            ends, information, self.noise.sigma, self._of_truth()
+        )
+        return bound[:, -len(names) :]
 
-    @abstractmethod
     def support(self) -> np.ndarray:
         """The number of points that an estimate after each block can use, [blocks]."""
+        return self.course.support(self.rails)
 
-    @abstractmethod
-    def tables(self) -> Mapping[str, Sequence[Group]]:
+    def tables(self) -> Tables:
         """The rows of each table that is reported: the name of a table to its groups."""
+        return self.course.tables(self.rails)
+
+    def figures(self) -> list[Figure]:
+        """What is drawn over the blocks of a run."""
+        return self.course.figures(self.excitation)
+
+    def _names(self) -> tuple[str, ...]:
+        if self.known.asked == ("slope",):
+            return self.known.asked
+        names = quantity_names(self.rail.curve)
+        same = type(self.rail.curve) is type(self.known.curve)
+        return names if same else names[len(self.rail.curve.free) :]
+
+    def _of_truth(self) -> Known:
+        """What is known, with the conditions of the peak that nobody measures."""
+        conditions = {**self.known.conditions, **self.rail.conditions}
+        return dataclasses.replace(self.known, conditions=conditions)
+
+    def _ends(self) -> Curve:
+        """The curve at the end of each block: its parameters have the axis [blocks]."""
+        course = self.course
+        ends: Curve = jax.tree.map(
+            lambda value: course.ends(jnp.broadcast_to(value, course.shape)), self.rail.curve
+        )
+        return ends
+
+    def _slopes(self) -> np.ndarray:
+        """The slopes d mu/d v_s in s/m at the ends of the blocks; all runs have the same slips."""
+        excited, _ = self.excitation.draw(jax.random.key(0), self.course.shape)
+        slip = self.course.ends(excited.slip)
+        slopes = jax.vmap(jax.grad(lambda slip: self.rail.adhesion(slip, {})))(slip)
+        return np.asarray(slopes) / float(self.rail.conditions["vehicle_speed_mps"])

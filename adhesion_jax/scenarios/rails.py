@@ -5,7 +5,6 @@ from collections.abc import Mapping
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.errors import InputError
 from adhesion_jax.records import Known
 
 #: He et al. 2018, Table 1.
@@ -50,10 +49,3 @@ QIAN2024 = Known(
     lower=[-2.0, 1.0],
     upper=[2000.0, 2000.0],
 )
-
-
-def rail_named(name: str) -> str:
-    """The name itself; InputError if there is no such rail."""
-    if name not in RAILS:
-        raise InputError(f"--rail {name} is unknown; the rails are {', '.join(RAILS)}.")
-    return name

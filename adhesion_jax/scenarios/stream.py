@@ -1,97 +1,57 @@
-"""A stream of samples at random slips, whose estimates are taken at a few moments."""
+"""Streams in which every sample is followed, on a rail that changes."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import dataclasses
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
-from adhesion_jax.metrics.information import bound_of_blocks, stacked, true_quantities
-from adhesion_jax.options import Outliers, Points, Rail, Sigma, SlipMax
-from adhesion_jax.records import OWN_SLIP, Known, Record
-from adhesion_jax.scenarios.base import Group, Scenario
-from adhesion_jax.scenarios.draws import uniform
-from adhesion_jax.scenarios.growing import growing_tables, prefixes
-from adhesion_jax.scenarios.noise import draw_noise
-from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, rail_named
+from adhesion_jax.options import Rail
+from adhesion_jax.scenarios.base import Scenario
+from adhesion_jax.scenarios.course import REPORT, Followed
+from adhesion_jax.scenarios.excitation import RandomSlips
+from adhesion_jax.scenarios.noise import Noise
+from adhesion_jax.scenarios.rail_process import RailProcess, of_many, steady
+from adhesion_jax.scenarios.rails import KIENCKE_RAILS, QIAN2024, RAILS, peak_matched, peak_of
 
-#: Numbers of samples after which Qian et al. 2024 reads its figures.
-_CHECKPOINTS = (30, 230, 250)
+#: Number of reports between two checkpoints.
+_SPACING = 5
 
+#: A stream is followed at every sample.
+_KNOWN = dataclasses.replace(QIAN2024, by_sample=True)
 
-class Stream(Scenario):
-    """Every sample has a slip of its own, uniform on 0 to `slip_max`; one rail.
-
-    A block holds all the samples up to a length. The slips differ from run to run.
-    """
-
-    rails: tuple[str, ...] = eqx.field(static=True)
-    lengths: tuple[int, ...] = eqx.field(static=True)
-    sigma: float = eqx.field(static=True)
-    outliers: float = eqx.field(static=True)
-    slip_max: float = eqx.field(static=True)
-    truth: tuple[Curve, ...]
-    known: Known
-    run_axes: Any = eqx.field(default=OWN_SLIP, static=True)
-
-    def draw(self, key: PRNGKeyArray) -> Record:
-        slip_key, noise_key = jax.random.split(key)
-        points = self.lengths[-1]
-        shape = (len(self.lengths), points)
-        slip = uniform(slip_key, (points,), self.slip_max)
-        noise = draw_noise(noise_key, slip.shape, self.sigma, self.outliers)
-        adhesion = self.truth[0](slip, {}) + noise
-        mask, fresh = prefixes(points, self.lengths)
-        return Record(
-            jnp.broadcast_to(slip, shape), jnp.broadcast_to(adhesion, shape), mask, fresh, {}
-        )
-
-    def quantities(self) -> Mapping[str, np.ndarray]:
-        return true_quantities(stacked(self.truth), self.known)
-
-    def bound(self, record: Record) -> Float[Array, "blocks values"]:
-        return bound_of_blocks(
-            stacked(self.truth),
-            record.slip,
-            record.mask,
-            record.conditions,
-            self.sigma,
-            self.known,
-        )
-
-    def support(self) -> np.ndarray:
-        return np.array(self.lengths)
-
-    def tables(self) -> Mapping[str, Sequence[Group]]:
-        return growing_tables(self.rails[0], self.lengths)
+#: Share of the adhesion that is lost from 20 to 100 % relative humidity.
+_LOST_TO_HUMIDITY = 0.17
 
 
-def qian2024(
-    rail: Rail = "dry",
-    sigma: Sigma = 0.01,
-    points: Points = _CHECKPOINTS[-1],
-    slip_max: SlipMax = 0.2,
-    outliers: Outliers = 0.0,
-) -> Stream:
-    """250 samples on one rail (dry), slip uniform on 0 to 0.2, Kiencke with a0 known."""
-    if points < _CHECKPOINTS[0]:
+def _followed(name: str, rail: RailProcess, slips: RandomSlips, noise: Noise) -> Scenario:
+    """InputError if the samples do not divide into blocks and two equal halves."""
+    if slips.points % (2 * REPORT) or slips.points < 10 * REPORT:
         raise InputError(
-            f"--points {points} is too few for --scenario qian2024; "
-            f"its first estimate is taken after {_CHECKPOINTS[0]} points."
+            f"--points {slips.points} does not go with --scenario {name}; "
+            f"it takes a multiple of {2 * REPORT}, at least {10 * REPORT}."
         )
-    lengths = (*(k for k in _CHECKPOINTS if k < points), points)
-    rail = rail_named(rail)
-    return Stream(
-        rails=(rail,) * len(lengths),
-        lengths=lengths,
-        sigma=sigma,
-        outliers=outliers,
-        slip_max=slip_max,
-        truth=(KIENCKE_RAILS[rail],) * len(lengths),
-        known=QIAN2024,
-    )
+    return Scenario(rail, slips, noise, Followed(slips.points, _SPACING, steady=True), _KNOWN)
+
+
+def qian2024_switch(slips: RandomSlips = RandomSlips(), noise: Noise = Noise()) -> Scenario:
+    """1000 samples at random slips, from dry to common rail at sample 500 (Qian 2024, Fig. 4-6)."""
+    half = slips.points // 2
+    names = ("dry",) * half + ("common",) * half
+    curves = of_many([KIENCKE_RAILS[name] for name in names], (-1,))
+    rails = RailProcess(names[REPORT - 1 :: REPORT], curves)
+    return _followed("qian2024-switch", rails, slips, noise)
+
+
+def drift(
+    rail: Rail = "dry", slips: RandomSlips = RandomSlips(), noise: Noise = Noise()
+) -> Scenario:
+    """1000 samples while humidity rises from 20 to 100 %, which takes 17 % of the adhesion.
+
+    The peak sinks in proportion to humidity at a constant slip; the initial slope, which is
+    elastic, stays.
+    """
+    names = steady(RAILS, rail, slips.points // REPORT).names
+    peak_slip, peak = peak_of(RAILS[rail])
+    left = 1 - _LOST_TO_HUMIDITY * np.arange(slips.points) / (slips.points - 1)
+    curves = of_many([peak_matched(peak_slip, float(share * peak)) for share in left], (-1,))
+    return _followed("drift", RailProcess(names, curves, drifts=True), slips, noise)

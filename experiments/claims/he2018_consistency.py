@@ -18,7 +18,7 @@ from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Scenario
-from adhesion_jax.scenarios.noise import draw_noise
+from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rails import RAILS
 from experiments.claims.claim import HE2018, Claim, verdict_equal
 from experiments.claims.he2018_convergence import CONVERGED_BY
@@ -77,13 +77,13 @@ def consistency_table(
     The noise of the sizes is independent, and so are their errors. One row a size and quantity.
     """
     slip, mask = map(jnp.asarray, sized_blocks(sizes, slip_max))
-    curve, known, sigma = RAILS[scenario.rails[0]], scenario.known, scenario.sigma
+    curve, known, sigma = RAILS[scenario.rails[0]], scenario.known, scenario.noise.sigma
     clean = curve(slip, {})
 
     @jax.jit
     def tile(noise: Key[Array, " runs"]) -> Float[Array, "runs sizes values"]:
         def one_run(key: PRNGKeyArray) -> Float[Array, "sizes values"]:
-            adhesion = clean + draw_noise(key, clean.shape, sigma, 0.0)
+            adhesion = clean + Noise(sigma).draw(key, clean.shape)
             estimate = identify(
                 IDENTIFIERS["ml-exact"], known, Record(slip, adhesion, mask, mask, {}), key
             )

@@ -47,7 +47,7 @@ def convergence_claims(config: Config, progress: Callable[[str], None]) -> list[
     scenario = build_scenario(config)
     campaign = run_campaign(config, lambda _: None, progress)
     table = campaign.tables["checkpoints"]
-    slip = np.asarray(scenario.draw(jax.random.key(0)).slip[0])
+    slip, sigma = np.asarray(scenario.draw(jax.random.key(0)).slip[0]), scenario.noise.sigma
     table = table.assign(slip=slip[table["k"].to_numpy() - 1])
     found: list[Claim] = []
     for quantity, by in CONVERGED_BY.items():
@@ -83,9 +83,9 @@ def convergence_claims(config: Config, progress: Callable[[str], None]) -> list[
                 verdict_below(reached, float(np.nan_to_num(reached_error)), by),
                 ("It is so at the first estimate, and may be so before. " if censored else "")
                 + f"The exact optimum is there from slip {exact_reached:.3g} (first estimate at "
-                f"{slips[0]:.3g}); the noise is read as sigma = {scenario.sigma:g}, "
-                f"for with variance {scenario.sigma:g} the bound on an unbiased estimate would "
-                f"still be {bound * scenario.sigma**-0.5:.2g} % at slip {by:g}.",
+                f"{slips[0]:.3g}); the noise is read as sigma = {sigma:g}, "
+                f"for with variance {sigma:g} the bound on an unbiased estimate would "
+                f"still be {bound * sigma**-0.5:.2g} % at slip {by:g}.",
             )
         )
         found.append(

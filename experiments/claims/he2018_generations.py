@@ -128,7 +128,7 @@ def count_generations(
         known: Known, noise: Key[Array, " runs"], solver: Key[Array, " runs"]
     ) -> Int[Array, "runs blocks 2 2"]:
         records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(noise)
-        one_run = partial(generations_of_run, known, scenario.sigma)
+        one_run = partial(generations_of_run, known, scenario.noise.sigma)
         return jax.vmap(one_run, in_axes=(scenario.run_axes, 0))(records, solver)
 
     def of_tile(chosen: Int[Array, " runs"]) -> Int[Array, "runs blocks 2 2"]:

@@ -58,7 +58,7 @@ def as_blocks(rows: pd.DataFrame, scenario: Scenario) -> Blocks:
         scenario.rails,
         {name: {q: array(name, q) for q in quantity_names(scenario.known.curve)} for name in names},
         {
-            name: ~(array(name, "objective") - optimum <= FAILURE_GAP * scenario.sigma**2)
+            name: ~(array(name, "objective") - optimum <= FAILURE_GAP * scenario.noise.sigma**2)
             for name in names
         },
     )

@@ -10,9 +10,9 @@ import pandas as pd
 from adhesion_jax import runtime
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.command_line.command import SEED, Folder, run, start
-from adhesion_jax.commands.shards import compute, opened_for
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.library.shards import compute, opened_for
 from experiments.discovery_study.rates import confusion, rates, shares
 from experiments.discovery_study.report import (
     draw_confusion,

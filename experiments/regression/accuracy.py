@@ -6,7 +6,8 @@ from dataclasses import replace
 import pandas as pd
 
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
+from adhesion_jax.campaign.monte_carlo import run_campaign
+from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.scenarios import SCENARIOS, Options, needs_options
@@ -38,7 +39,7 @@ def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
 
 def accuracy_steps(identifiers: Mapping[str, Identifier], runs: int) -> int:
     """The number of times that `measure_accuracy` reports progress."""
-    return sum(map(progress_steps, _campaigns(identifiers, runs, 0)))
+    return sum(-(-config.runs // TILE) for config in _campaigns(identifiers, runs, 0))
 
 
 def measure_accuracy(

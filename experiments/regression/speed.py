@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.tiles import TILE, identify_tile
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.tiles import TILE, tiles_of
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.scenarios.rails import RAILS
 from experiments.regression.accuracy import homes
@@ -78,8 +78,10 @@ def measure_speed(
 
 def _ratio(config: Config, name: str, method: Identifier) -> float:
     peer = [peer_seconds() for _ in range(_PEER_REPEATS)]
+    tiles = tiles_of(config.scenario, build_scenario(config))
     spent: list[float] = []
     while sum(spent) < _LEAST_SECONDS:
-        spent.append(identify_tile(config, 0, name, method).seconds)
+        records = tiles.draw(config.seed, 0)
+        spent.append(tiles.identify(config.seed, 0, name, method, records).seconds)
     peer += [peer_seconds() for _ in range(_PEER_REPEATS)]
     return TILE * float(np.mean(peer)) / float(np.mean(spent))

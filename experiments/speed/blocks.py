@@ -11,7 +11,7 @@ import numpy as np
 import scipy.optimize
 
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.campaign.tiles import TILE, draw_tile, identify_tile, make_ready
+from adhesion_jax.campaign.tiles import TILE, Tiles, tiles_of
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION
 from experiments.speed import all_points
@@ -64,15 +64,22 @@ def entries(seed: int) -> Mapping[str, Timed]:
     for name, method in IDENTIFIERS.items():
         if method.accepts(scenario.known) is None:
             began = time.process_time()
-            make_ready(config, [method])
+            _tiles(config).make_ready([method])
             seconds = time.process_time() - began
             found[name] = Timed(_identifier(config, name), "", seconds)
     return found
 
 
+def _tiles(config: Config) -> Tiles:
+    return tiles_of(config.scenario, build_scenario(config))
+
+
 def _identifier(config: Config, name: str) -> Work:
+    tiles = _tiles(config)
+
     def work(turn: int) -> tuple[float, float]:
-        result = identify_tile(config, turn, name, IDENTIFIERS[name])
+        records = tiles.draw(config.seed, turn)
+        result = tiles.identify(config.seed, turn, name, IDENTIFIERS[name], records)
         return float(np.size(result.estimate.status)), result.seconds
 
     return work
@@ -81,11 +88,11 @@ def _identifier(config: Config, name: str) -> Work:
 def _all_points(config: Config) -> Work:
     """All the first blocks of a tile side by side."""
     known = build_scenario(config).known
-    slip = draw_tile(config, 0).slip[0]
+    slip = _tiles(config).draw(config.seed, 0).slip[0]
     search = all_points.search(slip, (known.lower, known.upper), TILE, POPULATION, GENERATIONS)
 
     def work(turn: int) -> tuple[float, float]:
-        blocks = draw_tile(config, turn).adhesion[:, 0]
+        blocks = _tiles(config).draw(config.seed, turn).adhesion[:, 0]
         keys = jax.block_until_ready(jax.random.split(jax.random.key(turn), TILE))
         began = time.process_time()
         jax.block_until_ready(search(keys, blocks))
@@ -116,7 +123,7 @@ def _on_blocks(config: Config, solve: _Solve) -> Work:
 
 
 def _first_blocks(config: Config, tile: int) -> tuple[np.ndarray, np.ndarray]:
-    records = draw_tile(config, tile)
+    records = _tiles(config).draw(config.seed, tile)
     groups = build_scenario(config).tables()["summary"]
     return np.asarray(records.slip[0]), np.asarray(records.adhesion)[
         0, [group.blocks[0] for group in groups]
@@ -222,7 +229,7 @@ def _evosax(config: Config) -> Work:
     batch = jax.jit(jax.vmap(one))
 
     def work(turn: int) -> tuple[float, float]:
-        blocks = draw_tile(config, turn).adhesion[:, 0]
+        blocks = _tiles(config).draw(config.seed, turn).adhesion[:, 0]
         keys = jax.random.split(jax.random.key(turn), TILE)
         began = time.process_time()
         jax.block_until_ready(batch(keys, blocks))

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.tiles import TILE, draw_tile, identify_tile
+from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.tiles import TILE, tiles_of
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.optim.variable_projection import DEGREE
 from adhesion_jax.scenarios.rails import RAILS
@@ -26,7 +26,7 @@ _SIZE = 512
 def entries(library: ctypes.CDLL | str) -> Mapping[tuple[str, str], Mapping[str, Timed]]:
     """By unit and peer, what is timed: sums of squares, matrix products and exponentials."""
     config = Config()
-    records = draw_tile(config, 0)
+    records = tiles_of(config.scenario, build_scenario(config)).draw(config.seed, 0)
     slip = np.ascontiguousarray(records.slip[0])
     adhesion = np.ascontiguousarray(records.adhesion[:, 0])
     runs, points = adhesion.shape
@@ -84,10 +84,12 @@ def _often(function: object, amount: int) -> Timed:
 
 def _points_of_lm(config: Config) -> Work:
     """Points at which the curve was evaluated, in all steps of all runs."""
+    tiles = tiles_of(config.scenario, build_scenario(config))
 
     def work(turn: int) -> tuple[float, float]:
-        result = identify_tile(config, turn, "lm", IDENTIFIERS["lm"])
-        points = draw_tile(config, turn).slip.shape[-1]
+        records = tiles.draw(config.seed, turn)
+        result = tiles.identify(config.seed, turn, "lm", IDENTIFIERS["lm"], records)
+        points = records.slip.shape[-1]
         each = 1 + len(RAILS["dry"].free)  # evaluations that a step counts for
         steps = float(np.sum(np.asarray(result.estimate.evaluations))) / each
         return steps * points, result.seconds
@@ -97,10 +99,12 @@ def _points_of_lm(config: Config) -> Work:
 
 def _products(config: Config) -> Work:
     """Operations of the matrix of all nodes times the data of all runs and blocks."""
+    tiles = tiles_of(config.scenario, build_scenario(config))
 
     def work(turn: int) -> tuple[float, float]:
-        result = identify_tile(config, turn, "ml-exact", IDENTIFIERS["ml-exact"])
-        blocks, points = draw_tile(config, turn).slip.shape
+        records = tiles.draw(config.seed, turn)
+        result = tiles.identify(config.seed, turn, "ml-exact", IDENTIFIERS["ml-exact"], records)
+        blocks, points = records.slip.shape
         return 2.0 * DEGREE * TILE * blocks * points, result.seconds
 
     return work

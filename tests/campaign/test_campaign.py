@@ -2,6 +2,8 @@
 
 import dataclasses
 import errno
+import functools
+import pickle
 import tracemalloc
 from typing import ClassVar
 
@@ -14,22 +16,26 @@ from scipy.stats import t as student_t
 
 from adhesion_jax.campaign import tiles
 from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
+from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
-from adhesion_jax.campaign.monte_carlo import progress_steps, run_campaign
+from adhesion_jax.campaign.monte_carlo import run_campaign
+from adhesion_jax.campaign.shard import shard
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.identifiers import ABLATIONS, Estimate, Identifier
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments
-from adhesion_jax.scenarios import Options
+from adhesion_jax.scenarios import SCENARIOS, Options
+from adhesion_jax.scenarios.blocks import single
+from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS
 
 
 def collect(config, workers=1):
     frames, words = [], []
     campaign = run_campaign(config, frames.append, words.append, workers)
-    assert len(words) == progress_steps(config)
+    assert len(words) == -(-config.runs // tiles.TILE)
     return campaign, pd.concat(frames, ignore_index=True)
 
 
@@ -335,7 +341,7 @@ def test_a_planted_error_of_a_tenth_of_a_per_cent_in_mu_max_is_seen(many):
             names=("mu_max",),
             values=np.array([[truth]]),
             bound=np.full(peaks.shape, campaign.tables["summary"]["crlb"].iloc[3]),
-            sigma=scenario.sigma,
+            sigma=scenario.noise.sigma,
             quantile=student_t.ppf(0.975, np.array([497])),
         )
         moments = Moments.of(run_statistics(outcome, about, (0,), None))
@@ -439,3 +445,22 @@ def test_a_method_that_pools_blocks_is_held_against_the_bound_of_its_pool():
         assert summary.loc["ml-pooled", "wet", quantity]["crlb"] == pytest.approx(
             bound("wet", 2)[quantity]
         )
+
+
+def test_two_scenarios_of_one_name_live_in_one_session(monkeypatch):
+    """A job keeps the scenario that it was given, whatever has its name meanwhile."""
+    jobs = []
+    for sigma in (0.01, 0.02):
+        monkeypatch.setitem(SCENARIOS, "mine", functools.partial(single, noise=Noise(sigma)))
+        jobs.append(Job.of(Config("mine", ("ml-exact",), runs=8)))
+    first, second = jobs
+    clean = np.asarray(RAILS["dry"](first.scenario.excitation.slips(), {}))
+    noise = [np.asarray(job.tiles.draw(0, 0).adhesion) - clean for job in jobs]
+    np.testing.assert_allclose(noise[1], 2 * noise[0], atol=1e-14)
+    before, other, again = (shard(job, 0).rows.to_pandas() for job in (first, second, first))
+    pd.testing.assert_frame_equal(before, again, check_exact=True)
+    assert not np.any(before["mu_max"] == other["mu_max"])
+    # Programs belong to the content of a scenario: a copy, as a worker is given one, shares them.
+    assert pickle.loads(pickle.dumps(second)).tiles is second.tiles is not first.tiles
+    settings = [job.record["depends on"]["settings of the scenario"] for job in jobs]
+    assert settings[0] != settings[1]

@@ -15,10 +15,11 @@ from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, frame_of, run_campaign
 from adhesion_jax.campaign.notes import notes, noting
 from adhesion_jax.campaign.shard import content, reduced_of, scales, shard
-from adhesion_jax.commands import montecarlo, status
-from adhesion_jax.commands.shards import opened_for
+from adhesion_jax.commands import status
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.library.montecarlo import MONTECARLO_FILES
+from adhesion_jax.library.shards import opened_for
 from adhesion_jax.metrics.counts import WIDTH
 from adhesion_jax.scenarios import Options
 
@@ -109,8 +110,8 @@ def test_a_shard_is_the_same_whatever_was_computed_before(small):
 
 
 def test_bands_are_those_of_all_runs_to_half_a_bin(small):
-    _, _, campaign, rows = small
-    centre, scale = scales(SMALL.scenario, SMALL.options)
+    job, _, campaign, rows = small
+    centre, scale = scales(job.tiles)
     quantities = list(dict.fromkeys(campaign.bands["quantity"]))
     for row in campaign.bands.itertuples():
         of_block = rows[(rows["block"] == row.block) & (rows["identifier"] == row.identifier)]
@@ -319,7 +320,7 @@ def test_a_folder_in_the_place_of_a_result_is_refused_before_anything_is_removed
     (tmp_path / "summary.csv").mkdir()
     with (
         pytest.raises(InputError, match=r"has a folder summary\.csv"),
-        opened_for("montecarlo", [Job.of(SMALL)], tmp_path, montecarlo.OWN_FILES, resume=False),
+        opened_for("montecarlo", [Job.of(SMALL)], tmp_path, MONTECARLO_FILES, resume=False),
     ):
         pass
     assert len([*(tmp_path / store.FOLDER).glob("*.npz")]) == 3

@@ -73,7 +73,7 @@ REFUSED = {
     ),
     "method": (
         ["montecarlo", "--scenario", "single", "--identifiers", "ml-exact,riv"],
-        "--identifiers riv does not go with --scenario single: ",
+        "riv cannot be run on single: ",
     ),
     "law": (["montecarlo", "--scenario", "corrected", "--law", "no.json"], "cannot be read"),
     "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
+import adhesion_jax as aj
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.traction import main
 from adhesion_jax.metrics.closed_loop import FIGURES
@@ -43,6 +44,21 @@ def written(tmp_path_factory):
     found = CliRunner().invoke(main, [*options, "--out", str(out)], catch_exceptions=False)
     assert found.exit_code == 0
     return out, found.output
+
+
+@pytest.mark.slow
+def test_the_function_gives_the_numbers_of_the_command(written):
+    out, told = written
+    plant = out.parent / "light.toml"
+    found = aj.traction_control(
+        "hxd1f", plant, "full-dimension", "constant-slip", step=2e-4, runs=2, workers=1
+    )
+    for name in ("table", "metrics"):
+        table = pd.read_csv(out / f"{name}.csv", keep_default_na=False, na_values=[""])
+        pd.testing.assert_frame_equal(table, getattr(found, name), check_exact=True)
+    assert told.startswith(repr(found).partition("\n\n")[0])
+    with pytest.raises(aj.InputError, match="There is no seeker x; name none, "):
+        aj.traction_control("hxd1f", seeker="x")
 
 
 @pytest.mark.slow

@@ -7,9 +7,9 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.screening import Score
 from adhesion_jax.discovery.search.trials import (
-    OF_SIGNALS,
     Trial,
     class_of,
+    of_signals,
     ranked,
     shortlisted,
 )
@@ -65,7 +65,7 @@ def test_a_formula_of_the_same_cause_may_gain_a_little_less():
 
 def test_an_error_of_a_signal_is_one_of_all_and_without_a_change_there_is_no_class():
     bias = score("slip_bias")
-    assert class_of([bias], bias) == ("slip_bias", *(n for n in OF_SIGNALS if n != "slip_bias"))
+    assert class_of([bias], bias) == ("slip_bias", *(n for n in of_signals() if n != "slip_bias"))
     unsure = score("curve", change=np.zeros(0))
     assert class_of([unsure, score("best")], unsure) == ("curve",)
 

@@ -34,8 +34,11 @@ from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers import IDENTIFIERS, Status
 from adhesion_jax.records import Known
-from adhesion_jax.scenarios import build
-from adhesion_jax.scenarios.blocks import Blocks
+from adhesion_jax.scenarios import Scenario, build
+from adhesion_jax.scenarios.course import Apart
+from adhesion_jax.scenarios.excitation import Sweep
+from adhesion_jax.scenarios.noise import Noise
+from adhesion_jax.scenarios.rail_process import steady
 
 #: Levenberg and Marquardt's method in other libraries.
 LM_OF_OTHERS = ("lm-jaxopt", "lm-optimistix")
@@ -168,7 +171,8 @@ def test_a_record_without_points_tells_nothing(name):
 )
 def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
     truth = Kiencke(a0=40.0, p1=31.29, p2=100.0)
-    scenario = Blocks(("dry",), 0.001, 0.0, jnp.linspace(0.0, 0.2, 100), (truth,), KIENCKE)
+    rail = steady({"dry": truth}, "dry")
+    scenario = Scenario(rail, Sweep(100), Noise(0.001), Apart(100), KIENCKE)
     reason = IDENTIFIERS[name].accepts(scenario.known)
     if name.startswith("ml"):
         assert reason is not None

@@ -33,7 +33,7 @@ def estimates(name, scenario, record):
 
     state = identifier.init(scenario.known, jax.random.key(1))
     found = []
-    for b in range(len(scenario.lengths)):
+    for b in range(len(scenario.course.lengths)):
         state, estimate = update(state, jax.tree.map(lambda x: x[b], record))  # noqa: B023
         found.append(estimate)
     return found
@@ -54,7 +54,7 @@ def found_parameters(estimate):
 def test_least_squares_is_that_of_numpy_at_every_length(rail):
     scenario, record = stream(rail)
     for length, estimate in zip(
-        scenario.lengths, estimates("ls-kiencke", scenario, record), strict=True
+        scenario.course.lengths, estimates("ls-kiencke", scenario, record), strict=True
     ):
         _, _, u, z = columns(record, length)
         expected = np.linalg.lstsq(u, z)[0]
@@ -98,7 +98,8 @@ def loop_of_qian(record, length, weight_falls, least, most, redistributes):
 @pytest.mark.parametrize("rail", ["dry", "wet"])
 def test_the_quadratic_programs_are_those_of_a_loop_with_an_outside_solver(name, settings, rail):
     scenario, record = stream(rail, points=60)
-    for length, estimate in zip(scenario.lengths, estimates(name, scenario, record), strict=True):
+    found = estimates(name, scenario, record)
+    for length, estimate in zip(scenario.course.lengths, found, strict=True):
         expected = loop_of_qian(record, length, *settings)
         np.testing.assert_allclose(found_parameters(estimate), expected, rtol=1e-5)
 
@@ -113,7 +114,8 @@ def test_redistribution_happens_and_changes_the_estimate():
 @pytest.mark.parametrize(("name", "eta"), [("rls-kiencke", 0.99)])
 def test_recursive_least_squares_is_the_weighted_batch_one(name, eta):
     scenario, record = stream()
-    for length, estimate in zip(scenario.lengths, estimates(name, scenario, record), strict=True):
+    found = estimates(name, scenario, record)
+    for length, estimate in zip(scenario.course.lengths, found, strict=True):
         _, _, u, z = columns(record, length)
         weight = eta ** np.arange(length - 1, -1, -1)
         h = (u * weight[:, None]).T @ u

@@ -151,7 +151,7 @@ def test_samples_one_by_one_give_what_records_of_many_give(name):
     record = scenario.draw(jax.random.key(2))
     many = jax.jit(identify)(IDENTIFIERS[name], scenario.known, record, jax.random.key(1))
     single = one_by_one(name, scenario, record, 250)
-    at = np.array(scenario.lengths) - 1
+    at = np.array(scenario.course.lengths) - 1
     for value in many.values:
         np.testing.assert_allclose(many.values[value], single.values[value][at], rtol=1e-9)
     np.testing.assert_allclose(many.covariance, single.covariance[at], rtol=1e-6)
@@ -296,7 +296,7 @@ def test_compensation_removes_the_bias_of_noise_in_the_regressors():
     keys = jax.random.split(jax.random.key(0), 512)
     records = jax.jit(jax.vmap(lambda key: scenario.draw(key), out_axes=scenario.run_axes))(keys)
     run = jax.jit(jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0)))
-    truth = float(scenario.truth[0].peak({}).adhesion)
+    truth = float(scenario.rail.curve.peak({}).adhesion)
 
     def errors(identifier):
         found = run(identifier, scenario.known, records, keys).values["mu_max"]

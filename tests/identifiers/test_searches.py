@@ -125,7 +125,7 @@ def test_no_perturbation_inside_the_box_improves_the_exact_optimum(scenario_name
 def test_standard_errors_of_the_exact_method_are_the_scatter_of_many_runs():
     scenario = build("single")
     _, estimate = identified(IDENTIFIERS["ml-exact"], scenario, runs=400)
-    truth = scenario.truth[0]
+    truth = scenario.rail.curve
     peak = truth.peak({})
     true_values = np.array([truth.c1, truth.c2, truth.c3, peak.adhesion, peak.slip], dtype=float)
     values = np.stack([estimate.values[name][:, 0] for name in NAMES])
@@ -209,6 +209,7 @@ def test_de_variants_differ_where_the_paper_says():
     # A uniform start does not know theta(k-1); a local one depends on it.
     np.testing.assert_array_equal(objective["ml-de", "near"], objective["ml-de", "far"])
     exact = objectives("ml-exact", near)
-    failures = {case: np.mean((o - exact) / scenario.sigma**2 > 1) for case, o in objective.items()}
+    variance = scenario.noise.sigma**2
+    failures = {case: np.mean((o - exact) / variance > 1) for case, o in objective.items()}
     assert failures["ml-de-eq16", "near"] < failures["ml-de-eq16", "far"]
     assert failures["ml-de-eq16", "near"] < 0.2

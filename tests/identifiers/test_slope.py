@@ -21,7 +21,7 @@ RUNS = 100
 
 
 @functools.cache
-def streams(options=Options()):  # noqa: B008
+def streams(options=Options()):
     scenario = build("fang2018-slope", options)
     keys = jax.random.split(jax.random.key(0), RUNS)
     records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
@@ -177,9 +177,9 @@ def test_a_sample_that_is_not_finite_is_left_out_and_counted():
 def test_the_stream_crosses_the_peak_and_its_truth_is_the_derivative(rail):
     scenario = build("fang2018-slope", Options(rail=rail))
     record = scenario.draw(jax.random.key(1))
-    curve, time = scenario.truth[0], np.asarray(record.conditions["time_s"])
+    curve, time = scenario.rail.curve, np.asarray(record.conditions["time_s"])
     peak = float(curve.peak({}).slip)
-    slip = np.asarray(scenario.slip(jnp.asarray(time)))
+    slip = np.asarray(scenario.excitation.slip(jnp.asarray(time)))
     assert slip.min() == pytest.approx(0.2 * peak, rel=1e-6)
     assert slip.max() == pytest.approx(1.6 * peak, rel=1e-4)
     assert np.diff(time.ravel()) == pytest.approx(0.01)

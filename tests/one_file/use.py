@@ -16,8 +16,8 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.command_line import discover as discover_command
 from adhesion_jax.command_line import identify as identify_command
-from adhesion_jax.commands import discover as command
 from adhesion_jax.curves import CURVES
+from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.scenarios import Options
@@ -66,7 +66,7 @@ for name in ("train", "test"):
     getattr(campaign, name).to_csv(out / f"{name}.csv", index=False)
 files = [str(out / "train.csv"), "--test", str(out / "test.csv")]
 made = []
-command.discover = lambda *given, **named: made.append(discover(*given, **named)) or made[-1]
+engine.discover = lambda *given, **named: made.append(discover(*given, **named)) or made[-1]
 discover_command.main(
     [*files, "--base", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
 )

@@ -16,7 +16,6 @@ from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.montecarlo import main
-from adhesion_jax.commands import montecarlo
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.polach import Polach, PolachFalling
 from adhesion_jax.effects import EFFECTS, Covariate
@@ -27,6 +26,7 @@ from adhesion_jax.effects.saved import save_law
 from adhesion_jax.effects.wheel_order import WheelOrder
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, identify
+from adhesion_jax.library import montecarlo
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
 from experiments.regression.accuracy import homes
@@ -157,7 +157,7 @@ def test_the_bound_knows_the_conditions(tmp_path):
 def test_conditions_are_those_of_one_operating_point_a_run(tmp_path):
     scenario = build("corrected", options(tmp_path, ranges=RANGES, calendar=FIVE_DAYS))
     keys = jax.random.split(jax.random.key(0), 400)
-    columns = {k: np.asarray(v) for k, v in jax.vmap(scenario.conditions)(keys).items()}
+    columns = {k: np.asarray(v) for k, v in jax.vmap(scenario.excitation.conditions)(keys).items()}
     for name, (low, high) in RANGES.items():
         values = columns[name]
         assert values.min() >= low
@@ -288,7 +288,7 @@ def test_the_command_refuses_in_one_sentence(tmp_path, monkeypatch, capsys):
         (("--law", law), "--law does not go with"),
         (
             ("--scenario", "corrected", "--law", law, "--identifiers", "riv"),
-            "--identifiers riv does not go with --scenario corrected",
+            "riv cannot be run on corrected: ",
         ),
     ):
         given = ["montecarlo", *map(str, arguments), "--out", str(tmp_path / "out")]

@@ -13,8 +13,8 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.records import SHARED_SLIP
 from adhesion_jax.scenarios import Options, build
-from adhesion_jax.scenarios.noise import coloured, draw_noise, whitened
-from adhesion_jax.scenarios.rails import HE2018, RAILS
+from adhesion_jax.scenarios.noise import Noise
+from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, RAILS
 
 MISMATCHES = ("mismatch", "mismatch-kiencke")
 
@@ -30,7 +30,7 @@ def identified(name, scenario, runs):
 
 @pytest.mark.thorough
 def test_coloured_noise_has_the_deviation_and_the_correlation_of_the_recursion():
-    noise = np.asarray(draw_noise(jax.random.key(0), (4000, 60), 0.02, 0.0, 0.8)) / 0.02
+    noise = np.asarray(Noise(0.02, autocorrelation=0.8).draw(jax.random.key(0), (4000, 60))) / 0.02
     # Stationary from the first point on; 4.5 standard errors of 60 deviations.
     np.testing.assert_allclose(noise.std(axis=0), 1.0, atol=4.5 / np.sqrt(2 * 4000))
     assert np.all(np.abs(noise.mean(axis=0)) < 4.5 / np.sqrt(4000))
@@ -47,18 +47,19 @@ def test_coloured_is_the_plain_recursion_and_whitened_takes_it_back():
     expected = white.copy()
     for k in range(1, 50):
         expected[:, k] = 0.7 * expected[:, k - 1] + np.sqrt(1 - 0.49) * white[:, k]
-    made = coloured(jnp.asarray(white), 0.7)
+    noise = Noise(autocorrelation=0.7)
+    made = noise.coloured(jnp.asarray(white))
     np.testing.assert_allclose(made, expected, atol=1e-13)
-    np.testing.assert_allclose(whitened(made, 0.7), white, atol=1e-13)
-    np.testing.assert_array_equal(coloured(jnp.asarray(white), 0.0), white)
-    np.testing.assert_array_equal(whitened(jnp.asarray(white), 0.0), white)
+    np.testing.assert_allclose(noise.whitened(made), white, atol=1e-13)
+    np.testing.assert_array_equal(Noise().coloured(jnp.asarray(white)), white)
+    np.testing.assert_array_equal(Noise().whitened(jnp.asarray(white)), white)
 
 
 @pytest.mark.thorough
 def test_outliers_are_ten_times_the_coloured_noise():
     key, shape = jax.random.key(1), (20, 500)
-    clean = np.asarray(draw_noise(key, shape, 0.01, 0.0, 0.8))
-    spoiled = np.asarray(draw_noise(key, shape, 0.01, 0.1, 0.8))
+    clean = np.asarray(Noise(0.01, 0.0, 0.8).draw(key, shape))
+    spoiled = np.asarray(Noise(0.01, 0.1, 0.8).draw(key, shape))
     out = spoiled != clean
     np.testing.assert_allclose(spoiled[out], 10 * clean[out], rtol=1e-12)
     assert abs(out.mean() - 0.1) < 4.5 * np.sqrt(0.09 / out.size)
@@ -81,6 +82,62 @@ def test_the_bound_is_that_of_the_dense_inverse_covariance(rail):
     expected = np.sqrt(np.diag(gradient @ covariance @ gradient.T))
     bound = scenario.bound(scenario.draw(jax.random.key(0)))
     np.testing.assert_allclose(bound, expected[None], rtol=1e-6)
+
+
+def test_the_noise_of_a_stream_is_coloured_across_its_reports():
+    scenario = build("qian2024-switch", Options(autocorrelation=0.8, sigma=0.02, points=1000))
+    quiet = build("qian2024-switch", Options(sigma=0.0, points=1000))
+    keys = jax.random.split(jax.random.key(6), 300)
+    drawn = [jax.jit(jax.vmap(one.draw))(keys).adhesion for one in (scenario, quiet)]
+    noise = np.asarray(drawn[0] - drawn[1]).reshape(300, -1) / 0.02
+    for lag in (1, 10, 15):
+        products = np.mean(noise[:, lag:] * noise[:, :-lag], axis=1)
+        error = np.std(products) / np.sqrt(300)
+        assert np.mean(products) == pytest.approx(0.8**lag, abs=4.5 * error)
+    within, across = noise[:, 8::10] * noise[:, 9::10], noise[:, 9:-1:10] * noise[:, 10::10]
+    assert np.mean(across) == pytest.approx(np.mean(within), abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["qian2024-switch", "qian2024", "he2018-1"])
+def test_the_bound_of_coloured_samples_is_that_of_the_dense_inverse_covariance(name):
+    """Of a growing sequence that of all samples so far, of a stream those since the switch."""
+    scenario = build(name, Options(points=100, sigma=0.02, autocorrelation=0.8))
+    record = scenario.draw(jax.random.key(0))
+    bound = np.asarray(jax.jit(lambda record: scenario.bound(record))(record))
+    truth = scenario.quantities()
+    slips = np.ravel(record.slip) if name == "qian2024-switch" else np.asarray(record.slip[-1])
+    ends = 10 * np.arange(1, 11) if name == "qian2024-switch" else scenario.support()
+    for block in {0, len(ends) // 2 - 1, len(ends) - 1}:
+        end, support = ends[block], scenario.support()[block]
+        slip = slips[end - support : end]
+        curve = KIENCKE_RAILS[scenario.rails[block]] if name != "he2018-1" else RAILS["dry"]
+        theta = np.array([float(value) for value in free_values(curve)])
+        jacobian = np.stack(
+            [
+                (adhesion_by_hand(name, up, slip) - adhesion_by_hand(name, down, slip)) / (2 * step)
+                for up, down, step in moved(theta)
+            ],
+            axis=1,
+        )
+        places = np.arange(support)
+        sigma = 0.02**2 * 0.8 ** np.abs(np.subtract.outer(places, places))
+        expected = np.linalg.inv(jacobian.T @ np.linalg.solve(sigma, jacobian))
+        found = bound[block, : theta.size]
+        np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=1e-4)
+        assert truth["mu_max"][block] == pytest.approx(float(curve.peak({}).adhesion), rel=1e-9)
+
+
+def adhesion_by_hand(name, theta, slip):
+    if name == "he2018-1":
+        return theta[0] * (1 - np.exp(-theta[1] * slip)) - theta[2] * slip
+    return 40 * slip / (1 + theta[0] * slip + theta[1] * slip**2)
+
+
+def moved(theta):
+    """The parameters, one at a time, a step up and a step down, and the step."""
+    for place, value in enumerate(theta):
+        step = 1e-4 * value * np.eye(theta.size)[place]
+        yield theta + step, theta - step, 1e-4 * value
 
 
 @pytest.mark.slow
@@ -201,11 +258,12 @@ def test_the_nearest_curve_lies_well_inside_the_box(name, rail):
     assert np.all(found > low + 0.02 * (high - low))
     assert np.all(found < high - 0.2 * (high - low))
     # No other parameters near by do better on the clean curve.
-    clean = np.asarray(scenario.truth[0](scenario.slip, scenario.conditions))
+    slip = scenario.excitation.slips()
+    clean = np.asarray(scenario.rail.adhesion(slip, {}))
 
     def misfit(values):
         curve = with_free_values(scenario.known.curve, jnp.asarray(values))
-        return np.sum((np.asarray(curve(scenario.slip, {})) - clean) ** 2)
+        return np.sum((np.asarray(curve(slip, {})) - clean) ** 2)
 
     least, rng = misfit(found), np.random.default_rng(0)
     for _ in range(40):

@@ -12,8 +12,9 @@ from adhesion_jax.command_line.catalogue import catalogue_of
 from adhesion_jax.command_line.montecarlo import scenario_options
 from adhesion_jax.commands.names import names
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import Option, Sigma, check, declared
+from adhesion_jax.options import Option, Sigma, built, check, declared
 from adhesion_jax.scenarios import SCENARIOS, Options, build
+from adhesion_jax.scenarios.noise import Noise
 
 Gradient = Annotated[float, Option("Gradient of the track, per mille.", -40, 40)]
 
@@ -35,10 +36,11 @@ def test_what_was_not_asked_for_is_left_out_and_equal_options_are_one_key():
 
 def test_defaults_stand_in_the_arguments_and_are_what_is_built():
     scenario = build("single")
-    assert (scenario.rails, scenario.sigma, scenario.outliers) == (("dry",), 0.01, 0.0)
-    assert scenario.slip.shape == (500,)
-    assert float(scenario.slip[-1]) == 0.2
-    assert build("single", Options(sigma=0.0)).sigma == 0.0
+    assert scenario.rails == ("dry",)
+    assert (scenario.noise.sigma, scenario.noise.outliers) == (0.01, 0.0)
+    assert scenario.excitation.points == 500
+    assert scenario.excitation.slip_max == 0.2
+    assert build("single", Options(sigma=0.0)).noise.sigma == 0.0
 
 
 def test_an_option_is_described_where_it_is_declared():
@@ -49,6 +51,24 @@ def test_an_option_is_described_where_it_is_declared():
     }
     # Where the scenario works out the default itself the annotation is a union with None.
     assert declared(SCENARIOS["fang2018-slope"])["slip_max"].kind is float
+
+
+def bumpy(
+    gradient: Gradient, noise: Noise = Noise(0.02, autocorrelation=0.5)
+) -> tuple[float, Noise]:
+    """A scenario with a part, whose fields are options with the defaults of the argument."""
+    return gradient, noise
+
+
+def test_a_part_of_a_scenario_brings_its_options():
+    found = declared(bumpy)
+    assert [*found] == ["gradient", "sigma", "outliers", "autocorrelation"]
+    assert [one.required for one in found.values()] == [True, False, False, False]
+    assert found["sigma"] == declared(hill)["sigma"]
+    assert built(bumpy, Options(gradient=1.0)) == (1.0, Noise(0.02, 0.0, 0.5))
+    assert built(bumpy, Options(gradient=1.0, sigma=0.1)) == (1.0, Noise(0.1, 0.0, 0.5))
+    assert build("coloured", Options(sigma=0.1)).noise == Noise(0.1, 0.0, 0.8)
+    assert built(hill, Options(gradient=1.0)) == (1.0, 0.01)
 
 
 def test_what_does_not_go_together_is_said_with_what_would_be_right():

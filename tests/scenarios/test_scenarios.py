@@ -19,8 +19,8 @@ from adhesion_jax.metrics.information import (
     true_quantities,
 )
 from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
+from adhesion_jax.scenarios.course import Followed
 from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, QIAN2024, RAILS
-from adhesion_jax.scenarios.samples import Samples
 
 SIZES = {
     "single": (1, 500),
@@ -47,13 +47,11 @@ BY_SAMPLE = {"qian2024-switch", "drift"}
 
 def clean_adhesion(scenario, record):
     """The adhesion without noise, [blocks, points]; of a stream each sample has its curve."""
-    if isinstance(scenario, Samples):
-        shape = record.slip.shape[-2:]
-        p1, p2 = (np.reshape(p, shape) for p in (scenario.curves.p1, scenario.curves.p2))
+    if isinstance(scenario.course, Followed):
+        shape, curve = record.slip.shape[-2:], scenario.rail.curve
+        p1, p2 = (np.reshape(p, shape) for p in (curve.p1, curve.p2))
         return 40 * record.slip / (1 + p1 * record.slip + p2 * record.slip**2)
-    conditions = getattr(scenario, "conditions", {})
-    pairs = zip(scenario.truth, record.slip, strict=True)
-    return jnp.stack([curve(slip, conditions) for curve, slip in pairs])
+    return scenario.rail.adhesion(record.slip, {})
 
 
 @jax.jit
@@ -77,7 +75,7 @@ def test_a_run_has_the_blocks_and_points_that_are_promised(name):
     assert record.mask.dtype == bool
     assert record.slip.dtype == record.adhesion.dtype == jnp.float64
     assert len(scenario.rails) == shape[0]
-    assert scenario.sigma == 0.01
+    assert scenario.noise.sigma == 0.01
     if name in RANDOM_SLIP:
         draw = jax.jit(jax.vmap(scenario.draw))
         slip = np.ravel(draw(jax.random.split(jax.random.key(0), 20)).slip[:, -1])
@@ -120,7 +118,7 @@ def test_options_change_what_they_name(name):
     blocks = 2 if name == "qian2024" else SIZES[name][0]  # no checkpoint beyond the last point
     assert record.slip.shape == ((20, 10) if name in BY_SAMPLE else (blocks, 200))
     assert float(np.max(record.slip)) == pytest.approx(0.3, rel=0.05 if name in RANDOM_SLIP else 0)
-    assert scenario.sigma == 0.1
+    assert scenario.noise.sigma == 0.1
     noise = noise_of(scenario, jax.random.key(0))
     assert np.std(noise if name in BY_SAMPLE else noise[-1]) == pytest.approx(0.1, rel=0.2)
     silent = build(name, Options(sigma=0.0))
@@ -138,9 +136,8 @@ def test_noise_is_normal_with_the_given_deviation(name, sigma):
     if name in BY_SAMPLE:
         noise = np.asarray(record.adhesion - clean_adhesion(scenario, record)).ravel() / sigma
     else:
-        conditions = getattr(scenario, "conditions", {})
-        clean = np.asarray(scenario.truth[-1](record.slip[:, -1], conditions))
-        noise = (np.asarray(record.adhesion[:, -1]) - clean).ravel() / sigma
+        clean = np.asarray(jax.vmap(lambda slip: scenario.rail.adhesion(slip, {}))(record.slip))
+        noise = (np.asarray(record.adhesion) - clean)[:, -1].ravel() / sigma
     assert abs(np.mean(noise)) < 4 / np.sqrt(noise.size)
     assert abs(np.std(noise) - 1) < 4 / np.sqrt(2 * noise.size)
     assert stats.kstest(noise, "norm").pvalue > 1e-3
@@ -193,7 +190,7 @@ def test_the_masks_of_a_growing_sequence_are_prefixes_that_grow_to_the_whole(poi
     mask = np.asarray(draw(scenario, jax.random.key(0)).mask)
     seen = mask.sum(axis=1)
     assert mask.shape == (20, points)
-    np.testing.assert_array_equal(seen, scenario.lengths)
+    np.testing.assert_array_equal(seen, scenario.course.lengths)
     for row, count in zip(mask, seen, strict=True):
         assert row[:count].all()
         assert not row[count:].any()
@@ -249,7 +246,7 @@ def test_one_rail_can_be_chosen_where_there_is_one():
         for rail in ("common", "wet"):
             scenario = build(name, Options(rail=rail))
             assert set(scenario.rails) == {rail}
-            assert scenario.truth[0] is rails[rail]
+            assert scenario.rail.curve is rails[rail]
 
 
 def test_the_rails_by_kiencke_have_the_peaks_of_those_by_burckhardt():
@@ -349,7 +346,7 @@ def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
 @pytest.mark.thorough
 def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_slip():
     scenario = build("drift", Options(rail="common"))
-    first, last = (jax.tree.map(lambda x: x[k], scenario.curves) for k in (0, -1))  # noqa: B023
+    first, last = (jax.tree.map(lambda x: x[k], scenario.rail.curve) for k in (0, -1))  # noqa: B023
     values = dict(zip(quantity_names(first), quantities(first, QIAN2024), strict=True))
     assert values["mu_max"] == pytest.approx(float(RAILS["common"].peak({}).adhesion), rel=1e-12)
     end = scenario.quantities()

@@ -169,7 +169,7 @@ def estimates(gap_of_modified):
                 "run": np.repeat([0, 1], 6),
                 "identifier": name,
                 "block": np.tile(np.arange(6), 2),
-                "objective": 0.05 + np.repeat([0.0, gap * scenario.sigma**2], 6),
+                "objective": 0.05 + np.repeat([0.0, gap * scenario.noise.sigma**2], 6),
             }
         )
         for place, quantity in enumerate(("c1", "c2", "c3", "mu_max", "slip_opt")):
@@ -319,9 +319,8 @@ def test_rmse_falls_as_the_root_of_the_number_of_points():
 def test_bound_of_a_padded_block_is_that_of_the_block_alone():
     scenario = build_scenario(Config("single"))
     record = scenario.draw(jax.random.key(0))
-    expected = cramer_rao_bound(
-        scenario.truth[0], record.slip[0], record.mask[0], {}, scenario.sigma, scenario.known
-    )
+    curve, sigma = scenario.rail.curve, scenario.noise.sigma
+    expected = cramer_rao_bound(curve, record.slip[0], record.mask[0], {}, sigma, scenario.known)
     rows = sized().query("points == 500")
     np.testing.assert_allclose(rows["crlb"], expected, rtol=1e-12)
     assert np.all(np.abs(rows["rmse"] - rows["crlb"]) < 4 * rows["rmse_se"])

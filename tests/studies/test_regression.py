@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from adhesion_jax.campaign.tiles import Tiles
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from experiments.regression import __main__ as regression
@@ -202,7 +203,7 @@ def test_speed_is_a_ratio_to_the_work_of_the_peer(monkeypatch):
         return 0.5
 
     peer.asked = 0
-    monkeypatch.setattr(speed_study, "identify_tile", identify)
+    monkeypatch.setattr(Tiles, "identify", identify)
     monkeypatch.setattr(speed_study, "peer_seconds", peer)
     (row,) = measure_speed({NAME: IDENTIFIERS[NAME]}, 3, lambda _: None).to_dict("records")
     # A tile has 128 runs: 64, 32 and 16 of them while the peer does its work.

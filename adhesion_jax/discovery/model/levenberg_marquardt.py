@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.discovery.model.program import Data, Model, with_jacobian
+from adhesion_jax.discovery.model.program import Data, Model, parts, with_jacobian
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advance, arrived, begin
 from adhesion_jax.programs import kept
 
@@ -31,7 +31,7 @@ class Solution(NamedTuple):
     steps: Int[Array, ""]
 
 
-@kept()
+@kept(reads=parts)
 def fit(
     model: Model,
     data: Data,

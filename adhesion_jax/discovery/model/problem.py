@@ -11,11 +11,6 @@ from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, completed_runs
 from adhesion_jax.records import Record
 
-#: Columns that effects refer to by name. If the data lack such a column it is filled with 1.
-_KNOWN = tuple(
-    sorted({name for effect in EFFECTS.values() for name in effect.FACTS.needs} | {"time_s"})
-)
-
 #: Fill values of absent columns that are not 1.
 _ABSENT = {"normal_load_N": 1e5}
 
@@ -171,7 +166,11 @@ def _data(
     columns: Sequence[str],
 ) -> Data:
     one = np.ones_like(slip)
-    known = {name: whole.get(name, _ABSENT.get(name, 1.0) * one) for name in _KNOWN}
+    # Columns that effects refer to by name. If the data lack such a column it is filled with 1.
+    needs = sorted(
+        {name for effect in EFFECTS.values() for name in effect.FACTS.needs} | {"time_s"}
+    )
+    known = {name: whole.get(name, _ABSENT.get(name, 1.0) * one) for name in needs}
     # Time counts from the start of the run: small numbers lose no digits.
     known["time_s"] = known["time_s"] - known["time_s"][:, :1]
     # At least one column is padding, all ones: a term of it changes the whole curve.

@@ -7,7 +7,7 @@ parameters to a number of columns of the Jacobian; padded parameters do not move
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.curves import BASES, Conditions, Law, with_free_values
+from adhesion_jax.curves import BASES, CURVES, Conditions, Law, with_free_values
 from adhesion_jax.curves.bent import FINE, Bent, functions
-from adhesion_jax.effects import KINDS, Effect, ShapeTerm
+from adhesion_jax.effects import EFFECTS, KINDS, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
 from adhesion_jax.effects.slip_noise import SlipNoise
 from adhesion_jax.programs import kept
@@ -34,23 +34,58 @@ _TOGETHER = 24
 _APART = 0.5
 _SMOOTH = 1 / (2 * np.arange(FINE) + 1.0)
 
-_CURVE_SIZE = max(len(curve.free) for curve in BASES.values())
-_BASE_SIZE = _CURVE_SIZE + 2 * FINE
 
-#: Where the factors stand that braking adds.
-APART = range(_CURVE_SIZE + FINE, _BASE_SIZE)
+class _Layout(NamedTuple):
+    """Where numbers stand in a model, and the branches of the program."""
 
-_EFFECT_SIZE = max(len(kind.FACTS.parameters) for kind in KINDS.values())
-_NAMES = tuple(KINDS)
+    curve: int  # places of the parameters of a curve
+    base: int  # and with the factors of its departure
+    effect: int  # places of a slot
+    kinds: Mapping[type[Effect], int]
+    names: tuple[str, ...]
+    # An effect is a term of the shape, bends the slip before the curve, or changes adhesion after
+    # it: only these branches are compiled for it. Noise of the slip is no effect of a program,
+    # because the slip is corrected for it beforehand.
+    shapes: tuple[str, ...]
+    causes: tuple[str, ...]
+    bending: tuple[str, ...]
 
-# An effect is a term of the shape, bends the slip before the curve, or changes adhesion after it:
-# only these branches are compiled for it. Noise of the slip is no effect of a program, because the
-# slip is corrected for it beforehand.
-_SHAPES = tuple(name for name in _NAMES if issubclass(KINDS[name], ShapeTerm))
-_CAUSES = tuple(name for name in _NAMES if name not in _SHAPES and KINDS[name] is not SlipNoise)
-_BENDING = tuple(name for name in _CAUSES if KINDS[name].ORDER == 0)
+    def branches(self, names: Sequence[str]) -> Array:
+        """The number of the branch of each kind; 0 for an empty slot or a kind without."""
+        places = [names.index(name) + 1 if name in names else 0 for name in self.names]
+        return jnp.asarray([0, *places])
 
-_PLACES = {kind: place for place, kind in enumerate(KINDS.values())}
+
+def parts() -> tuple[object, ...]:
+    """The curves and effects that there are now: what the program is made of."""
+    return *CURVES.values(), *EFFECTS.values()
+
+
+@lru_cache(maxsize=1)
+def _of_parts(_: tuple[int, ...]) -> _Layout:
+    curve, names = max(len(curve.free) for curve in BASES.values()), tuple(KINDS)
+    shapes = tuple(name for name in names if issubclass(KINDS[name], ShapeTerm))
+    causes = tuple(name for name in names if name not in shapes and KINDS[name] is not SlipNoise)
+    return _Layout(
+        curve,
+        curve + 2 * FINE,
+        max(len(kind.FACTS.parameters) for kind in KINDS.values()),
+        {kind: place for place, kind in enumerate(KINDS.values())},
+        names,
+        shapes,
+        causes,
+        tuple(name for name in causes if KINDS[name].ORDER == 0),
+    )
+
+
+def _layout() -> _Layout:
+    return _of_parts(tuple(map(id, parts())))
+
+
+def apart() -> range:
+    """Where the factors stand that braking adds."""
+    layout = _layout()
+    return range(layout.curve + FINE, layout.base)
 
 
 @cache
@@ -58,11 +93,6 @@ def words_of(kind: type[Effect]) -> tuple[str, ...]:
     """The fields of an effect that name columns."""
     names = (field.name for field in dataclasses.fields(kind))
     return tuple(name for name in names if name not in (*kind.FACTS.parameters, "acts_on"))
-
-
-def _branches(names: Sequence[str]) -> Array:
-    """The number of the branch of each kind, [1 + kinds]; 0 for an empty slot or a kind without."""
-    return jnp.asarray([0, *(names.index(name) + 1 if name in names else 0 for name in _NAMES)])
 
 
 # The tuples below hold NumPy arrays outside a program and jax arrays inside it (hence `Any`).
@@ -93,12 +123,16 @@ class Model(NamedTuple):
 
 def base_places(base: str) -> list[int]:
     """Where the parameters of a curve, then the factors of its departure, stand in the values."""
-    return [*range(len(BASES[base].free)), *range(_CURVE_SIZE, _BASE_SIZE)]
+    return [*range(len(BASES[base].free)), *range(_layout().curve, _layout().base)]
+
+
+def _place_of(slot: int) -> int:
+    return _layout().base + slot * _layout().effect
 
 
 def effect_places(slot: int, effect: Effect) -> Mapping[str, int]:
     """Where the fitted parameters of an effect in a slot stand in `Model.values`, by name."""
-    start = _BASE_SIZE + slot * _EFFECT_SIZE
+    start = _place_of(slot)
     return {
         name: start + place
         for place, name in enumerate(effect.FACTS.parameters)
@@ -123,7 +157,7 @@ def pack(
     standard deviation of the first factor. `base_values` are those of
     `base_places`, or of the curve alone.
     """
-    values = np.zeros(_BASE_SIZE + slots * _EFFECT_SIZE + 1)
+    values = np.zeros(_place_of(slots) + 1)
     values[base_places(base)[: len(base_values)]] = base_values
     kind, column = np.zeros(slots, int), np.zeros((slots, 3), int)
     precision = np.zeros((free, free))
@@ -136,12 +170,12 @@ def pack(
     bent = range(len(described), len(places))
     precision[bent, bent] = sizes**-2.0
     for slot, effect in enumerate(effects):
-        kind[slot] = 1 + _PLACES[type(effect)]
+        kind[slot] = 1 + _layout().kinds[type(effect)]
         named = [getattr(effect, name) for name in words_of(type(effect))]
         column[slot, : len(named)] = [columns.index(name) for name in named]
         if isinstance(effect, ShapeTerm):
             column[slot, 2] = ACTS_ON.index(effect.acts_on)
-        start = _BASE_SIZE + slot * _EFFECT_SIZE
+        start = _place_of(slot)
         numbers = [float(getattr(effect, name)) for name in effect.FACTS.parameters]
         values[start : start + len(numbers)] = numbers
         for name, place in effect_places(slot, effect).items():
@@ -170,7 +204,7 @@ def unpack(values: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """The effects with the parameters of a fit."""
     found = []
     for slot, effect in enumerate(effects):
-        start = _BASE_SIZE + slot * _EFFECT_SIZE
+        start = _place_of(slot)
         numbers = dict(zip(effect.FACTS.parameters, values[start:].tolist(), strict=False))
         found.append(dataclasses.replace(effect, **numbers))
     return tuple(found)
@@ -199,7 +233,8 @@ def _adhesion(
     peak: Array,
 ) -> Float[Array, " points"]:
     """The prediction of a model for one run, equal to that of `law.with_effects`."""
-    slots = values[_BASE_SIZE:-1].reshape(kind.size, _EFFECT_SIZE)
+    layout = _layout()
+    slots = values[layout.base : -1].reshape(kind.size, layout.effect)
 
     def effect(name: str, parameters: Array) -> Any:
         named = KINDS[name]
@@ -219,9 +254,9 @@ def _adhesion(
     def shape(slot: Array, sums: Array) -> Array:
         branches = [lambda: jnp.zeros_like(slip)] + [
             partial(lambda name: effect(name, slots[slot]).log_factor(seen(slot)), name=name)
-            for name in _SHAPES
+            for name in layout.shapes
         ]
-        term = jax.lax.switch(_branches(_SHAPES)[kind[slot]], branches)
+        term = jax.lax.switch(layout.branches(layout.shapes)[kind[slot]], branches)
         return sums.at[column[slot, 2]].add(term)
 
     def before(turn: Array, bent: Array) -> Array:
@@ -230,9 +265,9 @@ def _adhesion(
             partial(
                 lambda bent, name: effect(name, slots[slot]).before(bent, seen(slot)), name=name
             )
-            for name in _BENDING
+            for name in layout.bending
         ]
-        return jax.lax.switch(_branches(_BENDING)[kind[slot]], branches, bent)
+        return jax.lax.switch(layout.branches(layout.bending)[kind[slot]], branches, bent)
 
     def after(slot: Array, adhesion: Array) -> Array:
         branches = [lambda adhesion: adhesion] + [
@@ -240,9 +275,9 @@ def _adhesion(
                 lambda adhesion, name: effect(name, slots[slot]).after(adhesion, slip, seen(slot)),
                 name=name,
             )
-            for name in _CAUSES
+            for name in layout.causes
         ]
-        return jax.lax.switch(_branches(_CAUSES)[kind[slot]], branches, adhesion)
+        return jax.lax.switch(layout.branches(layout.causes)[kind[slot]], branches, adhesion)
 
     def curve(slip: Array) -> Array:
         return _curve(base, values, span, slip, conditions)
@@ -270,7 +305,7 @@ def _curve(base: Array, values: Array, span: Array, slip: Array, conditions: Con
         )
         for curve in BASES.values()
     ]
-    factors = values[_CURVE_SIZE:_BASE_SIZE].reshape(2, FINE)
+    factors = values[_layout().curve : _layout().base].reshape(2, FINE)
     departure = _departures(slip, factors, span)
     bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
     return jax.lax.switch(base, branches, slip) * (1 + bend)
@@ -362,7 +397,7 @@ def with_jacobian(
     return adhesion, root * (adhesion - data.adhesion), jacobian
 
 
-@kept()
+@kept(reads=parts)
 def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs points"]:
     """The prediction of each model less the prediction `now`."""
 
@@ -372,7 +407,7 @@ def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs 
     return jax.lax.map(change, models)
 
 
-@kept()
+@kept(reads=parts)
 def predicted(model: Model, data: Data) -> Float[Array, "runs points"]:
     """The prediction of a model."""
     return _predict(model, data, model.values, _peaks(model, data, model.values))

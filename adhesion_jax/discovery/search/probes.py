@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from adhesion_jax.curves import Scalar
 from adhesion_jax.discovery.model.fitting import Fitted, levels_of, raw_changes
 from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import APART, words_of
+from adhesion_jax.discovery.model.program import apart, words_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import Covariate, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON
@@ -51,6 +51,7 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
     """
     root = fitted.setting.root
     inside = root > 0
+    braking = apart()
     constants = [Covariate(_NUDGE, 0.0, 1.0, column="", acts_on=acts_on) for acts_on in ACTS_ON]
     changed = dict(zip(ACTS_ON, raw_changes(fitted, constants) / _NUDGE, strict=True))
     unit, variance = levels_of(fitted)
@@ -59,7 +60,7 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
     plain = Null(fitted, inside, nothing, np.zeros(0), unit[inside], kept[inside], changed)
     whole = np.concatenate(
         [
-            fitted.jacobian[:, inside].T[:, [place not in APART for place in fitted.places]]
+            fitted.jacobian[:, inside].T[:, [place not in braking for place in fitted.places]]
             if shared
             else fitted.jacobian[:, inside].T,
             _of_slip(fitted, inside, shared),

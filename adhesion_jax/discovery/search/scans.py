@@ -22,11 +22,6 @@ _BINS = 8192
 #: Number of bins of the transform along any other column.
 _FEW_BINS = 1024
 
-#: Columns along which a cause is a wave, each with the name of the cause.
-_AXES = dict(
-    sorted((kind.FACTS.needs[0], name) for name, kind in EFFECTS.items() if issubclass(kind, Wave))
-)
-
 #: Number of frequencies on either side whose median power the coherence of a wave is relative to.
 #: It is large because a line is wide where every run has passed only a part of the axis.
 _AROUND = 50
@@ -36,6 +31,12 @@ _NEIGHBOURS = 12
 
 #: Fewest frequencies on either side of a line in time.
 _FEWEST_BESIDE = 4
+
+
+def _axes() -> dict[str, str]:
+    """Columns along which a cause is a wave, each with the name of the cause."""
+    waves = (item for item in EFFECTS.items() if issubclass(item[1], Wave))
+    return dict(sorted((kind.FACTS.needs[0], name) for name, kind in waves))
 
 
 class Line(NamedTuple):
@@ -54,7 +55,7 @@ def waves(null: Null, taken: Sequence[str], seed: int) -> list[Line]:
     for all frequencies by sign flips of the runs.
     """
     problem = null.fitted.setting.problem
-    axes = {name: effect for name, effect in _AXES.items() if name in problem.varying}
+    axes = {name: effect for name, effect in _axes().items() if name in problem.varying}
     # The weighted residual, beside all that is given, times the adhesion that a wave multiplies.
     pull = np.zeros(null.inside.shape)
     pull[null.inside] = (
@@ -65,7 +66,7 @@ def waves(null: Null, taken: Sequence[str], seed: int) -> list[Line]:
         name = effect if effect != "periodic" else f"periodic:{axis}"
         if name in taken or f"periodic:{axis}" in taken:
             continue
-        frequency, p = _coherent(problem, axis, pull, axis in _AXES, [seed, 13, place])
+        frequency, p = _coherent(problem, axis, pull, axis in _axes(), [seed, 13, place])
         if p > rules.SCAN_SIGNIFICANT:
             continue
         start = _start(axis, effect, frequency)
@@ -101,7 +102,7 @@ def _coherent(
         values = np.asarray(problem.data.columns[problem.columns.index(axis)])
     inside = problem.points > 0
     low, high = values[inside].min(), values[inside].max()
-    bins = _BINS if axis in _AXES else _FEW_BINS
+    bins = _BINS if axis in _axes() else _FEW_BINS
     cell = np.clip((values - low) / (high - low) * (bins - 1), 0, bins - 1).astype(int)
     runs = values.shape[0]
     sums = np.zeros((runs, 2 * bins))

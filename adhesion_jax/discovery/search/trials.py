@@ -20,8 +20,10 @@ from adhesion_jax.discovery.search.screening import Score
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import EFFECTS, Covariate, Effect, Labels, Memory, ShapeTerm, Spline
 
-#: Errors of the signals: with Burckhardt's curve no data separate them, with others hardly any.
-OF_SIGNALS = tuple(name for name, cause in EFFECTS.items() if cause.FACTS.of_slip_alone)
+
+def of_signals() -> tuple[str, ...]:
+    """Errors of the signals: with Burckhardt's curve no data separate them, with others hardly."""
+    return tuple(name for name, cause in EFFECTS.items() if cause.FACTS.of_slip_alone)
 
 
 class Trial(NamedTuple):
@@ -140,8 +142,8 @@ def class_of(scores: Sequence[Score], chosen: Score) -> tuple[str, ...]:
         alike = abs(chosen.change @ score.change) > rules.CLASS_COSINE * size
         if alike and tied(behind) and behind.total <= max(share * whole, rules.UNDECIDED_GAIN):
             members[score.entry.name] = None
-    if name in OF_SIGNALS:
-        members.update(dict.fromkeys(OF_SIGNALS))
+    if name in of_signals():
+        members.update(dict.fromkeys(of_signals()))
     return (name, *(member for member in members if member != name))
 
 

@@ -1,5 +1,6 @@
 """Figures of a Monte Carlo campaign, drawn from its tables."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -183,8 +184,8 @@ def convergence(
     path: Path,
     checkpoints: pd.DataFrame,
     bands: pd.DataFrame,
-    reached: list[float],
     reached_label: str,
+    reached: Sequence[float],
 ) -> None:
     """Estimates against the part of a run that has been seen (He et al. 2018, Fig. 4 to 7).
 

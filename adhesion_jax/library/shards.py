@@ -1,13 +1,13 @@
-"""What all commands share whose work is divided into shards."""
+"""What all share whose work is divided into shards: the folder, and what goes on there."""
 
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Thread, current_thread, main_thread
 
-import click
 from tqdm import tqdm
 
 from adhesion_jax.campaign.notes import Tell, notes
@@ -57,6 +57,9 @@ def _terminable() -> Iterator[None]:
     def end(number: int, _: object) -> None:
         raise SystemExit(128 + number)
 
+    if current_thread() is not main_thread():  # where no answer to a signal can be set
+        yield
+        return
     before = signal.signal(signal.SIGTERM, end)
     try:
         yield
@@ -91,10 +94,10 @@ def compute(
             there = every - _runs(missing(folder, jobs))
             bar.close()
             if there:
-                click.echo(
+                print(
                     f"{there} of {every} {unit}s are finished and stay in {folder}; the same "
                     "command with --resume computes the others.",
-                    err=True,
+                    file=sys.stderr,
                 )
             raise
 

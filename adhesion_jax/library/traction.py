@@ -1,0 +1,210 @@
+"""`traction_control`: a published traction control system on its plant, or with other parts."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import pandas as pd
+
+from adhesion_jax import runtime
+from adhesion_jax.campaign.cluster import pool_of
+from adhesion_jax.campaign.store import read_all, write_rows
+from adhesion_jax.campaign.traction import Job, Judged, content, job_of, judge, judged
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.library.results import text_html
+from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.traction import SUBJECTS
+from adhesion_jax.report.traction.operating_point import (
+    animate_operating_point,
+    draw_operating_point,
+)
+from adhesion_jax.report.traction.page import traction_page
+from adhesion_jax.report.traction.panels import draw
+from adhesion_jax.report.traction.runs import Drawing, shown
+from adhesion_jax.runtime import as_in_commands, silent
+from adhesion_jax.traction.controllers import CONTROLLERS
+from adhesion_jax.traction.observers import OBSERVERS
+from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
+from adhesion_jax.traction.seekers import SEEKERS
+from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.traction.systems.base import NO_SEEKER, Case, System, with_parts
+from adhesion_jax.wording import listed
+
+_POINT = "operating_point"
+_POINT_CAPTION = "The operating point over the adhesion curves while the surface changes."
+
+#: All that may be written, of whichever system.
+TRACTION_FILES = (
+    *("table.csv", "metrics.csv", "runs.parquet", "metadata.json", "report.html"),
+    *(f"{_POINT}.png", f"{_POINT}.gif"),
+    *(f"{name}.png" for subject in SUBJECTS.values() for name in subject.captions),
+)
+
+#: What is said of parts that are not named.
+_OF_PAPER = "of the paper"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Traction:
+    """The figures of a control system, without noise and over its runs with noise."""
+
+    name: str
+    system: System
+    plant: PlantFile
+    cases: Sequence[Case]
+    job: Job
+    judged: Judged
+    seconds: float  # by the clock
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """The table of the paper: a row for each method and part of a run."""
+        return SUBJECTS[self.name].table(self.judged.metrics)
+
+    @property
+    def metrics(self) -> pd.DataFrame:
+        """A row for each scenario, method, part of a run and noise; columns NAME and NAME_se."""
+        return self.judged.metrics
+
+    def write(self, folder: str | PathLike[str], animate: bool = False) -> None:
+        """The table, metrics, figures, report and metadata that the command writes."""
+        path, subject = Path(folder), SUBJECTS[self.name]
+        path.mkdir(parents=True, exist_ok=True)
+        write_table(path / "table.csv", self.table)
+        write_table(path / "metrics.csv", self.metrics)
+        runs_shown = [shown(*pair) for pair in zip(self.cases, self.judged.traces, strict=True)]
+        captions = {}
+        for figure, panels in subject.figures(Drawing(runs_shown, self.plant.plant)).items():
+            if panels:
+                draw(path / f"{figure}.png", panels)
+                captions[f"{figure}.png"] = subject.captions[figure]
+        draw_operating_point(path / f"{_POINT}.png", runs_shown[0])
+        captions[f"{_POINT}.png"] = _POINT_CAPTION
+        if animate:
+            animate_operating_point(path / f"{_POINT}.gif", runs_shown[0])
+        page = traction_page(
+            self.system, self.plant, self.table, self.metrics, captions, self.job.runs
+        )
+        pictures = {picture: (path / picture).read_bytes() for picture in captions}
+        (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+        write_metadata(path / "metadata.json", self._metadata())
+
+    def _metadata(self) -> Mapping[str, object]:
+        asked, found = self.job.asked, self.judged
+        parts = {part: asked[f"--{part}"] for part in ("observer", "seeker", "controller")}
+        return {
+            "system": self.name,
+            "source": self.system.source,
+            "plant": self.plant.title,
+            "parameters": {key: given._asdict() for key, given in self.plant.given.items()},
+            **{part: None if name == _OF_PAPER else name for part, name in parts.items()},
+            "runs": self.job.runs,
+            "seed": self.job.seed,
+            "step_s": self.system.step,
+            "control_period_s": self.system.control_period or self.system.step,
+            "plant_steps": found.steps,
+            "plant_steps_per_cpu_second": found.steps / found.seconds,
+            "seconds": self.seconds,
+            "compile_seconds": found.compile_seconds,
+            "run_cpu_seconds": found.seconds,
+            **runtime.describe(),
+        }
+
+    def __repr__(self) -> str:
+        found = self.judged
+        rate = found.steps / found.seconds / 1e6
+        return (
+            f"{aligned(self.table)}\n\n{found.steps:.3g} plant steps in {found.seconds:.0f} "
+            f"CPU-seconds ({rate:.1f} million a CPU-second), compiled in "
+            f"{found.compile_seconds:.0f} s"
+        )
+
+    def _repr_html_(self) -> str:
+        return self.table.to_html(index=False) + text_html(self.system.title)
+
+
+@as_in_commands
+def traction_control(
+    system: str,
+    plant: str | PathLike[str] | None = None,
+    observer: str | None = None,
+    seeker: str | None = None,
+    controller: str | None = None,
+    runs: int = 32,
+    seed: int = 0,
+    step: float | None = None,
+    workers: int = 1,
+    out: str | PathLike[str] | None = None,
+    resume: bool = False,
+    extend: int = 0,
+    animate: bool = False,
+    cluster: str | None = None,
+    shared_folder: bool = False,
+) -> Traction:
+    """Run a published control system on its plant, without noise and `runs` times with noise.
+
+    `system` is a name of SYSTEMS.
+    `plant` is a TOML file, or the name of a plant that ships; by default that of the paper.
+    `observer`, `seeker` and `controller` are names of their registries, in the place of the paper's
+    own; one of your own is put there: SEEKERS["mine"] = Mine().
+    `seed` draws the noise, and `step` is that of the plant in s.
+    `workers` are processes, which a script must start under `if __name__ == "__main__":`; with
+    `cluster` (local:N, or the address of a scheduler of Dask) they are those of a cluster, which
+    see the folder by the same path if it is a `shared_folder`.
+    `out` is a folder for all the files of the command; what is finished stays there, so that a job
+    that was interrupted goes on with `resume`, and gets so many more runs with `extend`.
+    `animate` draws the operating point as a moving picture there, too.
+
+    Returns the table of the paper, the metrics of all parts of the runs, and their course.
+    InputError where a name or a file cannot be used.
+    """
+    began = time.perf_counter()
+    for kind, given, known in (
+        ("system", system, [*SYSTEMS]),
+        ("observer", observer, [*OBSERVERS]),
+        ("seeker", seeker, [NO_SEEKER, *SEEKERS]),
+        ("controller", controller, [*CONTROLLERS]),
+    ):
+        if given is not None and given not in known:
+            raise InputError(f"There is no {kind} {given}; name {listed(known, 'or')}.")
+    chosen = SYSTEMS[system]
+    chosen = chosen._replace(step=step or chosen.step)
+    source = str(plant or chosen.plant)
+    train = read_plant(shipped().get(source, Path(source)))
+    cases = with_parts(chosen.cases(chosen.step), observer, seeker, controller)
+    if extend and out is not None:
+        runs = extended(Path(out), extend)
+    asked = {
+        "--system": system,
+        "--plant": source,
+        "--observer": observer or _OF_PAPER,
+        "--seeker": seeker or _OF_PAPER,
+        "--controller": controller or _OF_PAPER,
+        "--step": f"{chosen.step:g}",
+    }
+    job = job_of(system, chosen, cases, train.plant, runs, seed, asked)
+
+    def told(found: Judged) -> Traction:
+        return Traction(system, chosen, train, cases, job, found, time.perf_counter() - began)
+
+    if out is None:
+        return told(judge(job, silent, workers))
+    directory = output_directory(Path(out))
+    with (
+        pool_of(workers, cluster, shared_folder) as pool,
+        opened_for("traction", [job], directory, TRACTION_FILES, resume, extend) as (folder, stage),
+    ):
+        compute(content, [job], folder, lambda _: pool)
+        found = told(judged(job, read_all(folder, job.name, job.shards)))
+        write_rows(stage / "runs.parquet", folder, [job])
+        found.write(stage, animate)
+    return found
+
+
+def aligned(table: pd.DataFrame) -> str:
+    """A table for a terminal."""
+    return table.to_string(index=False, float_format=lambda x: f"{x:.4g}", na_rep="")

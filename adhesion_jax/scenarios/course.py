@@ -1,0 +1,266 @@
+"""How the samples of a run come in blocks, each of which is identified or ends with an estimate."""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from adhesion_jax.metrics.information import information_of
+from adhesion_jax.scenarios.excitation import Excitation, Reached
+from adhesion_jax.scenarios.noise import Noise
+
+
+class Group(NamedTuple):
+    """Blocks whose estimates are pooled into one row of a table.
+
+    `switched` is the number of the stretch that began with a switch to this rail, or None; k is
+    the number of points seen, in tables that are ordered by it.
+    """
+
+    rail: str
+    blocks: tuple[int, ...]
+    switched: int | None = None
+    k: int | None = None
+
+
+class Figure(NamedTuple):
+    """A figure of estimates over the blocks of a run, by the name of its file."""
+
+    name: Literal["tracking", "bands", "convergence"]
+    reached: Reached | None = None  # of a convergence, at each block
+
+
+Tables = Mapping[str, Sequence[Group]]
+
+
+def switches(rails: Sequence[str]) -> list[int]:
+    """The blocks that are the first ones on another rail."""
+    return [b for b, (old, new) in enumerate(pairwise(rails), 1) if old != new]
+
+
+class Course(eqx.Module):
+    """The signals of a run have the shape `shape`; its blocks are views of them."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, ...]:
+        """Of the signals of a run: neighbours along the last axis are neighbours in time."""
+
+    @abstractmethod
+    def blocks_of(self, signal: Float[Array, "*shape"]) -> Float[Array, "blocks points"]:
+        """What the blocks have of a signal of a run."""
+
+    @abstractmethod
+    def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
+        """The values of such a signal at the end of each block."""
+
+    @abstractmethod
+    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+        """The points that a block has, and those of them that no block before has."""
+
+    @abstractmethod
+    def support(self, rails: Sequence[str]) -> np.ndarray:
+        """The number of points that an estimate after each block can use, [blocks]."""
+
+    @abstractmethod
+    def information(
+        self,
+        sensitivity: Float[Array, "blocks free points"],
+        mask: Bool[Array, "blocks points"],
+        noise: Noise,
+        rails: Sequence[str],
+    ) -> Float[Array, "blocks free free"]:
+        """J'J over those points, J made white as the noise is by `Noise.whitened`."""
+
+    @abstractmethod
+    def tables(self, rails: Sequence[str]) -> Tables:
+        """The rows of each table that is reported: the name of a table to its groups."""
+
+    @abstractmethod
+    def figures(self, excitation: Excitation) -> list[Figure]:
+        """What is drawn over the blocks of a run."""
+
+
+def _of_each_block(
+    sensitivity: Float[Array, "blocks free points"],
+    mask: Bool[Array, "blocks points"],
+    noise: Noise,
+) -> Float[Array, "blocks free free"]:
+    return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
+        sensitivity, mask
+    )
+
+
+class Apart(Course):
+    """Blocks that have nothing in common: each is excited by itself, the rail constant in it."""
+
+    points: int = eqx.field(static=True)
+    blocks: int = eqx.field(default=1, static=True)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.blocks, self.points
+
+    def blocks_of(self, signal: Float[Array, "*shape"]) -> Float[Array, "blocks points"]:
+        return signal
+
+    def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
+        return signal[:, -1]
+
+    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+        every = jnp.ones(self.shape, dtype=bool)
+        return every, every
+
+    def support(self, rails: Sequence[str]) -> np.ndarray:
+        return np.full(self.blocks, self.points)
+
+    def information(
+        self,
+        sensitivity: Float[Array, "blocks free points"],
+        mask: Bool[Array, "blocks points"],
+        noise: Noise,
+        rails: Sequence[str],
+    ) -> Float[Array, "blocks free free"]:
+        return _of_each_block(sensitivity, mask, noise)
+
+    def tables(self, rails: Sequence[str]) -> Tables:
+        """The first block after a switch has a table of its own, which shows the tracking."""
+        starts = switches(rails)
+        switched = {rails[b]: number for number, b in enumerate(starts, 1)}
+        summary = [
+            Group(
+                rail,
+                tuple(b for b, other in enumerate(rails) if other == rail and b not in starts),
+                switched.get(rail),
+            )
+            for rail in dict.fromkeys(rails)
+        ]
+        if not starts:
+            return {"summary": summary}
+        after = [Group(rails[b], (b,), number) for number, b in enumerate(starts, 1)]
+        return {"summary": summary, "switches": after}
+
+    def figures(self, excitation: Excitation) -> list[Figure]:
+        return [Figure("tracking")] if self.blocks > 1 else []  # a single block has no course
+
+
+class Growing(Course):
+    """One sequence; a block is the sequence up to a length, so that blocks overlap."""
+
+    lengths: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (self.lengths[-1],)
+
+    def blocks_of(self, signal: Float[Array, "*shape"]) -> Float[Array, "blocks points"]:
+        return jnp.broadcast_to(signal, (len(self.lengths), *self.shape))
+
+    def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
+        return signal[np.array(self.lengths) - 1]
+
+    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+        mask = jnp.arange(self.lengths[-1]) < jnp.array(self.lengths)[:, None]
+        return mask, mask & ~jnp.roll(mask, 1, axis=0).at[0].set(False)
+
+    def support(self, rails: Sequence[str]) -> np.ndarray:
+        return np.array(self.lengths)
+
+    def information(
+        self,
+        sensitivity: Float[Array, "blocks free points"],
+        mask: Bool[Array, "blocks points"],
+        noise: Noise,
+        rails: Sequence[str],
+    ) -> Float[Array, "blocks free free"]:
+        return _of_each_block(sensitivity, mask, noise)
+
+    def tables(self, rails: Sequence[str]) -> Tables:
+        """The whole sequence in the summary, every length in a table of checkpoints."""
+        checkpoints = [Group(rails[b], (b,), k=length) for b, length in enumerate(self.lengths)]
+        return {"summary": [Group(rails[-1], (len(rails) - 1,))], "checkpoints": checkpoints}
+
+    def figures(self, excitation: Excitation) -> list[Figure]:
+        return [Figure("tracking"), Figure("convergence", excitation.reached(self.lengths))]
+
+
+#: Number of samples between two reports of a stream.
+REPORT = 10
+
+
+class Followed(Course):
+    """A stream that is followed at every sample; a block is what lies between two reports.
+
+    An estimate can use the data since the rail was last switched. `spacing` is the number of
+    reports between two checkpoints, and `steady` whether the end of a stretch is reported, too.
+    """
+
+    points: int = eqx.field(static=True)
+    spacing: int = eqx.field(static=True)
+    steady: bool = eqx.field(static=True)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (self.points,)
+
+    def blocks_of(self, signal: Float[Array, "*shape"]) -> Float[Array, "blocks points"]:
+        return signal.reshape(-1, REPORT)
+
+    def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
+        return signal[REPORT - 1 :: REPORT]
+
+    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+        every = jnp.ones((self.points // REPORT, REPORT), dtype=bool)
+        return every, every
+
+    def support(self, rails: Sequence[str]) -> np.ndarray:
+        lengths = np.diff([0, *switches(rails), len(rails)])
+        return REPORT * np.concatenate([np.arange(1, length + 1) for length in lengths])
+
+    def information(
+        self,
+        sensitivity: Float[Array, "blocks free points"],
+        mask: Bool[Array, "blocks points"],
+        noise: Noise,
+        rails: Sequence[str],
+    ) -> Float[Array, "blocks free free"]:
+        blocks, free, points = sensitivity.shape
+        along = jnp.swapaxes(sensitivity, 0, 1).reshape(free, -1)
+        stretches = jnp.split(along, [points * b for b in switches(rails)], axis=-1)
+        white = jnp.concatenate([noise.whitened(stretch) for stretch in stretches], axis=-1)
+        of_block = jnp.swapaxes(white.reshape(free, blocks, points), 0, 1)
+        total = jnp.cumsum(jax.vmap(information_of)(of_block), axis=0)
+        first = np.arange(blocks) + 1 - self.support(rails) // points
+        return total - jnp.where((first > 0)[:, None, None], total[first - 1], 0.0)
+
+    def tables(self, rails: Sequence[str]) -> Tables:
+        """The end of each stretch in the summary; k counts the samples seen.
+
+        Steady running is the second half of a stretch, against the bound of the data since its
+        start. Around a switch the checkpoints are denser.
+        """
+        blocks, starts = len(rails), switches(rails)
+        ends = sorted({b - 1 for b in starts} | {blocks - 1})
+        near = {b + j for b in starts for j in range(-1, self.spacing)} if starts else set()
+        spaced = set(range(self.spacing - 1, blocks, self.spacing))
+        halves = [
+            tuple(range(end + 1 - self.support(rails)[end] // REPORT // 2, end + 1)) for end in ends
+        ]
+        tables = {"summary": [Group(rails[b], (b,)) for b in ends]}
+        if self.steady:
+            tables["steady"] = [Group(rails[half[0]], half) for half in halves]
+        tables["checkpoints"] = [
+            Group(rails[b], (b,), k=REPORT * (b + 1))
+            for b in sorted(near | spaced | {blocks - 1})
+            if b < blocks
+        ]
+        return tables
+
+    def figures(self, excitation: Excitation) -> list[Figure]:
+        return [Figure("bands")]

@@ -1,0 +1,55 @@
+"""Effects of the user's own that are named after a first fit: registries are read when used."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from discovery_campaigns import TRUE, campaign, curve, noise, setting_of
+
+from adhesion_jax.discovery.model.fitting import fit_model
+from adhesion_jax.discovery.model.program import base_places
+from adhesion_jax.effects import EFFECTS, Covariate
+from adhesion_jax.effects.api import Facts, Scalar, Scaling
+
+FACTS = Facts(
+    source="made up",
+    described={"k": ("1", -1.0, 1.0, "strength")},
+    strengths=("k",),
+    needs=("warm",),
+    sentence="Warmth acts.",
+    formula="mu exp(k w)",
+    phrase="warmth",
+    family="warmth",
+)
+
+
+class Warmth(Scaling):
+    k: Scalar
+    FACTS = FACTS
+
+    def factor(self, slip, conditions):
+        return jnp.exp(self.k * conditions["warm"])
+
+    @classmethod
+    def starts(cls, columns):
+        return [cls(k=0.01)]
+
+
+class Doubled(Warmth):
+    def factor(self, slip, conditions):
+        return jnp.exp(2 * self.k * conditions["warm"])
+
+
+def test_an_effect_that_is_named_after_a_fit_is_fitted_and_its_next_version_too(monkeypatch):
+    draw = np.random.default_rng(3)
+    table = campaign(draw)
+    table["adhesion"] = curve(table["slip_ratio"]) * np.exp(0.1 * table["warm"]) + noise(draw)
+    setting = setting_of(table, 0.006)
+    first = fit_model(setting, "burckhardt", TRUE, (Covariate(0.0, 0.0, 0.6, column="warm"),))
+    before = base_places("burckhardt")
+    for kind, strength in ((Warmth, 0.1), (Doubled, 0.05)):
+        monkeypatch.setitem(EFFECTS, "Warmth", kind)
+        found = fit_model(setting_of(table, 0.006), "burckhardt", TRUE, (kind(0.01),))
+        (effect,) = found.effects
+        assert effect.k == pytest.approx(strength, abs=0.01)
+        np.testing.assert_allclose(found.adhesion, first.adhesion, atol=2e-3)
+    assert base_places("burckhardt") == before
