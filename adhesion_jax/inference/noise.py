@@ -34,6 +34,16 @@ class RunNoise(NamedTuple):
     slow_rows: float = 0.0  # rows after which its correlation has fallen to 1/e
     slip_noise: float = 0.0  # standard deviation of d, or of the noise of the wheel speed
 
+    def spread(
+        self,
+        design: Float[np.ndarray, " rows"],
+        mean: Float[np.ndarray, " rows"],
+        by_slip: Float[np.ndarray, " rows"],
+    ) -> Float[np.ndarray, " rows"]:
+        """The standard deviation of the residual of each row, `by_slip` that of slope x d."""
+        level = self.run_scatter**2 + self.slow_level**2
+        return np.sqrt(self.sigma**2 / design + level * mean**2 + by_slip**2)
+
 
 def noise_of_runs(
     noise: RunNoise, mean: Float[np.ndarray, "*sets runs rows"], generator: np.random.Generator
