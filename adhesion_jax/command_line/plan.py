@@ -149,6 +149,16 @@ class Condition(click.ParamType):
     help="Standard deviation of the level of a run, as a share of adhesion.  [default: 0]",
 )
 @click.option(
+    "--slow-level",
+    type=FiniteRange(0, 1),
+    help="The same of a level that varies slowly within a run.  [default: 0]",
+)
+@click.option(
+    "--slow-rows",
+    type=FiniteRange(0, 10**9),
+    help="Samples after which the correlation of the slow level has fallen to 1/e.",
+)
+@click.option(
     "--slip-noise",
     type=FiniteRange(0, 10),
     help="Standard deviation of the noise of the slip.  [default: 0]",

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 from jaxtyping import Float
+from scipy.signal import lfilter
 
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.slip import SlipNoise
@@ -20,17 +21,50 @@ _MOST_ROWS = 200_000
 
 
 class RunNoise(NamedTuple):
-    """The residual is e + level x curve; e has the standard deviation sigma.
+    """The residual is e + level x curve + slope x d.
 
-    The level is the sum of one of each run and one that varies slowly within it.
+    e has the standard deviation sigma; the level is the sum of one of each run and one that varies
+    slowly within it; d is the independent error of the slip.
     """
 
     sigma: float
-    autocorrelation: float  # of e, from row to row
-    run_scatter: float  # standard deviation of the levels of the runs, relative
-    slow_level: float  # standard deviation of the slow level, relative
-    slow_rows: float  # rows after which its correlation has fallen to 1/e
-    slip: float  # standard deviation of the noise of the slip, or of the wheel speed (SlipNoise)
+    autocorrelation: float = 0.0  # of e, from row to row
+    run_scatter: float = 0.0  # standard deviation of the levels of the runs, relative
+    slow_level: float = 0.0  # standard deviation of the slow level, relative
+    slow_rows: float = 0.0  # rows after which its correlation has fallen to 1/e
+    slip_noise: float = 0.0  # standard deviation of d, or of the noise of the wheel speed
+
+    def spread(
+        self,
+        design: Float[np.ndarray, " rows"],
+        mean: Float[np.ndarray, " rows"],
+        by_slip: Float[np.ndarray, " rows"],
+    ) -> Float[np.ndarray, " rows"]:
+        """The standard deviation of the residual of each row, `by_slip` that of slope x d."""
+        level = self.run_scatter**2 + self.slow_level**2
+        return np.sqrt(self.sigma**2 / design + level * mean**2 + by_slip**2)
+
+
+def noise_of_runs(
+    noise: RunNoise, mean: Float[np.ndarray, "*sets runs rows"], generator: np.random.Generator
+) -> Float[np.ndarray, "*sets runs rows"]:
+    """A residual of each run whose curve is `mean`, without what the noise of the slip makes."""
+    e = noise.sigma * _autoregressive(noise.autocorrelation, mean.shape, generator)
+    level = noise.run_scatter * generator.standard_normal((*mean.shape[:-1], 1))
+    if noise.slow_level:
+        slow = float(np.exp(-1 / noise.slow_rows))
+        level = level + noise.slow_level * _autoregressive(slow, mean.shape, generator)
+    return e + level * mean
+
+
+def _autoregressive(
+    r: float, shape: tuple[int, ...], generator: np.random.Generator
+) -> Float[np.ndarray, "*sets runs rows"]:
+    """Of variance 1, stationary from its first row, with the correlation r^|lag|."""
+    fresh = generator.standard_normal(shape)
+    fresh[..., 1:] *= np.sqrt(1 - r**2)
+    found: np.ndarray = lfilter([1.0], [1.0, -r], fresh, axis=-1)
+    return found
 
 
 def described(
@@ -52,7 +86,7 @@ def described(
     quiet = (slope * variance.spread) ** 2 < variance.sigma**2 / rows.design
     if not rows.ordered:
         scatter = _levels(rows, clipped, mean) if rows.several else 0.0
-        return RunNoise(variance.sigma, 0.0, scatter, 0.0, 0.0, slip.sigma)
+        return RunNoise(variance.sigma, run_scatter=scatter, slip_noise=slip.sigma)
     length = int(np.median(np.diff(rows.starts)))
     lags = np.unique(np.geomspace(1, max(length // 2, 2), _LAGS).astype(int))
     run = rows.run

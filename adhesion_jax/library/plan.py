@@ -16,10 +16,10 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.inference.fit import MeasuredFit
+from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
 from adhesion_jax.library.results import text_html
 from adhesion_jax.planning.excitation import Sweeps
-from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.own_log import OwnLog, own_log
 from adhesion_jax.planning.plan import (
     FEWEST_SAMPLES,
@@ -58,7 +58,14 @@ _LONGER = 2.0 ** np.arange(-2.0, 6.0)
 _MAP = 32
 
 #: Largest values of the noise that can be stated; the autocorrelation is below its own.
-_LARGEST = {"sigma": 10.0, "autocorrelation": 1.0, "run_scatter": 1.0, "slip_noise": 10.0}
+_LARGEST = {
+    "sigma": 10.0,
+    "autocorrelation": 1.0,
+    "run_scatter": 1.0,
+    "slow_level": 1.0,
+    "slow_rows": 1e9,
+    "slip_noise": 10.0,
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,6 +122,8 @@ def plan(
     sigma: float | None = None,
     autocorrelation: float | None = None,
     run_scatter: float | None = None,
+    slow_level: float | None = None,
+    slow_rows: float | None = None,
     slip_noise: float | None = None,
     conditions: Mapping[str, float] | None = None,
     want: float | None = None,
@@ -125,14 +134,21 @@ def plan(
     found in one's own log, whose slips and noise are then those of the plan. Otherwise runs of
     `samples_per_run` sweep the slip from 0 to the largest. The noise of adhesion has the standard
     deviation `sigma` and the correlation `autocorrelation` from sample to sample; `run_scatter` is
-    the standard deviation of the level of a run, as a share of the adhesion, `slip_noise` that of
-    the slip. The peak is that under `conditions`, by column. `want` is a relative standard error
-    of mu_max, for which the fewest samples are
-    searched. InputError where something does not fit.
-    Source: Cramer-Rao bound with the delta method.
+    the standard deviation of the level of a run, as a share of the adhesion, `slow_level` that of
+    a level that varies slowly within a run, whose correlation falls to 1/e after `slow_rows`
+    samples, and `slip_noise` that of the slip. The peak is that under `conditions`, by column.
+    `want` is a relative standard error of mu_max, for which the fewest samples are searched.
+    InputError where something does not fit.
+    Source: sandwich covariance of weighted least squares (White 1980, Econometrica 48:817-838) with
+    the delta method.
     """
     stated = _stated(
-        sigma=sigma, autocorrelation=autocorrelation, run_scatter=run_scatter, slip_noise=slip_noise
+        sigma=sigma,
+        autocorrelation=autocorrelation,
+        run_scatter=run_scatter,
+        slow_level=slow_level,
+        slow_rows=slow_rows,
+        slip_noise=slip_noise,
     )
     if want is not None and not 0 < want < 1:
         raise InputError(f"want is a share of mu_max between 0 and 1, as 0.01, not {want:g}.")
@@ -163,12 +179,23 @@ def _settled(
         _refuse_strange(conditions, dict.fromkeys(log.truth.conditions, (-math.inf, math.inf)))
         truth = log.truth._replace(conditions={**log.truth.conditions, **conditions})
         words = f"{name} as fitted to {Path(source.measured.name).name}"
-        return _Settled(words, planner(truth, log.noise, log.design), log)
+        return _Settled(words, planner(truth, _complete(log.noise), log.design), log)
     words, truth = _truth(source, conditions)
     runs = Sweeps(_SAMPLES_PER_RUN if samples_per_run is None else samples_per_run)
     if samples_per_run is not None and samples_per_run < 2:
         raise InputError(f"samples_per_run is 2 or more, not {samples_per_run}.")
-    return _Settled(words, planner(truth, Noise(**{"sigma": _SIGMA, **stated}), runs), None)
+    noise = _complete(RunNoise(**{"sigma": _SIGMA, **stated}))
+    return _Settled(words, planner(truth, noise, runs), None)
+
+
+def _complete(noise: RunNoise) -> RunNoise:
+    """InputError for a slow level of which it is not known how slow it is."""
+    if noise.slow_level and not noise.slow_rows:
+        raise InputError(
+            "slow_level is stated without slow_rows, the number of samples after which the "
+            "correlation of the slow level has fallen to 1/e; state both."
+        )
+    return noise
 
 
 def _truth(source: str | Law, conditions: Mapping[str, float]) -> tuple[str, Truth]:

@@ -65,7 +65,7 @@ def judged(
     mean, slope = fit.at_rows(rows, chosen)
     left = rows.adhesion - mean
     side = np.where(rows.slip < 0, -1.0, 1.0)
-    noise = np.sqrt(fit.noise.sigma**2 / rows.design + (slope * fit.slip_scatter[chosen]) ** 2)
+    noise = fit.noise.spread(rows.design, mean, slope * fit.slip_scatter[chosen])
     points = Points(np.abs(rows.slip), side * rows.adhesion, side * left, side * mean, noise)
     sweeps, late = passages(points, rows), shifted(points, rows, step_s)
     # Of one rise and return of slip, a slow change of the rail makes the same loop as a shift.

@@ -1,4 +1,4 @@
-"""Whether measurements scatter as a plan says: simulated ones, fitted with their noise known."""
+"""Whether measurements scatter as a plan says: simulated ones, fitted as `identify` does."""
 
 from collections.abc import Callable
 
@@ -7,20 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Array, Bool, Float
-from scipy.linalg import solve_triangular, toeplitz
-from scipy.signal import lfilter
 
 from adhesion_jax.curves import Conditions, Law, Scalar, free_values
+from adhesion_jax.inference.noise import RunNoise, noise_of_runs
 from adhesion_jax.optim.levenberg_marquardt import fit
 from adhesion_jax.planning.excitation import Excitation
-from adhesion_jax.planning.noise import Noise
+from adhesion_jax.planning.information import weights_under
 from adhesion_jax.planning.plan import Plan
 from adhesion_jax.planning.truth import Truth, curve_of, sensitivity_of, with_parameters
 from adhesion_jax.programs import kept
 from adhesion_jax.runtime import silent
 
 #: Number of cells that are checked, and the largest relative standard error of slip_opt in them:
-#: the bound is that of small errors.
+#: a plan is one of small errors.
 CELLS, _SMALL = 6, 0.05
 
 #: Simulated measurements that are fitted at a time, and the largest number of steps of a fit.
@@ -67,7 +66,7 @@ def check_plan(
 
 def estimates(
     truth: Truth,
-    noise: Noise,
+    noise: RunNoise,
     excitation: Excitation,
     largest_slip: float,
     measurements: int,
@@ -75,46 +74,27 @@ def estimates(
 ) -> Float[np.ndarray, " measurements"]:
     """The mu_max of each of so many simulated measurements; NaN where a fit fails.
 
-    The fit is by least squares, weighted by the covariance of the noise at the truth. Errors of
-    the slip are in the slips that it is given.
+    The fit is by least squares, with the weights of the plan. Errors of the slip are in the slips
+    that it is given.
     """
     slip = largest_slip * excitation.share
     sensitivity = sensitivity_of(truth, slip)
-    covariance = noise.sigma**2 * toeplitz(noise.autocorrelation ** np.arange(slip.size))
-    covariance += np.diag((noise.slip_noise * sensitivity.slope) ** 2)
-    covariance += noise.run_scatter**2 * np.outer(sensitivity.adhesion, sensitivity.adhesion)
-    root = np.linalg.cholesky(covariance)
-    weights, runs = solve_triangular(root, np.eye(slip.size), lower=True), round(excitation.repeats)
+    root, runs = np.sqrt(weights_under(noise, sensitivity)), round(excitation.repeats)
     as_mean = noise.slip_noise == 0  # runs at the same slips are as good as their mean
-    if as_mean:
-        weights = np.sqrt(runs) * weights
-
     found = []
     for _ in range(-(-measurements // _TOGETHER)):
         shape = (_TOGETHER, runs, slip.size)
         measured_slip = slip + noise.slip_noise * generator.standard_normal(shape)
-        adhesion = sensitivity.adhesion + _errors(noise, sensitivity.adhesion, shape, generator)
+        mean = np.broadcast_to(sensitivity.adhesion, shape)
+        adhesion = mean + noise_of_runs(noise, mean, generator)
         if as_mean:
             measured_slip = measured_slip[:, :1]
             adhesion = adhesion.mean(axis=1, keepdims=True)
         mu_max, good = _fitted(
-            truth.law, measured_slip, adhesion, weights, truth.conditions, truth.slip_limit
+            truth.law, measured_slip, adhesion, root, truth.conditions, truth.slip_limit
         )
         found.append(np.where(good, mu_max, np.nan))
     return np.concatenate(found)[:measurements]
-
-
-def _errors(
-    noise: Noise,
-    adhesion: Float[np.ndarray, " points"],
-    shape: tuple[int, int, int],
-    generator: np.random.Generator,
-) -> Float[np.ndarray, "measurements runs points"]:
-    """Autoregressive noise of each run, stationary from its first sample, and its level."""
-    fresh = np.sqrt(1 - noise.autocorrelation**2) * generator.standard_normal(shape)
-    fresh[..., 0] /= np.sqrt(1 - noise.autocorrelation**2)
-    error = noise.sigma * lfilter([1.0], [1.0, -noise.autocorrelation], fresh, axis=-1)
-    return error + noise.run_scatter * generator.standard_normal((*shape[:2], 1)) * adhesion
 
 
 @kept()
@@ -122,7 +102,7 @@ def _fitted(
     law: Law,
     slips: Float[Array, "measurements runs points"],
     adhesions: Float[Array, "measurements runs points"],
-    weights: Float[Array, "points points"],
+    root: Float[Array, " points"],
     conditions: Conditions,
     slip_limit: Scalar,
 ) -> tuple[Float[Array, " measurements"], Bool[Array, " measurements"]]:
@@ -133,7 +113,7 @@ def _fitted(
     ) -> tuple[Array, Array]:
         def misfit(values: Float[Array, " free"]) -> Float[Array, " samples"]:
             away = with_parameters(law, values)(slip, conditions) - adhesion
-            return (weights @ away.T).ravel()
+            return (root * away).ravel()
 
         start = free_values(curve_of(law))
         anywhere = jnp.full_like(start, jnp.inf)

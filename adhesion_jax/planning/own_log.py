@@ -9,8 +9,8 @@ import numpy as np
 from adhesion_jax.data import Measured
 from adhesion_jax.data.grouping import group
 from adhesion_jax.inference.fit import MeasuredFit
+from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.excitation import Again, again
-from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.truth import Truth
 
 
@@ -18,7 +18,7 @@ class OwnLog(NamedTuple):
     """A log as the beginning of a plan."""
 
     truth: Truth
-    noise: Noise
+    noise: RunNoise
     design: Again
     largest_slip: float
     samples: int
@@ -37,12 +37,7 @@ def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -
         name for name, held in zip(fit.curve.free, fit.held.tolist(), strict=True) if not held
     )
     curve = dataclasses.replace(fit.curve, free=free)
-    found = Noise(
-        fit.noise.sigma,
-        fit.noise.autocorrelation,
-        fit.noise.run_scatter,
-        float(np.sqrt(np.mean(fit.slip_spread**2))),
-    )
+    found = fit.noise._replace(slip_noise=float(np.sqrt(np.mean(fit.slip_spread**2))))
     runs = group([measured]).run
     order = np.argsort(runs, kind="stable")
     starts = np.flatnonzero(np.diff(runs[order], prepend=-1))

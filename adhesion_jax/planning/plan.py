@@ -5,14 +5,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.excitation import Design, Excitation
-from adhesion_jax.planning.noise import Noise, information_under
+from adhesion_jax.planning.information import Information, information_under
 from adhesion_jax.planning.truth import PeakOfTruth, Truth, peak_of, sensitivity_of, standard_errors
 
-#: Relative standard errors of slip_opt above which the errors of the peak are rough, since the
-#: bound is that of small errors, and of any quantity above which it is not determined. In simulated
-#: measurements on five curves and rails mu_max scattered as the bound says within 5 % up to an
-#: error of slip_opt of 5 %, and within 10 % up to 10 %; beyond that many fits find no peak.
+#: Relative standard errors of slip_opt above which the errors of the peak are rough, since they
+#: are those of small errors, and of any quantity above which it is not determined. In simulated
+#: measurements on five curves and rails mu_max scattered as planned within 5 % up to an error of
+#: slip_opt of 5 %, and within 10 % up to 10 %; beyond that many fits find no peak.
 ROUGH, UNDETERMINED = 0.1, 1.0
 
 #: Fewest samples that are considered, since the noise must be seen as well, and most.
@@ -27,18 +28,19 @@ class Planner(NamedTuple):
 
     truth: Truth
     peak: PeakOfTruth
-    noise: Noise
+    noise: RunNoise
     design: Design
     #: Information of runs that was computed, by their largest slip and their number of samples.
-    computed: dict[tuple[float, int], np.ndarray]
+    computed: dict[tuple[float, int], Information]
 
 
 class Plan(NamedTuple):
-    """Relative standard errors that no unbiased estimate of the peak can fall below.
+    """Relative standard errors of the peak of a curve of the right form that is fitted.
 
-    They are the square roots of the Cramer-Rao bound g' I^-1 g, I the Fisher information of the
-    samples and g the derivative of mu_max or slip_opt by the unknown parameters, over the value;
-    infinite where the samples do not determine a parameter. The noise is taken as known.
+    The fit is that of `identify`, by least squares with weights for the noise of the slip alone.
+    With H its curvature, M the covariance of its gradient, and g the derivative of mu_max or
+    slip_opt by the unknown parameters, they are the square roots of g' H^-1 M H^-1 g, over the
+    value; infinite where the samples do not determine a parameter.
     """
 
     planner: Planner
@@ -73,7 +75,7 @@ class Wanted(NamedTuple):
     cheapest: float
 
 
-def planner(truth: Truth, noise: Noise, design: Design) -> Planner:
+def planner(truth: Truth, noise: RunNoise, design: Design) -> Planner:
     """InputError where the law has no peak, or lacks a condition."""
     return Planner(truth, peak_of(truth), noise, design, {})
 
@@ -130,18 +132,17 @@ def relative_errors(
     samples: float | int | Float[np.ndarray, " slips"],
 ) -> Float[np.ndarray, "slips 2"]:
     """Of mu_max and slip_opt for each largest slip, with one number of samples or one for each."""
-    information = []
+    curvatures, scores = [], []
     for largest, number in np.broadcast(largest_slips, samples):
         excitation = planner.design(float(number))
         of_runs = _information(planner, float(largest), excitation)
-        information.append(excitation.repeats * of_runs)
-    errors = standard_errors(planner.peak, np.stack(information))
+        curvatures.append(excitation.repeats * of_runs.curvature)
+        scores.append(excitation.repeats * of_runs.score)
+    errors = standard_errors(planner.peak, np.stack(curvatures), np.stack(scores))
     return errors / np.array([planner.peak.mu_max, planner.peak.slip_opt])
 
 
-def _information(
-    planner: Planner, largest_slip: float, excitation: Excitation
-) -> Float[np.ndarray, "free free"]:
+def _information(planner: Planner, largest_slip: float, excitation: Excitation) -> Information:
     """That of the runs of an excitation, each taken once."""
     which = (largest_slip, excitation.share.size)
     if which not in planner.computed:

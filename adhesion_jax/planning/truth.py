@@ -20,12 +20,15 @@ from adhesion_jax.curves import (
 )
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
-from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.programs import kept
 from adhesion_jax.wording import listed
 
 #: Number of slips of which sensitivities are computed at a time: one program serves all numbers.
 _CHUNK = 2048
+
+#: Where directions of the parameters differ by less than this in what they do, as a share, they
+#: differ by rounding alone.
+_ROUNDING = 1e-14
 
 #: Taken in place of slip 0, where the size of the slip, and so an odd law, has no slope to jax.
 _AT_REST = 1e-15
@@ -111,11 +114,21 @@ def sensitivity_of(truth: Truth, slip: Float[np.ndarray, " points"]) -> Sensitiv
 
 
 def standard_errors(
-    peak: PeakOfTruth, information: Float[np.ndarray, "plans free free"]
+    peak: PeakOfTruth,
+    curvature: Float[np.ndarray, "plans free free"],
+    score: Float[np.ndarray, "plans free free"],
 ) -> Float[np.ndarray, "plans 2"]:
-    """Of mu_max and slip_opt, by the delta method; infinite where a parameter is undetermined."""
-    variance = np.asarray(_variances(information, peak.gradient))
-    return np.sqrt(np.where(np.isfinite(variance) & (variance >= 0), variance, np.inf))
+    """Of mu_max and slip_opt, by the delta method; infinite where a parameter is undetermined.
+
+    For each plan the curvature of what a fit minimises, and the covariance of its gradient.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(curvature, axis1=1, axis2=2), 1e-300))[:, None]
+    values, vectors = np.linalg.eigh(curvature / (scale * scale.mT))
+    determined = values.min(axis=1, keepdims=True) > _ROUNDING
+    values = np.where(determined, values, 1.0)[:, None]
+    along = (peak.gradient / scale) @ vectors / values @ vectors.mT / scale
+    variance = np.einsum("nqi,nij,nqj->nq", along, score, along)
+    return np.where(determined, np.sqrt(variance), np.inf)
 
 
 @kept()
@@ -142,11 +155,3 @@ def _sensitivity(
     value, slope = jax.jvp(lambda slip: adhesion(parameters, slip), (slip,), (jnp.ones_like(slip),))
     by_parameters = jax.jacfwd(lambda parameters: adhesion(parameters, slip))(parameters)
     return value, slope, by_parameters.T
-
-
-@kept()
-def _variances(
-    information: Float[Array, "plans free free"], gradient: Float[Array, "2 free"]
-) -> Float[Array, "plans 2"]:
-    covariance = jax.vmap(inverse_information)(information)
-    return jnp.einsum("qi,nij,qj->nq", gradient, covariance, gradient)

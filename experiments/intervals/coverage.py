@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from scipy.signal import lfilter
 from scipy.stats import binomtest
 
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.curves import CURVES, Curve
+from adhesion_jax.inference.noise import RunNoise, noise_of_runs
 from adhesion_jax.measured.answer import answered
 from adhesion_jax.measured.identification import fit_curves, searched
 from adhesion_jax.records import Record
@@ -33,17 +33,16 @@ class Cell(NamedTuple):
 
     truth: str  # `known`, or a name of UNKNOWN
     noise: str
-    autocorrelation: float = 0.0
-    run_scatter: float = 0.0  # relative
-    slip_noise: float = 0.0  # standard deviation of the slip
+    size: RunNoise = RunNoise(SIGMA)
 
 
 KNOWN_CELLS = (
     Cell("known", "white"),
-    Cell("known", "AR(1) 0.5", autocorrelation=0.5),
-    Cell("known", "AR(1) 0.95", autocorrelation=0.95),
-    Cell("known", "run scatter 1 %", run_scatter=0.01),
-    Cell("known", "slip noise", slip_noise=0.002),
+    Cell("known", "AR(1) 0.5", RunNoise(SIGMA, 0.5)),
+    Cell("known", "AR(1) 0.95", RunNoise(SIGMA, 0.95)),
+    Cell("known", "run scatter 1 %", RunNoise(SIGMA, run_scatter=0.01)),
+    Cell("known", "slow level 3 %", RunNoise(SIGMA, slow_level=0.03, slow_rows=100)),
+    Cell("known", "slip noise", RunNoise(SIGMA, slip_noise=0.002)),
 )
 UNKNOWN_CELLS = tuple(Cell(name, "white") for name in UNKNOWN)
 
@@ -71,7 +70,7 @@ def one_set(cell: Cell, seed: int) -> dict[str, object]:
     truth = truth_of(cell)
     record = drawn(cell, truth, seed)
     run = np.repeat(np.arange(RUNS), SAMPLES)
-    asked = None if cell.slip_noise else 0.0
+    asked = None if cell.size.slip_noise else 0.0
     with jax.enable_x64(True):
         fits = fit_curves(OFFERED, record, run, False, asked, starts=lambda c, _: _starts(cell, c))
     answer = answered(fits.curves)
@@ -87,7 +86,7 @@ def one_set(cell: Cell, seed: int) -> dict[str, object]:
     return row | {
         "heaviest": best,
         "weight": answer.weights[best],
-        "slip_noise": fits.curves[best].noise.slip,
+        "slip_noise": fits.curves[best].noise.slip_noise,
         "degrees": fits.curves[best].degrees,
         "not_converged": sum(not fit.converged for fit in fits.curves.values()),
     }
@@ -101,14 +100,10 @@ def drawn(cell: Cell, truth: Truth, seed: int) -> Record:
     """Each run goes up to the largest slip and back; all have the same programme of slip."""
     generator = np.random.default_rng([seed, *cell.truth.encode(), *cell.noise.encode()])
     slip = np.tile(_programme(), RUNS)
-    r = cell.autocorrelation
-    fresh = generator.standard_normal((RUNS, SAMPLES))
-    fresh[:, 1:] *= np.sqrt(1 - r**2)
-    noise = SIGMA * lfilter([1.0], [1.0, -r], fresh, axis=1).ravel()
-    level = 1 + cell.run_scatter * np.repeat(generator.standard_normal(RUNS), SAMPLES)
-    adhesion = level * truth.adhesion(slip) + noise
-    measured = slip + cell.slip_noise * generator.standard_normal(slip.size)
-    return _record(measured, adhesion)
+    mean = truth.adhesion(slip)
+    noise = noise_of_runs(cell.size, mean.reshape(RUNS, SAMPLES), generator).ravel()
+    measured = slip + cell.size.slip_noise * generator.standard_normal(slip.size)
+    return _record(measured, mean + noise)
 
 
 def _programme() -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from fault_forms import DRY, FAULTS
+from stranger_runs import CELLS, draw
 
 import adhesion_jax as aj
 from adhesion_jax.command_line import identify as identify_command
@@ -122,6 +123,12 @@ def test_a_fault_that_hides_no_peak_leaves_the_truth_in_the_intervals(name):
     assert answers(found, DRY.mu_max, DRY.slip_opt)
     low, high = found.mu_max_interval
     assert high - low < 0.07
+
+
+def test_points_above_the_interval_are_no_fault_where_neighbours_share_their_noise():
+    """Of the correlation .95, a part of which is described as levels of runs or slow ones."""
+    for seed in (1, 14):
+        assert aj.identify(draw(CELLS["ar95"], seed)).vetoes == ()
 
 
 def test_a_slow_level_and_a_noisy_slip_do_not_lead_the_fit_away_from_the_points():

@@ -11,14 +11,14 @@ from adhesion_jax.command_line.plan import main
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
+from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.measured.saved import load_curve
 from adhesion_jax.planning.excitation import again
-from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.plan import planner, present_of
 from adhesion_jax.planning.truth import Truth
 from adhesion_jax.scenarios.rails import RAILS
 
-NOISE = Noise(0.004, autocorrelation=0.7, run_scatter=0.01)
+NOISE = RunNoise(0.004, autocorrelation=0.7, run_scatter=0.01)
 RUNS, POINTS, LARGEST = 12, 200, 0.25
 
 

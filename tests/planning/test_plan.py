@@ -12,9 +12,10 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.speed import Speed
 from adhesion_jax.errors import InputError
+from adhesion_jax.inference.noise import RunNoise, noise_of_runs
 from adhesion_jax.planning.check import check_plan
 from adhesion_jax.planning.excitation import Again, Sweeps, again
-from adhesion_jax.planning.noise import Noise, information_under
+from adhesion_jax.planning.information import information_under
 from adhesion_jax.planning.plan import (
     ROUGH,
     plan_of,
@@ -29,11 +30,12 @@ from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
 
 COMMON = Truth(RAILS["common"], {})
 NOISES = {
-    "white": Noise(0.01),
-    "autocorrelated": Noise(0.01, autocorrelation=0.9),
-    "scattered runs": Noise(0.01, autocorrelation=0.5, run_scatter=0.02),
-    "noise in slip": Noise(0.01, slip_noise=0.003),
-    "all": Noise(0.01, 0.95, 0.02, 0.003),
+    "white": RunNoise(0.01),
+    "autocorrelated": RunNoise(0.01, autocorrelation=0.9),
+    "scattered runs": RunNoise(0.01, autocorrelation=0.5, run_scatter=0.02),
+    "slow level": RunNoise(0.01, slow_level=0.03, slow_rows=40),
+    "noise in slip": RunNoise(0.01, slip_noise=0.003),
+    "all": RunNoise(0.01, 0.95, 0.02, 0.03, 40, 0.003),
 }
 
 
@@ -57,9 +59,18 @@ def by_differences(slip):
 
 def covariance(noise, slope, level):
     """Of one run, from the definition of the noise."""
-    ar = noise.sigma**2 * toeplitz(noise.autocorrelation ** np.arange(slope.size))
-    level = noise.run_scatter * level
-    return ar + np.diag((noise.slip_noise * slope) ** 2) + np.outer(level, level)
+    lag = np.arange(slope.size)
+    levels = noise.run_scatter**2 * np.ones((lag.size, lag.size))
+    if noise.slow_level:
+        levels += noise.slow_level**2 * toeplitz(np.exp(-lag / noise.slow_rows))
+    ar = noise.sigma**2 * toeplitz(noise.autocorrelation**lag)
+    return ar + np.diag((noise.slip_noise * slope) ** 2) + levels * np.outer(level, level)
+
+
+def sandwich(noise, sensitivity, slope, of_noise):
+    """Curvature and covariance of the score, of weights by sigma and the noise of the slip."""
+    weighted = sensitivity / (noise.sigma**2 + (noise.slip_noise * slope) ** 2)
+    return weighted @ sensitivity.T, weighted @ of_noise @ weighted.T
 
 
 @pytest.mark.parametrize("name", NOISES)
@@ -72,10 +83,23 @@ def test_the_information_is_that_of_the_whole_covariance(name):
         _, slope, level = by_differences(np.abs(run))
         blocks.append(covariance(NOISES[name], slope, np.sign(run) * level))
     sensitivity = np.sign(slip) * by_differences(np.abs(slip))[0]
-    expected = sensitivity @ np.linalg.solve(block_diag(*blocks), sensitivity.T)
+    slope = by_differences(np.abs(slip))[1]
+    expected = sandwich(NOISES[name], sensitivity, slope, block_diag(*blocks))
     starts = np.array([0, 60, 61])
     found = information_under(NOISES[name], sensitivity_of(COMMON, slip), starts)
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    for part, dense in zip(found, expected, strict=True):
+        np.testing.assert_allclose(part, dense, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", NOISES)
+def test_what_is_drawn_has_the_covariance_of_the_noise(name):
+    """Every element within 5.5 standard errors of the sample covariance of normal draws."""
+    noise, draws = NOISES[name], 4000
+    _, slope, level = by_differences(np.linspace(0.0, 0.4, 60))
+    made = noise_of_runs(noise, np.tile(level, (draws, 1)), np.random.default_rng(0))
+    true = covariance(noise._replace(slip_noise=0.0), slope, level)
+    error = np.sqrt((np.outer(np.diag(true), np.diag(true)) + true**2) / draws)
+    assert np.all(np.abs(made.T @ made / draws - true) < 5.5 * error)
 
 
 def test_the_errors_of_the_peak_follow_from_its_closed_form():
@@ -91,8 +115,9 @@ def test_the_errors_of_the_peak_follow_from_its_closed_form():
         gradient.append((ends[0] - ends[1]) / (2e-5 * value))
     slip_opt, mu_max = peak_in_closed_form(rail)
     sensitivity, slope, level = by_differences(np.linspace(0.0, 0.3, 200))
-    information = 5 * sensitivity @ np.linalg.solve(covariance(noise, slope, level), sensitivity.T)
-    of_slip, of_level = np.sqrt([g @ np.linalg.solve(information, g) for g in np.array(gradient).T])
+    curvature, score = sandwich(noise, sensitivity, slope, covariance(noise, slope, level))
+    along = np.linalg.solve(curvature, np.array(gradient))
+    of_slip, of_level = np.sqrt(np.diag(along.T @ score @ along) / 5)
     found = relative_errors(planner(COMMON, noise, Sweeps(200)), np.array([0.3]), 1000.0)
     np.testing.assert_allclose(found[0], [of_level / mu_max, of_slip / slip_opt], rtol=1e-4)
 
@@ -113,16 +138,16 @@ def test_four_times_as_many_runs_halve_every_error_and_more_noise_never_helps():
         np.testing.assert_allclose(found.errors[:, 0], 2 * found.errors[:, 1], rtol=1e-9)
     quiet = relative_errors(planner(COMMON, NOISES["white"], Sweeps(200)), slips, 400.0)
     blurred = relative_errors(
-        planner(COMMON, Noise(0.01, slip_noise=0.001), Sweeps(200)), slips, 400.0
+        planner(COMMON, RunNoise(0.01, slip_noise=0.001), Sweeps(200)), slips, 400.0
     )
     assert np.all(blurred > quiet)
     # Levels of runs add their own variance to mu_max, and leave the slip of the peak alone.
-    scattered = Noise(0.01, run_scatter=0.01)
+    scattered = RunNoise(0.01, run_scatter=0.01)
     level = relative_errors(planner(COMMON, scattered, Sweeps(200)), slips, 400.0)
     np.testing.assert_allclose(level[:, 1], quiet[:, 1], rtol=1e-6)
     np.testing.assert_allclose(level[:, 0] ** 2, quiet[:, 0] ** 2 + 0.01**2 / 2, rtol=1e-6)
     # Doubled noise doubles every error.
-    doubled = relative_errors(planner(COMMON, Noise(0.02), Sweeps(200)), slips, 400.0)
+    doubled = relative_errors(planner(COMMON, RunNoise(0.02), Sweeps(200)), slips, 400.0)
     np.testing.assert_allclose(doubled, 2 * quiet, rtol=1e-9)
 
 
@@ -153,7 +178,7 @@ def test_the_fewest_samples_reach_the_wanted_error_and_one_fewer_does_not():
 
 def test_the_slip_that_halves_the_interval_does():
     slip = np.linspace(0.0, 0.15, 150)
-    chosen = planner(COMMON, Noise(0.01, 0.8), again(slip, np.array([0, 75])))
+    chosen = planner(COMMON, RunNoise(0.01, 0.8), again(slip, np.array([0, 75])))
     present = present_of(chosen, 0.15, 150, 2)
     for quantity, further in enumerate(present.further):
         assert further is not None
@@ -171,7 +196,15 @@ def test_sweeps_divide_the_samples_into_runs_from_zero_to_the_largest_slip():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("noise", [Noise(0.01, 0.9, 0.02), Noise(0.01, 0.5, slip_noise=0.0005)])
+@pytest.mark.parametrize(
+    "noise",
+    [
+        RunNoise(0.01, 0.9, run_scatter=0.02),
+        RunNoise(0.01, 0.5, slow_level=0.03, slow_rows=100),
+        RunNoise(0.01, 0.5, slip_noise=0.0005),
+    ],
+    ids=["correlated", "slow level", "noisy slip"],
+)
 def test_simulated_measurements_scatter_as_planned(noise):
     """Six cells: the ratio of the standard errors within 5 %, or four of its standard errors."""
     slips, numbers = np.geomspace(0.35, 0.7, 3), np.array([400.0, 1600.0])
@@ -217,6 +250,7 @@ def test_a_law_with_effects_is_planned_at_its_conditions():
         ("dry", {"sigma": 0.0}, "sigma is a number from 0 to 10, not 0"),
         ("dry", {"autocorrelation": 1.0}, "autocorrelation is a number from 0 to 1, not 1"),
         ("dry", {"run_scatter": np.nan}, "run_scatter is a number"),
+        ("dry", {"slow_level": 0.03}, "slow_level is stated without slow_rows"),
         ("dry", {"samples": [5, 20]}, "two or more from 10 to"),
         ("dry", {"samples": [100]}, "two or more from 10 to"),
         ("dry", {"largest_slips": [0.1, 1.5]}, "between 0 and 1, where the peak is searched"),
@@ -236,6 +270,15 @@ def test_what_cannot_be_planned_is_refused_in_one_sentence(source, options, says
 def test_a_condition_outside_the_range_of_a_law_is_refused():
     with pytest.raises(InputError, match="from 5 to 35, and says nothing of 50"):
         aj.plan(law_with_speed(), conditions={"vehicle_speed_mps": 50.0})
+
+
+def test_a_slow_level_is_told_and_costs():
+    size = {"largest_slips": (0.2, 0.4), "samples": (400, 800)}
+    found = aj.plan("common", slow_level=0.03, slow_rows=100.0, **size)
+    said = " ".join(found.verdict.split())
+    assert "varies within a run by 3.0 % of the adhesion, with a correlation" in said
+    assert "falls to 1/e after 100 samples" in said
+    assert np.all(found.plan.errors > aj.plan("common", **size).plan.errors)
 
 
 def test_what_a_figure_is_worth_is_told():

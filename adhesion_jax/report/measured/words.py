@@ -213,10 +213,10 @@ def _noise_sentences(fit: MeasuredFit, slip: SlipNoise, runs: int, measured: Mea
             f"a correlation time of {seconds:.2g} s"
         )
     sentences = [f"{listed(found)}."]
-    if noise.slip > 0:
+    if noise.slip_noise > 0:
         unit = " m/s of wheel speed" if slip.of_wheel_speed else ""
         sentences.append(
-            f"The slip has noise of standard deviation {noise.slip:.2g}{unit} "
+            f"The slip has noise of standard deviation {noise.slip_noise:.2g}{unit} "
             f"({'given' if slip.given else 'estimated from its course in time'}): points where the "
             "curve is steep count less, and the curve is the mean over this noise."
         )

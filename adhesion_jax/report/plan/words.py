@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.excitation import Sweeps
-from adhesion_jax.planning.noise import Noise
 from adhesion_jax.planning.own_log import OwnLog
 from adhesion_jax.planning.plan import ROUGH, UNDETERMINED, Plan, Present, Wanted
 from adhesion_jax.planning.truth import curve_of
@@ -13,6 +13,9 @@ from adhesion_jax.wording import listed, number
 
 #: Half the width of a 95 % interval in standard errors.
 _QUANTILE = 1.96
+
+#: A smaller misfit than this share of the adhesion is not worth a word.
+_SLIGHT = 5e-4
 
 QUANTITIES = ("mu_max", "slip_opt")
 
@@ -86,7 +89,7 @@ def told(
     for place, name in enumerate(QUANTITIES):
         parts.append(f"\nRelative standard error of {name} (%)\n{_table(plan, place)}")
     parts += ["", *map(filled, _remarks(plan))]
-    if log is not None and log.misfit > 0:
+    if log is not None and log.misfit >= _SLIGHT:
         parts.append(filled(_misfit_sentence(log)))
     if present is not None:
         parts += ["", *map(filled, _present_sentences(plan, present))]
@@ -115,7 +118,7 @@ def checked(cells: pd.DataFrame, measurements: int) -> str:
     return f"Standard error of mu_max in {measurements:,} simulated measurements\n{table}"
 
 
-def _noise_sentences(noise: Noise, log: OwnLog | None) -> str:
+def _noise_sentences(noise: RunNoise, log: OwnLog | None) -> str:
     if log is None:
         found = ""
     elif not log.in_time:
@@ -132,6 +135,15 @@ def _noise_sentences(noise: Noise, log: OwnLog | None) -> str:
         f"levels of runs that scatter by {per_cent(noise.run_scatter)} % of the adhesion"
         if noise.run_scatter
         else "no scatter between runs",
+        *(
+            [
+                f"a level that varies within a run by {per_cent(noise.slow_level)} % of the "
+                f"adhesion, with a correlation that falls to 1/e after {number(noise.slow_rows)} "
+                "samples"
+            ]
+            if noise.slow_level
+            else []
+        ),
         f"standard deviation {number(noise.slip_noise)} in slip"
         if noise.slip_noise
         else "an exact slip",
@@ -203,9 +215,10 @@ def _remarks(plan: Plan) -> list[str]:
             "show."
         )
     remarks.append(
-        "The figures are the smallest errors that an unbiased estimate can have, which a fit "
-        "reaches that weights the samples by this noise. Errors of the slip are taken to the first "
-        "order, and that the curve is of the right form is assumed."
+        "The figures are the errors of a fit by least squares that weights samples as adhesion "
+        "identify does: by the noise of the slip, not by what neighbours have in common. Errors of "
+        "the slip are taken to the first order, and the curve is assumed to be of the right form; "
+        "where adhesion identify lets it bend, its intervals are wider."
     )
     if plan.planner.noise.slip_noise > 0:
         remarks.append(
