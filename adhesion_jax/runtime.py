@@ -23,8 +23,13 @@ CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os
 
 _CONFIG: Any = jax.config  # which does not declare its settings
 
-# One thread per process: a sum is then taken in the same order whatever the number of cores.
-_FLAGS = {"--xla_cpu_multi_thread_eigen": "false"}
+# One thread per process: a sum is then taken in the same order whatever the number of cores. And a
+# loop of many short steps is compiled as one function (by itself the compiler does so up to 1 kB of
+# numbers): calls take longer than the work otherwise, and recursions four times as long.
+_FLAGS = {
+    "--xla_cpu_multi_thread_eigen": "false",
+    "--xla_backend_extra_options": "xla_cpu_small_while_loop_byte_threshold=100000000",
+}
 
 PACKAGES = (
     "adhesion-jax",

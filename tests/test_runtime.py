@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import jax
+import jax.numpy as jnp
 import pytest
 
 from adhesion_jax import keeping, runtime
@@ -87,3 +88,16 @@ def test_a_program_without_the_cpu_is_told_what_to_set(monkeypatch, chosen):
     finally:
         jax.config.update("jax_platforms", before)
     assert f"set to compute on {chosen or 'all that it finds'}, has none" in str(refused.value)
+
+
+def test_a_loop_of_short_steps_is_one_function_of_the_processor():
+    """The compiler ignores an option that it does not know: this holds that it knows ours."""
+
+    def step(total, given):
+        return 0.9 * total + jnp.sin(given), None
+
+    def over_samples(samples):
+        return jax.lax.scan(step, jnp.zeros(samples.shape[1:]), samples)[0]
+
+    compiled = jax.jit(over_samples).lower(jnp.zeros((500, 128))).compile()
+    assert "xla_cpu_small_call" in compiled.as_text()

@@ -29,16 +29,14 @@ _Program = Callable[[Identifier, Record, Key[Array, ""], np.ndarray], tuple[Esti
 
 _KeyAndRuns = tuple[Key[Array, ""], Int[ArrayLike, " runs"]]
 
-#: The lowest optimisation level of the compiler that does not make the programs slower, and vectors
-#: of 512 bits: with these differential evolution is 1.5 times as fast, recursions and gradient
-#: solvers are 1.1 to 1.4 times as fast.
-FUSED: dict[str, str | bool] = {"xla_backend_optimization_level": "1", **programs.WIDELY}
-_UNFUSED = {**FUSED, **programs.QUICKLY}
-
-
-def compiler_of(method: Identifier) -> dict[str, str | bool]:
-    """The options of the compiler for the programs of a method."""
-    return FUSED if method.FUSED else _UNFUSED
+#: The options of the compiler for the programs of all methods: the lowest optimisation level that
+#: does not make them slower, and vectors of 512 bits. With these differential evolution is 1.5
+#: times as fast, recursions and gradient solvers are 1.1 to 1.4 times as fast.
+COMPILER: dict[str, str | bool] = {
+    "xla_backend_optimization_level": "1",
+    **programs.WIDELY,
+    **programs.QUICKLY,
+}
 
 
 class TileResult(NamedTuple):
@@ -144,7 +142,7 @@ class Tiles:
 
         name = ("tile", self._content, form, str(kinds))
         began = time.perf_counter()
-        compiled = programs.program(name, tile, leaves, compiler_of(example))
+        compiled = programs.program(name, tile, leaves, COMPILER)
         seconds = time.perf_counter() - began
         return lambda *arguments: compiled(jax.tree.leaves(arguments)), seconds
 

@@ -93,11 +93,6 @@ class Identifier(eqx.Module):
     #: alone: they are then held against the bound of all these blocks.
     POOLS: ClassVar[bool] = False
 
-    #: Whether the compiler is to fuse the loops of its programs. That takes half as long again to
-    #: compile, and makes one long loop over generations several times as fast, the search of exact
-    #: maximum likelihood twice, others hardly.
-    FUSED: ClassVar[bool] = False
-
     @abstractmethod
     def accepts(self, known: Known) -> str | None:
         """None, or the reason why this method cannot work on what is known and asked."""

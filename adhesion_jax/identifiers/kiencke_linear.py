@@ -7,9 +7,8 @@ Source: Qian et al. 2024, Eq. 3 to 6.
 """
 
 import dataclasses
-from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,6 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
 from adhesion_jax.identifiers.online import OnlineState, R, Step, over_fresh_samples
-from adhesion_jax.optim.kernel import scan_in_one_kernel
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
 from adhesion_jax.records import Known, Record
 
@@ -161,11 +159,9 @@ def with_residual(normal: Normal, sample: Regression, weight: Float[Array, ""], 
     )
 
 
-def after_record(
-    step: Step[R], state: OnlineState, record: Record, scan: Callable[..., Any] = jax.lax.scan
-) -> OnlineState:
+def after_record(step: Step[R], state: OnlineState, record: Record) -> OnlineState:
     """The state of an online method, whose recursion holds the estimate `x`, one record on."""
-    state = over_fresh_samples(partial(step, state.known), state, record, scan=scan)
+    state = over_fresh_samples(partial(step, state.known), state, record)
     return state._replace(objective=_objective(state.known, record, tuple(state.recursion.x)))
 
 
@@ -179,7 +175,7 @@ def _objective(known: Known, record: Record, x: Pair) -> Float[Array, ""]:
         return total + jnp.where(mask & jnp.isfinite(misfit), misfit, 0.0) ** 2, None
 
     points = (record.mask, record.slip, record.adhesion)
-    return scan_in_one_kernel(add, jnp.zeros(()), points)[0]
+    return jax.lax.scan(add, jnp.zeros(()), points)[0]
 
 
 def online_estimate(

@@ -33,7 +33,6 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
 
     FITS_LAST_RECORD: ClassVar[bool] = True
     RESETS: ClassVar[bool] = False
-    FUSED: ClassVar[bool] = True
 
     local_share: Scalar
     radius: Scalar

@@ -26,7 +26,6 @@ class ExactMaximumLikelihood(Identifier):
 
     FITS_LAST_RECORD: ClassVar[bool] = True
     RESETS: ClassVar[bool] = False
-    FUSED: ClassVar[bool] = True
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)

@@ -37,14 +37,12 @@ def over_fresh_samples(
     state: OnlineState,
     record: Record,
     conditions: Sequence[str] = (),
-    scan: Callable[..., Any] = jax.lax.scan,
 ) -> OnlineState:
     """The state after every point of the record that has not been seen before.
 
     A sample that is not finite is left out and counted, because it would stay in the sums. To the
     step it comes, like one that is not fresh, with zeros for its columns, and as not taken; the
-    recursion must then stay as it is. A step that is arithmetic alone takes the least time with
-    `scan_in_one_kernel`.
+    recursion must then stay as it is.
     """
 
     def one_sample(
@@ -60,7 +58,7 @@ def over_fresh_samples(
     samples = (record.fresh, record.slip, record.adhesion, *asked_for)
     # Counted in the type of the recursion: numbers of another width would slow the loop down.
     start = (state.recursion, jnp.zeros(()))
-    (recursion, skipped), _ = scan(one_sample, start, samples)
+    (recursion, skipped), _ = jax.lax.scan(one_sample, start, samples)
     return state._replace(
         recursion=recursion,
         samples=jnp.sum(record.fresh, dtype=jnp.int32),

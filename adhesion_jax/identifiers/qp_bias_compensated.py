@@ -24,7 +24,6 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.optim.kernel import scan_in_one_kernel
 from adhesion_jax.records import Known, Record
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
@@ -81,7 +80,7 @@ class BiasCompensatedProgram(Identifier):
         return begin(known, Recursion(normal, noise, jnp.int32(0), (x1, x2), eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record, scan_in_one_kernel)
+        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
         normal, noise, samples, _, eta = state.recursion

@@ -23,7 +23,6 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.optim.kernel import computed_once, scan_in_one_kernel
 from adhesion_jax.records import Known, Record
 
 #: Information matrices (h11, h12, h22) before each of the last samples, the latest first.
@@ -71,7 +70,7 @@ class QuadraticProgram(Identifier):
         return begin(known, Recursion(normal, history, jnp.int32(0), (x1, x2), eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record, scan_in_one_kernel)
+        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
         recursion = state.recursion
@@ -103,11 +102,7 @@ class QuadraticProgram(Identifier):
         def as_it_was() -> tuple[Float[Array, ""], History]:
             return eta, recursion.history
 
-        # A condition that is known beforehand would leave arguments of the kernel without use.
-        if isinstance(self.redistributes, bool):
-            eta, history = (redistributed if self.redistributes else as_it_was)()
-        else:
-            eta, history = jax.lax.cond(self.redistributes, redistributed, as_it_was)
+        eta, history = jax.lax.cond(self.redistributes, redistributed, as_it_was)
         # With zeros for the sample, nothing changes as soon as nothing is forgotten.
         factor = jnp.where(taken, eta, 1.0)
         weight = jnp.where(self.weight_falls, (2 - eta) / 2, 1.0)
@@ -121,7 +116,6 @@ class QuadraticProgram(Identifier):
         return Recursion(normal, history, recursion.samples + taken, x, eta)
 
 
-@computed_once
 def _redistributed(
     eta: Float[Array, ""],
     regressors: Pair,

@@ -16,7 +16,6 @@ from adhesion_jax.identifiers.kiencke_linear import (
     regression,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.optim.kernel import computed_once, scan_in_one_kernel
 from adhesion_jax.records import Known, Record
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
@@ -60,7 +59,7 @@ class RecursiveLeastSquares(Identifier):
         return begin(known, Recursion((x1, x2), wide, zero, wide, zero, zero, zero, eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record, scan_in_one_kernel)
+        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
         _, p11, p12, p22, g11, g12, g22, eta = state.recursion
@@ -98,7 +97,6 @@ class RecursiveLeastSquares(Identifier):
         )
 
 
-@computed_once
 def _gains(
     eta: Float[Array, ""],
     share: Float[Array, ""],

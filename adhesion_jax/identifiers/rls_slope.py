@@ -10,7 +10,6 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
 from adhesion_jax.identifiers.online import OnlineState, begin, over_fresh_samples
-from adhesion_jax.optim.kernel import scan_in_one_kernel
 from adhesion_jax.optim.recursive_slope import slope_step
 from adhesion_jax.records import Known, Record
 
@@ -77,7 +76,7 @@ class RecursiveSlope(Identifier):
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         names = ("slip_velocity_mps", "time_s")
-        state = over_fresh_samples(self._step, state, record, names, scan_in_one_kernel)
+        state = over_fresh_samples(self._step, state, record, names)
         return state._replace(objective=state.recursion.residual**2)
 
     def estimate(self, state: OnlineState) -> Estimate:

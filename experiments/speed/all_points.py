@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Key
 
-from adhesion_jax.campaign.tiles import FUSED
+from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.identifiers.ml_de import CROSSOVER
 from adhesion_jax.optim import differential_evolution as de
 from experiments.speed.powers import exp2
@@ -23,7 +23,7 @@ SCALE = 0.5
 _TOGETHER = 10
 
 #: Whatever the flags of the environment.
-_COMPILER = {**FUSED, "xla_cpu_use_fusion_emitters": True}
+_COMPILER = {**COMPILER, "xla_cpu_use_fusion_emitters": True}
 
 _Search = Callable[[Key[Array, " runs"], Float[Array, "runs points"]], Float[Array, "runs 3"]]
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Key
 
 from adhesion_jax.campaign.config import Config, build_scenario
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
-from adhesion_jax.campaign.tiles import compiler_of
+from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, identify
 from adhesion_jax.records import Record
 
@@ -40,7 +40,7 @@ def batch_on(device: jax.Device, config: Config, name: str) -> Batch:
     many = jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0))
     program = jax.jit(lambda records, keys: many(method, scenario.known, records, keys))
     began = time.process_time()
-    options = compiler_of(method) if device.platform == "cpu" else None
+    options = COMPILER if device.platform == "cpu" else None
     ready = program.lower(*given).compile(options)
     seconds = time.process_time() - began
     return Batch(lambda: jax.block_until_ready(ready(*given)), seconds)

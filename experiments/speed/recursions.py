@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.campaign.config import Config, build_scenario
-from adhesion_jax.campaign.tiles import compiler_of
+from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios import Options
@@ -79,7 +79,7 @@ def _over_runs(
     state = method.init(known, jax.random.key(0))
     batch = jax.jit(jax.vmap(method.update, in_axes=(None, record_axes(1, 1, {}))))
     began = time.process_time()
-    update = batch.lower(state, groups[0]).compile(compiler_of(method))
+    update = batch.lower(state, groups[0]).compile(COMPILER)
     seconds = time.process_time() - began
     return lambda: [jax.block_until_ready(update(state, group)) for group in groups], seconds
 
