@@ -105,7 +105,7 @@ def test_values_objective_and_status_are_those_of_the_curve_that_was_found(name,
     np.testing.assert_allclose(objective, raw_sum_of_squares(parameters, records, a0), rtol=1e-9)
     if accepts("ml-exact", case):
         optimum = np.asarray(small("ml-exact", case)[2].objective)
-        assert np.all(objective >= optimum - 1e-6 * scenario.sigma**2)
+        assert np.all(objective >= optimum - 1e-6 * scenario.noise.sigma**2)
 
     on_box = np.any(
         (parameters <= lower + 1e-4 * (upper - lower))

@@ -136,7 +136,7 @@ def test_convergence_shows_medians_with_their_spread_about_the_truth(drawn):
     )
 
     at_lengths = bands(dict.fromkeys(shown, (0.3, 0.3)), (0, 1))
-    axes = drawn(figures.convergence, checkpoints, at_lengths, [50.0, 100.0], "points seen (1)")
+    axes = drawn(figures.convergence, checkpoints, at_lengths, "points seen (1)", [50.0, 100.0])
     assert [axis.get_ylabel() for axis in axes] == [figures.LABELS[name] for name in shown]
     for axis in axes:
         assert axis.get_xlabel() == "points seen (1)"
