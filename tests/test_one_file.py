@@ -1,6 +1,7 @@
 """A new effect, curve or method is one file and one line: shown on a copy of the package."""
 
 import ast
+import inspect
 import json
 import os
 import re
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 import adhesion_jax
-from adhesion_jax.effects.cause import Scaling
+from adhesion_jax.effects.cause import Facts, Scaling
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.planting import Planting, chosen
@@ -249,7 +250,12 @@ def page_without(declared: str = "", fact: str = "") -> dict[str, object]:
 
 
 DECLARED = [name_of(part) for part in written().body if name_of(part) != "k"]
-FACTS = [one.arg for one in facts_of(written()).keywords if one.arg != "same_as"]
+#: The facts of the page that have no default.
+FACTS = [
+    one.arg
+    for one in facts_of(written()).keywords
+    if inspect.signature(Facts).parameters[one.arg].default is inspect.Parameter.empty
+]
 
 
 @pytest.fixture(autouse=True)
