@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from numpy.polynomial.chebyshev import cheb2poly, chebvander
+from numpy.polynomial.chebyshev import chebvander
 
 from adhesion_jax.optim.quadratic_program import bounded_pair
 
@@ -51,14 +51,22 @@ _MIDDLE, _HALF = 0.5 * (_LOW + _HIGH), 0.5 * (_HIGH - _LOW)
 
 
 def _to_powers() -> np.ndarray:
-    """Interpolation at Chebyshev points; in extended precision, because it loses three digits."""
+    """The interpolation of the series at Chebyshev points of the cells.
+
+    By way of the powers of t that are exact, of which those beyond the local degree, small in a
+    cell, are interpolated: interpolation of the series themselves would lose three digits.
+    """
+    exact = np.zeros((DEGREE, DEGREE, _GRID))  # of T_d(middle + half t): [d, powers, grid]
+    exact[0, 0], exact[1, 0], exact[1, 1] = 1.0, _MIDDLE, _HALF
+    for d in range(2, DEGREE):
+        exact[d] = 2 * _MIDDLE * exact[d - 1] - exact[d - 2]
+        exact[d, 1:] += 2 * _HALF * exact[d - 1, :-1]
     size = _LOCAL_DEGREE + 1
-    angles = np.pi * (np.arange(size, dtype=np.longdouble) + 0.5) / size
-    values = chebvander(_MIDDLE[:, None] + _HALF[:, None] * np.cos(angles), DEGREE - 1)
-    to_series = (2 / size) * np.cos(np.outer(np.arange(size), angles))
-    to_series[0] /= 2
-    from_series = np.array([np.pad(cheb2poly(row), (0, size))[:size] for row in np.eye(size)])
-    return np.einsum("kd,kt,gtn->gnd", from_series, to_series, values).astype(float)
+    nodes = np.cos(np.pi * (np.arange(size) + 0.5) / size)
+    powers = nodes[:, None] ** np.arange(DEGREE)
+    of_high = np.linalg.solve(powers[:, :size], powers[:, size:])
+    low, high = exact[:, :size], exact[:, size:]
+    return np.moveaxis(low + np.einsum("nk,dkg->dng", of_high, high), 2, 0)
 
 
 _TO_POWERS = _to_powers()

@@ -1,3 +1,5 @@
+from fractions import Fraction
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -5,6 +7,7 @@ import pytest
 from lanes import lanes
 from scipy.optimize import lsq_linear, minimize_scalar
 
+from adhesion_jax.optim import variable_projection
 from adhesion_jax.optim.variable_projection import Sums, minimise, sum_of_squares, summarise
 
 LOWER = np.array([0.1, 10.0, 0.05])
@@ -233,3 +236,27 @@ def test_the_sums_at_the_optimum_and_their_derivatives_are_those_of_the_points(c
     # Each derivative of a series loses digits, most of them where nu is at an end of its range.
     for jet, expected in ((found.phi_phi, of_phi_phi), (found.phi_psi, of_phi_psi)):
         np.testing.assert_allclose(jet, expected, rtol=1e-9, atol=1e-9 * abs(expected[0]))
+
+
+def test_local_polynomials_are_those_of_exact_fractions():
+    """Interpolation of T_d(middle + half t) at Chebyshev points, solved without rounding."""
+    size = variable_projection._LOCAL_DEGREE + 1
+    nodes = [Fraction(float(x)) for x in np.cos(np.pi * (np.arange(size) + 0.5) / size)]
+    for cell in (0, 13, 31, 63):
+        middle, half = (
+            Fraction(float(x[cell]))
+            for x in (variable_projection._MIDDLE, variable_projection._HALF)
+        )
+        rows = []
+        for node in nodes:
+            x = middle + half * node
+            series = [Fraction(1), x]
+            for _ in range(2, variable_projection.DEGREE):
+                series.append(2 * x * series[-1] - series[-2])
+            rows.append([node**k for k in range(size)] + series)
+        for k in range(size):
+            rows[k] = [x / rows[k][k] for x in rows[k]]
+            for j in set(range(size)) - {k}:
+                rows[j] = [x - rows[j][k] * y for x, y in zip(rows[j], rows[k], strict=True)]
+        expected = np.array([[float(x) for x in row[size:]] for row in rows]).T
+        np.testing.assert_allclose(variable_projection._TO_POWERS[cell], expected, atol=5e-15)
