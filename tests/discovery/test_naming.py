@@ -21,6 +21,7 @@ def accepted(name, *parts, members=()):
 SPEED = EFFECTS["speed"](k=0.5, reference=12.0)
 SAND = EFFECTS["sanding"](k=0.2, build_up=1.0, decay=5.0)
 WARMTH = EFFECTS["temperature"](k=0.001, reference=10.0)
+TURN = EFFECTS["hysteresis"](k=0.9, rate=0.8, memory=1.0)
 AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
 
 
@@ -34,6 +35,9 @@ AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
         ("sanding", SAND, {"k": (-0.2, -0.3, -0.1)}, "its k is -0.2"),
         # Adhesion may rise or fall with the temperature.
         ("temperature", WARMTH, {"k": (-0.01, -0.02, -0.005)}, ""),
+        ("hysteresis", TURN, {"k": (0.9, 0.7, 1.1)}, "its k stands at 0.9, an end of the range"),
+        # Of k and the rate only the ratio is known.
+        ("hysteresis", TURN, {"k": (0.9, -13.1, 14.9)}, ""),
         # One axle that differs is enough.
         ("axle_position", AXLES, {"k1": (0.1, 0.05, 0.15)}, ""),
         ("axle_position", AXLES, {"k1": (0.1, -0.05, 0.25)}, "its k1, k2, k3, k4 and k5 holds 0"),

@@ -53,18 +53,26 @@ def contradiction(effect: Accepted, found: Mapping[str, Interval]) -> str:
 
     `found` are the parameters of its first part. Looked at are its strengths, which are 0 where it
     does nothing: shapes have ends that mean something, as a threshold so wide that it is a line.
-    With a form that refines it, the strength alone does not say how strong the effect is.
+    With a form that refines it, the strength alone does not say how strong the effect is. Nor does
+    a strength whose interval covers its whole range: the data know it beside the shape alone, as
+    that of a hysteresis, of which they know k over the rate where it is small.
     """
     first = effect.parts[0]
     if not isinstance(first, Cause):
         return ""
-    strengths = {name: found[name] for name in first.FACTS.strengths}
-    for name, (value, _, _) in strengths.items():
-        if not first.FACTS.parameters[name].lower < value < first.FACTS.parameters[name].upper:
-            return f"its {name} stands at {number(value)}, an end of the range that it can have"
+    ranges = first.FACTS.parameters
+    strengths = {}
+    for name in first.FACTS.strengths:
+        value, low, high = found[name]
         if first.FACTS.one_sided and value < 0:
             return f"its {name} is {number(value)}, and it would have to be above 0"
-    if len(effect.parts) == 1 and all(one.low <= 0 <= one.high for one in strengths.values()):
+        if low <= ranges[name].lower and ranges[name].upper <= high:
+            continue
+        if not ranges[name].lower < value < ranges[name].upper:
+            return f"its {name} stands at {number(value)}, an end of the range that it can have"
+        strengths[name] = found[name]
+    alone = len(effect.parts) == 1 and len(strengths) > 0
+    if alone and all(one.low <= 0 <= one.high for one in strengths.values()):
         return f"the interval of its {listed([*strengths])} holds 0, where it does nothing"
     return ""
 
