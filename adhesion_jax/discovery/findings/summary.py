@@ -375,7 +375,8 @@ def _sentence(effect: Accepted) -> str:
 
 
 def _slip_noise(noisy: NoisySlip | None, validation: Errors) -> list[FoundEffect]:
-    if noisy is None or noisy.p > rules.SIGNIFICANT:
+    # Student's t takes an inexact curve for noise more often than its p says.
+    if noisy is None or noisy.p > rules.SCAN_SIGNIFICANT:
         return []
     what = f"{noisy.sigma:.2g} m/s of a wheel speed"
     if not noisy.of_wheel_speed:

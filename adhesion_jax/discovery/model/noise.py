@@ -15,13 +15,12 @@ from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.slip import SlipNoise, slip_noise
 from adhesion_jax.inference.sums import Variance
 
-#: The noise of the slip is looked at where it could make this share of the variance of adhesion. By
-#: hand.
-_NOTICEABLE = 0.1
+#: The noise of the slip is told where it makes this share of the variance of adhesion, and is this
+#: share of what jumps in the slip: less is what an inexact curve leaves. By hand.
+_NOTICEABLE, _LEAST_SHARE = 0.05, 0.02
 
-#: Least share of what jumps in the slip that is told as noise: a curve that is too steep by less
-#: than that, where the slip truly jumps, leaves the same. By hand.
-_LEAST_SHARE = 0.25
+#: Largest number of intervals of slip about whose means adhesion is looked at, and rows in each.
+_INTERVALS, _ROWS = 200, 20
 
 #: Rows through which the parabolas are laid.
 _WINDOW = 15
@@ -95,8 +94,9 @@ def noisy_slip(left: Left) -> NoisySlip | None:
 
     Where d is the deviation of the slip from parabolas through 15 neighbours, noise in it leaves
     -m'(l) d in the residual, and a slip that truly moves leaves nothing: the regression of the
-    residual on -m'(l) d is the share of the variance of d that is noise. Its p is that of Student's
-    t over the runs.
+    residual on -m'(l) d is the share of the variance of d that is noise, both less their means over
+    rows of nearly the same slip, which are not zero where the curve is inexact. Its p is that of
+    Student's t over the runs.
     """
     rows, slip = left.rows, left.slip
     if not slip.sigma:
@@ -112,15 +112,21 @@ def noisy_slip(left: Left) -> NoisySlip | None:
     variance = left.variance.row()
     far = np.maximum(np.abs(left.error) / np.sqrt(variance) / TUNING, 1.0)
     weight = 1 / (variance * far)
+    count = rows.slip.size
+    place = np.argsort(np.argsort(rows.slip)) * max(min(_INTERVALS, count // _ROWS), 1) // count
+    whole = np.bincount(place, weight)
+    probe, error = (
+        one - (np.bincount(place, weight * one) / whole)[place] for one in (probe, left.error)
+    )
     size = float(weight @ probe**2)
-    if not size > 0 or size < _NOTICEABLE * rows.slip.size:
+    if not size > 0:
         return None
-    share = float(weight @ (probe * left.error)) / size
-    own = np.add.reduceat(weight * probe * (left.error - share * probe), rows.starts[:-1]) / size
+    share = float(weight @ (probe * error)) / size
+    own = np.add.reduceat(weight * probe * (error - share * probe), rows.starts[:-1]) / size
     used = np.add.reduceat(np.abs(probe), rows.starts[:-1]) > 0
     runs = int(used.sum())
-    if runs < 2 or share < _LEAST_SHARE:
+    if runs < 2 or share < _LEAST_SHARE or share * size < _NOTICEABLE * count:
         return None
-    error = float(np.sqrt(runs / (runs - 1) * np.sum(own[used] ** 2)))
-    p = float(scipy.stats.t.sf(share / max(error, 1e-300), runs - 1))
+    deviation = float(np.sqrt(runs / (runs - 1) * np.sum(own[used] ** 2)))
+    p = float(scipy.stats.t.sf(share / max(deviation, 1e-300), runs - 1))
     return NoisySlip(float(np.sqrt(min(share, 1.0))) * slip.sigma, slip.of_wheel_speed, p)
