@@ -9,6 +9,7 @@ from adhesion_jax.discovery.model.fitting import (
     Fitted,
     Setting,
     nearly_fitted,
+    nearly_robust,
     robustly_fitted,
     side_by_side,
 )
@@ -37,10 +38,12 @@ def best_alone(problem: Problem, spread: np.ndarray, bases: Sequence[str]) -> Fi
     starts = [(base, start) for base in bases for start in BASES[base].starts(top)]
     fits = side_by_side(lambda one: nearly_fitted(setting, *one, ()), starts)
     best = [min((one for one in fits if one.base == base), key=_cost) for base in bases]
-    robust = side_by_side(robustly_fitted, best)
+    robust = side_by_side(nearly_robust, best)
     same = min(robust, key=lambda fitted: fitted.setting.sigma).setting
     chosen = min(robust, key=lambda one: _cost(under(same, one)))
-    bent = [under(_of_bend(same, bend), chosen) for bend in _BENDS]
+    bent: list[Fitted] = []
+    for bend in _BENDS:
+        bent.append(under(_of_bend(same, bend), bent[-1] if bent else chosen))
     losses = [expected_loss(one) for one in bent]
     lowest = min(losses, key=lambda one: float(one.sum()))
     # The least bend that is not surely worse: what is hidden is not to be taken for a bend.

@@ -233,6 +233,8 @@ def _adhesion(
     peak: Array,
 ) -> Float[Array, " points"]:
     """The prediction of a model for one run, equal to that of `law.with_effects`."""
+    if not kind.size:
+        return _curve(base, values, span, slip, conditions)
     layout = _layout()
     slots = values[layout.base : -1].reshape(kind.size, layout.effect)
 
@@ -296,6 +298,13 @@ def _adhesion(
 
 def _curve(base: Array, values: Array, span: Array, slip: Array, conditions: Conditions) -> Array:
     """The prediction of the curve without effects."""
+    departure = _departures(slip, _factors(values), span)
+    bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
+    return _straight(base, values, slip, conditions) * (1 + bend)
+
+
+def _straight(base: Array, values: Array, slip: Array, conditions: Conditions) -> Array:
+    """The prediction of the curve without effects and without its departure."""
     branches = [
         partial(
             lambda slip, curve: with_free_values(curve, values[: len(curve.free)])(
@@ -305,10 +314,11 @@ def _curve(base: Array, values: Array, span: Array, slip: Array, conditions: Con
         )
         for curve in BASES.values()
     ]
-    factors = values[_layout().curve : _layout().base].reshape(2, FINE)
-    departure = _departures(slip, factors, span)
-    bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
-    return jax.lax.switch(base, branches, slip) * (1 + bend)
+    return jax.lax.switch(base, branches, slip)
+
+
+def _factors(values: Array) -> Float[Array, "two functions"]:
+    return values[_layout().curve : _layout().base].reshape(2, FINE)
 
 
 @jax.custom_jvp
@@ -344,6 +354,8 @@ def _falls(kind: Array, column: Array) -> Bool[Array, ""]:
 
 def _peaks(model: Model, data: Data, values: Array) -> Float[Array, "runs points"]:
     """The slip of the curve's peak if a term acts on the fall beyond it, else infinity."""
+    if not model.kind.size:
+        return jnp.full_like(data.slip, jnp.inf)
     return jax.lax.cond(
         _falls(model.kind, model.column),
         lambda slip: peak_slips(
@@ -377,6 +389,9 @@ def with_jacobian(
     model: Model, data: Data, root: Float[Array, "runs points"], values: Array
 ) -> tuple[Array, Array, Array]:
     """Prediction, residual, and Jacobian [free, runs, points], the last two times `root`."""
+    if not model.kind.size:
+        adhesion, jacobian = _of_curve_alone(model, data, values)
+        return adhesion, root * (adhesion - data.adhesion), root * jacobian
     peaks = _peaks(model, data, values)
 
     def push(tangent: Array) -> tuple[Array, Array]:
@@ -395,6 +410,22 @@ def with_jacobian(
     nothing = jnp.zeros_like(data.slip), jnp.zeros((model.free.size, *data.slip.shape))
     adhesion, jacobian = jax.lax.fori_loop(0, -(-free // _TOGETHER), some, nothing)
     return adhesion, root * (adhesion - data.adhesion), jacobian
+
+
+def _of_curve_alone(model: Model, data: Data, values: Array) -> tuple[Array, Array]:
+    """Prediction and Jacobian of a curve without effects, linear in the factors of a departure."""
+    count = _layout().curve
+    straight, push = jax.linearize(
+        lambda v: _straight(model.base, v, data.slip, data.conditions), values[:count]
+    )
+    shape = jnp.moveaxis(functions(data.slip, data.span[0], data.span[1], FINE), -1, 0)
+    both = jnp.stack([shape, jnp.where(data.slip < 0, shape, 0.0)])
+    bent = 1 + jnp.einsum("bk,bkrt->rt", _factors(values), both)
+    of_curve = bent * jax.vmap(push)(jnp.eye(count))
+    of_factors = straight * both.reshape(-1, *data.slip.shape)
+    padding = jnp.zeros((1, *data.slip.shape))
+    jacobian = jnp.concatenate([of_curve, of_factors, padding])[model.free]
+    return straight * bent, jacobian
 
 
 @kept(reads=parts)
