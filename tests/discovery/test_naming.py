@@ -26,29 +26,47 @@ AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
 
 
 @pytest.mark.parametrize(
-    ("name", "part", "strengths", "said"),
+    ("name", "part", "strengths", "held_back", "said"),
     [
-        ("speed", SPEED, {"k": (0.5, 0.3, 0.7)}, ""),
-        ("speed", SPEED, {"k": (-0.5, -0.7, -0.3)}, "its k is -0.5, and it would have to be above"),
-        ("speed", SPEED, {"k": (5.0, 4.0, 6.0)}, "its k stands at 5, an end of the range"),
-        ("speed", SPEED, {"k": (0.5, -0.1, 1.1)}, "the interval of its k holds 0"),
-        ("sanding", SAND, {"k": (-0.2, -0.3, -0.1)}, "its k is -0.2"),
+        ("speed", SPEED, {"k": (0.5, 0.3, 0.7)}, 0.0, ""),
+        (
+            "speed",
+            SPEED,
+            {"k": (-0.5, -0.7, -0.3)},
+            0.0,
+            "its k is -0.5, and it would have to be",
+        ),
+        ("speed", SPEED, {"k": (5.0, 4.0, 6.0)}, 10.0, "its k stands at 5, an end of the range"),
+        ("speed", SPEED, {"k": (0.5, -0.1, 1.1)}, 0.0, "the interval of its k holds 0"),
+        ("sanding", SAND, {"k": (-0.2, -0.3, -0.1)}, 0.0, "its k is -0.2"),
         # Adhesion may rise or fall with the temperature.
-        ("temperature", WARMTH, {"k": (-0.01, -0.02, -0.005)}, ""),
-        ("hysteresis", TURN, {"k": (0.9, 0.7, 1.1)}, "its k stands at 0.9, an end of the range"),
-        # Of k and the rate only the ratio is known.
-        ("hysteresis", TURN, {"k": (0.9, -13.1, 14.9)}, ""),
+        ("temperature", WARMTH, {"k": (-0.01, -0.02, -0.005)}, 0.0, ""),
+        (
+            "hysteresis",
+            TURN,
+            {"k": (0.9, 0.7, 1.1)},
+            10.0,
+            "its k stands at 0.9, an end of the range",
+        ),
+        # What gains 50 would gain 1 more beyond the end.
+        ("hysteresis", TURN, {"k": (0.9, 0.7, 1.1)}, 1.0, ""),
         # One axle that differs is enough.
-        ("axle_position", AXLES, {"k1": (0.1, 0.05, 0.15)}, ""),
-        ("axle_position", AXLES, {"k1": (0.1, -0.05, 0.25)}, "its k1, k2, k3, k4 and k5 holds 0"),
+        ("axle_position", AXLES, {"k1": (0.1, 0.05, 0.15)}, 0.0, ""),
+        (
+            "axle_position",
+            AXLES,
+            {"k1": (0.1, -0.05, 0.25)},
+            0.0,
+            "its k1, k2, k3, k4 and k5 holds 0",
+        ),
     ],
 )
 def test_a_cause_is_contradicted_by_the_end_the_sign_or_the_interval_of_its_strength(
-    name, part, strengths, said
+    name, part, strengths, held_back, said
 ):
     found = {strength: Interval(0.0, -0.1, 0.1) for strength in part.FACTS.strengths}
     found |= {strength: Interval(*values) for strength, values in strengths.items()}
-    why = contradiction(accepted(name, part), found)
+    why = contradiction(accepted(name, part), found, held_back)
     assert said in why
     assert bool(said) == bool(why)
 
@@ -56,10 +74,10 @@ def test_a_cause_is_contradicted_by_the_end_the_sign_or_the_interval_of_its_stre
 def test_with_a_form_that_refines_it_an_interval_alone_is_no_contradiction():
     line = Covariate(0.1, 0.0, 1.0, column="vehicle_speed_mps", acts_on="level")
     found = {"k": Interval(0.5, -0.1, 1.1)}
-    assert contradiction(accepted("speed", SPEED, line), found) == ""
-    assert contradiction(accepted("speed", SPEED), found)
+    assert contradiction(accepted("speed", SPEED, line), found, 0.0) == ""
+    assert contradiction(accepted("speed", SPEED), found, 0.0)
     plain = accepted("speed", line)._replace(name="covariate:vehicle_speed_mps", generic=True)
-    assert contradiction(plain, {}) == ""
+    assert contradiction(plain, {}, 0.0) == ""
 
 
 @pytest.mark.thorough

@@ -74,9 +74,7 @@ def test_forms_are_of_the_columns_of_the_effect_and_not_those_there_are(quiet):
     entries = forms_of(one, problem)
     assert {entry.covariates for entry in entries} == {("temperature_C",)}
     kinds = {(type(entry.starts[0]).__name__, entry.acts_on) for entry in entries}
-    forms = {(kind, part) for kind in ("Spline", "Threshold") for part in ("level", "slip", "fall")}
-    # An offset or a shift is a line, or one of each label.
-    forms |= {("Covariate", part) for part in ACTS_ON}
+    forms = {(kind, part) for kind in ("Covariate", "Spline", "Threshold") for part in ACTS_ON}
     # Where the column moves within runs it may act with a memory, on the level or on the slip.
     memory = {("Memory", "level"), ("Memory", "slip")}
     assert kinds - memory == forms - {("Covariate", "slip")}

@@ -35,7 +35,7 @@ from adhesion_jax.discovery.search.screening import (
     orthonormal,
     screen,
 )
-from adhesion_jax.effects import Covariate, Labels, Memory
+from adhesion_jax.effects import Covariate, Labels, Memory, Spline
 from adhesion_jax.effects.shape import ACTS_ON
 
 
@@ -379,6 +379,19 @@ def test_what_a_column_does_to_a_part_of_the_curve_is_found_there(null, table, l
     best = max(scores, key=lambda score: score.gains.sum())
     assert best.entry.acts_on == acts_on
     assert best.entry.name == "covariate:gust"
+
+
+@pytest.mark.parametrize("acts_on", ["offset", "shift"])
+def test_an_offset_or_a_shift_may_be_a_curve_over_its_column(null, table, library, acts_on):
+    """cos(pi z/2) is the same at both ends of the column: no line goes with it."""
+    draw = np.random.default_rng(34)
+    z = np.cos(0.5 * np.pi * table["warm"].to_numpy())
+    adhesion = PLANTED[acts_on](curve, table["slip_ratio"].to_numpy(), 2.0 * (z - z.mean()))
+    now = seen(null, adhesion + noise(draw, correlation=0.5, sigma=0.0025))
+    scores = screen([(now, library)], seed=0)
+    p = {score.form: score.p for score in scores}
+    assert p["covariate:warm", Spline, acts_on] <= rules.SIGNIFICANT
+    assert p["covariate:warm", Covariate, acts_on] > 0.1
 
 
 def test_labels_are_found_where_each_has_a_level_of_its_own(null, table, library):

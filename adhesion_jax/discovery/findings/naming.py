@@ -4,8 +4,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from adhesion_jax.discovery.model.fitting import covariance, quantile
+from adhesion_jax.discovery.model.fitting import (
+    Fitted,
+    covariance,
+    quantile,
+    solve,
+    strengths_of,
+)
 from adhesion_jax.discovery.model.program import effect_places
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.state import Accepted, Place, Selection, slots_of
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects import Cause, family_of
@@ -17,14 +24,20 @@ _OF_THE_RUN = ("slip_ratio", "time_s")
 
 def intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
     """95 % intervals of the parameters of every part, by parameter name."""
-    error = np.sqrt(np.maximum(np.diag(covariance(state.fitted)), 0.0)) * quantile(state.fitted)
-    at = {place: number for number, place in enumerate(state.fitted.places)}
+    return _intervals(state, state.fitted)
+
+
+def _intervals(state: Selection, fitted: Fitted) -> Mapping[Place, Mapping[str, Interval]]:
+    """The intervals of those parameters that are free in `fitted`, a fit of the state."""
+    error = np.sqrt(np.maximum(np.diag(covariance(fitted)), 0.0)) * quantile(fitted)
+    at = {place: number for number, place in enumerate(fitted.places)}
     slots = slots_of(state.accepted)
     found = {}
-    for slot, (part, effect) in enumerate(zip(slots, state.fitted.effects, strict=True)):
+    for slot, (part, effect) in enumerate(zip(slots, fitted.effects, strict=True)):
         found[part] = {
             name: Interval(value, value - error[at[place]], value + error[at[place]])
             for name, place in effect_places(slot, effect).items()
+            if place in at
             for value in (float(getattr(effect, name)),)
         }
     return found
@@ -35,42 +48,70 @@ def vetoed(state: Selection) -> tuple[Selection, tuple[str, ...]]:
 
     Their terms stay in the law: that there is a structure is sure, but not what it is.
     """
-    found = intervals(state)
+    whole = intervals(state)
     accepted, sentences = [], []
     for place, effect in enumerate(state.accepted):
-        why = contradiction(effect, found[place, 0])
+        slot = slots_of(state.accepted).index((place, 0))
+        found = _intervals(state, _shaped_as_fitted(state.fitted, slot))[place, 0]
+        why = contradiction(effect, found, _held_back(state.fitted, slot))
         named = _after_its_columns(effect) if why else effect
         accepted.append(named)
         if why:
             sentences.append(
                 f"{effect.name} is not named as a cause, although its formula is in the law: {why}."
             )
+        for name, (_, low, high) in found.items():
+            if not why and whole[place, 0][name].low <= 0 <= whole[place, 0][name].high:
+                sentences.append(
+                    f"The interval of {name} of {effect.name} holds 0 only because the data do not "
+                    "tell it apart from the other parameters of this effect: for those as fitted "
+                    f"it is {number(low)} to {number(high)}."
+                )
     return state._replace(accepted=tuple(accepted)), tuple(sentences)
 
 
-def contradiction(effect: Accepted, found: Mapping[str, Interval]) -> str:
+def _shaped_as_fitted(fitted: Fitted, slot: int) -> Fitted:
+    """The fit with those parameters of an effect held that are no strengths of it.
+
+    Where an effect does nothing it has no shape. Whether it does something is therefore a question
+    about its strength for the shape that it has (Davies 1987, Biometrika 74, 33-43).
+    """
+    own = effect_places(slot, fitted.effects[slot]).values()
+    held = {*own} - {*strengths_of(fitted, [slot])}
+    free = [at for at, place in enumerate(fitted.places) if place not in held]
+    return fitted._replace(
+        places=tuple(fitted.places[at] for at in free),
+        gradient=fitted.gradient[:, free],
+        hessian=fitted.hessian[:, free][:, :, free],
+    )
+
+
+def _held_back(fitted: Fitted, slot: int) -> float:
+    """What an effect would gain if its strengths were free of their ranges, to second order."""
+    at = [fitted.places.index(place) for place in strengths_of(fitted, [slot])]
+    pull = fitted.gradient.sum(0)[at]
+    spread = solve(fitted.hessian.sum(0), np.eye(len(fitted.places)))[np.ix_(at, at)]
+    return 0.5 * float(pull @ spread @ pull)
+
+
+def contradiction(effect: Accepted, found: Mapping[str, Interval], held_back: float) -> str:
     """What contradicts the cause that an effect is named after, as a clause; empty: nothing.
 
-    `found` are the parameters of its first part. Looked at are its strengths, which are 0 where it
-    does nothing: shapes have ends that mean something, as a threshold so wide that it is a line.
-    With a form that refines it, the strength alone does not say how strong the effect is. Nor does
-    a strength whose interval covers its whole range: the data know it beside the shape alone, as
-    that of a hysteresis, of which they know k over the rate where it is small.
+    `found` are the strengths of its first part, which are 0 where it does nothing. The end of a
+    range contradicts only if what it holds back is much beside what the effect gains. With a form
+    that refines it, the strength alone does not say how strong the effect is.
     """
     first = effect.parts[0]
     if not isinstance(first, Cause):
         return ""
     ranges = first.FACTS.parameters
-    strengths = {}
-    for name in first.FACTS.strengths:
-        value, low, high = found[name]
+    strengths = {name: found[name] for name in first.FACTS.strengths}
+    much = held_back > rules.CLASS_SHARE * effect.gain
+    for name, (value, *_) in strengths.items():
         if first.FACTS.one_sided and value < 0:
             return f"its {name} is {number(value)}, and it would have to be above 0"
-        if low <= ranges[name].lower and ranges[name].upper <= high:
-            continue
-        if not ranges[name].lower < value < ranges[name].upper:
+        if much and not ranges[name].lower < value < ranges[name].upper:
             return f"its {name} stands at {number(value)}, an end of the range that it can have"
-        strengths[name] = found[name]
     alone = len(effect.parts) == 1 and len(strengths) > 0
     if alone and all(one.low <= 0 <= one.high for one in strengths.values()):
         return f"the interval of its {listed([*strengths])} holds 0, where it does nothing"

@@ -24,9 +24,8 @@ from adhesion_jax.effects.shape import ACTS_ON
 #: A column of no more distinct values has no spline.
 _FEW = 5
 
-#: What each kind of term may act on: a curved offset or shift is looked for where there is a line.
+#: What each kind of term may act on, if not on every part of the curve.
 _SITES: Mapping[type[ShapeTerm], Sequence[str]] = {
-    Covariate: ACTS_ON,
     Labels: ("level", "slip"),
     Memory: ("level", "slip"),
 }
@@ -104,7 +103,7 @@ def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list
     starts = kind.starts({column: problem.flat[column]})
     return [
         entry_of(name, [dataclasses.replace(start, acts_on=acts_on) for start in starts], problem)
-        for acts_on in _SITES.get(kind, ACTS_ON[:3])
+        for acts_on in _SITES.get(kind, ACTS_ON)
         # A function of the slip bends the curve whatever part of the curve it acts on.
         if acts_on == "level" or column != "slip_velocity_mps"
     ]

@@ -1,6 +1,7 @@
 """Probes: what an effect that is not in a model would change in its prediction."""
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -27,6 +28,10 @@ _KNOTS, _POINTS_A_KNOT = 16, 20
 #: Neighbours before and after a point by whose mean its slip may be smoothed.
 _NEIGHBOURS = 4
 
+#: About this number of stretches take the place of few runs, each of them at least this number of
+#: times as long as the noise remembers.
+_STRETCHES, _MEMORIES = 40, 3.0
+
 #: Directions shorter than this, beside those before them, are none of their own.
 _OWN = 1e-6
 
@@ -38,16 +43,20 @@ class Null(NamedTuple):
     inside: np.ndarray  # [runs, points]
     basis: np.ndarray  # [points, directions]: orthonormal
     residual: np.ndarray  # [points]: data less prediction, in units of the noise, without them
+    firsts: np.ndarray  # [clusters]: the first point of each; runs, or stretches of them
     level: np.ndarray  # [points]: what a level of each run changes, at length one
     kept: np.ndarray  # [points]: the share of it that is kept
     changed: Mapping[str, np.ndarray]  # [runs, points]: per constant in the place of a ShapeTerm
 
 
-def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False) -> Null:
+def null_of(
+    fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False, within: bool = False
+) -> Null:
     """The model, its Jacobian and the probes `beside` projected out of what is tested.
 
     If the curve is to be `shared`, what only braking adds to its departure is not given: beside it
-    no difference of traction and braking could be told.
+    no difference of traction and braking could be told. What is tested `within` runs has the level
+    of each run given, and stretches of the runs for clusters.
     """
     root = fitted.setting.root
     inside = root > 0
@@ -57,9 +66,14 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
     unit, variance = levels_of(fitted)
     kept = np.broadcast_to(1 / np.sqrt(1 + variance)[:, None], unit.shape)
     nothing = np.zeros((int(inside.sum()), 0))
-    plain = Null(fitted, inside, nothing, np.zeros(0), unit[inside], kept[inside], changed)
+    firsts = firsts_of_runs(inside)
+    run = np.repeat(np.arange(firsts.size), np.diff(firsts, append=len(nothing)))
+    plain = Null(fitted, inside, nothing, np.zeros(0), firsts, unit[inside], kept[inside], changed)
+    if within:
+        firsts = stretches(plain)
     whole = np.concatenate(
         [
+            plain.level[:, None] * (run[:, None] == np.arange(within * run[-1] + within)),
             fitted.jacobian[:, inside].T[:, [place not in braking for place in fitted.places]]
             if shared
             else fitted.jacobian[:, inside].T,
@@ -76,17 +90,44 @@ def null_of(fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False)
     left, values, _ = np.linalg.svd(whole, full_matrices=False)
     basis = left[:, values > _OWN * values[0]]
     residual = beside_levels(plain, -fitted.residual[inside][:, None])[:, 0]
-    return plain._replace(basis=basis, residual=residual - basis @ (basis.T @ residual))
+    residual = residual - basis @ (basis.T @ residual)
+    return plain._replace(basis=basis, residual=residual, firsts=firsts)
 
 
-def firsts_of(null: Null) -> np.ndarray:
+def firsts_of_runs(inside: np.ndarray) -> np.ndarray:
     """The first point of each run, [runs]."""
-    return np.flatnonzero(np.diff(np.nonzero(null.inside)[0], prepend=-1))
+    return np.flatnonzero(np.diff(np.nonzero(inside)[0], prepend=-1))
+
+
+def stretches(null: Null) -> np.ndarray:
+    """The first points of stretches of the runs, as many of them as there are of few runs' points.
+
+    A stretch is several times as long as the noise remembers, so that the errors of two of them are
+    nearly independent once the levels of the runs are given. Runs that are too short stay whole.
+    """
+    runs = np.append(firsts_of_runs(null.inside), null.level.size)
+    error = null.fitted.residual[null.inside]
+    memory = _memory([-error[low:high] for low, high in itertools.pairwise(runs)])
+    found = []
+    for low, high in itertools.pairwise(runs):
+        count = min(-(-_STRETCHES // (runs.size - 1)), int((high - low) / (_MEMORIES * memory)))
+        found.append(np.linspace(low, high, max(count, 1), endpoint=False).astype(int))
+    return np.concatenate(found)
+
+
+def _memory(errors: Sequence[np.ndarray]) -> float:
+    """The sum of the autocorrelations of the errors within runs, in points, to their first zero."""
+    most = min(error.size for error in errors) // 2
+    centred = [error - error.mean() for error in errors]
+    sums = [sum(float(one[lag:] @ one[: one.size - lag]) for one in centred) for lag in range(most)]
+    correlations = np.array(sums) / max(sums[0], 1e-300)
+    last = int(np.argmax(correlations <= 0)) or most
+    return 1 + 2 * float(correlations[1:last].sum())
 
 
 def beside_levels(null: Null, flat: np.ndarray) -> np.ndarray:
     """Columns [points, columns] times the root of the inverse covariance of levels that scatter."""
-    firsts = firsts_of(null)
+    firsts = firsts_of_runs(null.inside)
     level = null.level[:, None]
     along = np.add.reduceat(level * flat, firsts, axis=0)
     along = np.repeat(along, np.diff(firsts, append=level.size), axis=0)

@@ -9,7 +9,7 @@ from scipy.special import fdtrc, ndtri
 from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
-from adhesion_jax.discovery.search.probes import Null, directions_of, firsts_of, split
+from adhesion_jax.discovery.search.probes import Null, directions_of, firsts_of_runs, split
 from adhesion_jax.effects import Effect, Spline
 
 #: Number of random sign flips of the runs that the null distribution is drawn from.
@@ -58,6 +58,12 @@ def least_p(runs: int) -> float:
     return max(1 / (1 + FLIPS), 0.5 ** (runs - 1))
 
 
+def adjusted(z: float, largest: np.ndarray, runs: int) -> float:
+    """The p of z among the `largest` of all that is looked at under random signs, [FLIPS]."""
+    # Signs that are all alike give the data again, up to rounding.
+    return max((1 + int(np.sum(largest + _ROUNDING >= z))) / (1 + FLIPS), least_p(runs))
+
+
 class Score(NamedTuple):
     """How surely one form of an entry explains a part of a residual, before any refit."""
 
@@ -87,7 +93,8 @@ class _Tested(NamedTuple):
 def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Score, ...]:
     """The best start of each form of an entry, the largest z first.
 
-    Each part are entries with what is given where they are tested; p is adjusted for all parts.
+    Each part are entries with what is given where they are tested; p is adjusted for all parts, and
+    the smallest of a form is taken.
 
     A wild cluster bootstrap of the score (Cameron, Gelbach and Miller 2008, Rev. Econ. Stat. 90,
     414-427). With everything given projected out, the probes of a start are made orthonormal, X.
@@ -115,19 +122,18 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
             tested.append(one)
     if not any(one.starts for one in tested):
         return ()
-    # Signs that are all alike give the data again, up to rounding.
-    largest = largest + _ROUNDING
     needed = float(np.quantile(largest, 1 - rules.SIGNIFICANT))
-    least = least_p(parts[0][0].fitted.setting.problem.runs)
+    runs = parts[0][0].fitted.setting.problem.runs
     scores: dict[Form, Score] = {}
     for one in tested:
         told = zip(one.starts, one.z, one.own, one.gains, one.changes, strict=True)
         for (entry, start), z, own, gains, change in told:
-            p = max((1 + np.sum(largest >= z)) / (1 + FLIPS), least)
-            score = Score(entry, start, float(z), float(p), float(own), needed, gains, change)
-            old = scores.get(score.form)
-            if old is None or (old.gains.sum(), old.z) < (gains.sum(), z):
-                scores[score.form] = score
+            p = adjusted(float(z), largest, runs)
+            score = Score(entry, start, float(z), p, float(own), needed, gains, change)
+            old = scores.get(score.form, score)
+            best = score if (old.gains.sum(), old.z) < (gains.sum(), z) else old
+            z, p, own = max(old.z, score.z), min(old.p, score.p), min(old.own_p, score.own_p)
+            scores[score.form] = best._replace(z=z, p=p, own_p=own)
     return tuple(sorted(scores.values(), key=lambda score: -score.z))
 
 
@@ -150,7 +156,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     probes, owner = split([start for _, start in starts])
     testable, flat = directions_of(null, probes)
     blocks, places = [], []
-    ends = firsts_of(null)
+    ends = null.firsts
     for place in range(len(starts)):
         own = np.flatnonzero((owner == place) & testable)
         block = orthonormal(flat[:, own])
@@ -169,6 +175,27 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         places += [place] * len(forms)
     if not blocks:
         return _Tested([], np.zeros(0), np.zeros(0), np.full(FLIPS, -np.inf), [], [])
+    z, sure, largest = signed(null, blocks, seed)
+    kept = [starts[place] for place in places]
+    whole_runs = firsts_of_runs(null.inside)
+    nothing = np.zeros(whole_runs.size), np.zeros(0)
+    told = [
+        _gained(block, null.residual, whole_runs) if p <= _SURE else nothing
+        for block, p in zip(blocks, sure, strict=True)
+    ]
+    gains, changes = [one for one, _ in told], [change for _, change in told]
+    return _Tested(kept, z, sure, largest, gains, changes)
+
+
+def signed(
+    null: Null, blocks: Sequence[np.ndarray], seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The z of blocks of orthonormal probes [points, directions], by the statistic of `screen`.
+
+    Returns z [blocks]; the share of random signs under which the z of a block reaches it [blocks];
+    and the largest z of any block under each choice of signs [FLIPS].
+    """
+    ends = null.firsts
     first = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
     x = np.concatenate(blocks, axis=1)
     b = null.residual @ x
@@ -176,7 +203,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     u = np.add.reduceat(x * null.residual[:, None], ends, axis=0)
     given = _given(null.basis, x, ends) / np.maximum(g, 1e-300)
     u /= np.sqrt(np.maximum(1 - given, _LEAST_LEFT))
-    runs = ends.size
+    clusters = ends.size
     count = np.diff(first, append=x.shape[1])
     ranges = [slice(at, at + k) for at, k in zip(first, count, strict=True)]
     crosses, squares = [], []
@@ -194,7 +221,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         made = [
             np.sum(b[some] * (s @ b[some]), axis=0) for s, some in zip(squares, ranges, strict=True)
         ]
-        over = np.maximum(whole + np.stack(made), 1e-300) * runs / (runs - 1)
+        over = np.maximum(whole + np.stack(made), 1e-300) * clusters / (clusters - 1)
         statistic = np.add.reduceat(b**2, first, axis=0) / over
         z = np.empty_like(statistic)
         for place, (k, nu) in enumerate(zip(count, freedom, strict=True)):
@@ -202,7 +229,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
             z[place] = np.interp(statistic[place], _GRID, -ndtri(tail))
         return z
 
-    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(runs, FLIPS))
+    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(clusters, FLIPS))
     observed = deviates(b[:, None], crossed_runs.sum(axis=0)[:, None])
     flipped = deviates(u.T @ signs, crossed_runs.T @ signs)
     # Starts of few runs or many probes have other tails: all are brought to that of a normal one.
@@ -210,14 +237,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     scale = -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
     observed, flipped = observed * scale, flipped * scale
     sure = (1 + np.sum(flipped + _ROUNDING >= observed, axis=1)) / (1 + FLIPS)
-    kept = [starts[place] for place in places]
-    nothing = np.zeros(runs), np.zeros(0)
-    told = [
-        _gained(block, null.residual, ends) if p <= _SURE else nothing
-        for block, p in zip(blocks, sure, strict=True)
-    ]
-    gains, changes = [one for one, _ in told], [change for _, change in told]
-    return _Tested(kept, observed[:, 0], sure, flipped.max(axis=0), gains, changes)
+    return observed[:, 0], sure, flipped.max(axis=0)
 
 
 def _given(basis: np.ndarray, x: np.ndarray, ends: np.ndarray) -> np.ndarray:

@@ -9,11 +9,7 @@ from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import (
-    Entry,
-    constant_within_runs,
-    forms_of_column,
-)
+from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column
 from adhesion_jax.discovery.search.joint import surfaces
 from adhesion_jax.discovery.search.probes import Null, null_of, split
 from adhesion_jax.discovery.search.pruning import pruned
@@ -21,6 +17,7 @@ from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.search.scans import waves
 from adhesion_jax.discovery.search.screening import Score, least_p, screen
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of, settled
+from adhesion_jax.discovery.search.together import together
 from adhesion_jax.discovery.search.trials import (
     Trial,
     choose,
@@ -33,7 +30,7 @@ from adhesion_jax.discovery.search.trials import (
     tried,
 )
 from adhesion_jax.discovery.types import Candidate, Doubt
-from adhesion_jax.effects import Covariate, Effect, kind_of
+from adhesion_jax.effects import Effect, kind_of
 from adhesion_jax.wording import p_is
 
 #: Columns that say which slip a point has.
@@ -59,16 +56,18 @@ def search(
     for number in range(rules.MOST_ROUNDS):
         share = 0.6 * number / rules.MOST_ROUNDS
         progress(f"looking for effect {number + 1}", 0.1 + share)
-        null = null_of(state.fitted, beside(state, entries))
-        scores = screen(_parts(state, null, _open(entries, state)), seed + number)
+        nulls = _nulls(state, entries)
+        scores = screen(_parts(state, nulls, _open(entries, state)), seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         found = _next(state, scores, rules.SIGNIFICANT, number, seed)
         if not _grown(found, state):
             state = state._replace(ranking=found.ranking)
             progress("looking for waves and pairs of columns", 0.15 + share)
-            scanned = _scanned(state, null, scores, seed + number)
+            scanned = _scanned(state, nulls, scores, seed + number)
             found = _next(state, scanned, rules.SCAN_SIGNIFICANT, number, seed)
+        if not _grown(found, state):
+            found = together(found, nulls[0], number, seed)
         if not _grown(found, state):
             return found
         found = refined(found, seed)
@@ -78,34 +77,25 @@ def search(
     return state
 
 
-def _parts(
-    state: Selection, null: Null, entries: Sequence[Entry]
-) -> list[tuple[Null, Sequence[Entry]]]:
-    """The entries with what is given where each is tested.
+def _nulls(state: Selection, entries: Sequence[Entry]) -> list[Null]:
+    """What is given in a test between runs; of few runs also what is given in one within them.
 
-    Columns that are constant within runs are also tested with the lines of all the others given:
-    in a designed campaign each alone is hidden by what the others do. That needs at least
-    `rules.RUNS_A_COLUMN` runs for each such column.
+    Signs of few runs cannot show how sure it is what moves within each of them.
     """
-    problem = state.setting.problem
+    given, problem = beside(state, entries), state.setting.problem
+    few = problem.runs < rules.FEW_RUNS and not problem.blocks
+    return [null_of(state.fitted, given, within=within) for within in (False, True)[: 1 + few]]
+
+
+def _parts(
+    state: Selection, nulls: Sequence[Null], entries: Sequence[Entry]
+) -> list[tuple[Null, Sequence[Entry]]]:
+    """The entries with what is given where each is tested."""
     of_branches = [entry for entry in entries if entry.covariates == ("mode",)]
     of_both = [entry for entry in entries if entry.covariates != ("mode",)]
-    parts: list[tuple[Null, Sequence[Entry]]] = [(null, of_both)]
+    parts: list[tuple[Null, Sequence[Entry]]] = [(null, of_both) for null in nulls]
     if of_branches:
         parts.append((null_of(state.fitted, beside(state, entries), True), of_branches))
-    still = [name for name in problem.columns if constant_within_runs(name, problem)]
-    if not 1 < len(still) <= problem.runs / rules.RUNS_A_COLUMN:
-        return parts
-    accepted = beside(state, entries)
-    lines = {
-        name: start for name in still for start in Covariate.starts({name: problem.flat[name]})
-    }
-    for name in still:
-        own = [
-            entry for entry in entries if entry.covariates == (label_of(name, problem.measured),)
-        ]
-        others = [line for other, line in lines.items() if other != name]
-        parts.append((null_of(state.fitted, [*accepted, *others]), own))
     return parts
 
 
@@ -147,7 +137,9 @@ def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
     return [entry for entry in entries if entry.name not in taken]
 
 
-def _scanned(state: Selection, null: Null, scores: Sequence[Score], seed: int) -> Sequence[Score]:
+def _scanned(
+    state: Selection, nulls: Sequence[Null], scores: Sequence[Score], seed: int
+) -> Sequence[Score]:
     """Waves by their coherence over runs, then pairs of the columns of best score by score tests.
 
     Waves come first: their z is only the deviate of p, which sign flips bound from below.
@@ -155,12 +147,12 @@ def _scanned(state: Selection, null: Null, scores: Sequence[Score], seed: int) -
     taken = [effect.name for effect in state.accepted]
     lines = [
         Score(entry, entry.starts[0], float(scipy.stats.norm.isf(p)), p, p, np.nan, *_UNKNOWN)
-        for entry, p in waves(null, taken, seed)
+        for entry, p in waves(nulls[0], taken, seed)
         if has_room(state.fitted.effects, entry.starts[0])
     ]
     columns = [label for label in _columns_of(scores) if label not in _OF_THE_SLIP]
     pairs = _open(surfaces(state.setting.problem, columns[: rules.PAIRED_COLUMNS]), state)
-    joint = screen([(null, pairs)], seed) if pairs else []
+    joint = screen([(null, pairs) for null in nulls], seed) if pairs else []
     return [*sorted(lines, key=_by_p), *sorted(joint, key=_by_p)]
 
 

@@ -1,0 +1,85 @@
+"""Lines of several columns that stand still within runs, tested as one."""
+
+from itertools import combinations
+
+import numpy as np
+
+from adhesion_jax.discovery.model.prediction import gain
+from adhesion_jax.discovery.model.problem import Problem
+from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.catalogue import Entry, column_entries, constant_within_runs
+from adhesion_jax.discovery.search.probes import Null, directions_of
+from adhesion_jax.discovery.search.screening import adjusted, orthonormal, signed
+from adhesion_jax.discovery.search.state import (
+    Accepted,
+    Selection,
+    all_but,
+    parts_of,
+    refitted,
+    settled,
+)
+from adhesion_jax.discovery.search.trials import is_worth
+from adhesion_jax.discovery.types import Candidate
+from adhesion_jax.effects import Covariate
+
+#: Numbers of columns that are tested as one.
+_SIZES = (2, 3)
+
+
+def together(state: Selection, null: Null, number: int, seed: int) -> Selection:
+    """The state of round `number` with the lines of the two or three columns that explain most.
+
+    In a designed campaign each column alone is hidden by what the others do to the levels of the
+    runs. The lines are effects of their own, but their p is that of all of them together, adjusted
+    for every choice of columns. Without a significant one it is the state itself.
+    """
+    problem = state.setting.problem
+    lines = _lines(problem, {name for effect in state.accepted for name in effect.covariates})
+    testable, flat = directions_of(null, [line.starts[0] for line in lines])
+    places = np.flatnonzero(testable)
+    chosen = [some for size in _SIZES for some in combinations(places.tolist(), size)]
+    if not chosen:
+        return state
+    z, _, largest = signed(null, [orthonormal(flat[:, list(some)]) for some in chosen], seed)
+    best = int(np.argmax(z))
+    p = adjusted(float(z[best]), largest, problem.runs)
+    if p > rules.SCAN_SIGNIFICANT:
+        return state
+    new = [
+        Accepted(
+            line.name,
+            (line.name,),
+            line.family,
+            line.generic,
+            line.covariates,
+            line.starts[:1],
+            p,
+            0.0,
+        )
+        for line in (lines[place] for place in chosen[best])
+    ]
+    more = settled(state, [*state.accepted, *new])
+    less = refitted(more, parts_of(state.accepted))
+    if not is_worth(less, more.fitted, generic=True):
+        return state
+    accepted, rows = [*more.accepted], []
+    for place in range(len(state.accepted), len(accepted)):
+        without = refitted(more, parts_of(all_but(more.accepted, place)))
+        gained = gain(without, more.fitted)
+        accepted[place] = accepted[place]._replace(gain=gained.total)
+        name = f"{accepted[place].name} (linear, beside others)"
+        rows.append(
+            Candidate(number, name, float(z[best]), p, gained.total, gained.error, "accepted")
+        )
+    return more._replace(accepted=tuple(accepted), ranking=(*more.ranking, *rows))
+
+
+def _lines(problem: Problem, taken: set[str]) -> list[Entry]:
+    """The line of each column of numbers that stands still within runs, those `taken` apart."""
+    return [
+        line
+        for column in problem.columns
+        if constant_within_runs(column, problem)
+        for line in column_entries(Covariate, column, problem)[:1]
+        if not {*line.covariates} & {*taken, *problem.named}
+    ]

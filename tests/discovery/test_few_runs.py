@@ -1,0 +1,82 @@
+"""Of few runs what moves within them is tested by stretches of them."""
+
+import numpy as np
+import pytest
+from discovery_campaigns import POINTS, alone, campaign, curve, levels, noise, seen, state_of
+from scipy import stats
+
+from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.catalogue import Entry, column_entries, library_of
+from adhesion_jax.discovery.search.probes import null_of, stretches
+from adhesion_jax.discovery.search.screening import least_p, screen
+from adhesion_jax.discovery.search.selection import search
+from adhesion_jax.effects import Covariate, Spline
+
+RUNS = 10
+
+
+@pytest.fixture(scope="module")
+def table():
+    return campaign(np.random.default_rng(3), runs=RUNS)
+
+
+def measured(table, draw, factor=1.0, correlation=0.8):
+    made = noise(draw, runs=RUNS, correlation=correlation)
+    return curve(table["slip_ratio"]) * factor * levels(draw, table, 0.02) + made
+
+
+def test_what_moves_within_ten_runs_is_found_though_their_signs_alone_do_not_show_it(table):
+    draw = np.random.default_rng(4)
+    whole = table.assign(adhesion=measured(table, draw, np.exp(0.02 * table["gust"])))
+    state = state_of(whole)
+    entries = library_of(state.setting.problem)
+    (effect,) = search(state, entries, 0, lambda *_: None).accepted
+    assert effect.covariates == ("gust",)
+    # No p is below what the signs of ten runs can show.
+    assert least_p(RUNS) == 2.0**-9 <= effect.p <= rules.SIGNIFICANT
+    between = screen([(null_of(state.fitted), entries)], 0)
+    assert min(one.p for one in between if one.entry.covariates == ("gust",)) > rules.SIGNIFICANT
+
+
+def test_a_stretch_is_three_times_as_long_as_the_noise_remembers(table):
+    """AR(1) of phi has (1 + phi)/(1 - phi) points: white noise 1, of .8 it is 9."""
+    lengths = {}
+    for correlation in (0.0, 0.8, 0.97):
+        draw = np.random.default_rng(5)
+        whole = table.assign(adhesion=measured(table, draw, correlation=correlation))
+        firsts = stretches(null_of(alone(whole)))
+        assert {*range(0, RUNS * POINTS, POINTS)} <= {*firsts.tolist()}
+        lengths[correlation] = POINTS * RUNS / firsts.size
+    # Forty stretches of ten runs are four a run.
+    assert lengths[0.0] == 25
+    assert 3 * 9 <= lengths[0.8] <= 2 * 3 * 9
+    assert lengths[0.97] == POINTS
+
+
+def test_levels_of_the_runs_are_given_within_them(table):
+    draw = np.random.default_rng(6)
+    null = null_of(alone(table.assign(adhesion=measured(table, draw))), within=True)
+    whole = seen(null, null.fitted.adhesion[null.inside] * levels(draw, table, 0.05))
+    assert np.linalg.norm(whole.residual) < 1e-8 * np.linalg.norm(null.residual)
+
+
+@pytest.mark.thorough
+def test_where_nothing_moves_adhesion_within_runs_p_is_as_rarely_small_as_it_says(table):
+    """Of 200 draws of levels and correlated noise, but for one chance in 1000."""
+    draw = np.random.default_rng(7)
+    fitted = alone(table.assign(adhesion=measured(table, draw)))
+    problem = fitted.setting.problem
+    entries: list[Entry] = [
+        entry
+        for column in ("gust", "load")
+        for kind in (Covariate, Spline)
+        for entry in column_entries(kind, column, problem)
+    ]
+    nulls = [null_of(fitted, within=within) for within in (False, True)]
+    found = []
+    for seed in range(200):
+        made = measured(table, draw)
+        scores = screen([(seen(null, made), entries) for null in nulls], seed)
+        found.append(min(score.p for score in scores))
+    for level in (0.01, 0.05, 0.2):
+        assert np.sum(np.array(found) <= level) <= stats.binom.isf(1e-3, 200, level)
