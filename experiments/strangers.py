@@ -10,6 +10,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -26,6 +29,14 @@ OWN_FILES = ("sets.csv", "rates.csv", "shares.csv", "strangers.png", "metadata.j
 #: A test error that grows by more than this factor is made worse; a share of the removable error
 #: that is smaller than that of the trees by more than this is behind them.
 WORSE, BEHIND = 1.02, 0.05
+#: Columns of the findings: the curve without effects.
+_PLAIN = ["slip", "before"]
+#: The methods of which the share removed is told, and their columns.
+METHODS = {
+    "discovery": "share",
+    "trees": "share of trees",
+    "least squares": "share of lines",
+}
 QUANTITIES = ("claimed", "named", "wrong beside", "made worse", "behind trees")
 
 
@@ -44,8 +55,9 @@ def one_set(seed: int, number: int, null: bool) -> dict[str, object]:
     excess = before**2 - made.test_noise**2
     # An excess below two per cent of the noise is chance, and so is the share of it.
     scale = 1 / excess if made.causes and excess > 0.02 * made.test_noise**2 else np.nan
-    by_trees = _trees_rms(made, found)
-    share, share_trees = ((before**2 - error**2) * scale for error in (after, by_trees))
+    by_trees, by_lines = _peers_rms(made, found)
+    errors = (after, by_trees, by_lines)
+    share, share_trees, share_lines = ((before**2 - error**2) * scale for error in errors)
     told_of = ("base", "layout", "noise", "effect", "sigma", "run_scatter", "strength")
     return {name: getattr(made, name) for name in (*told_of, "test_gap", "test_noise")} | {
         "number": number,
@@ -63,6 +75,7 @@ def one_set(seed: int, number: int, null: bool) -> dict[str, object]:
         "trees": by_trees,
         "share": share,
         "share of trees": share_trees,
+        "share of lines": share_lines,
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
     }
@@ -75,21 +88,28 @@ def names_of(effect: FoundEffect) -> Set[str]:
     return names | columns | {*effect.covariates}
 
 
-def _trees_rms(made: Stranger, found: Findings) -> float:
-    """The test error of boosted trees that are fitted to the residual of the same plain curve."""
+def _peers_rms(made: Stranger, found: Findings) -> tuple[float, float]:
+    """The test errors of two fits to what the same plain curve leaves.
+
+    Boosted trees, and plain least squares on a line of each column and a level of each label.
+    """
     texts = [name for name in LABELS if made.train.get(name, pd.Series()).dtype == "str"]
-
-    def features(table: pd.DataFrame) -> pd.DataFrame:
-        kinds = {name: pd.CategoricalDtype(sorted({*made.train[name]})) for name in texts}
-        return table.drop(columns=["run", "adhesion"]).astype(kinds)
-
+    kinds = {name: pd.CategoricalDtype(sorted({*made.train[name]})) for name in texts}
+    train, test = (
+        table.drop(columns=["run", "adhesion"]).astype(kinds) for table in (made.train, made.test)
+    )
     assert found.predictions is not None
     points = found.points.sort_values("slip")
-    plain = np.interp(made.train["slip_ratio"], points["slip"], points["before"])
-    trees = HistGradientBoostingRegressor(random_state=0)
-    trees.fit(features(made.train), made.train["adhesion"] - plain)
-    predicted = found.predictions["base"].to_numpy() + trees.predict(features(made.test))
-    return float(np.sqrt(np.mean((made.test["adhesion"] - predicted) ** 2)))
+    left = made.train["adhesion"] - np.interp(
+        made.train["slip_ratio"], *points[_PLAIN].T.to_numpy()
+    )
+    base = found.predictions["base"].to_numpy()
+    trees = HistGradientBoostingRegressor(random_state=0).fit(train, left).predict(test)
+    lines = make_pipeline(StandardScaler(), LinearRegression())
+    lines = lines.fit(pd.get_dummies(train), left).predict(pd.get_dummies(test))
+    errors = (made.test["adhesion"] - base - more for more in (trees, lines))
+    by_trees, by_lines = (float(np.sqrt(np.mean(error**2))) for error in errors)
+    return by_trees, by_lines
 
 
 def _groups(sets: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
@@ -124,7 +144,7 @@ def shares(sets: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for part, group, own in _groups(sets):
         if part == "a cause":
-            for method, column in (("discovery", "share"), ("trees", "share of trees")):
+            for method, column in METHODS.items():
                 quantiles = own[column].quantile([0.5, 0.25, 0.1])
                 rows.append((group, method, int(own[column].count()), *quantiles))
     return pd.DataFrame(rows, columns=["group", "method", "sets", "median", "quartile", "decile"])
@@ -166,12 +186,10 @@ def draw(path: Path, sets: pd.DataFrame) -> None:
     left.axvline(0.02, color="0.5", linestyle="--", label=".02")
     left.set(xlabel="share of the sets with nothing hidden\nin which a cause is claimed (1)")
     left.invert_yaxis()
-    for column, style in (("share", "k-"), ("share of trees", "C1--")):
+    for (method, column), style in zip(METHODS.items(), ("k-", "C1--", "C0:"), strict=True):
         ordered = np.sort(caused[column].dropna()).clip(-0.3, None)
-        label = "boosted trees" if "trees" in column else "discovery"
-        right.plot(
-            ordered, (np.arange(ordered.size) + 0.5) / max(ordered.size, 1), style, label=label
-        )
+        below = (np.arange(ordered.size) + 0.5) / max(ordered.size, 1)
+        right.plot(ordered, below, style, label=method)
     right.set(
         xlim=(-0.33, 1.05), ylim=(0, 1), ylabel="share of the sets with a cause that stay below (1)"
     )
