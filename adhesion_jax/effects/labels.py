@@ -76,11 +76,11 @@ class Labels(ShapeTerm):
 
     @classmethod
     def starts(cls, columns: Columns) -> list[ShapeTerm]:
-        """One for each column of three labels or more: two are those of a line."""
+        """One for each column of labels."""
         found: list[ShapeTerm] = []
         for name, z in columns.items():
             names = labels_of(z)
-            if len(names) > 2:
+            if len(names) > 1:
                 numbers: dict[str, Any] = {
                     f"k{j}": 0.02 if j <= len(names) else 0.0 for j in range(1, MOST + 1)
                 }

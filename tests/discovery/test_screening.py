@@ -405,6 +405,22 @@ def test_labels_are_found_where_each_has_a_level_of_its_own(null, table, library
     assert best.entry.name == "covariate:place"
 
 
+def test_a_column_of_two_names_is_found_as_names_and_one_of_two_numbers_as_a_line():
+    draw = np.random.default_rng(35)
+    table = campaign(draw)
+    sander = np.where(table["run"] % 2, "on", "off")
+    level = np.where(sander == "on", 1.06, 1.0)
+    whole = table.assign(adhesion=curve(table["slip_ratio"]) * level + noise(draw))
+    for column, kind in ((sander, Labels), (1.0 * (sander == "on"), Covariate)):
+        null = null_of(alone(whole.assign(sander=column)))
+        library = library_of(null.fitted.setting.problem)
+        own = {type(one.starts[0]) for one in library if one.covariates == ("sander",)}
+        assert own == {kind}
+        scores = screen([(null, library)], seed=0)
+        assert scores[0].form == ("covariate:sander", kind, "level")
+        assert scores[0].p == 1 / (1 + FLIPS)
+
+
 def test_a_memory_is_found_where_the_column_alone_is_not_enough(null, table, library):
     """With a time constant of 1.2 s, by the recursion for samples .1 s apart."""
     draw = np.random.default_rng(33)

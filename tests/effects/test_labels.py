@@ -49,8 +49,10 @@ def test_labels_are_whole_numbers_of_which_there_are_few(values, expected):
     assert labels_of(values.astype(float)) == expected
 
 
-def test_two_labels_are_a_line_and_no_labels():
-    assert Labels.starts({"wet": np.array([0.0, 1.0, 0.0, 1.0])}) == []
+def test_one_value_is_no_column_of_labels_and_two_are():
+    assert Labels.starts({"wet": np.zeros(4)}) == []
+    (two,) = Labels.starts({"wet": np.array([0.0, 1.0, 0.0, 1.0])})
+    assert (two.label1, two.label2, two.k3) == (0.0, 1.0, 0.0)
     (start,) = Labels.starts({"rail": RAIL, "wear": np.linspace(0, 1, 9)})
     assert start.column == "rail"
     given = [name for name in start.FACTS.strengths if float(getattr(start, name)) != 0]

@@ -31,6 +31,7 @@ from adhesion_jax.data.reading import to_measured
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.saved import load_law
+from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.files import staged
 from adhesion_jax.report.discovery.content import page
 from adhesion_jax.report.discovery.figures import adhesion_over_slip
@@ -582,6 +583,8 @@ def test_what_an_effect_acts_on_is_said_of_columns_only():
     )
     assert acts_on(speed) == "deepens or flattens the fall beyond the peak"
     assert acts_on(TORSION) == ""
+    # There are words for whatever part of the curve a term acts on.
+    assert len({acts_on(humidity._replace(acts_on=part)) for part in ACTS_ON}) == len(ACTS_ON)
 
 
 def test_braking_one_slip_and_another_base_curve_are_drawn():

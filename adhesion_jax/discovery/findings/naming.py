@@ -60,13 +60,14 @@ def vetoed(state: Selection) -> tuple[Selection, tuple[str, ...]]:
             sentences.append(
                 f"{effect.name} is not named as a cause, although its formula is in the law: {why}."
             )
-        for name, (_, low, high) in found.items():
-            if not why and whole[place, 0][name].low <= 0 <= whole[place, 0][name].high:
-                sentences.append(
-                    f"The interval of {name} of {effect.name} holds 0 only because the data do not "
-                    "tell it apart from the other parameters of this effect: for those as fitted "
-                    f"it is {number(low)} to {number(high)}."
-                )
+        elif isinstance(effect.parts[0], Cause):
+            sentences += [
+                f"The interval of {name} of {effect.name} holds 0 only because the data do not "
+                "tell it apart from the other parameters of this effect: for those as fitted it "
+                f"is {number(low)} to {number(high)}."
+                for name, (_, low, high) in found.items()
+                if low * high > 0 and whole[place, 0][name].low <= 0 <= whole[place, 0][name].high
+            ]
     return state._replace(accepted=tuple(accepted)), tuple(sentences)
 
 

@@ -63,9 +63,11 @@ def forms_of_column(column: str, problem: Problem) -> list[Entry]:
     if label in problem.named:
         return column_entries(Labels, column, problem)
     entries = column_entries(Covariate, column, problem)
-    if np.unique(problem.flat[column]).size > _FEW:
+    values = np.unique(problem.flat[column]).size
+    if values > _FEW:
         entries += column_entries(Spline, column, problem)
-    entries += column_entries(Labels, column, problem)
+    if values > 2:  # two numbers are told apart by a line
+        entries += column_entries(Labels, column, problem)
     turn = _turn(label)
     if turn:
         start = Periodic(0.01, 0.01, 1 / turn, column=column)

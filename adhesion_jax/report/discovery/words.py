@@ -23,6 +23,8 @@ _ACTS_ON = {
     "slip": "stretches the slip scale: the initial slope and the place of the peak move, the "
     "maximum stays",
     "fall": "deepens or flattens the fall beyond the peak",
+    "offset": "adds to the adhesion, whatever the slip is",
+    "shift": "adds to the slip at which the curve is read",
 }
 
 #: Effects that are claimed although they improve no prediction.
