@@ -15,16 +15,7 @@ from adhesion_jax.identifiers import IDENTIFIERS, Estimate
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
-from experiments.speed import (
-    all_points,
-    blocks,
-    c_code,
-    gpu,
-    jobs,
-    plants,
-    recursions,
-    scaling,
-)
+from experiments.speed import all_points, blocks, c_code, gpu, jobs, plants, recursions, scaling
 from experiments.speed.__main__ import main
 from experiments.speed.batches import Batch, drawn
 from experiments.speed.report import told
@@ -135,18 +126,6 @@ def test_a_quadratic_program_in_numpy_is_the_identifier(name, samples, known, st
     np.testing.assert_allclose(found, expected, rtol=1e-5)
     on_edge = np.any(np.isin(found[:2].T, box), axis=1)
     assert 0 < on_edge.sum() < STREAMS
-
-
-def test_the_loops_in_c_compute_what_numpy_does(library):
-    random = np.random.default_rng(0)
-    slip, adhesion = np.linspace(0, 0.2, 50), random.normal(size=(3, 50))
-    x, sums = random.uniform(0.5, 30.0, (3, 3)), np.zeros(3)
-    c_code.call(library, "squares", (3, 50, slip, adhesion, *x, sums))
-    model = x[0][:, None] * (1 - np.exp(-x[1][:, None] * slip)) - x[2][:, None] * slip
-    np.testing.assert_allclose(sums, np.sum((model - adhesion) ** 2, axis=1), rtol=1e-12)
-    values = np.zeros(50)
-    c_code.call(library, "exponentials", (50, -slip, values))
-    np.testing.assert_allclose(values, np.exp(-slip), rtol=1e-14)
 
 
 def test_a_plant_moves_alike_in_jax_and_in_c(library, monkeypatch):
