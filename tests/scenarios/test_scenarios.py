@@ -354,7 +354,6 @@ def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
     assert share[[49, 99]] == pytest.approx([0.0705, 0.256], rel=0.02)
 
 
-@pytest.mark.thorough
 def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_slip():
     scenario = build("drift", Options(rail="common"))
     first, last = (jax.tree.map(lambda x: x[k], scenario.rail.curve) for k in (0, -1))  # noqa: B023
