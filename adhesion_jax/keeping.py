@@ -30,7 +30,7 @@ _folder: list[Path] = []  # none before it is asked for
 
 @cache
 def of_package() -> str:
-    """The source of the package in a number of fixed length."""
+    """SHA-256 of the source of the package."""
     content = sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.is_file() and path.suffix != ".pyc":

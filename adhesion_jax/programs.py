@@ -115,7 +115,7 @@ def program(
     function in it, or a class of a program that uses this one as a library) belongs to a program
     that is made anew in every process.
     """
-    text = told(name)
+    text = stable_key(name)
     if text is None:
         return _made(function, argument, compiler)[0]
     key = sha256(digest().encode() + text).hexdigest()
@@ -168,8 +168,8 @@ def _named(function: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
     return other
 
 
-class _Telling(pickle.Pickler):
-    """Tells classes and functions by their names, which will do where `digest` has their source."""
+class _StablePickler(pickle.Pickler):
+    """Pickles classes and functions by their names: `digest` depends on their source."""
 
     def persistent_id(self, value: object) -> None:
         module = getattr(value, "__module__", None)
@@ -185,10 +185,10 @@ def _in_digest(module: str) -> bool:
     return is_outside(getattr(sys.modules.get(module), "__file__", None) or "", f"{module}.py")
 
 
-def told(name: object) -> bytes | None:
-    """The name in bytes that are the same in every process; None where it does not tell all."""
+def stable_key(name: object) -> bytes | None:
+    """A deterministic pickle of the key; None if it refers to code outside the digest."""
     stream = BytesIO()
-    pickler = _Telling(stream)
+    pickler = _StablePickler(stream)
     pickler.fast = True  # equal names give equal bytes, whichever of their parts are one object
     try:
         pickler.dump(name)

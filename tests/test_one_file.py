@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import adhesion_jax
-from adhesion_jax.effects.cause import Facts, Scaling
+from adhesion_jax.effects.cause import Facts, Multiplier
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.planting import Planting, chosen
@@ -286,7 +286,7 @@ def test_an_effect_without_facts_is_not_read_and_cannot_be_made():
     with pytest.raises(AttributeError, match="FACTS"):
         page_without("FACTS")
     with pytest.raises(TypeError, match=r"abstract[^\n]*FACTS"):
-        type("Bare", (Scaling,), {"factor": None, "starts": None})()
+        type("Bare", (Multiplier,), {"factor": None, "starts": None})()
 
 
 @pytest.mark.parametrize("forgotten", ["otherwise", "seen_in"])

@@ -67,7 +67,7 @@ class Own(eqx.Module):
     "part", [*IDENTIFIERS.values(), *CURVES.values()], ids=[*IDENTIFIERS, *CURVES]
 )
 def test_the_package_tells_its_own_parts(part):
-    assert programs.told(("name", jax.tree.structure(part), 1.0)) is not None
+    assert programs.stable_key(("name", jax.tree.structure(part), 1.0)) is not None
 
 
 def test_a_program_of_a_class_of_the_user_is_not_kept(store):
@@ -80,9 +80,9 @@ def test_a_program_of_a_class_of_the_user_is_not_kept(store):
 
 def test_a_file_that_was_named_on_the_command_line_is_told(monkeypatch):
     monkeypatch.setattr(keeping, "_outside", {Path(__file__): b"source"})
-    assert programs.told(Own) is not None
+    assert programs.stable_key(Own) is not None
     monkeypatch.setattr(keeping, "_outside", {Path(f"{__name__}.py"): b"source"})
-    assert programs.told(Own) is not None
+    assert programs.stable_key(Own) is not None
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "another file"])

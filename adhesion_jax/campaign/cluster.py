@@ -49,7 +49,7 @@ _Stored = Path | Mapping[str, bytes]
 
 @contextmanager
 def pool_of(workers: int, cluster: str | None, shared: bool = False) -> Iterator[Pool]:
-    """So many processes of this machine or, if one is named, a cluster that is started or joined.
+    """`workers` processes of this machine or, if one is named, a cluster, started or joined.
 
     `cluster` is `local:N` or the address of a scheduler. `shared` says that its workers see the
     folder of the results by the same path as this process, and write there; otherwise they send

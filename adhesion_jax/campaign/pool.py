@@ -28,7 +28,7 @@ Work = Sequence[tuple[Any, ...]]
 #: Number of times that a unit is tried whose process dies.
 TRIES = 3
 
-#: So many units are given out at once, that memory does not grow with the number of all.
+#: Largest number of units that are given out at once: memory does not grow with their total.
 _GIVEN_OUT = 1000
 
 #: Parameters of the allocator of glibc, and their values (bytes): memory that arrays leave is kept
@@ -58,7 +58,7 @@ class Pool(Protocol):
 
 @dataclass(frozen=True)
 class Processes:
-    """So many processes of this machine; 1 is this process.
+    """`workers` processes of this machine; 1 is this process.
 
     Processes rather than threads, because compiled programs that call LAPACK on stacks of large
     matrices deadlock when two run at once (`runtime.threads`); spawned ones, because a fork of a
@@ -131,7 +131,7 @@ def _in_order(found: Iterable[tuple[int, T]]) -> Iterator[T]:
 
 @contextmanager
 def _started(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """So many processes, each on a core of its own, that end with this context or this process."""
+    """Processes, each on a core of its own, that end with this context or this process."""
     spawning = get_context("spawn")
     cores = spawning.SimpleQueue()
     for core in runtime.cores_of(workers):

@@ -87,7 +87,7 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
         records = of_tile.draw(config.seed, tile)
         bounds.append(np.asarray(of_tile.bound(records)))
         spent = {}
-        for name in _in_turn(job.methods, number):
+        for name in _rotated(job.methods, number):
             tell(done, f"{name} on {config.scenario}")
             result = of_tile.identify(config.seed, tile, name, job.methods[name], records)
             parts[name].append(_found(scenario, result))
@@ -117,8 +117,8 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
     return Shard(Reduced(sums, *_counts(job, found), compiling), rows)
 
 
-def _in_turn(methods: Mapping[str, Identifier], number: int) -> Sequence[str]:
-    """The methods from another one on in every shard: processes then compile different ones."""
+def _rotated(methods: Mapping[str, Identifier], number: int) -> Sequence[str]:
+    """The methods, rotated by shard, so that processes do not compile the same program first."""
     names = [*methods]
     first = int(len(names) * (number * _GOLDEN_SECTION % 1))
     return names[first:] + names[:first]

@@ -125,7 +125,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     "--extend",
     type=click.IntRange(min=0),
     default=0,
-    help="Add so many runs to the job in the folder.",
+    help="Number of runs to add to the job in the folder.",
 )
 @with_cluster
 @click.option(

@@ -167,7 +167,7 @@ class Condition(click.ParamType):
 @click.option(
     "--check",
     type=click.IntRange(100, 10**6),
-    help="Simulate six cells of the plan with so many measurements each.",
+    help="Simulate six cells of the plan, each with this number of measurements.",
 )
 @click.option("--seed", type=SEED, default=0, help="Of --check.", show_default=True)
 @click.option(

@@ -58,7 +58,7 @@ KNOWN = catalogue()
     "--extend",
     type=click.IntRange(min=0),
     default=0,
-    help="Add so many runs with noise to the job in the folder.",
+    help="Number of runs with noise to add to the job in the folder.",
 )
 @click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
 def main(system: str, out: Path | None, **asked: Any) -> None:

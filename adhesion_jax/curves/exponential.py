@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
-from adhesion_jax.curves.exponential_function import exp
 
 _SOURCE = "Uyulan, Gokasan and Bogosyan 2018"
 
@@ -48,7 +47,7 @@ class Exponential(Curve):
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
         size = jnp.abs(slip)
-        difference = exp(-self.a * size) - exp(-self.b * size)
+        difference = jnp.exp(-self.a * size) - jnp.exp(-self.b * size)
         return self.c * jnp.sign(slip) * difference
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:

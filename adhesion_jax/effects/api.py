@@ -2,19 +2,19 @@
 
 from adhesion_jax.curves import Conditions, Scalar
 from adhesion_jax.effects.base import Columns, Effect, Form, Signal, Values
-from adhesion_jax.effects.cause import Bending, Cause, Changing, Facts, Scaling
+from adhesion_jax.effects.cause import AdhesionTransform, Cause, Facts, Multiplier, SlipTransform
 
 __all__ = [
-    "Bending",
+    "AdhesionTransform",
     "Cause",
-    "Changing",
     "Columns",
     "Conditions",
     "Effect",
     "Facts",
     "Form",
+    "Multiplier",
     "Scalar",
-    "Scaling",
     "Signal",
+    "SlipTransform",
     "Values",
 ]

@@ -1,9 +1,9 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class AxlePosition(Scaling):
+class AxlePosition(Multiplier):
     """Up to six axles; those beyond share the last."""
 
     k1: Scalar

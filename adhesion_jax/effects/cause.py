@@ -46,7 +46,7 @@ class Cause(Effect):
     FACTS: eqx.AbstractClassVar[Facts]
 
 
-class Scaling(Cause):
+class Multiplier(Cause):
     """A cause that only scales adhesion: mu factor."""
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
@@ -57,7 +57,7 @@ class Scaling(Cause):
         """The factor on adhesion."""
 
 
-class Bending(Cause):
+class SlipTransform(Cause):
     """A cause that only bends the slip: mu(before(slip))."""
 
     ORDER: ClassVar[int] = 0
@@ -67,7 +67,7 @@ class Bending(Cause):
         """The slip at which the law below is evaluated."""
 
 
-class Changing(Cause):
+class AdhesionTransform(Cause):
     """A cause that leaves the slip and changes adhesion by more than a factor: after(mu)."""
 
     @abstractmethod

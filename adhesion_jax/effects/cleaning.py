@@ -1,14 +1,22 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Changing, Columns, Conditions, Effect, Facts, Scalar, Signal
+from adhesion_jax.effects.api import (
+    AdhesionTransform,
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+)
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import has_history, steps
-from adhesion_jax.effects.remembering import Remembering, State, Stepped, Value, now
 
 #: F0 of the formula: the load in N at which the slip energy is counted with the factor 1.
 _LOAD = 1e5
 
 
-class Cleaning(Changing, Remembering):
+class Cleaning(AdhesionTransform, Dynamic):
     """The work W is in m; with q = 1 it is the slip energy over 100 kN, with q = 0 over the load.
 
     The source mixes a dirty and a recovered curve by the same weight.

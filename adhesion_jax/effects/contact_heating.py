@@ -1,9 +1,17 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Changing, Columns, Conditions, Effect, Facts, Scalar, Signal
+from adhesion_jax.effects.api import (
+    AdhesionTransform,
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+)
 
 
-class ContactHeating(Changing):
+class ContactHeating(AdhesionTransform):
     """The flash temperature is mu p0 v_s sqrt(a/V); pressure p0 and half axis a are in k."""
 
     k: Scalar

@@ -1,14 +1,22 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Changing, Columns, Conditions, Effect, Facts, Scalar, Signal
+from adhesion_jax.effects.api import (
+    AdhesionTransform,
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+)
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import shifted
-from adhesion_jax.effects.remembering import Remembering, State, Stepped, Value, now
 
 #: Number of samples that the step form keeps: a longer delay is cut to these.
 _KEPT = 1024
 
 
-class Delay(Changing, Remembering):
+class Delay(AdhesionTransform, Dynamic):
     delay: Scalar
 
     FACTS = Facts(

@@ -1,10 +1,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class Drift(Scaling):
+class Drift(Multiplier):
     """A wide w is linear, a narrow one a step, a centre at the start an exponential approach."""
 
     k: Scalar

@@ -1,9 +1,9 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class FallingFriction(Scaling):
+class FallingFriction(Multiplier):
     """In the source A = .4 and b = .6 s/m on dry rails, A = .4 and b = .2 s/m on wet ones."""
 
     drop: Scalar

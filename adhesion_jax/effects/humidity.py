@@ -1,10 +1,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class Humidity(Scaling):
+class Humidity(Multiplier):
     """A wide w is linear, a centre c at an end saturates, a narrow w is a threshold."""
 
     k: Scalar

@@ -1,11 +1,11 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import Filtered, filtered, lagged, rate
-from adhesion_jax.effects.remembering import Remembering, State, Stepped, Value, now
 
 
-class Hysteresis(Scaling, Remembering):
+class Hysteresis(Multiplier, Dynamic):
     k: Scalar
     rate: Scalar
     memory: Scalar

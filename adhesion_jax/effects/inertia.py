@@ -1,11 +1,19 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Changing, Columns, Conditions, Effect, Facts, Scalar, Signal
+from adhesion_jax.effects.api import (
+    AdhesionTransform,
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+)
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import has_history, rate
-from adhesion_jax.effects.remembering import Remembering, State, Stepped, Value, now
 
 
-class Inertia(Changing, Remembering):
+class Inertia(AdhesionTransform, Dynamic):
     """k = J/(r^2 F), J the moment of inertia of what turns."""
 
     k: Scalar

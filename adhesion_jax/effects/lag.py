@@ -1,5 +1,5 @@
 from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar
-from adhesion_jax.effects.remembering import Lagging
+from adhesion_jax.effects.dynamic import Lagging
 
 
 class Lag(Lagging):

@@ -10,7 +10,7 @@ from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar
 from adhesion_jax.curves.peak import find_peak
 from adhesion_jax.effects.base import Effect, Signal, Value
 from adhesion_jax.effects.conditions import Calendar, completed
-from adhesion_jax.effects.remembering import Remembering
+from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.shape import exponents_of, shaped
 from adhesion_jax.effects.slip_noise import SlipNoise
 
@@ -62,7 +62,7 @@ class CorrectedLaw(Law):
         adhesion = _at_contact(self.curve, effects, slip, seen)
         after: list[Any] = []
         for place, effect in enumerate(effects):
-            if isinstance(effect, Remembering):
+            if isinstance(effect, Dynamic):
                 before = effect.init(adhesion, slip, seen) if memory is None else memory[place]
                 remembered, adhesion = effect.step(before, adhesion, slip, seen)
             else:

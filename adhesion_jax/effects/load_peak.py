@@ -1,9 +1,9 @@
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class LoadPeak(Scaling):
+class LoadPeak(Multiplier):
     """Near F0 it is Burckhardt's 1 - c5 F^2 with p = 2 c5 F0^2/(1 - c5 F0^2).
 
     The power is how tyres and Hertzian contacts are described.

@@ -1,9 +1,17 @@
 import numpy as np
 
-from adhesion_jax.effects.api import Bending, Columns, Conditions, Effect, Facts, Scalar, Signal
+from adhesion_jax.effects.api import (
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+    SlipTransform,
+)
 
 
-class LoadSlope(Bending):
+class LoadSlope(SlipTransform):
     """The stiffness of a Hertzian contact over its load goes as F^(-1/3)."""
 
     p: Scalar

@@ -1,9 +1,9 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class LoadTransfer(Scaling):
+class LoadTransfer(Multiplier):
     """The adhesion is taken for the load at rest."""
 
     k: Scalar

@@ -1,9 +1,9 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class ModeAsymmetry(Scaling):
+class ModeAsymmetry(Multiplier):
     k: Scalar
 
     FACTS = Facts(

@@ -1,10 +1,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class Patch(Scaling):
+class Patch(Multiplier):
     depth: Scalar
     centre: Scalar
     width: Scalar

@@ -1,7 +1,7 @@
 import jax.numpy as jnp
 
 from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Values
-from adhesion_jax.effects.remembering import Lagging
+from adhesion_jax.effects.dynamic import Lagging
 
 
 class Relaxation(Lagging):

@@ -1,11 +1,11 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import has_history, recurrence, steps
-from adhesion_jax.effects.remembering import Remembering, State, Stepped, Value, now
 
 
-class Sanding(Scaling, Remembering):
+class Sanding(Multiplier, Dynamic):
     """In the source the build-up takes about 1 s and the decay 5 to 12 s."""
 
     k: Scalar

@@ -1,9 +1,17 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Bending, Columns, Conditions, Effect, Facts, Scalar, Signal
+from adhesion_jax.effects.api import (
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+    SlipTransform,
+)
 
 
-class SlipBias(Bending):
+class SlipBias(SlipTransform):
     """Burckhardt's curve changes as by a torque offset."""
 
     bias: Scalar

@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Array
 
 from adhesion_jax.effects.api import (
-    Bending,
     Columns,
     Conditions,
     Effect,
     Facts,
     Scalar,
     Signal,
+    SlipTransform,
     Values,
 )
 from adhesion_jax.effects.base import Points
@@ -25,7 +25,7 @@ _ROUGHER = 4.0 ** np.arange(-5, 2)
 _AROUND = 12
 
 
-class SlipNoise(Bending):
+class SlipNoise(SlipTransform):
     """White noise is on the measured slip; adhesion follows the slip that is to be expected.
 
     The true slip is a random walk whose rate is a random walk of intensity `roughness`, the noise

@@ -1,9 +1,9 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class SlipSpeed(Scaling):
+class SlipSpeed(Multiplier):
     """c4 is about .02 to .04 s/m."""
 
     c4: Scalar

@@ -1,14 +1,14 @@
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
 def _curtius_kniffler(speed: Values | Scalar) -> Values:
     return jnp.asarray(7.5 / (44 + 3.6 * speed) + 0.161)
 
 
-class Speed(Scaling):
+class Speed(Multiplier):
     """k = 1 is the law of Curtius and Kniffler itself."""
 
     k: Scalar

@@ -1,10 +1,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
 
 
-class Temperature(Scaling):
+class Temperature(Multiplier):
     k: Scalar
     reference: Scalar
 

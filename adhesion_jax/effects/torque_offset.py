@@ -1,9 +1,17 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Changing, Columns, Conditions, Effect, Facts, Scalar, Signal
+from adhesion_jax.effects.api import (
+    AdhesionTransform,
+    Columns,
+    Conditions,
+    Effect,
+    Facts,
+    Scalar,
+    Signal,
+)
 
 
-class TorqueOffset(Changing):
+class TorqueOffset(AdhesionTransform):
     offset: Scalar
 
     FACTS = Facts(

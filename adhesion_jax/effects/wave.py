@@ -4,7 +4,7 @@ from abc import abstractmethod
 
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Conditions, Scalar, Scaling, Values
+from adhesion_jax.effects.api import Conditions, Multiplier, Scalar, Values
 
 AMPLITUDES = {
     name: ("1", -0.9, 0.9, f"amplitude of the {words}")
@@ -15,7 +15,7 @@ AMPLITUDES = {
 }
 
 
-class Wave(Scaling):
+class Wave(Multiplier):
     """mu (1 + a sin(p) + b cos(p) + a2 sin(2 p) + b2 cos(2 p)), p the phase.
 
     A wave may have any length: a spectrum of the residual along the column that it needs gives the

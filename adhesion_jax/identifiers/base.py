@@ -127,8 +127,8 @@ class Reducer(Protocol):
         """The state after one more step: its block, the values, and whether it brought a reset."""
 
 
-def begun(state: S) -> S:
-    """A state before any data, in arrays of the kinds that it has after some: a loop compiles once.
+def as_arrays(state: S) -> S:
+    """The initial state with every leaf in its final dtype, so that a scan compiles once.
 
     InputError where jax computes in single precision.
     """

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import free_values, with_free_values
-from adhesion_jax.identifiers.base import Estimate, Status, begun
+from adhesion_jax.identifiers.base import Estimate, Status, as_arrays
 from adhesion_jax.metrics.information import (
     adhesion_and_information,
     inverse_information,
@@ -44,7 +44,7 @@ def start(known: Known, key: PRNGKeyArray) -> FitState:
     size = parameters.size
     zero, no = jnp.int32(0), jnp.zeros((), dtype=bool)
     empty = Fit(parameters, jnp.zeros((size, size)), jnp.zeros(()), zero, no, ~no, zero)
-    return begun(FitState(known, key, empty))
+    return as_arrays(FitState(known, key, empty))
 
 
 def residual(known: Known, record: Record, parameters: Float[Array, " free"]) -> Float[Array, " n"]:

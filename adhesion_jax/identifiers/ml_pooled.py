@@ -9,7 +9,7 @@ from jax.scipy.special import betainc
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar, free_values
-from adhesion_jax.identifiers.base import Estimate, Identifier, begun
+from adhesion_jax.identifiers.base import Estimate, Identifier, as_arrays
 from adhesion_jax.identifiers.burckhardt_sums import (
     burckhardt_information,
     burckhardt_sums,
@@ -96,7 +96,7 @@ class PooledMaximumLikelihood(Identifier):
         none = Jet(zero, zero, zero)
         no = jnp.zeros((), dtype=bool)
         pool = Pool(empty, zero, Solution(c1, c3, c2, zero, none, none, jnp.int32(0), no))
-        return begun(PooledState(known, pool, zero, ~no, no, jnp.int32(0)))
+        return as_arrays(PooledState(known, pool, zero, ~no, no, jnp.int32(0)))
 
     def update(self, state: PooledState, record: Record) -> PooledState:
         """Only fresh points enter the pool, so that blocks may overlap."""

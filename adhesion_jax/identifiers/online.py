@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from adhesion_jax.identifiers.base import begun
+from adhesion_jax.identifiers.base import as_arrays
 from adhesion_jax.records import Known, Record
 
 R = TypeVar("R")
@@ -29,7 +29,7 @@ class OnlineState(NamedTuple):
 
 def begin(known: Known, recursion: R) -> OnlineState:
     """The state before any data."""
-    return begun(OnlineState(known, recursion, jnp.zeros(()), jnp.int32(0), jnp.int32(0)))
+    return as_arrays(OnlineState(known, recursion, jnp.zeros(()), jnp.int32(0), jnp.int32(0)))
 
 
 def over_fresh_samples(

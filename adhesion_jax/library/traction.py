@@ -156,7 +156,7 @@ def traction_control(
     `cluster` (local:N, or the address of a scheduler of Dask) they are those of a cluster, which
     see the folder by the same path if it is a `shared_folder`.
     `out` is a folder for all the files of the command; what is finished stays there, so that a job
-    that was interrupted goes on with `resume`, and gets so many more runs with `extend`.
+    that was interrupted goes on with `resume`, and gets `extend` further runs.
     `animate` draws the operating point as a moving picture there, too.
 
     Returns the table of the paper, the metrics of all parts of the runs, and their course.

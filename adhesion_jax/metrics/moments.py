@@ -60,7 +60,7 @@ class Moments(NamedTuple):
 class KnownMoments(NamedTuple):
     """Number, sum and sum of squares of the values of some statistics that are finite.
 
-    A statistic need not be known in every run (the time until an event is not, in a run without the
+    Statistics may be NaN in some runs (the time until an event is, in a run without the
     event): mean and error are those of the runs in which it is known, NaN if these are too few.
     """
 

@@ -20,7 +20,7 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt32
 
 from adhesion_jax.optim.counter_random import as_integer, as_uniform, counter_bits
-from adhesion_jax.optim.turns import Turns, in_turns
+from adhesion_jax.optim.turns import Turns, compacted_while_loop
 
 #: How the runs of a batch take turns. Where searches end after 120 generations on average, 250 at
 #: most, 1.2 times the generations of all runs are computed, instead of 2 times if all went on to
@@ -206,7 +206,7 @@ def _ended(
     def ended(given: _Given, population: Float[Array, "p members runs"]) -> State:
         going = begin(population), jnp.ones(population.shape[-1], dtype=bool)
         axes = jax.tree.map(_axis_of_runs, given)
-        return in_turns(lambda going: going[1], advance, going, given, axes, _TURNS)[0]
+        return compacted_while_loop(lambda going: going[1], advance, going, given, axes, _TURNS)[0]
 
     @ended.def_vmap
     def ended_in_batch(

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.optim.least_squares import Residual, Result, separated
-from adhesion_jax.optim.turns import Turns, in_turns
+from adhesion_jax.optim.turns import Turns, compacted_while_loop
 from adhesion_jax.programs import kept
 
 #: Damping of the first step, relative to the diagonal of J'J.
@@ -275,7 +275,9 @@ def fit(
         axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, tuple(batched))
         started = jax.vmap(begin, (axes[2],), axis_size=size)(start)
         steps = jax.vmap(one_step, (*axes[:2], 0))
-        found = in_turns(jax.vmap(unfinished), steps, started, (data, box), axes[:2], _TURNS)
+        found = compacted_while_loop(
+            jax.vmap(unfinished), steps, started, (data, box), axes[:2], _TURNS
+        )
         return found, jax.tree.map(lambda _: True, found)
 
     search = ended(data, (lower, upper), jnp.clip(start, lower, upper))

@@ -16,7 +16,7 @@ class Turns(NamedTuple):
     axis: int  # axis of the iterations, 0 or -1
 
 
-def in_turns(
+def compacted_while_loop(
     unfinished: Callable[[Any], Bool[Array, " states"]],
     advance: Callable[..., Any],
     states: Any,
@@ -27,8 +27,8 @@ def in_turns(
     """Many states, each advanced by `advance(*given, states)` while it is `unfinished`.
 
     `axes` says which leaves of `given` have the axis of the states: None for one shared by all. In
-    each turn the first so many unfinished states advance a few steps. Were all of them to advance
-    until the last has ended, most steps would be of states that have ended before.
+    each turn the first `turns.side_by_side` unfinished states advance a few steps: if all of them
+    advanced until the last has ended, most steps would be of states that have ended before.
     """
     axis = turns.axis
     count = jax.tree.leaves(states)[0].shape[axis]
@@ -70,7 +70,7 @@ def in_turns(
 
 
 def in_groups(function: Callable[..., Any], side_by_side: int) -> Callable[..., Any]:
-    """The function, which in a batch is computed for so many at a time.
+    """The function, which vmap then evaluates in chunks of `side_by_side`.
 
     What a group computes stays in cache, and its loops wait for the slowest of the group alone.
     All arrays that differ from one to another must be arguments.

@@ -72,7 +72,7 @@ def estimates(
     measurements: int,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, " measurements"]:
-    """The mu_max of each of so many simulated measurements; NaN where a fit fails.
+    """The mu_max of each simulated measurement; NaN where a fit fails.
 
     The fit is by least squares, with the weights of the plan. Errors of the slip are in the slips
     that it is given.

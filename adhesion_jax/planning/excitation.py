@@ -50,7 +50,7 @@ class Again(NamedTuple):
         return Excitation(self.share, self.starts, samples / self.share.size)
 
 
-#: Called with a number of samples, it gives the excitation of about so many.
+#: Called with a number of samples, it gives an excitation of about that number.
 Design: TypeAlias = Sweeps | Again
 
 

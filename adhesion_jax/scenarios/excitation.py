@@ -12,7 +12,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.options import Points, SlipMax
 from adhesion_jax.records import OWN_SLIP, SHARED_SLIP
-from adhesion_jax.scenarios.draws import uniform
 
 
 class Excited(NamedTuple):
@@ -71,5 +70,5 @@ class RandomSlips(Excitation):
 
     def draw(self, key: PRNGKeyArray, shape: tuple[int, ...]) -> tuple[Excited, PRNGKeyArray]:
         slip_key, left = jax.random.split(key)
-        slip = uniform(slip_key, shape, self.slip_max)
+        slip = jax.random.uniform(slip_key, shape, maxval=self.slip_max)
         return Excited(slip, slip, {}), left

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.options import Autocorrelation, Outliers, Sigma
-from adhesion_jax.scenarios.draws import normal, uniform
 
 _OUTLIER_FACTOR = 10.0
 
@@ -25,10 +24,10 @@ class Noise(eqx.Module):
     def draw(self, key: PRNGKeyArray, shape: tuple[int, ...]) -> Float[Array, "*shape"]:
         """Neighbours are those along the last axis; what differs in others is independent."""
         normal_key, outlier_key = jax.random.split(key)
-        noise = self.sigma * self.coloured(normal(normal_key, shape))
+        noise = self.sigma * self.coloured(jax.random.normal(normal_key, shape))
         if self.outliers == 0.0:
             return noise
-        is_outlier = uniform(outlier_key, shape) < self.outliers
+        is_outlier = jax.random.uniform(outlier_key, shape) < self.outliers
         return jnp.where(is_outlier, _OUTLIER_FACTOR * noise, noise)
 
     def coloured(self, white: Float[Array, "*rows points"]) -> Float[Array, "*rows points"]:

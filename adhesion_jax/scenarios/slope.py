@@ -13,7 +13,6 @@ from adhesion_jax.options import Points, Rail, SlipMax
 from adhesion_jax.records import record_axes
 from adhesion_jax.scenarios.base import Scenario
 from adhesion_jax.scenarios.course import REPORT, Followed
-from adhesion_jax.scenarios.draws import normal
 from adhesion_jax.scenarios.excitation import Excitation, Excited
 from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rail_process import steady
@@ -63,7 +62,7 @@ class Wave(Excitation):
         time = _SAMPLING * jnp.arange(self.points)
         slip = self.slip(time)
         velocity = _VEHICLE_SPEED * slip
-        velocity = velocity + _SIGMA_VELOCITY * normal(velocity_key, shape)
+        velocity = velocity + _SIGMA_VELOCITY * jax.random.normal(velocity_key, shape)
         conditions = {"slip_velocity_mps": velocity, "time_s": time}
         return Excited(slip, velocity / _VEHICLE_SPEED, conditions), left
 

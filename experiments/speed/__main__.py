@@ -12,16 +12,7 @@ from tqdm import tqdm
 from adhesion_jax import runtime
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.files import output_directory, staged, write_table
-from experiments.speed import (
-    blocks,
-    c_code,
-    gpu,
-    jobs,
-    limits,
-    plants,
-    recursions,
-    scaling,
-)
+from experiments.speed import blocks, c_code, gpu, jobs, plants, recursions, scaling
 from experiments.speed.report import draw_rates, draw_scaling, told
 from experiments.speed.turns import Timed, rates
 
@@ -34,10 +25,10 @@ def main(repeats: int, seed: int, out: Path) -> None:
     """Time identifiers, recursions, plants and whole jobs beside other libraries.
 
     Whole blocks on he2018-blocks beside scipy's differential evolution and others, recursions on
-    streams of 10,000 runs beside NumPy, plants beside C, and how near all come to loops in C and to
-    the matrix product of this machine; some of them on a GPU, where jax finds one. What is timed
-    takes turns, `repeats` times, so that a machine whose speed drifts is fair to all; the median is
-    reported, and its range. numba, pygmo and evosax are timed where they are installed.
+    streams of 10,000 runs beside NumPy, plants beside C; some of them on a GPU, where jax finds
+    one. What is timed takes turns, `repeats` times, so that a machine whose speed drifts is fair to
+    all; the median is reported, and its range. numba, pygmo and evosax are timed where they are
+    installed.
     """
     start()
     directory = output_directory(out)
@@ -65,10 +56,6 @@ def _table(
             for (part, peer), entries in recursions.entries(seed).items()
         ),
         ("plants", plants.UNIT, plants.PEER, plants.entries(library)),
-        *(
-            (f"limit: {peer}", unit, peer, entries)
-            for (unit, peer), entries in limits.entries(library).items()
-        ),
     ]
     total = sum((repeats + 1) * _count(part[3]) for part in parts)
     total += len(scaling.sizes()) + 1 + len(jobs.jobs())

@@ -4,7 +4,6 @@ The identifiers reduce a record to a few sums first. Without that, nearly all of
 exponentials.
 """
 
-import math
 from collections.abc import Callable
 
 import jax
@@ -14,7 +13,6 @@ from jaxtyping import Array, ArrayLike, Float, Key
 from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.identifiers.ml_de import CROSSOVER
 from adhesion_jax.optim import differential_evolution as de
-from experiments.speed.powers import exp2
 
 #: Its scale factor, that of `ml-de`.
 SCALE = 0.5
@@ -42,11 +40,10 @@ def search(
     def one(key: Key[Array, ""], adhesion: Float[Array, " points"]) -> Float[Array, "3"]:
         def sum_of_squares(x: Float[Array, "3"]) -> Float[Array, ""]:
             c1, c2, c3 = x
-            rate = c2 / math.log(2)
 
             def add(total: Array, point: tuple[Array, Array]) -> tuple[Array, None]:
                 slip, adhesion = point
-                left = c1 * (1 - exp2(-rate * slip)) - c3 * slip - adhesion
+                left = c1 * (1 - jnp.exp(-c2 * slip)) - c3 * slip - adhesion
                 return total + left**2, None
 
             # One point after the other, for members and runs side by side: a sum over points for

@@ -1,4 +1,4 @@
-"""Identifications of so many runs at once, in batches of any size, on any processor."""
+"""Identifications of a batch of runs of any size, on any processor."""
 
 import time
 from collections.abc import Callable

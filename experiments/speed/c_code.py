@@ -1,9 +1,8 @@
-"""Loops in C, as a measure of what the processor can do: compiled where there is a compiler."""
+"""The loop of a plant in C, compiled where there is a compiler."""
 
 import ctypes
 import shutil
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,24 +15,6 @@ _FLAGS = ("-O3", "-march=native", "-ffast-math", "-shared", "-fPIC")
 
 _SOURCE = """
 #include <math.h>
-
-void exponentials(long n, const double *x, double *y) {
-    for (long i = 0; i < n; i++) y[i] = exp(x[i]);
-}
-
-/* Sum of squares of Burckhardt's curve less the data of each run, [runs]. */
-void squares(long runs, long points, const double *slip, const double *adhesion,
-             const double *c1, const double *c2, const double *c3, double *sums) {
-    for (long run = 0; run < runs; run++) {
-        const double *measured = adhesion + run * points;
-        double a = c1[run], b = -c2[run], c = c3[run], sum = 0.0;
-        for (long i = 0; i < points; i++) {
-            double left = a * (1.0 - exp(b * slip[i])) - c * slip[i] - measured[i];
-            sum += left * left;
-        }
-        sums[run] = sum;
-    }
-}
 
 /* One rigid axle on an exponential surface: motor speed w, train speed v, torque t.
    p: radius, load, gear, efficiency, motor and wheelset inertia, mass, axles alike, transfer,
@@ -92,14 +73,7 @@ def compiled(folder: Path) -> ctypes.CDLL | str:
     return ctypes.CDLL(str(library))
 
 
-def call(library: ctypes.CDLL, name: str, arguments: Sequence[int | float | np.ndarray]) -> None:
-    """Call a loop with whole numbers, floating ones and contiguous arrays of these."""
-    converted = [
-        ctypes.c_long(one)
-        if isinstance(one, int)
-        else ctypes.c_double(one)
-        if isinstance(one, float)
-        else one.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-        for one in arguments
-    ]
-    getattr(library, name)(*converted)
+def steps(library: ctypes.CDLL, runs: int, count: int, step: float, *arrays: np.ndarray) -> None:
+    """Move the states, after the parameters the last of the contiguous arrays, by these steps."""
+    pointers = [one.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for one in arrays]
+    library.steps(ctypes.c_long(runs), ctypes.c_long(count), ctypes.c_double(step), *pointers)

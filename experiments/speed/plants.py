@@ -16,7 +16,7 @@ from adhesion_jax.traction.plants.base import Held
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.plants.rigid_axles import RigidAxles, RigidState
 from adhesion_jax.traction.systems.fang2018 import road
-from experiments.speed.c_code import call
+from experiments.speed import c_code
 from experiments.speed.turns import Timed, absent, timed
 
 UNIT = "steps"
@@ -79,7 +79,7 @@ def in_jax(begun: Start) -> Callable[[], RigidState]:
 def in_c(begun: Start, library: ctypes.CDLL) -> Callable[[], tuple[np.ndarray, ...]]:
     def steps() -> tuple[np.ndarray, ...]:
         states = tuple(one.copy() for one in begun[1:])
-        call(library, "steps", (RUNS, STEPS, STEP, begun.parameters, *states))
+        c_code.steps(library, RUNS, STEPS, STEP, begun.parameters, *states)
         return states
 
     return steps

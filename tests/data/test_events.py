@@ -269,3 +269,18 @@ def test_the_events_of_several_files_are_runs_of_their_own():
     times = logs[1].events.table.loc[1, ["start_s", "end_s"]]
     assert list(second["time_s"].iloc[[0, -1]]) == list(times)
     assert as_one(parts[:1]) is parts[0]
+
+
+@pytest.mark.parametrize(("noises", "events"), [(5.9, 0), (6.1, 1)])
+def test_an_event_exceeds_six_times_the_scatter_of_the_averaged_slip(noises, events):
+    table = log(known=(), noise=0.0)
+    slip = 0.005 * np.sin(table["time_s"].to_numpy())
+    averaged = np.convolve(slip, np.ones(5) / 5, "same")  # over .2 s
+    scatter = 1.4826 * np.median(np.abs(averaged - np.median(averaged)))
+    slip[6000:6020] = np.median(averaged) + noises * scatter
+    table = table.assign(slip_ratio=slip, vehicle_speed_mps=9.0)
+    if events:
+        assert len(cut(table, True).events.table) == 1
+    else:
+        with pytest.raises(InputError):
+            cut(table, True)

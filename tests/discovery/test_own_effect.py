@@ -8,7 +8,7 @@ from discovery_campaigns import TRUE, campaign, curve, noise, setting_of
 from adhesion_jax.discovery.model.fitting import fit_model
 from adhesion_jax.discovery.model.program import base_places
 from adhesion_jax.effects import EFFECTS, Covariate
-from adhesion_jax.effects.api import Facts, Scalar, Scaling
+from adhesion_jax.effects.api import Facts, Multiplier, Scalar
 
 FACTS = Facts(
     source="made up",
@@ -22,7 +22,7 @@ FACTS = Facts(
 )
 
 
-class Warmth(Scaling):
+class Warmth(Multiplier):
     k: Scalar
     FACTS = FACTS
 

@@ -9,10 +9,10 @@ from lanes import lanes
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.effects import EFFECTS, KINDS, ShapeTerm, family_of
-from adhesion_jax.effects.cause import Bending, Cause, Changing, Scaling
+from adhesion_jax.effects.cause import AdhesionTransform, Cause, Multiplier, SlipTransform
 from adhesion_jax.effects.conditions import Calendar, completed
+from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.law import CorrectedLaw, with_effects
-from adhesion_jax.effects.remembering import Remembering
 
 GENERIC = [name for name in KINDS if name not in EFFECTS]
 TWO_COLUMNS = ("product", "interaction", "surface")
@@ -239,10 +239,8 @@ def test_every_cause_says_what_others_must_know_of_it(name):
             same
         ].FACTS.family == cause.FACTS.family
         assert family_of(same) == cause.FACTS.family
-    assert issubclass(cause, Remembering) == (
-        "time_s" in cause.FACTS.needs and name != "slip_noise"
-    )
-    if issubclass(cause, Remembering):
+    assert issubclass(cause, Dynamic) == ("time_s" in cause.FACTS.needs and name != "slip_noise")
+    if issubclass(cause, Dynamic):
         assert cause.FACTS.driven_by in ("slip_ratio", *cause.FACTS.needs)
 
 
@@ -262,7 +260,7 @@ def fine_run(step):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "name", [name for name, cause in EFFECTS.items() if issubclass(cause, Remembering)]
+    "name", [name for name, cause in EFFECTS.items() if issubclass(cause, Dynamic)]
 )
 def test_step_by_step_a_memory_gives_what_the_whole_run_gives(name):
     """Exactly, or with an error that falls in proportion to the step where `after` looks ahead."""
@@ -333,12 +331,20 @@ def test_only_effects_of_order_zero_bend_the_slip(name):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_cause_that_scales_bends_or_changes_does_nothing_else(name):
     cause = EFFECTS[name]
-    (kind,) = [kind for kind in (Scaling, Bending, Changing, Cause) if issubclass(cause, kind)][:1]
+    (kind,) = [
+        kind
+        for kind in (Multiplier, SlipTransform, AdhesionTransform, Cause)
+        if issubclass(cause, kind)
+    ][:1]
     if kind is Cause:  # of both
         assert name == "lateral_creep"
         return
-    kept = {Scaling: ("before", "after"), Bending: ("after",), Changing: ("before",)}[kind]
+    kept = {
+        Multiplier: ("before", "after"),
+        SlipTransform: ("after",),
+        AdhesionTransform: ("before",),
+    }[kind]
     assert [getattr(cause, method) is getattr(kind, method) for method in kept] == [True] * len(
         kept
     )
-    assert (cause.ORDER == 0) == (kind is Bending)
+    assert (cause.ORDER == 0) == (kind is SlipTransform)

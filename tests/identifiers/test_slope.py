@@ -232,3 +232,22 @@ def test_a_campaign_reports_the_slope():
     assert row["at_bound_share"] == row["failure_share"] == 0
     assert list(campaign.tables["checkpoints"]["k"]) == [100, 200, 300]
     assert set(campaign.tables["bands"]["quantity"]) == {"slope", "forgetting"}
+
+
+def test_the_stream_has_the_period_and_the_noise_that_it_is_said_to_have():
+    """Slip velocity from its least to its largest and back in 8 s, measured with .005 m/s."""
+    _, records, _ = streams()
+    measured = np.asarray(records.conditions["slip_velocity_mps"]).reshape(RUNS, -1)
+    time = np.asarray(records.conditions["time_s"]).ravel()
+    # By least squares over all runs: a constant and one wave, whose period fits best.
+    periods = np.linspace(7.6, 8.4, 81)
+    left = []
+    for period in periods:
+        angle = 2 * np.pi * time / period
+        design = np.stack([np.ones_like(time), np.cos(angle), np.sin(angle)], axis=1)
+        left.append(np.linalg.lstsq(design, measured.mean(axis=0), rcond=None)[1][0])
+    assert periods[np.argmin(left)] == pytest.approx(8.0, abs=0.011)
+    noise = measured - measured.mean(axis=0)
+    assert noise.std() * np.sqrt(RUNS / (RUNS - 1)) == pytest.approx(
+        0.005, rel=4 / np.sqrt(2 * noise.size)
+    )

@@ -160,3 +160,28 @@ def test_after_the_driver_is_done_nothing_counts():
     found = figures(by_segment(totals_of(no_seeker, 1)), PERIOD)
     assert np.isnan(found["estimation_rms"][0])
     assert np.isfinite(found["tracking_rms"][0])
+
+
+def figures_of_a_constant(rows, **given):
+    """The figures of one segment whose samples are all alike but for what is given."""
+    still = {"slip": np.full((rows, 2), 0.2), "train_speed": np.full(rows, 5.0)}
+    totals = totals_of(samples_of(rows, 1, **(still | given)), 1)
+    return {name: float(one[0]) for name, one in figures(whole(totals), PERIOD).items()}
+
+
+def test_a_stretch_of_three_tenths_of_a_second_is_long_enough():
+    # Samples of .01 s, near the peak at the end: of thirty one may be away from it.
+    for last, reached in ((29, True), (28, False)):
+        adhesion = near_the_peak(600, 600 - last)
+        assert figures_of_a_constant(600, adhesion=adhesion)["never95"] == (not reached)
+
+
+@pytest.mark.parametrize(("factor", "away"), [(4.9, 0.0), (5.1, 1.0)])
+def test_slip_has_run_away_beyond_five_times_that_of_the_optimum(factor, away):
+    assert figures_of_a_constant(300, slip=np.full((300, 2), factor * 0.2))["ran_away"] == away
+
+
+@pytest.mark.parametrize(("speed", "stood", "back"), [(0.0098, 1.0, 0.0), (-0.0102, 0.0, 1.0)])
+def test_a_train_stands_below_a_hundredth_of_a_metre_per_second(speed, stood, back):
+    found = figures_of_a_constant(300, train_speed=np.full(300, speed))
+    assert (found["stood"], found["rolled_back"]) == (stood, back)

@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 
 from adhesion_jax.optim.levenberg_marquardt import bounded_step, fit, normal_equations, solved
-from adhesion_jax.optim.turns import Turns, in_groups, in_turns
+from adhesion_jax.optim.turns import Turns, compacted_while_loop, in_groups
 
 # Without optimisation: programs that run once.
 quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
@@ -158,7 +158,9 @@ def test_iterations_in_turns_end_each_at_its_own_step(count, axis):
 
     @quick_jit
     def all_of_them(start, given):
-        return in_turns(unfinished, advance, start, given, (None, axis), Turns(32, 2, axis))
+        return compacted_while_loop(
+            unfinished, advance, start, given, (None, axis), Turns(32, 2, axis)
+        )
 
     number, length, last = all_of_them(start, given)
     expected = np.array([collatz_length(n) for n in range(1, count + 1)])

@@ -9,6 +9,7 @@ import pytest
 from lanes import lanes
 from scipy import stats
 
+from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.curves import free_values
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import (
@@ -166,6 +167,16 @@ def test_the_key_decides_the_noise(name):
     pair = np.ravel(one), np.ravel(other)
     blocks_alike = one.shape[0] if name in ("he2018-1", "qian2024") else 1
     assert abs(np.corrcoef(*pair)[0, 1]) < 4.5 / np.sqrt(one.size / blocks_alike)
+
+
+@pytest.mark.parametrize("name", ["qian2024-switch", "coloured"])
+def test_a_run_is_the_same_to_the_bit_in_a_batch_of_any_size(name):
+    draw = jax.jit(jax.vmap(build(name, Options(outliers=0.1)).draw))
+    keys = noise_keys(5, name, jnp.arange(17))
+    whole = draw(keys)
+    for runs in (slice(0, 1), slice(3, 5), slice(4, 17)):
+        for own, among in zip(draw(keys[runs])[:2], whole[:2], strict=True):
+            np.testing.assert_array_equal(own, among[runs])
 
 
 @pytest.mark.parametrize("name", lanes(WHITE, always=2, thorough=2))
@@ -343,7 +354,6 @@ def test_the_bound_of_a_stream_is_that_of_the_data_since_the_switch():
     assert share[[49, 99]] == pytest.approx([0.0705, 0.256], rel=0.02)
 
 
-@pytest.mark.thorough
 def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_slip():
     scenario = build("drift", Options(rail="common"))
     first, last = (jax.tree.map(lambda x: x[k], scenario.rail.curve) for k in (0, -1))  # noqa: B023

@@ -1,7 +1,5 @@
 """What is timed computes the same as its peer, and the rates are what they are said to be."""
 
-from decimal import Decimal, localcontext
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,19 +15,9 @@ from adhesion_jax.identifiers import IDENTIFIERS, Estimate
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
-from experiments.speed import (
-    all_points,
-    blocks,
-    c_code,
-    gpu,
-    jobs,
-    plants,
-    recursions,
-    scaling,
-)
+from experiments.speed import all_points, blocks, c_code, gpu, jobs, plants, recursions, scaling
 from experiments.speed.__main__ import main
 from experiments.speed.batches import Batch, drawn
-from experiments.speed.powers import exp2
 from experiments.speed.report import told
 from experiments.speed.turns import Timed, absent, rates
 
@@ -140,18 +128,6 @@ def test_a_quadratic_program_in_numpy_is_the_identifier(name, samples, known, st
     assert 0 < on_edge.sum() < STREAMS
 
 
-def test_the_loops_in_c_compute_what_numpy_does(library):
-    random = np.random.default_rng(0)
-    slip, adhesion = np.linspace(0, 0.2, 50), random.normal(size=(3, 50))
-    x, sums = random.uniform(0.5, 30.0, (3, 3)), np.zeros(3)
-    c_code.call(library, "squares", (3, 50, slip, adhesion, *x, sums))
-    model = x[0][:, None] * (1 - np.exp(-x[1][:, None] * slip)) - x[2][:, None] * slip
-    np.testing.assert_allclose(sums, np.sum((model - adhesion) ** 2, axis=1), rtol=1e-12)
-    values = np.zeros(50)
-    c_code.call(library, "exponentials", (50, -slip, values))
-    np.testing.assert_allclose(values, np.exp(-slip), rtol=1e-14)
-
-
 def test_a_plant_moves_alike_in_jax_and_in_c(library, monkeypatch):
     # Not in numba: it cannot compile functions whose types are checked, as they are in tests.
     monkeypatch.setattr(plants, "RUNS", 100)
@@ -161,24 +137,6 @@ def test_a_plant_moves_alike_in_jax_and_in_c(library, monkeypatch):
     assert not np.allclose(state.motor_speed[:, 0], begun.motor_speed, rtol=1e-4)
     for own, its in zip(expected, plants.in_c(begun, library)(), strict=True):
         np.testing.assert_allclose(its, own, rtol=1e-9, atol=1e-12)
-
-
-def test_powers_of_two_are_those_of_numbers_of_40_digits():
-    random = np.random.default_rng(2).uniform
-    near_halves = np.arange(-30, 30) + 0.5
-    for x in (random(-1021, 1023, 3000), random(-1, 1, 3000), near_halves):
-        for moved in (x, np.nextafter(x, np.inf), np.nextafter(x, -np.inf)):
-            found = jax.jit(exp2)(jnp.asarray(moved))
-            with localcontext() as context:
-                context.prec = 40
-                exact = [Decimal(2) ** Decimal(one) for one in moved.tolist()]
-                pairs = zip(found.tolist(), exact, strict=True)
-                errors = np.array([Decimal(one) / other - 1 for one, other in pairs], float)
-            assert np.abs(errors).max() < 2 * 2.0**-52
-    whole = np.arange(-1021.0, 1024.0)
-    np.testing.assert_array_equal(exp2(jnp.asarray(whole)), np.exp2(whole))
-    np.testing.assert_array_equal(exp2(jnp.array([-1e9, 1e9])), [2.0**-1021, 2.0**1023])
-    assert np.isnan(exp2(jnp.asarray(jnp.nan)))
 
 
 def test_the_search_over_all_points_finds_the_optimum():

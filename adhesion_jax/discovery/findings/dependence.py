@@ -11,7 +11,7 @@ from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.model.program import PROBES, Data, changes, pack
 from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
-from adhesion_jax.effects.remembering import Remembering
+from adhesion_jax.effects.dynamic import Dynamic
 
 #: Number of values of a column that are shown.
 _GRID = 80
@@ -46,7 +46,7 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
     slots = slots_of(state.accepted)
     for number, effect in enumerate(state.accepted):
         parts = [slot for slot, place in enumerate(slots) if place[0] == number]
-        in_time = [part for part in effect.parts if isinstance(part, Remembering)]
+        in_time = [part for part in effect.parts if isinstance(part, Dynamic)]
         if in_time:
             if state.setting.problem.points.shape[1] >= _FEWEST_POINTS:
                 driver = in_time[0].FACTS.driven_by

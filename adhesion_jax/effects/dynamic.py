@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from adhesion_jax.curves import Conditions, Scalar
 from adhesion_jax.effects.base import Signal, Value, Values
-from adhesion_jax.effects.cause import Cause, Changing
+from adhesion_jax.effects.cause import AdhesionTransform, Cause
 from adhesion_jax.effects.history import Filtered, filtered, lagged
 
 #: What a cause remembers, and this after one more sample with the adhesion of that sample.
@@ -15,7 +15,7 @@ State = Any
 Stepped = tuple[State, Value]
 
 
-class Remembering(Cause):
+class Dynamic(Cause):
     """A cause with a memory, which a plant advances sample by sample.
 
     `init` is told the first sample of a run, `step` every sample from the first on; conditions
@@ -32,7 +32,7 @@ class Remembering(Cause):
         """The memory after one more sample, and the adhesion of that sample."""
 
 
-class Lagging(Changing, Remembering):
+class Lagging(AdhesionTransform, Dynamic):
     """A first-order lag of the adhesion, T dmu/dt + mu = mu_steady."""
 
     ORDER = 2

@@ -1,0 +1,34 @@
+"""Limits of the search that are said to be conventions have the probability that is said."""
+
+import pytest
+from scipy import stats
+
+from adhesion_jax.discovery.search import rules
+from adhesion_jax.measured import comparison, following
+from adhesion_jax.report.plan import words
+
+
+@pytest.mark.parametrize(
+    ("errors", "inside"),
+    [
+        (rules.SURE_ERRORS, 1 - 2 * 0.10),  # one-sided 90 %
+        (rules.SURE_ERRORS_OF_COLUMN, 1 - 2 * 0.05),  # one-sided 95 %
+        (rules.COLUMN_ERRORS, 0.9545),  # two-sided 95 %, as two errors are said to be
+        (rules.CLASS_ERRORS, 0.9545),
+        (following.QUANTILE, 0.95),
+        (words._QUANTILE, 0.95),
+    ],
+)
+def test_an_error_bar_holds_its_share_of_a_normal_distribution(errors, inside):
+    assert stats.norm.cdf(errors) - stats.norm.cdf(-errors) == pytest.approx(inside, abs=2e-3)
+
+
+def test_a_gain_that_is_enough_is_half_a_chi_square_of_one_degree_of_freedom():
+    assert stats.chi2.sf(2 * rules.LEAST_GAIN, 1) == pytest.approx(6e-5, rel=0.1)
+
+
+@pytest.mark.parametrize(("p", "claimed"), [(0.0098, True), (0.0102, False)])
+def test_a_change_between_groups_is_claimed_at_one_per_cent(p, claimed):
+    fields = dict.fromkeys(comparison.Comparison._fields)
+    assert comparison.Comparison(**{**fields, "p": p, "p_shape": 1.0}).changed == claimed
+    assert comparison.Comparison(**{**fields, "p": 1.0, "p_shape": p}).bent == claimed
