@@ -152,7 +152,6 @@ def _checked(one: Said) -> Said:
     value = one.constant * to.factor + to.offset
     if not wanted.lower <= value <= wanted.upper:
         raise InputError(
-            f"{one.quantity} = {value:g} {wanted.unit} lies outside {wanted.lower:g} to "
-            f"{wanted.upper:g} {wanted.unit}; {wanted.advice}."
+            f"{one.quantity} = {value:g} {wanted.unit} lies outside {wanted.span}; {wanted.advice}."
         )
     return one._replace(constant=value)

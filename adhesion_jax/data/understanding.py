@@ -26,6 +26,12 @@ class Taken(NamedTuple):
     conversion: Conversion = Conversion(1.0, 0.0)
     stamp: str = ""  # the form of dates or times of day
     repeat: int = 0  # from 1 where several columns hold the quantity, of one repeat each
+    said: bool = False  # whether the user said its unit
+
+    @property
+    def quantity(self) -> str:
+        """What it is; its name where it is no quantity of the package."""
+        return "adhesion" if self.repeat else self.name
 
 
 class Question(NamedTuple):
@@ -173,6 +179,7 @@ def _ordered(sheet: Sheet, name: str, said: str) -> str:
 
 def _as_said(sheet: Sheet, one: Said, found: Guess) -> Taken:
     unit = one.unit
+    said = bool(unit)
     if not unit and one.quantity not in LABELS and one.column not in sheet.stamps:
         # The header says the unit where the user does not, and a name of ours where neither does.
         wanted = COLUMNS[one.quantity]
@@ -183,7 +190,7 @@ def _as_said(sheet: Sheet, one: Said, found: Guess) -> Taken:
                 f'{one.column} is (write --column "{wanted.plain}={one.column} [UNIT]", with a '
                 f"unit such as {wanted.unit})."
             )
-    return _taken(sheet, one.column, one.quantity, unit)
+    return _taken(sheet, one.column, one.quantity, unit)._replace(said=said)
 
 
 def _which_column(quantity: str, names: Sequence[str]) -> Question:
