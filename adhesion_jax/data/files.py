@@ -15,7 +15,8 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from adhesion_jax.data.cells import MISSING, is_text
-from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, encoding_of
+from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of
+from adhesion_jax.data.encodings import encoding_of
 from adhesion_jax.data.stamps import A_DATE, TIME_OF_DAY, form_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
