@@ -63,8 +63,13 @@ def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
     header = _header(rows)
     # A quoted cell may go on in the next line.
     skipped += sum(1 + sum(cell.count("\n") for cell in row) for row in rows[:header])
-    rows, above = rows[header:], skipped
-    names = tuple(" ".join(name.split()) for name in rows[0])
+    rows, above, groups = rows[header:], skipped, rows[header - 1 : header]
+    if len(rows) > 2 and _are_groups(rows[0]) and _may_name(rows[1], len(rows[0])):
+        skipped, above, groups, rows = skipped + 1, above + 1, rows[:1], rows[1:]
+    # NumPy begins its header with a mark of a comment.
+    names = tuple(" ".join(name.split()) for name in [rows[0][0].lstrip("# "), *rows[0][1:]])
+    if groups and len(groups[0]) == len(names):
+        names = _of_groups(groups[0], names)
     if not any(names):
         raise InputError(
             f"{path} has no names of columns in row {above + 1}; begin it with a header."
@@ -122,6 +127,27 @@ def _header(rows: Sequence[Sequence[str]]) -> int:
         if same and may_be(rows[place]) and any(numbers_in(row) for row in below):
             return place
     return 0
+
+
+def _are_groups(row: Sequence[str]) -> bool:
+    """Whether a row above the names holds groups of columns: some stand there twice, or nothing."""
+    cells = [cell.strip() for cell in row]
+    return ("" in cells or len({*cells}) < len(cells)) and not numbers_in(row)
+
+
+def _may_name(row: Sequence[str], columns: int) -> bool:
+    """Whether a row may hold the names of so many columns, and no units."""
+    units = [known(cell.strip("[]()<>{} ")) for cell in row if cell.strip() not in ("", "-")]
+    return len(row) == columns and all(row) and not numbers_in(row) and sum(units) < len(row) / 2
+
+
+def _of_groups(groups: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Names that stand there twice with the name of their group, which goes on over empty cells."""
+    found, group = [], ""
+    for above, name in zip(groups, names, strict=True):
+        group = " ".join(above.split()) or group
+        found.append(f"{group} {name}" if [*names].count(name) > 1 and group else name)
+    return tuple(found)
 
 
 def _are_names(below: Sequence[str], data: Sequence[str]) -> bool:

@@ -64,13 +64,13 @@ def encoding_of(stream: BufferedIOBase, path: str) -> str:
         chunk = stream.read(_CHUNK)
     if not strange and not left:
         return "utf-8"
-    encoding = None if b"\0" in strange + left else _one_byte(strange or left)
-    if encoding is None:
+    found = None if b"\0" in strange + left else _one_byte(strange or left)
+    if found is None:
         raise InputError(
             f"{path} is a binary file or text of an unknown encoding; save the table as "
             "comma-separated UTF-8 text."
         )
-    return encoding
+    return found
 
 
 def _one_byte(content: bytes) -> str | None:

@@ -136,7 +136,11 @@ def events_of(
     A log without an event is not used where another table is. InputError where there is no other,
     and where events are wanted of a table that is no log.
     """
-    found = [_chosen(table, wanted, fewest) for table in tables]
+    found = []
+    for table in tables:
+        cut = wanted or (wanted is None and len(table.table) >= fewest)
+        parts = _by_axle(table) if cut else [table]
+        found += [_chosen(part, wanted, fewest // len(parts)) for part in parts]
     used = [one for one in found if len(one.points.table)]
     if not used:
         raise InputError(found[0].sentence)
@@ -145,6 +149,20 @@ def events_of(
         unused = f"{listed(idle)} {'has' if len(idle) == 1 else 'have'} no slip event: not used."
         used[0] = used[0]._replace(sentence=f"{used[0].sentence} {unused}".strip())
     return used
+
+
+def _by_axle(measured: Measured) -> list[Measured]:
+    """A log of several axles as a log of each, for each slips at times of its own."""
+    table = measured.table
+    if "run" in table or not {"axle", "time_s"} <= {*table}:
+        return [measured]
+    of_axle = table.groupby("axle", observed=True, sort=False)
+    if of_axle.ngroups == 1:
+        return [measured]
+    return [
+        measured._replace(name=f"{measured.name}, axle {axle}", table=rows)
+        for axle, rows in of_axle
+    ]
 
 
 def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS, UNDECIDED
+from adhesion_jax.data.naming import named
 from adhesion_jax.data.understanding import Taken
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, number
@@ -58,7 +59,7 @@ def unusual(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Se
     slip = taken.get("slip_ratio")
     if (
         slip is not None
-        and not slip.said
+        and _may_be_percent(slip)
         and np.quantile(np.abs(columns["slip_ratio"]), 0.9) > _LARGE_SLIP
     ):
         found.append(
@@ -74,7 +75,7 @@ def refuse_other_units(columns: Mapping[str, np.ndarray], taken: Mapping[str, Ta
     Where the user said the units, it is a warning.
     """
     slip = taken.get("slip_ratio")
-    if slip is not None and not slip.said and _reached(columns["slip_ratio"]) > _WHOLE_SLIP:
+    if slip is not None and _may_be_percent(slip) and _reached(columns["slip_ratio"]) > _WHOLE_SLIP:
         raise InputError(
             f"a tenth of the slips of column {slip.column} exceed {_WHOLE_SLIP} (give the slip as "
             f'a ratio, not in per cent, or say --column "slip={slip.column} [%]"; where it is a '
@@ -95,7 +96,10 @@ def refuse_other_units(columns: Mapping[str, np.ndarray], taken: Mapping[str, Ta
         )
     else:
         sources = [taken[name] for name in (*_FORCES, *_LOADS) if name in taken]
-        answers = [f'--column "{COLUMNS[one.name].plain}={one.column} [UNIT]"' for one in sources]
+        answers = [
+            f'--column "{COLUMNS[one.name].plain}={named(one.column).stem} [UNIT]"'
+            for one in sources
+        ]
         advice = f"check the units of force and load; say them by {listed(answers)}"
     if all(one.said for one in sources):
         return [f"Check the units: {said}, which is unusual ({least:g} to {most:g})."]
@@ -141,6 +145,11 @@ def slip_beside_speeds(columns: Mapping[str, np.ndarray], taken: Mapping[str, Ta
         f"Check the unit of column {taken['slip_ratio'].column}: where the slip is large, it is "
         f"{number(factor)} times wheel speed / train speed - 1, by the two speeds of this file."
     ]
+
+
+def _may_be_percent(slip: Taken) -> bool:
+    """Whether a slip that is taken for a ratio was not said to be one."""
+    return not slip.said and slip.conversion.factor == 1.0
 
 
 def _reached(values: np.ndarray) -> float:

@@ -42,6 +42,17 @@ _SOME = 10_000
 Progress = Callable[[str, float], None]
 
 
+class NotUnderstoodError(InputError):
+    """Columns are lacking, or in doubt; `understood` is the table of those that are not.
+
+    It is as that of `Measured`, with the ranges of the first rows.
+    """
+
+    def __init__(self, sentence: str, understood: pd.DataFrame) -> None:
+        super().__init__(sentence)
+        self.understood = understood
+
+
 class Measured(NamedTuple):
     """A validated table: SI units, one row a point, what could be derived added to it."""
 
@@ -64,7 +75,7 @@ def read_measured(
 ) -> Measured:
     """A measured table with slip and adhesion from a file; see `to_measured`.
 
-    Read are .csv, .csv.gz, .txt, .tsv and .parquet. In text, cells are separated by commas,
+    Read are the files of `files.ENDINGS`. In text, cells are separated by commas,
     semicolons, tabs or bars, numbers have a decimal point or comma, and a row of units may stand
     under the header. `known` is what is corrected, and of which sensors the columns do not tell.
     `progress` is called with words and the share that is read. `few` is the largest share of rows
@@ -116,6 +127,8 @@ def read_all(
         try:
             files.append(read_measured(path, columns, known, of_all, few))
         except InputError as error:
+            if len(paths) == 1:
+                raise
             faults.append(str(error).removesuffix("."))
     if faults:
         raise InputError(f"{'; '.join(faults)}.")
@@ -130,10 +143,13 @@ def _measured(
     few: float,
 ) -> Measured:
     sheet = with_dates_joined(sheet)
-    found = understand(sheet, columns or {})
+    found = understand(sheet, columns or {}, known.axles)
     names_needed, missing = needed({one.name for one in found.taken} | {*found.constants})
     if missing:
-        raise _refusal(sheet, [_asked(sheet, found, missing)])
+        some = gather(sheet.head(), found.taken, silent)
+        table = pd.DataFrame([*_understood(found.taken, some)], columns=[*_UNDERSTOOD])
+        fault = _asked(sheet, found, missing)
+        raise NotUnderstoodError(f"{sheet.name} cannot be used: {fault}.", table)
     read = gather(sheet, found.taken, progress)
     understood = [*_understood(found.taken, read)]
     try:
@@ -156,9 +172,9 @@ def _used(
         raise InputError(too_few(0))
     taken = {one.name: one for one in found.taken if one.name in read.numbers}
     notes, unfit = set_aside(read, taken, {*names_needed, "time_s"}, sheet.first_row)
-    rows = Rows(stacked(read, found.taken), sheet.first_row, read.rows)
+    rows = Rows(stacked(read, found.taken, found.copies), sheet.first_row, read.rows)
     numbers = rows.numbers
-    side_by_side = stacked_note(found.taken, rows.count)
+    side_by_side = stacked_note(found.taken, found.copies, rows.count)
     notes += rows.in_time(_column_of(taken, "time_s"))
     notes += rows.labelled()
     there = [name for name in names_needed if name in numbers]
@@ -225,20 +241,27 @@ def _used(
 _UNDERSTOOD = ("column", "taken_as", "unit", "lowest", "highest", "missing")
 _NO_RANGE = (np.nan, np.nan, 0.0)
 
+#: How many columns are named where none of them is what is needed.
+_TOLD = 40
+
 
 def _refusal(sheet: Sheet, faults: Sequence[str]) -> InputError:
     return InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
 
 
 def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object, ...]]:
-    """The rows of the table of what was understood; ranges are in the unit of the package."""
+    """The rows of the table of what was understood; ranges are in the unit beside them."""
     for one in taken:
         if one.name in read.labels:
             yield one.column, one.name, "", *_NO_RANGE
         elif one.name in read.numbers:
             values = read.numbers[one.name]
             known = values[np.isfinite(values)]
-            span = (known.min(), known.max()) if known.size else _NO_RANGE[:2]
+            to = one.conversion
+            span = _NO_RANGE[:2]
+            if known.size:
+                ends = [(end - to.offset) / to.factor for end in (known.min(), known.max())]
+                span = min(ends), max(ends)
             missing = float(np.isnan(values).mean()) if values.size else 0.0
             yield one.column, one.quantity, one.stamp or one.unit, *span, missing
 
@@ -255,8 +278,8 @@ def _may_be_late(derived: Derived, known: Corrections) -> bool:
 
 def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
     """What is missing, and what must be told of the columns that may be it."""
-    there = ", ".join(sheet.columns[:12]) or "no column"
-    more = " ..." if len(sheet.columns) > 12 else ""
+    there = ", ".join(sheet.columns[:_TOLD]) or "no column"
+    more = " ..." if len(sheet.columns) > _TOLD else ""
     asked = [one.clause for one in found.questions if {*one.quantities} & SOURCES]
     questions = f"; please say {'; '.join(asked)}" if asked else ""
     return f"{'; '.join(missing)} (there are {there}{more}){questions}"

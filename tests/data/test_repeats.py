@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import read_measured, to_measured, to_record, to_runs
-from adhesion_jax.data.naming import guess, repeats
+from adhesion_jax.data.naming import guess, side_by_side
 from adhesion_jax.errors import InputError
 
 SHARED = Path(__file__).parents[3] / "shared" / "faults" / "newcomer"
@@ -173,9 +173,12 @@ def test_a_fault_in_a_repeat_names_its_column_and_row(value, says):
 
 
 def test_repeats_have_an_index_without_a_gap():
-    assert repeats(["slip", "mu_2", "mu_1"]) == ["mu_1", "mu_2"]
-    assert repeats(["mu_0", "mu_1"]) == ["mu_0", "mu_1"]
-    assert repeats(["mu_1", "mu_3"]) == repeats(["mu_1"]) == repeats(["F_1", "F_2"]) == []
+    def found(*names):
+        return side_by_side({name: guess(name) for name in names})
+
+    assert found("mu_2", "mu_1") == ["mu_1", "mu_2"]
+    assert found("mu_0", "mu_1") == ["mu_0", "mu_1"]
+    assert found("mu_1", "mu_3") == found("mu_1") == found("mu", "mu_1") == []
 
 
 def test_where_they_may_be_something_else_than_repeats_is_asked():

@@ -173,7 +173,9 @@ def test_what_looks_like_another_unit_is_asked_about_until_it_is_said():
     table = log().assign(**{"Kraft [N]": lambda one: one["tangential_force_N"] / 1e3})
     table = table.drop(columns="tangential_force_N")
     said = {"wheel_force": "Kraft"}
-    with pytest.raises(InputError, match=r"units of force and load; say .*wheel_force=Kraft \[N\]"):
+    with pytest.raises(
+        InputError, match=r"units of force and load; say .*wheel_force=Kraft \[UNIT\]"
+    ):
         to_measured("log", table, said)
     units = {"wheel_force": "Kraft [N] [N]", "wheel_load": "normal_load_N [N]"}
     assert "which is unusual" in to_measured("log", table, units).notes[-1]
