@@ -28,7 +28,8 @@ def own_files() -> Mapping[str, str]:
 def settings_of(part: Any) -> str:
     """The numbers and the form of a part, or of several, in a number of fixed length."""
     leaves, form = jax.tree.flatten(part)
-    content = sha256(programs.told(form) or type(part).__qualname__.encode())
+    told = programs.told(form)
+    content = sha256(told.content if told else type(part).__qualname__.encode())
     for leaf in map(np.asarray, leaves):
         content.update(f"{leaf.dtype} {leaf.shape}".encode() + leaf.tobytes())
     return content.hexdigest()
