@@ -82,6 +82,7 @@ def _own(asked: str) -> Path:
     except OSError as error:
         reason = f"{path} cannot be written to ({error.strerror})"
     if reason is None:
+        _remove_strangers(path)
         return path
     print(
         f"Compiled programs are not kept: {reason}. Name a folder of your own by {VARIABLE}, or "
@@ -106,6 +107,30 @@ def _reason_not_to_trust(path: Path) -> str | None:
         if status.st_mode & 0o022 and not sticky:
             return f"others may write to {place}"
     return None
+
+
+def _remove_strangers(folder: Path) -> None:
+    """Remove what others put or may have changed there, in a time in which the folder was open.
+
+    That is what belongs to another user or group, and what all may write to.
+    """
+    if not hasattr(os, "getuid"):
+        return
+    for where, folders, files in os.walk(folder, topdown=True):
+        for name in [*folders, *files]:
+            path = Path(where, name)
+            try:
+                status = path.lstat()
+            except FileNotFoundError:  # removed by another process
+                continue
+            by_group = status.st_mode & 0o020 and status.st_gid != os.getgid()
+            if status.st_uid == os.getuid() and not by_group and not status.st_mode & 0o002:
+                continue
+            if name in folders and not path.is_symlink():
+                folders.remove(name)
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
 
 
 def _passing() -> Path:

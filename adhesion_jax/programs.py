@@ -16,7 +16,7 @@ from io import BytesIO
 from pathlib import Path
 from threading import local
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 import jax
@@ -113,12 +113,16 @@ def program(
     `name` says, with the present `digest`, which function it is. Where another process is making
     the program just now, it is waited for. A name that does not tell its content (with a local
     function in it, or a class of a program that uses this one as a library) belongs to a program
-    that is made anew in every process.
+    that is made anew in every process. One with a part from outside is traced in every process and
+    known by what that gives too: such a part may read a file, and its source does not tell of it.
     """
-    text = stable_key(name)
-    if text is None:
+    stable = stable_key(name)
+    if stable is None:
         return _made(function, argument, compiler)[0]
-    key = sha256(digest().encode() + text).hexdigest()
+    content = digest().encode() + stable.content
+    if stable.outside:
+        content += jax.jit(function).lower(argument).as_text().encode()
+    key = sha256(content).hexdigest()
     path = folder() / f"{key}.program"
     with FileLock(folder() / "locks" / f"{key[:3]}.lock"):
         found = _loaded(path)
@@ -171,21 +175,32 @@ def _named(function: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
 class _StablePickler(pickle.Pickler):
     """Pickles classes and functions by their names: `digest` depends on their source."""
 
+    outside = False  # whether one of them is from outside the package
+
     def persistent_id(self, value: object) -> None:
         module = getattr(value, "__module__", None)
-        if isinstance(module, str) and not _in_digest(module):
+        if not isinstance(module, str) or _is_installed(module):
+            return
+        file = getattr(sys.modules.get(module), "__file__", None) or ""
+        if not is_outside(file, f"{module}.py"):
+            # A change of a user's own module does not change `digest`.
             raise pickle.PicklingError(f"{module} may change while its names stay")
+        self.outside = True
 
 
-def _in_digest(module: str) -> bool:
-    """Whether a change of this module changes `digest`: that of a user's own does not."""
+def _is_installed(module: str) -> bool:
     package = module.partition(".")[0]
-    if package in sys.stdlib_module_names or package in ("adhesion_jax", *_LIBRARIES):
-        return True
-    return is_outside(getattr(sys.modules.get(module), "__file__", None) or "", f"{module}.py")
+    return package in sys.stdlib_module_names or package in ("adhesion_jax", *_LIBRARIES)
 
 
-def stable_key(name: object) -> bytes | None:
+class StableKey(NamedTuple):
+    """A key in bytes that are the same in every process."""
+
+    content: bytes
+    outside: bool  # whether it names a part from outside the package
+
+
+def stable_key(name: object) -> StableKey | None:
     """A deterministic pickle of the key; None if it refers to code outside the digest."""
     stream = BytesIO()
     pickler = _StablePickler(stream)
@@ -194,7 +209,7 @@ def stable_key(name: object) -> bytes | None:
         pickler.dump(name)
     except (pickle.PicklingError, AttributeError, TypeError):
         return None
-    return stream.getvalue()
+    return StableKey(stream.getvalue(), pickler.outside)
 
 
 def _loaded(path: Path) -> jax.stages.Compiled | None:
@@ -203,7 +218,7 @@ def _loaded(path: Path) -> jax.stages.Compiled | None:
         content = path.read_bytes()
     except OSError:
         return None
-    if content[:32] != sha256(content[32:]).digest():
+    if content[:32] != _checked(path, content[32:]):
         return None
     # A program that is loaded calls LAPACK where it was found when one was traced: without
     # that it calls address zero.
@@ -220,6 +235,11 @@ def _loaded(path: Path) -> jax.stages.Compiled | None:
     return found
 
 
+def _checked(path: Path, payload: bytes) -> bytes:
+    """What a whole program begins with: by its own name, so that none takes another one's place."""
+    return sha256(path.stem.encode() + payload).digest()
+
+
 @cache
 def _find_lapack() -> None:
     traced = jax.jit(jnp.linalg.cholesky).trace(jax.ShapeDtypeStruct((2, 2), jnp.float32))
@@ -233,7 +253,8 @@ def _keep(path: Path, made: jax.stages.Compiled) -> None:
         return  # one that calls Python, or a backend that cannot: each process compiles its own
     partly = path.with_suffix(f".{os.getpid()}")
     try:
-        partly.write_bytes(sha256(payload).digest() + payload)
+        partly.touch(0o600)
+        partly.write_bytes(_checked(path, payload) + payload)
         partly.replace(path)
         _bound(path.parent)
     except OSError:  # a full disk: the next process compiles the program again

@@ -85,6 +85,29 @@ def test_a_file_that_was_named_on_the_command_line_is_told(monkeypatch):
     assert programs.stable_key(Own) is not None
 
 
+def test_a_part_from_outside_that_reads_a_file_gives_new_numbers(store, tmp_path, monkeypatch):
+    """Its source stays the same, and so does its name: what it reads is a part of the program."""
+    _, compiled = store
+    monkeypatch.setattr(keeping, "_outside", {Path(__file__): b"source"})
+    file = tmp_path / "gain.txt"
+    monkeypatch.setenv("GAIN", "1")
+
+    def asked():
+        def scaled(numbers):
+            return numbers * float(file.read_text()) * float(os.environ["GAIN"])
+
+        return found(("mine", Own), scaled)
+
+    file.write_text("1.0")
+    assert asked() == pytest.approx([4.0, 9.0])
+    assert asked() == pytest.approx([4.0, 9.0])
+    assert len(compiled) == 1
+    file.write_text("1.2")
+    assert asked() == pytest.approx([4.8, 10.8])
+    monkeypatch.setenv("GAIN", "2")
+    assert asked() == pytest.approx([9.6, 21.6])
+
+
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "another file"])
 def test_a_damaged_program_is_compiled_anew(store, damage):
     folder, compiled = store
@@ -160,6 +183,44 @@ def test_a_folder_of_ones_own_is_made_for_oneself_alone(tmp_path, monkeypatch):
     monkeypatch.setenv(keeping.VARIABLE, str(tmp_path / "a" / "b"))
     assert keeping.folder() == tmp_path / "a" / "b"
     assert keeping.folder().stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="needs another user")
+def test_what_another_user_left_in_a_folder_that_was_open_is_not_run(store, monkeypatch):
+    """The folder was open, another user put a program there; it is closed now."""
+    folder, compiled = store
+    found()
+    (path,) = folder.glob("*.program")
+    (folder / "jax-0").mkdir()
+    (folder / "theirs").mkdir()
+    planted = [path, folder / "jax-0" / "theirs", folder / "theirs"]
+    planted[1].touch()
+    path.write_bytes(b"planted")
+    for one in planted:
+        os.chown(one, 65534, 65534)
+    for_all = folder / "jax-0" / "for all"
+    for_all.touch()
+    for_all.chmod(0o666)
+    own = folder / "own.program"
+    own.touch()
+    keeping._folder.clear()
+    monkeypatch.setenv(keeping.VARIABLE, str(folder))
+    assert keeping.folder() == folder
+    assert own.exists()
+    assert not [one for one in (*planted, for_all) if one.exists()]
+    found()
+    assert len(compiled) == 2
+
+
+def test_a_program_in_the_place_of_another_one_is_not_run(store):
+    folder, compiled = store
+    found("first")
+    (first,) = folder.glob("*.program")
+    found("second")
+    (second,) = {*folder.glob("*.program")} - {first}
+    second.write_bytes(first.read_bytes())
+    found("second")
+    assert len(compiled) == 3
 
 
 def test_programs_may_be_switched_off(tmp_path, monkeypatch):

@@ -28,7 +28,8 @@ def own_files() -> Mapping[str, str]:
 def settings_of(part: Any) -> str:
     """The numbers and the form of a part, or of several, in a number of fixed length."""
     leaves, form = jax.tree.flatten(part)
-    content = sha256(programs.stable_key(form) or type(part).__qualname__.encode())
+    stable = programs.stable_key(form)
+    content = sha256(stable.content if stable else type(part).__qualname__.encode())
     for leaf in map(np.asarray, leaves):
         content.update(f"{leaf.dtype} {leaf.shape}".encode() + leaf.tobytes())
     return content.hexdigest()

@@ -47,10 +47,10 @@ KNOWN = catalogue()
 def main(**asked: Any) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
-    FILES are one or more .csv, .csv.gz, .txt, .tsv or .parquet files of slip (or the speeds of
-    wheel and train) and adhesion (or force and load), in columns that are recognised by their names
-    and units or named by --column; --dry-run shows how they are understood. Or the name of a data
-    set that ships with the package: eurosprinter. (roller-rig has one slip and no curve: adhesion
-    discover.)
+    FILES are one or more .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet files of slip (or the
+    speeds of wheel and train) and adhesion (or force and load), in columns that are recognised by
+    their names and units or named by --column; --dry-run shows how they are understood. Or the name
+    of a data set that ships with the package: eurosprinter. (roller-rig has one slip and no curve:
+    adhesion discover.)
     """
     perform("identify", **asked)

@@ -13,7 +13,7 @@ from adhesion_jax.command_line.command import FiniteRange
 from adhesion_jax.errors import InputError
 
 #: What can be read, for a refusal.
-FILES = "a .csv, .csv.gz, .txt, .tsv or .parquet file"
+FILES = "a .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet file"
 
 #: What of sensors and wheelset the columns do not tell, and the option that says it.
 CORRECTIONS: Mapping[str, str] = {
@@ -22,6 +22,7 @@ CORRECTIONS: Mapping[str, str] = {
     "inertia": "--inertia",
     "gear_ratio": "--gear-ratio",
     "efficiency": "--efficiency",
+    "axles": "--axles",
 }
 
 _OPTIONS = (
@@ -74,6 +75,13 @@ _OPTIONS = (
         type=FiniteRange(min=0.0, max=1.0, min_open=True),
         metavar="SHARE",
         help="Of the gear between motor and wheel.  [default: 1]",
+    ),
+    click.option(
+        "--axles",
+        is_flag=True,
+        default=None,
+        help="Columns of one quantity with an index, as v_Rad1 to v_Rad4, are those of axles; by "
+        "default they are where two quantities of a log have as many.",
     ),
     click.option(
         "--dry-run",

@@ -9,8 +9,9 @@ from adhesion_jax.commands.progress import shown
 from adhesion_jax.data import Measured
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.gaps import FEW
+from adhesion_jax.data.reading import NotUnderstoodError
 from adhesion_jax.library.reading import all_of
-from adhesion_jax.report.measured.understood import understood
+from adhesion_jax.report.measured.understood import columns_table, understood
 
 
 def read(
@@ -19,12 +20,16 @@ def read(
     known: Mapping[str, Any],
     few: float = FEW,
 ) -> list[Measured]:
-    """The measurements of the files; what was understood of each is printed.
+    """The measurements of the files; what was understood of each is printed, refused or not.
 
     `known` are arguments of `corrections_of`, and `few` is that of `read_measured`.
     """
     corrections = corrections_of(**known)
     with shown() as progress:
-        found = all_of(files, columns, corrections, progress, few)
+        try:
+            found = all_of(files, columns, corrections, progress, few)
+        except NotUnderstoodError as refused:
+            click.echo(f"Columns as understood so far:\n{columns_table(refused.understood)}\n")
+            raise
     click.echo("\n\n".join(map(understood, found)) + "\n")
     return found

@@ -45,11 +45,14 @@ _NUMBER = re.compile(r"[+-]?[.,]?\d[\d.,]*(?:[eE][+-]?\d+)?")
 _EITHER = r"^[+-]?[1-9]\d{0,2}(,\d{3})+$"
 
 
+_NO_TEXT = np.empty(0, np.int64)
+
+
 class Numbers(NamedTuple):
-    """The numbers of a block of cells, NaN where there is none; the first cell that is text."""
+    """The numbers of a block of cells, NaN where there is none; the places of those of text."""
 
     values: np.ndarray
-    text: int | None  # its place
+    text: np.ndarray  # [cells that are text]
 
 
 def decimal_mark(cells: Iterable[str]) -> str | None:
@@ -85,8 +88,8 @@ def numbers(cells: pyarrow.Array, mark: str = ".") -> Numbers:
             values = cells.cast(pyarrow.float64(), safe=False)
         except (pyarrow.ArrowNotImplementedError, pyarrow.ArrowInvalid):
             text = pyarrow.array([str(cell) for cell in cells.to_pylist()], pyarrow.string())
-            return Numbers(np.full(len(cells), np.nan), _first(text.is_valid()))
-        return Numbers(_array(values), None)
+            return Numbers(np.full(len(cells), np.nan), _places(text.is_valid()))
+        return Numbers(_array(values), _NO_TEXT)
     compute = pyarrow.compute
     other = "," if mark == "." else "."
     strange = compute.match_substring(cells, other)
@@ -102,12 +105,14 @@ def numbers(cells: pyarrow.Array, mark: str = ".") -> Numbers:
         cells = compute.replace_substring(cells, ",", ".")
     for trimmed in (False, True):
         try:
-            return Numbers(_array(_without_missing(cells, trimmed).cast(pyarrow.float64())), None)
+            values = _array(_without_missing(cells, trimmed).cast(pyarrow.float64()))
+            return Numbers(values, _NO_TEXT)
         except pyarrow.ArrowInvalid:
             continue
     text = _without_missing(cells, True)
     values = pd.to_numeric(text.to_pandas().astype(object), errors="coerce").to_numpy(float)
-    return Numbers(values, _first(compute.and_(text.is_valid(), pyarrow.array(np.isnan(values)))))
+    strange = compute.and_(text.is_valid(), pyarrow.array(np.isnan(values)))
+    return Numbers(values, _places(strange))
 
 
 def is_text(kind: pyarrow.DataType) -> bool:
@@ -125,6 +130,10 @@ def _array(values: pyarrow.Array) -> np.ndarray:
     # A null becomes NaN.
     found: np.ndarray = values.to_numpy(zero_copy_only=False)
     return found
+
+
+def _places(mask: pyarrow.Array) -> np.ndarray:
+    return np.flatnonzero(mask.to_numpy(zero_copy_only=False))
 
 
 def _first(mask: pyarrow.Array) -> int | None:

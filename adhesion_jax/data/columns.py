@@ -25,6 +25,13 @@ class Column(NamedTuple):
     advice: str = "check its unit"
     usual: tuple[float, float] = (0.0, math.inf)
 
+    @property
+    def span(self) -> str:
+        """The range in words, with its unit."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        most = f"to {self.upper:g}" if math.isfinite(self.upper) else "and more"
+        return f"{self.lower:g} {most}{unit}"
+
 
 _TOLD = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
 

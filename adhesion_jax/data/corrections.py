@@ -26,6 +26,7 @@ class Corrections(NamedTuple):
     inertia: float | None = None  # kg m^2
     gear_ratio: float | None = None
     efficiency: float = 1.0
+    axles: bool = False  # columns with an index are those of axles
 
 
 NOTHING = Corrections()
@@ -37,6 +38,7 @@ def corrections_of(
     inertia: float | None = None,
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
+    axles: bool = False,
 ) -> Corrections:
     """The same, checked; InputError names the value that cannot be meant, and what can."""
     positive = {"wheel radius": wheel_radius, "inertia": inertia, "gear ratio": gear_ratio}
@@ -51,4 +53,4 @@ def corrections_of(
                 f"The delay of {name} is {seconds:g} s; give a number of seconds between "
                 f"-{LONGEST_DELAY:g} and {LONGEST_DELAY:g}."
             )
-    return Corrections(wheel_radius, delays or _NONE, inertia, gear_ratio, efficiency)
+    return Corrections(wheel_radius, delays or _NONE, inertia, gear_ratio, efficiency, axles)

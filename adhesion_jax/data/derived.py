@@ -14,12 +14,9 @@ from adhesion_jax.data.plausible import radius_warnings, wrong_unit
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import percent
 
-#: Below this speed of the train, in m/s, a slip ratio is not computed: the difference of two
-#: measured speeds would be divided by almost nothing.
-SLOWEST = 0.5
-
-#: What is said of a train that is slower.
-SLOW = f"slower than {SLOWEST:g} m/s, where no slip ratio can be computed"
+#: Below this speed, in m/s, a vehicle on rails stands or creeps, and its slip is mostly noise. That
+#: of a slow rig is less: this share of its largest speed, or this multiple of the noise of it.
+_SLOWEST, _OF_LARGEST, _OF_NOISE = 0.5, 0.05, 10.0
 
 #: Force, the load of the same body, and the wheels of the body; those of a locomotive are told by
 #: its driven axles.
@@ -88,6 +85,7 @@ class Derived(NamedTuple):
     used: np.ndarray  # [rows], bool
     sources: Mapping[str, str]
     notes: tuple[str, ...]
+    unused: str  # why no row is used, where none is
 
 
 def needed(names: Set[str]) -> tuple[list[str], list[str]]:
@@ -125,11 +123,12 @@ def derive(
         normal load = axle load / 2, or locomotive load / 2 / driven axles
         circumferential speed = radius x angular speed of the wheel
         slip velocity = circumferential speed - vehicle speed
-        slip ratio = slip velocity / vehicle speed, for vehicle speeds of SLOWEST and more
+        slip ratio = slip velocity / vehicle speed
 
     so that slip, like adhesion, is positive in traction and negative in braking. The force may be
     that of a motor torque, and the inertia of the wheelset is taken off it (`forces`); runs and
-    axles are told by the `labels`. InputError where the radius is neither given nor to be found.
+    axles are told by the `labels`. Rows in which the vehicle is slower than `slowest` are not used
+    where the slip is a ratio. InputError where the radius is neither given nor to be found.
     """
     sources: dict[str, str] = {}
     notes: list[str] = []
@@ -174,12 +173,16 @@ def derive(
             columns["wheel_speed_mps"] - columns["vehicle_speed_mps"],
             "wheel speed - train speed",
         )
-    used = with_force
-    if "slip_ratio" not in columns and speed is not None:
-        moves = speed >= SLOWEST
+    used, unused = with_force, "no row has a force from which the inertia could be taken off"
+    if speed is not None:
+        limit = slowest(speed, columns.get("time_s"))
+        moves = speed >= limit
+        slow = f"slower than {limit:.2g} m/s, where the slip is mostly noise"
+        unused = f"the train is {slow}, in every row (check the unit and the sign of its speed)"
         if not moves.all():
-            notes.append(f"{of_rows(~moves)} the train is {SLOW}.")
+            notes.append(f"{of_rows(~moves)} the train is {slow}.")
         used = with_force & moves
+    if "slip_ratio" not in columns and speed is not None:
         ratio = columns["slip_velocity_mps"] / np.where(moves, speed, 1.0)
         add("slip_ratio", ratio, "slip velocity / train speed")
     elif speed is None and {"slip_ratio", "slip_velocity_mps"} <= {*columns}:
@@ -189,7 +192,21 @@ def derive(
     for name in (*spent, "axle_load_N", "locomotive_load_N", _AXLES):
         columns.pop(name, None)
         sources.pop(name, None)
-    return Derived(used, sources, tuple(notes))
+    return Derived(used, sources, tuple(notes), unused)
+
+
+def slowest(speed: np.ndarray, time: np.ndarray | None) -> float:
+    """The speed in m/s below which the slip is mostly noise, of speeds [rows].
+
+    It is a twentieth of the largest (that of 1 row in 1000), in a log with a time at least ten
+    times the noise, and at most 0.5 m/s. The noise is told by the second differences of rows that
+    follow each other, robustly.
+    """
+    of_largest = _OF_LARGEST * float(np.quantile(speed, 0.999))
+    noise = 0.0
+    if time is not None and speed.size > 2:
+        noise = 1.4826 * float(np.median(np.abs(np.diff(speed, 2)))) / np.sqrt(6)
+    return min(_SLOWEST, max(of_largest, _OF_NOISE * noise, np.finfo(float).tiny))
 
 
 def _adhesion(columns: Columns) -> tuple[np.ndarray, str]:
@@ -207,7 +224,7 @@ def _adhesion(columns: Columns) -> tuple[np.ndarray, str]:
 
 def _check_speeds(wheel: np.ndarray, train: np.ndarray) -> None:
     """InputError where one of the two speeds is km/h and the other m/s throughout."""
-    fast = train >= SLOWEST
+    fast = train >= slowest(train, None)
     factor = float(np.median(wheel[fast] / train[fast])) if fast.any() else 1.0
     if wrong := wrong_unit(factor):
         raise InputError(
@@ -240,7 +257,7 @@ def rolling_radius(rotation: np.ndarray, speed: np.ndarray, adhesion: np.ndarray
     """
     size = np.abs(adhesion)
     largest = np.quantile(size, 0.999)
-    fast = (speed >= max(SLOWEST, speed.max() / 4)) & (rotation > 0)
+    fast = (speed >= speed.max() / 4) & (rotation > 0)
     low = np.flatnonzero(fast & (size <= _LOW * largest))
     if np.count_nonzero(size[low] <= _COASTING * largest) < _FEWEST:
         raise InputError(

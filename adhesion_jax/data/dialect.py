@@ -23,18 +23,6 @@ _ROWS = 200
 #: Rows that differ from the header, and agree with each other, show that it is none.
 _FEW = 3
 
-#: Bytes read at a time, and how many around what is no UTF-8 are shown to charset-normalizer.
-_CHUNK = 1 << 22
-_AROUND = 1 << 14
-
-_MARKS = {
-    b"\xef\xbb\xbf": "utf-8-sig",
-    b"\xff\xfe": "utf-16",
-    b"\xfe\xff": "utf-16",
-}
-#: The encodings of one byte a character that spreadsheets and loggers write in western Europe.
-_ONE_BYTE = ["cp1252", "cp850", "mac_roman"]
-
 
 class Dialect(NamedTuple):
     """How a text file is written; `rows` are its first rows of data, as text."""
@@ -48,53 +36,6 @@ class Dialect(NamedTuple):
     above: int  # lines above the first row of data
     quoted: bool  # whether a cell in the first rows is quoted
     rows: tuple[tuple[str, ...], ...]
-
-
-def encoding_of(stream: BufferedIOBase, path: str) -> str:
-    """The encoding of a whole file, which is read once for that; InputError for a binary file."""
-    chunk = stream.read(_CHUNK)
-    for mark, encoding in _MARKS.items():
-        if chunk.startswith(mark):
-            return encoding
-    if b"\0" in chunk[:_HEAD]:
-        return _sixteen(chunk[:_HEAD], path)
-    strange = b""
-    left = b""
-    while chunk:
-        whole = left + chunk
-        left = b""
-        if not whole.isascii():
-            try:
-                whole.decode()
-            except UnicodeDecodeError as error:
-                if error.reason == "unexpected end of data" and len(whole) - error.start < 4:
-                    left = whole[error.start :]  # a character that goes on in the next chunk
-                else:
-                    strange = whole[max(error.start - _AROUND, 0) : error.start + _AROUND]
-                    break
-        chunk = stream.read(_CHUNK)
-    if not strange and not left:
-        return "utf-8"
-    if b"\0" not in (strange or left):
-        from charset_normalizer import from_bytes  # which few files need
-
-        best = from_bytes(strange or left, cp_isolation=_ONE_BYTE).best()
-        if best is not None:
-            return str(best.encoding)
-    raise InputError(
-        f"{path} is a binary file or text of an unknown encoding; save the table as "
-        "comma-separated UTF-8 text."
-    )
-
-
-def _sixteen(head: bytes, path: str) -> str:
-    """UTF-16 without a mark: every other byte of plain letters is 0."""
-    for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
-        if zeros.count(0) > 0.9 * len(zeros):
-            return encoding
-    raise InputError(
-        f"{path} is a binary file, not text; save the table as comma-separated UTF-8 text."
-    )
 
 
 def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
@@ -122,8 +63,13 @@ def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
     header = _header(rows)
     # A quoted cell may go on in the next line.
     skipped += sum(1 + sum(cell.count("\n") for cell in row) for row in rows[:header])
-    rows, above = rows[header:], skipped
-    names = tuple(" ".join(name.split()) for name in rows[0])
+    rows, above, groups = rows[header:], skipped, rows[header - 1 : header]
+    if len(rows) > 2 and _are_groups(rows[0]) and _may_name(rows[1], len(rows[0])):
+        skipped, above, groups, rows = skipped + 1, above + 1, rows[:1], rows[1:]
+    # NumPy begins its header with a mark of a comment.
+    names = tuple(" ".join(name.split()) for name in [rows[0][0].lstrip("# "), *rows[0][1:]])
+    if groups and len(groups[0]) == len(names):
+        names = _of_groups(groups[0], names)
     if not any(names):
         raise InputError(
             f"{path} has no names of columns in row {above + 1}; begin it with a header."
@@ -181,6 +127,27 @@ def _header(rows: Sequence[Sequence[str]]) -> int:
         if same and may_be(rows[place]) and any(numbers_in(row) for row in below):
             return place
     return 0
+
+
+def _are_groups(row: Sequence[str]) -> bool:
+    """Whether a row above the names holds groups of columns: some stand there twice, or nothing."""
+    cells = [cell.strip() for cell in row]
+    return ("" in cells or len({*cells}) < len(cells)) and not numbers_in(row)
+
+
+def _may_name(row: Sequence[str], columns: int) -> bool:
+    """Whether a row may hold the names of so many columns, and no units."""
+    units = [known(cell.strip("[]()<>{} ")) for cell in row if cell.strip() not in ("", "-")]
+    return len(row) == columns and all(row) and not numbers_in(row) and sum(units) < len(row) / 2
+
+
+def _of_groups(groups: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Names that stand there twice with the name of their group, which goes on over empty cells."""
+    found, group = [], ""
+    for above, name in zip(groups, names, strict=True):
+        group = " ".join(above.split()) or group
+        found.append(f"{group} {name}" if [*names].count(name) > 1 and group else name)
+    return tuple(found)
 
 
 def _are_names(below: Sequence[str], data: Sequence[str]) -> bool:

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from adhesion_jax.data.derived import SLOWEST
 from adhesion_jax.data.reading import Measured
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, percent
@@ -86,7 +85,6 @@ class Events(NamedTuple):
 
     table: pd.DataFrame  # a row an event, with the columns _TABLE
     rows: int  # of the log
-    slow_rows: int  # left out because the vehicle stands or creeps
     slip: str  # the column that is the slip
     noise: SlipNoise
     #: The log in equal times: start_s, end_s, and the smallest and largest averaged slip and speed
@@ -108,11 +106,11 @@ class Chosen(NamedTuple):
 
 
 class _Averaged(NamedTuple):
-    """A log in stretches without a gap, in which the vehicle moves; arrays [rows]."""
+    """A log in stretches without a gap; arrays [rows]."""
 
     time: np.ndarray
     speed: np.ndarray | None
-    slip: np.ndarray  # averaged over the window; NaN outside the stretches
+    slip: np.ndarray  # averaged over the window
     first: np.ndarray  # [stretches] first row
     stop: np.ndarray  # [stretches] the row after the last
     window: int  # rows
@@ -133,12 +131,16 @@ def events_of(
     An event begins where the slip, averaged over WINDOW_S and less its median, exceeds NOISES times
     its noise (`SlipNoise`, robust, from the log itself) and LEAST, for HOLD_S. It ends where that
     slip has returned, or at a gap in time. LEAD_S before and after belong to it, and events that
-    overlap with these are one. Rows slower than SLOWEST are left out.
+    overlap with these are one.
 
     A log without an event is not used where another table is. InputError where there is no other,
     and where events are wanted of a table that is no log.
     """
-    found = [_chosen(table, wanted, fewest) for table in tables]
+    found = []
+    for table in tables:
+        cut = wanted or (wanted is None and len(table.table) >= fewest)
+        parts = _by_axle(table) if cut else [table]
+        found += [_chosen(part, wanted, fewest // len(parts)) for part in parts]
     used = [one for one in found if len(one.points.table)]
     if not used:
         raise InputError(found[0].sentence)
@@ -147,6 +149,20 @@ def events_of(
         unused = f"{listed(idle)} {'has' if len(idle) == 1 else 'have'} no slip event: not used."
         used[0] = used[0]._replace(sentence=f"{used[0].sentence} {unused}".strip())
     return used
+
+
+def _by_axle(measured: Measured) -> list[Measured]:
+    """A log of several axles as a log of each, for each slips at times of its own."""
+    table = measured.table
+    if "run" in table or not {"axle", "time_s"} <= {*table}:
+        return [measured]
+    of_axle = table.groupby("axle", observed=True, sort=False)
+    if of_axle.ngroups == 1:
+        return [measured]
+    return [
+        measured._replace(name=f"{measured.name}, axle {axle}", table=rows)
+        for axle, rows in of_axle
+    ]
 
 
 def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
@@ -190,12 +206,11 @@ def _averaged(measured: Measured) -> _Averaged:
     if measured.slip == "slip_ratio" and "vehicle_speed_mps" in table:
         speed = table["vehicle_speed_mps"].to_numpy(float)
     step = _usual_step(time)
-    moves = np.ones(time.size, dtype=bool) if speed is None else speed >= SLOWEST
     # The first row after a gap; the steps themselves would take as much memory as the time.
     limit = max(GAP_STEPS * step, GAP_S)
     after_gap = np.concatenate([[0], 1 + np.flatnonzero(time[1:] > time[:-1] + limit)])
-    first, stop = _runs(moves, after_gap)
-    slip = np.full(time.size, np.nan, dtype=np.float32)
+    first, stop = after_gap, np.append(after_gap[1:], time.size)
+    slip = np.empty(time.size, dtype=np.float32)
     raw = table[measured.slip].to_numpy(float)
     window = 1 if step == 0 else 1 + 2 * round(WINDOW_S / step / 2)
     hold = HOLD_ROWS if step == 0 else max(HOLD_ROWS, round(HOLD_S / step))
@@ -238,17 +253,14 @@ def _noise(log: _Averaged) -> SlipNoise:
     hardly changes: in classes of speed its squared scale is a straight line against 1/v^2, fitted
     by the median of slopes (Sen 1968, J. Am. Stat. Assoc. 63:1379-1389).
     """
-    rows = np.flatnonzero(np.isfinite(log.slip))[:: _stride(log.slip.size)]
-    if not rows.size:
-        return SlipNoise(0.0, 0.0, 0.0)
+    rows = np.arange(0, log.slip.size, _stride(log.slip.size))
     median = float(np.median(log.slip[rows]))
     constant = _NORMAL * float(np.median(np.abs(log.slip[rows] - median)))
     if log.speed is None:
         return SlipNoise(median, constant, 0.0)
     rows = rows[rows < log.slip.size - log.lag]
     change = np.abs(log.slip[rows + log.lag] - log.slip[rows])
-    whole = np.isfinite(change)
-    change, inverse = change[whole], log.speed[rows[whole]] ** -2.0
+    inverse = log.speed[rows] ** -2.0
     classes = [
         one for one in np.array_split(np.argsort(inverse, kind="stable"), _CLASSES) if one.size
     ]
@@ -264,11 +276,10 @@ def _noise(log: _Averaged) -> SlipNoise:
 
 def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
     """First rows of the events, and the rows after their last."""
-    level = np.full(log.slip.size, np.nan, dtype=np.float32)  # of the threshold
+    level = np.empty(log.slip.size, dtype=np.float32)  # of the threshold
     for begin in range(0, level.size, _SAMPLE):
         part = slice(begin, begin + _SAMPLE)
-        # Below the slowest speed there is no slip to compare.
-        speed = np.ones(1) if log.speed is None else np.maximum(log.speed[part], SLOWEST)
+        speed = np.ones(1) if log.speed is None else log.speed[part]
         threshold = np.maximum(NOISES * noise.deviation(speed), least)
         level[part] = np.abs(log.slip[part] - noise.median) / threshold
     first, stop = _runs(level > 1, log.first)
@@ -288,8 +299,7 @@ def _usual_noise(log: _Averaged, noise: SlipNoise) -> float:
     if log.speed is None:
         return noise.constant
     speed = log.speed[:: _stride(log.speed.size)]
-    moving = speed[speed >= SLOWEST]
-    return float(noise.deviation(np.median(moving, keepdims=True))[0]) if moving.size else 0.0
+    return float(noise.deviation(np.median(speed, keepdims=True))[0])
 
 
 def _events(
@@ -314,8 +324,7 @@ def _events(
             )
         )
     table = pd.DataFrame(rows, columns=[*_TABLE])
-    slow = log.time.size - int(np.sum(log.stop - log.first))
-    return Events(table, log.time.size, slow, measured.slip, noise, _overview(log))
+    return Events(table, log.time.size, measured.slip, noise, _overview(log))
 
 
 def _overview(log: _Averaged) -> pd.DataFrame:
@@ -340,17 +349,12 @@ def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
     braking = int((events.table["mode"] == "braking").sum())
     seconds = log.time[-1] - log.time[0]
     sides = f" ({count - braking} in traction, {braking} in braking)" if braking else ""
-    slow = (
-        f" {events.slow_rows:,} rows slower than {SLOWEST:g} m/s are left out."
-        if events.slow_rows
-        else ""
-    )
     return (
         f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
         f"({_duration(seconds)}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
         f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event "
         f"begins where the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s "
-        f"before and after it belong to it.{slow}"
+        f"before and after it belong to it."
     )
 
 
@@ -370,12 +374,7 @@ def _no_event(measured: Measured, log: _Averaged, noise: SlipNoise) -> str:
     """Why no curve can be learnt from a log that does not slip, and what to do."""
     unit = "" if measured.slip == "slip_ratio" else " m/s"
     size = np.abs(log.slip - noise.median)
-    if not np.isfinite(size).any():
-        return (
-            f"{measured.name} has no slip event: the vehicle is never faster than {SLOWEST:g} "
-            "m/s; check the unit of its speed, or use all rows by --whole."
-        )
-    row = int(np.nanargmax(size))
+    row = int(np.argmax(size))
     return (
         f"{measured.name} has no slip event: its slip nowhere exceeds "
         f"{_threshold(noise, measured.slip)}, and is {log.slip[row]:.2g}{unit} at most, at "

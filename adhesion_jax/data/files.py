@@ -1,6 +1,7 @@
 """Files as sheets of cells: what is in them at a glance, and their cells block by block."""
 
 import gzip
+import itertools
 import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,12 +16,13 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from adhesion_jax.data.cells import MISSING, is_text
-from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, encoding_of
+from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of
+from adhesion_jax.data.encodings import encoding_of
 from adhesion_jax.data.stamps import A_DATE, TIME_OF_DAY, form_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
-ENDINGS = (".csv", ".csv.gz", ".txt", ".tsv", ".parquet")
+ENDINGS = (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc", ".parquet")
 _KINDS = f"a {listed(ENDINGS, 'or')} file"
 
 #: Names that pandas gives to an index that was saved as a column.
@@ -51,6 +53,10 @@ class Sheet(NamedTuple):
     mark: str | None  # decimal mark of the numbers written as text, where it is known
     format: str  # a sentence on how the file is written; empty for a data frame
     blocks: Callable[[], Iterator[tuple[Block, float]]]  # with the share that is read
+
+    def head(self) -> "Sheet":
+        """The same with its first block alone."""
+        return self._replace(blocks=lambda: itertools.islice(self.blocks(), 1))
 
 
 def sheet_of_file(path: Path) -> Sheet:

@@ -11,13 +11,16 @@ import pyarrow.compute
 from adhesion_jax.data.cells import decimal_mark, first_of_two_meanings, is_text, numbers
 from adhesion_jax.data.columns import COLUMNS, LABELS
 from adhesion_jax.data.files import Block, Sheet
-from adhesion_jax.data.schema import shown, text_fault
 from adhesion_jax.data.stamps import TIME_OF_DAY, seconds, stamps, unwrapped
 from adhesion_jax.data.understanding import Taken
 from adhesion_jax.errors import InputError
 
 #: How many numbers with a mark show whether it is decimal.
 _SHOWN = 1000
+
+#: The largest share of the values of a column that may be none. Beyond it a column of numbers has
+#: another unit or sign than was thought, and one with so much text holds labels. By hand.
+MOST = 0.2
 
 #: A column of text with more different entries than this is none of labels.
 _MOST_LABELS = 40
@@ -29,13 +32,20 @@ _LARGEST = 1e100
 _MORE = 0.125
 
 
+class Texts(NamedTuple):
+    """How many cells of a column of numbers are text, and a clause on the first."""
+
+    cells: int
+    first: str
+
+
 class Gathered(NamedTuple):
     """The columns of a sheet by the names they are taken as, [rows]; NaN where one is empty."""
 
     numbers: dict[str, np.ndarray]
     labels: dict[str, pd.Categorical]
     rows: int
-    faults: tuple[str, ...]  # clauses on cells of known columns that are text
+    texts: dict[str, "Texts"]  # of the columns of numbers that have some
     left_out: dict[str, str]  # column of its own name to the clause why it is none of numbers
     origin: str  # from when a time counts that was given by dates, empty otherwise
 
@@ -83,7 +93,7 @@ def gather(
     """Reads all cells of the columns that are taken; `progress` is told the share of the file."""
     columns = {one.name: _Column() for one in taken if one.name not in LABELS}
     labels = {one.name: _Labels() for one in taken if one.name in LABELS}
-    faults: dict[str, str] = {}
+    texts: dict[str, Texts] = {}
     left_out: dict[str, str] = {}
     origin: int | None = None
     mark = sheet.mark
@@ -93,8 +103,6 @@ def gather(
             mark = _mark(sheet, taken, block, first_row)
         for one in taken:
             cells = block[one.column]
-            if one.name in left_out:
-                continue
             if one.name in labels:
                 labels[one.name].add(cells)
                 continue
@@ -109,20 +117,17 @@ def gather(
                 to = one.conversion
                 if (to.factor, to.offset) != (1.0, 0.0):
                     values = values * to.factor + to.offset
-            if text is not None and (one.name in COLUMNS or one.repeat):
-                faults.setdefault(
-                    one.name, text_fault(first_row + text, one.column, cells[text].as_py())
-                )
-            elif text is not None:
+            of_labels = text.size > MOST * (text.size + np.isfinite(values).sum())
+            if of_labels and one.quantity not in COLUMNS and first_row == sheet.first_row:
                 del columns[one.name]
-                if first_row == sheet.first_row and not np.isfinite(values[:text]).any():
-                    labels[one.name] = _Labels()
-                    labels[one.name].add(cells)
-                else:
-                    left_out[one.name] = (
-                        f"row {first_row + text} has the text '{shown(cells[text].as_py())}'"
-                    )
+                labels[one.name] = _Labels()
+                labels[one.name].add(cells)
                 continue
+            if text.size:
+                written = cells[int(text[0])].as_py()
+                first = _text_fault(first_row + int(text[0]), one.column, written)
+                before = texts.get(one.name, Texts(0, first))
+                texts[one.name] = before._replace(cells=before.cells + text.size)
             columns[one.name].add(values)
         first_row += len(next(iter(block.values()), ()))
         progress("reading", share)
@@ -133,8 +138,7 @@ def gather(
         values = columns[one.name].whole()
         if one.stamp == TIME_OF_DAY:
             values = unwrapped(values)
-        own = one.name not in COLUMNS and not one.repeat
-        if own and (reason := _unfit(values, sheet.first_row)):
+        if one.quantity not in COLUMNS and (reason := _unfit(values)):
             left_out[one.name] = reason
             continue
         numbers_of[one.name] = values
@@ -152,9 +156,24 @@ def gather(
         numbers_of,
         {name: label.whole() for name, label in labels.items()},
         first_row - sheet.first_row,
-        tuple(dict.fromkeys(faults.values())),
+        texts,
         left_out,
         str(pd.Timestamp(origin)) if dated and origin is not None else "",
+    )
+
+
+def _shown(written: object) -> str:
+    """The content of a cell on one line, cut to 30 characters."""
+    return f"{' '.join(str(written).split()):.30}"
+
+
+def _text_fault(row: int, column: str, written: object) -> str:
+    """What is said of a cell that is text where a number belongs."""
+    if str(written).strip() == column:
+        return f"row {row} is the header again (leave that row out)"
+    return (
+        f"row {row} of column {column} has the text '{_shown(written)}' (write a number, with a "
+        "decimal point, no unit)"
     )
 
 
@@ -191,11 +210,8 @@ def _text(cells: pyarrow.Array) -> pyarrow.Array:
     return compute.utf8_trim_whitespace(compute.fill_null(text, ""))
 
 
-def _unfit(values: np.ndarray, first_row: int) -> str:
+def _unfit(values: np.ndarray) -> str:
     """Why a further column is not used, as a clause; empty where it is."""
-    infinite = np.isinf(values)
-    if infinite.any():
-        return f"row {first_row + infinite.argmax()} has an infinite value"
     size = np.abs(values)
     largest = np.max(size, where=np.isfinite(size), initial=0.0)
     if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:

@@ -8,11 +8,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.reading import Measured
-
-#: A new run begins where the step in time exceeds this multiple of the median step and _PAUSE
-#: seconds.
-_STEPS = 10.0
-_PAUSE = 1.0
+from adhesion_jax.data.stretches import stretches
 
 #: Points of a block, and how many blocks there shall be. With fewer, a test that flips the sign of
 #: whole blocks cannot reach p = .001; beyond the most, longer blocks are worth more than further
@@ -33,7 +29,8 @@ class Grouping(NamedTuple):
 def group(files: Sequence[Measured]) -> Grouping:
     """The runs of all files: by the column run, else by gaps in time_s, else a file is a run.
 
-    No run reaches over two files: a name that stands in several of them is named file:name.
+    With a time each axle has runs of its own, for its rows are a signal of their own. No run
+    reaches over two files: a name that stands in several of them is named file:name.
     """
     parts = [_runs_of(file.table) for file in files]
     in_files = Counter(name for _, names in parts for name in names)
@@ -79,13 +76,11 @@ def _runs_of(table: pd.DataFrame) -> tuple[np.ndarray, Sequence[str]]:
         return codes, [str(name) for name in names]
     if "time_s" not in table:
         return np.zeros(len(table), dtype=int), ["1"]
-    steps = np.diff(table["time_s"])
-    forward = steps[steps > 0]
-    # Stamps may be coarser than the samples: a step of zero is no measure of the usual one.
-    usual = float(np.median(forward)) if forward.size else 0.0
-    gap = steps > max(_STEPS * usual, _PAUSE)
-    codes = np.concatenate([[0], np.cumsum(gap, dtype=np.int32)])
-    return codes, [str(number) for number in range(1, int(codes[-1]) + 2)]
+    axle = table["axle"].cat.codes if "axle" in table else np.zeros(len(table), np.int8)
+    codes = np.zeros(len(table), np.int32)
+    for number, rows in enumerate(stretches(table["time_s"].to_numpy(), np.asarray(axle))):
+        codes[rows] = number
+    return codes, [str(number) for number in range(1, int(codes.max(initial=0)) + 2)]
 
 
 def with_history(held: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

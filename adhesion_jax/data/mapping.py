@@ -29,15 +29,17 @@ class Said(NamedTuple):
     unit: str = ""
     constant: float | None = None
     ours: bool = False
+    turned: bool = False  # the sign of the column is the other one
 
 
 def said(name: str, names: Sequence[str], columns: Mapping[str, object]) -> list[Said]:
     """What `columns` says of a file of this name that has columns of these names.
 
     A key is a quantity: a name of COLUMNS or LABELS, or what it is called without a unit, such as
-    speed. A value is `COLUMN`, `COLUMN [UNIT]` or, where there is no such column, `NUMBER UNIT`,
-    or the same in a mapping, `{column, unit}` or `{value, unit}`. InputError in a sentence where
-    it fits neither the columns nor the units of the quantity.
+    speed. A value is `COLUMN`, `COLUMN [UNIT]`, the same after a minus, which turns the sign, or,
+    where there is no such column, `NUMBER UNIT`, or the same in a mapping, `{column, unit}` or
+    `{value, unit}`. InputError in a sentence where it fits neither the columns nor the units of the
+    quantity.
     """
     found: list[Said] = []
     for key, value in columns.items():
@@ -91,6 +93,10 @@ def _said(name: str, names: Sequence[str], quantity: str, value: object) -> Said
     text = " ".join(value.split())
     if text in names:
         return _in_column(name, names, Said(quantity, text))
+    stem = _WITH_UNIT.fullmatch(text)
+    of_names = stem is not None and stem[1] in names
+    if text.startswith("-") and not (of_names or _CONSTANT.fullmatch(text) or quantity in LABELS):
+        return _said(name, names, quantity, text[1:])._replace(turned=True)
     with_unit, constant = _WITH_UNIT.fullmatch(text), _CONSTANT.fullmatch(text)
     if constant and not (with_unit and with_unit[1] in names):
         return _checked(Said(quantity, "", constant[2], _number(quantity, constant[1])))
@@ -152,7 +158,6 @@ def _checked(one: Said) -> Said:
     value = one.constant * to.factor + to.offset
     if not wanted.lower <= value <= wanted.upper:
         raise InputError(
-            f"{one.quantity} = {value:g} {wanted.unit} lies outside {wanted.lower:g} to "
-            f"{wanted.upper:g} {wanted.unit}; {wanted.advice}."
+            f"{one.quantity} = {value:g} {wanted.unit} lies outside {wanted.span}; {wanted.advice}."
         )
     return one._replace(constant=value)

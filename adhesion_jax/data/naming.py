@@ -1,7 +1,7 @@
 """What the name of a column says: the quantity and the unit, where exactly one of each fits."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from adhesion_jax.data.columns import (
@@ -53,7 +53,7 @@ UNDECIDED_SYNONYMS: Mapping[str, tuple[str, ...]] = {
 _BRACKETS = re.compile(r"(.*?)\s*[\[(<{]\s*([^\[\](){}<>]*?)\s*[\])>}]\s*")
 
 #: `mu_1`, `mu 1` and `mu1`.
-_INDEXED = re.compile(r"(.*?\D)[ _]?(\d+)")
+_INDEXED = re.compile(r"(.*?[^\W\d_])[ _.]?(\d{1,2})")
 
 
 class Named(NamedTuple):
@@ -68,13 +68,15 @@ class Guess(NamedTuple):
 
     `question` is what must be asked where the name says something but not enough, a clause such as
     "in which unit column v is"; it is empty where nothing is in doubt. `quantities` are those that
-    an answer may name.
+    an answer may name. `number` is that at the end of the name, such as that of an axle or a
+    repeat; -1 without one.
     """
 
     quantity: str
     unit: str
     question: str = ""
     quantities: tuple[str, ...] = ()
+    number: int = -1
 
 
 def named(name: str) -> Named:
@@ -102,38 +104,32 @@ def guess(name: str, row_of_units: str = "") -> Guess:
         return Guess(name, row_of_units or COLUMNS[name].unit)
     stem, unit = named(name)
     unit = row_of_units or unit
-    word = plain(stem)
+    word, number = plain(stem), -1
+    indexed = _INDEXED.fullmatch(stem)
+    if indexed and word not in _WORDS:
+        word, number = plain(indexed[1]), int(indexed[2])
     label = next((label for label, words in LABEL_SYNONYMS.items() if word in words), "")
-    if label and not unit:
+    if label and not unit and number < 0:
         return Guess(label, "")
     unknown = bool(unit) and not known(unit)
     fits = tuple(one for one in QUANTITIES.get(word, ()) if not unit or unknown or goes(unit, one))
     if len(fits) == 1 and not unknown and (unit or fits[0] in _RATIOS):
-        return Guess(fits[0], unit or "1")
+        return Guess(fits[0], unit or "1", number=number)
     bodies = UNDECIDED.get(_UNDECIDED.get(word, ""), ())
     fits += tuple(one for one in bodies if not unit or unknown or goes(unit, one))
     if not fits:
         return Guess("", unit)
     question = _question(name, "" if unknown else unit, fits)
-    return Guess("", unit, f"{question}; the unit {unit} is unknown" if unknown else question, fits)
+    asked = f"{question}; the unit {unit} is unknown" if unknown else question
+    return Guess("", unit, asked, fits, number)
 
 
-def repeats(names: Sequence[str]) -> list[str]:
-    """The columns such as mu_1, mu_2, mu_3 that hold the adhesion, with an index each, in order.
-
-    The index counts from 0 or 1 without a gap; none are returned where it does not.
-    """
-    found: dict[str, dict[int, str]] = {}
-    for name in names:
-        bracket = _BRACKETS.fullmatch(name)
-        indexed = _INDEXED.fullmatch(bracket[1] if bracket else name)
-        if indexed and QUANTITIES.get(plain(indexed[1])) == ("adhesion",):
-            found.setdefault(plain(indexed[1]), {})[int(indexed[2])] = name
-    for by_index in found.values():
-        first, count = min(by_index), len(by_index)
-        if count > 1 and first in (0, 1) and max(by_index) == first + count - 1:
-            return [by_index[index] for index in sorted(by_index)]
-    return []
+def side_by_side(guesses: Mapping[str, Guess]) -> list[str]:
+    """The columns in the order of their index, which counts from 0 or 1; none where it does not."""
+    by_index = {one.number: name for name, one in guesses.items()}
+    first, count = min(by_index), len(guesses)
+    whole = first in (0, 1) and max(by_index) == first + count - 1 and len(by_index) == count
+    return [by_index[index] for index in sorted(by_index)] if whole and count > 1 else []
 
 
 def goes(unit: str, quantity: str) -> bool:
@@ -176,3 +172,6 @@ def _quantities() -> Mapping[str, tuple[str, ...]]:
 QUANTITIES = _quantities()
 
 _UNDECIDED = {plain(word): kind for kind in UNDECIDED for word in (kind, *UNDECIDED_SYNONYMS[kind])}
+
+#: Every word that is known.
+_WORDS = {*QUANTITIES, *_UNDECIDED, *(word for words in LABEL_SYNONYMS.values() for word in words)}

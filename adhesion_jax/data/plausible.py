@@ -1,8 +1,14 @@
-"""Whether a speed of the train in m/s agrees with what else a log tells of it."""
+"""Whether values are of the size that their unit gives, and agree with what else a log tells."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+
+from adhesion_jax.data.columns import COLUMNS, UNDECIDED
+from adhesion_jax.data.naming import named
+from adhesion_jax.data.understanding import Taken
+from adhesion_jax.errors import InputError
+from adhesion_jax.wording import listed, number
 
 #: A speed in km/h over the same in m/s, and the relative deviation up to which a ratio is taken for
 #: that.
@@ -19,6 +25,136 @@ _BLOCKS, _FEWEST = 50, 5
 
 #: Changes of speed below this, m/s, say nothing of the unit of an acceleration.
 _CHANGED = 0.5
+
+
+#: A tenth of all slips rarely exceeds this ratio.
+_LARGE_SLIP = 0.3
+
+#: A tenth of all slips exceeds this ratio only if they are in per cent.
+_WHOLE_SLIP = 1.5
+
+#: The adhesion that nine rows in ten do not exceed is of this size, from oil to a racing tyre.
+_ADHESIONS = (1e-3, 5.0)
+_FORCES = (*UNDECIDED["force"], "motor_torque_Nm")
+_LOADS = UNDECIDED["load"]
+
+#: How much the ratio of adhesion to slip must rise with the slip. By hand.
+_RISEN = 2.0
+
+
+def unusual(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Sequence[str]:
+    """Warnings where a column is of the size that another unit would give."""
+    found = []
+    for name, source in taken.items():
+        if name not in COLUMNS or name not in columns or not columns[name].size:
+            continue
+        least, most = COLUMNS[name].usual
+        largest = float(np.max(np.abs(columns[name])))
+        unit = COLUMNS[name].unit
+        if not least <= largest <= most:
+            found.append(
+                f"Check the unit of column {source.column}: its largest value, {largest:g} {unit}, "
+                f"is unusual for this quantity ({least:g} to {most:g} {unit})."
+            )
+    slip = taken.get("slip_ratio")
+    if (
+        slip is not None
+        and _may_be_percent(slip)
+        and np.quantile(np.abs(columns["slip_ratio"]), 0.9) > _LARGE_SLIP
+    ):
+        found.append(
+            f"Check the unit of column {slip.column}: a tenth of its slips exceed {_LARGE_SLIP}, "
+            "which is unusual for ratios (they may be in per cent)."
+        )
+    return found
+
+
+def refuse_other_units(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
+    """InputError that asks for a unit where slip or adhesion, [rows], have the size of another one.
+
+    Where the user said the units, it is a warning.
+    """
+    slip = taken.get("slip_ratio")
+    if slip is not None and _may_be_percent(slip) and _reached(columns["slip_ratio"]) > _WHOLE_SLIP:
+        raise InputError(
+            f"a tenth of the slips of column {slip.column} exceed {_WHOLE_SLIP} (give the slip as "
+            f'a ratio, not in per cent, or say --column "slip={slip.column} [%]"; where it is a '
+            f'ratio, --column "slip={slip.column} [1]")'
+        )
+    level = _reached(columns["adhesion"])
+    least, most = _ADHESIONS
+    if level == 0.0 or least <= level <= most:
+        return []
+    said = f"the adhesion is {number(level)} or less in nine of ten rows"
+    given = taken.get("adhesion")
+    if given is not None:
+        sources = [given]
+        advice = (
+            "give it as force over load, not in per cent, or say "
+            f'--column "adhesion={given.column} [%]"; where it is right, '
+            f'--column "adhesion={given.column} [1]"'
+        )
+    else:
+        sources = [taken[name] for name in (*_FORCES, *_LOADS) if name in taken]
+        answers = [
+            f'--column "{COLUMNS[one.name].plain}={named(one.column).stem} [UNIT]"'
+            for one in sources
+        ]
+        advice = f"check the units of force and load; say them by {listed(answers)}"
+    if all(one.said for one in sources):
+        return [f"Check the units: {said}, which is unusual ({least:g} to {most:g})."]
+    raise InputError(f"{said}, which no contact has ({advice})")
+
+
+def exchanged(slip: np.ndarray, adhesion: np.ndarray) -> list[str]:
+    """A sentence where slip and adhesion [rows] seem to be exchanged.
+
+    An adhesion curve saturates: the ratio of adhesion to slip falls along it, or stays. Where it
+    rises from small slips, which are clear of noise, to large ones, and the slips are larger
+    than the adhesion, the columns are asked about.
+    """
+    size, level = np.abs(slip), np.abs(adhesion)
+    reach = _reached(slip)
+    small, large = (size > 0.1 * reach) & (size < 0.4 * reach), size > 0.7 * reach
+    if min(small.sum(), large.sum()) < _FEWEST or _reached(adhesion) > reach:
+        return []
+    before, after = (float(np.median(level[one] / size[one])) for one in (small, large))
+    if not 0 < _RISEN * before < after:
+        return []
+    return [
+        f"Check whether slip and adhesion are exchanged: their ratio is {number(before)} at small "
+        f"slips and {number(after)} at large ones, and along an adhesion curve it falls."
+    ]
+
+
+def slip_beside_speeds(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
+    """A sentence where a measured slip ratio is not that of the two speeds beside it, [rows]."""
+    names = ("slip_ratio", "wheel_speed_mps", "vehicle_speed_mps")
+    if "slip_ratio" not in taken or not all(name in columns for name in names):
+        return []
+    slip, wheel, train = (columns[name] for name in names)
+    moves = train > 0
+    computed = wheel[moves] / train[moves] - 1
+    clear = np.abs(computed) >= max(_reached(computed), np.finfo(float).tiny)
+    if np.count_nonzero(clear) < _FEWEST:
+        return []
+    factor = float(np.median(slip[moves][clear] / computed[clear]))
+    if abs(factor - 1) <= _NEAR:
+        return []
+    return [
+        f"Check the unit of column {taken['slip_ratio'].column}: where the slip is large, it is "
+        f"{number(factor)} times wheel speed / train speed - 1, by the two speeds of this file."
+    ]
+
+
+def _may_be_percent(slip: Taken) -> bool:
+    """Whether a slip that is taken for a ratio was not said to be one."""
+    return not slip.said and slip.conversion.factor == 1.0
+
+
+def _reached(values: np.ndarray) -> float:
+    """The size that nine rows in ten do not exceed."""
+    return float(np.quantile(np.abs(values), 0.9))
 
 
 def speed_warnings(columns: Mapping[str, np.ndarray], label: str) -> list[str]:

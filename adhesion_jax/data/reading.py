@@ -1,6 +1,6 @@
 """From a file to a validated measured record."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,19 +8,25 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.corrections import NOTHING, Corrections
 from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.delays import without_delays
-from adhesion_jax.data.derived import SLOW, SOURCES, Derived, derive, needed
+from adhesion_jax.data.derived import SOURCES, Derived, derive, needed
 from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
 from adhesion_jax.data.gaps import FEW, bridged, without_gaps
-from adhesion_jax.data.gathering import gather
+from adhesion_jax.data.gathering import Gathered, gather
 from adhesion_jax.data.lateness import late_signals
-from adhesion_jax.data.plausible import speed_warnings
+from adhesion_jax.data.plausible import (
+    exchanged,
+    refuse_other_units,
+    slip_beside_speeds,
+    speed_warnings,
+    unusual,
+)
 from adhesion_jax.data.repeats import of_means, stacked, stacked_note, with_scatter
-from adhesion_jax.data.schema import label_faults, range_faults, time_faults, unusual
-from adhesion_jax.data.stretches import series_of
+from adhesion_jax.data.rows import Rows
+from adhesion_jax.data.sizes import set_aside
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -34,6 +40,17 @@ POINTS = 10
 _SOME = 10_000
 
 Progress = Callable[[str, float], None]
+
+
+class NotUnderstoodError(InputError):
+    """Columns are lacking, or in doubt; `understood` is the table of those that are not.
+
+    It is as that of `Measured`, with the ranges of the first rows.
+    """
+
+    def __init__(self, sentence: str, understood: pd.DataFrame) -> None:
+        super().__init__(sentence)
+        self.understood = understood
 
 
 class Measured(NamedTuple):
@@ -58,7 +75,7 @@ def read_measured(
 ) -> Measured:
     """A measured table with slip and adhesion from a file; see `to_measured`.
 
-    Read are .csv, .csv.gz, .txt, .tsv and .parquet. In text, cells are separated by commas,
+    Read are the files of `files.ENDINGS`. In text, cells are separated by commas,
     semicolons, tabs or bars, numbers have a decimal point or comma, and a row of units may stand
     under the header. `known` is what is corrected, and of which sensors the columns do not tell.
     `progress` is called with words and the share that is read. `few` is the largest share of rows
@@ -110,6 +127,8 @@ def read_all(
         try:
             files.append(read_measured(path, columns, known, of_all, few))
         except InputError as error:
+            if len(paths) == 1:
+                raise
             faults.append(str(error).removesuffix("."))
     if faults:
         raise InputError(f"{'; '.join(faults)}.")
@@ -124,70 +143,63 @@ def _measured(
     few: float,
 ) -> Measured:
     sheet = with_dates_joined(sheet)
-    found = understand(sheet, columns or {})
+    found = understand(sheet, columns or {}, known.axles)
     names_needed, missing = needed({one.name for one in found.taken} | {*found.constants})
     if missing:
-        raise _refusal(sheet, [_asked(sheet, found, missing)])
+        some = gather(sheet.head(), found.taken, silent)
+        table = pd.DataFrame([*_understood(found.taken, some)], columns=[*_UNDERSTOOD])
+        fault = _asked(sheet, found, missing)
+        raise NotUnderstoodError(f"{sheet.name} cannot be used: {fault}.", table)
     read = gather(sheet, found.taken, progress)
-    numbers = read.numbers
-    taken = {one.name: one for one in found.taken if one.name in numbers}
-    row_of = range(sheet.first_row, sheet.first_row + read.rows)
-    if faults := [
-        *([] if read.rows else [too_few(0)]),
-        *read.faults,
-        *range_faults(numbers, taken, row_of),
-        *(
-            fault
-            for one in found.taken
-            if one.repeat > 1
-            for fault in range_faults({"adhesion": numbers[one.name]}, {"adhesion": one}, row_of)
-        ),
-    ]:
-        raise _refusal(sheet, faults)
-    understood = [_understood(one, numbers) for one in found.taken if one.name in numbers]
-    understood += [
-        (one.column, one.name, "", *_NO_RANGE) for one in found.taken if one.name in LABELS
-    ]
-    rows_of_file = read.rows
-    read = stacked(read, found.taken)
-    numbers = read.numbers
-    there = [name for name in names_needed if name in numbers]
-    bridges = bridged(numbers, series_of(read.labels, read.rows), there)
-    rows = without_gaps(numbers, there, few)
-    if not rows.kept.any():
-        raise _refusal(sheet, [f"no row has a value in {listed(names_needed)}"])
-    for name in rows.left_out:
-        del numbers[name]
-    _keep(numbers, rows.kept)
-    for name, value in found.constants.items():
-        numbers[name] = np.full(np.count_nonzero(rows.kept), value)
-        understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
-    labels = _of_rows(read.labels, rows.kept)
-    count_notes = of_means(numbers)
+    understood = [*_understood(found.taken, read)]
     try:
-        moved, delay_notes = without_delays(numbers, labels, known.delays)
-        _keep(numbers, moved)
-        labels = _of_rows(labels, moved)
-        derived = derive(numbers, known, labels)
+        return _used(sheet, found, read, names_needed, understood, known, few)
     except InputError as error:
         raise _refusal(sheet, [str(error)]) from None
-    if not derived.used.any():
-        raise _refusal(sheet, [f"the train is {SLOW}, in every row (check the unit of its speed)"])
-    _keep(numbers, derived.used)
-    kept = rows.kept.copy()
-    kept[rows.kept] = moved
-    kept[kept] = derived.used
-    whole = kept.all() and read.rows == rows_of_file
-    places = row_of if whole else sheet.first_row + np.flatnonzero(kept) % rows_of_file
-    index = pd.Index(places)
-    labels = _of_rows(labels, derived.used)
-    table = pd.DataFrame({**numbers, **labels}, index=index, copy=False)
-    if faults := [
-        *range_faults({name: numbers[name] for name in derived.sources}, {}, index),
-        *label_faults({name: table[name] for name in read.labels}),
-        *time_faults(table, _column_of(taken, "time_s")),
-    ]:
-        raise _refusal(sheet, faults)
+
+
+def _used(
+    sheet: Sheet,
+    found: Understanding,
+    read: Gathered,
+    names_needed: Sequence[str],
+    understood: list[tuple[object, ...]],
+    known: Corrections,
+    few: float,
+) -> Measured:
+    """The rows of a sheet that are used, with what is derived; InputError is a clause here."""
+    if not read.rows:
+        raise InputError(too_few(0))
+    taken = {one.name: one for one in found.taken if one.name in read.numbers}
+    notes, unfit = set_aside(read, taken, {*names_needed, "time_s"}, sheet.first_row)
+    rows = Rows(stacked(read, found.taken, found.copies), sheet.first_row, read.rows)
+    numbers = rows.numbers
+    side_by_side = stacked_note(found.taken, found.copies, rows.count)
+    notes += rows.in_time(_column_of(taken, "time_s"))
+    notes += rows.labelled()
+    there = [name for name in names_needed if name in numbers]
+    bridges = bridged(numbers, rows.series, there)
+    gaps = without_gaps(numbers, there, few)
+    if not gaps.kept.any():
+        empty = [name for name in there if np.isnan(numbers[name]).all()]
+        raise InputError(f"no row has a value in {listed(empty or there)}")
+    for name in gaps.left_out:
+        del numbers[name]
+    rows.keep(gaps.kept)
+    for name, value in found.constants.items():
+        numbers[name] = np.full(rows.count, value)
+        understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
+    count_notes = of_means(numbers)
+    moved, delay_notes = without_delays(numbers, rows.labels, known.delays)
+    rows.keep(moved)
+    beside_notes = slip_beside_speeds(numbers, taken)
+    derived = derive(numbers, known, rows.labels)
+    rows.keep(derived.used)
+    if not rows.count:
+        raise InputError(derived.unused)
+    beyond_notes = rows.within(derived.sources)
+    unit_notes = refuse_other_units(numbers, taken)
+    table = pd.DataFrame({**numbers, **rows.labels}, index=rows.index, copy=False)
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
     table, scatter_notes = with_scatter(table, slip)
     sources = dict(derived.sources)
@@ -196,66 +208,67 @@ def _measured(
     for name, source in sources.items():
         lowest, highest = table[name].min(), table[name].max()
         understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
+    left_out = {**read.left_out, **unfit, **gaps.left_out}
     return Measured(
         sheet.name,
         table,
         slip,
         tuple(name for name in numbers if name not in COLUMNS),
-        (*read.left_out, *rows.left_out),
+        tuple(left_out),
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
         (
-            *_format_notes(sheet, found, read.origin, {**read.left_out, **rows.left_out}),
-            *stacked_note(found.taken, read.rows),
+            *_format_notes(sheet, found, read.origin, left_out),
+            *side_by_side,
+            *notes,
             *bridges,
-            *rows.notes,
+            *gaps.notes,
             *count_notes,
             *delay_notes,
             *derived.notes,
-            *(late_signals(numbers, labels) if _may_be_late(derived, known) else ()),
+            *beyond_notes,
+            *(late_signals(numbers, rows.labels) if _may_be_late(derived, known) else ()),
             *scatter_notes,
             *unusual(numbers, taken),
+            *unit_notes,
+            *beside_notes,
+            *exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy()),
             *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
         ),
-        (*bridges, *rows.notes),
+        (*notes, *bridges, *gaps.notes),
     )
 
 
 _UNDERSTOOD = ("column", "taken_as", "unit", "lowest", "highest", "missing")
 _NO_RANGE = (np.nan, np.nan, 0.0)
 
+#: How many columns are named where none of them is what is needed.
+_TOLD = 40
+
 
 def _refusal(sheet: Sheet, faults: Sequence[str]) -> InputError:
     return InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
 
 
-def _understood(one: Taken, numbers: Mapping[str, np.ndarray]) -> tuple[object, ...]:
-    """A row of the table of what was understood; the range is in the unit of the package."""
-    values = numbers[one.name]
-    name = "adhesion" if one.repeat else one.name
-    missing = np.isnan(values)
-    if missing.all():
-        return one.column, name, one.stamp or one.unit, np.nan, np.nan, 1.0
-    lowest = np.min(values, where=~missing, initial=np.inf)
-    highest = np.max(values, where=~missing, initial=-np.inf)
-    return one.column, name, one.stamp or one.unit, lowest, highest, missing.mean()
+def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object, ...]]:
+    """The rows of the table of what was understood; ranges are in the unit beside them."""
+    for one in taken:
+        if one.name in read.labels:
+            yield one.column, one.name, "", *_NO_RANGE
+        elif one.name in read.numbers:
+            values = read.numbers[one.name]
+            known = values[np.isfinite(values)]
+            to = one.conversion
+            span = _NO_RANGE[:2]
+            if known.size:
+                ends = [(end - to.offset) / to.factor for end in (known.min(), known.max())]
+                span = min(ends), max(ends)
+            missing = float(np.isnan(values).mean()) if values.size else 0.0
+            yield one.column, one.quantity, one.stamp or one.unit, *span, missing
 
 
 def _column_of(taken: Mapping[str, Taken], name: str) -> str:
     """What the file calls a quantity, or its name where it is in no column of the file."""
     return taken[name].column if name in taken else name
-
-
-def _keep(columns: dict[str, np.ndarray], rows: np.ndarray) -> None:
-    """Keeps some of the rows, in place: two copies of the columns of a log do not fit in memory."""
-    if not rows.all():
-        for name in columns:
-            columns[name] = columns[name][rows]
-
-
-def _of_rows(
-    labels: Mapping[str, pd.Categorical], rows: np.ndarray
-) -> Mapping[str, pd.Categorical]:
-    return labels if rows.all() else {name: of[rows] for name, of in labels.items()}
 
 
 def _may_be_late(derived: Derived, known: Corrections) -> bool:
@@ -265,8 +278,8 @@ def _may_be_late(derived: Derived, known: Corrections) -> bool:
 
 def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
     """What is missing, and what must be told of the columns that may be it."""
-    there = ", ".join(sheet.columns[:12]) or "no column"
-    more = " ..." if len(sheet.columns) > 12 else ""
+    there = ", ".join(sheet.columns[:_TOLD]) or "no column"
+    more = " ..." if len(sheet.columns) > _TOLD else ""
     asked = [one.clause for one in found.questions if {*one.quantities} & SOURCES]
     questions = f"; please say {'; '.join(asked)}" if asked else ""
     return f"{'; '.join(missing)} (there are {there}{more}){questions}"

@@ -1,4 +1,4 @@
-"""Repeated measurements of the adhesion at a slip: columns side by side, and their scatter."""
+"""Repeats and axles as columns side by side; the scatter of repeats."""
 
 from collections.abc import Sequence
 
@@ -16,38 +16,50 @@ _POOLED = 5
 _REPEATED = ("adhesion", "tangential_force_N", "run")
 
 
-def stacked(read: Gathered, taken: Sequence[Taken]) -> Gathered:
-    """The rows of every repeat one below the other, where the repeats are columns side by side.
+def stacked(read: Gathered, taken: Sequence[Taken], label: str) -> Gathered:
+    """The rows of every repeat or axle one below the other, where they are columns side by side.
 
-    The label `run` numbers the repeats from 1; where the file has runs it is `run/repeat`. Without
-    such columns all stays as it is.
+    The `label` numbers the copies from 1; where the file has such labels it is `label/copy`. What
+    has one column for all is repeated. Without a label all stays as it is.
     """
-    names = [one.name for one in taken if one.repeat]
-    if not names:
+    if not label:
         return read
-    count, rows = len(names), read.rows
+    copies: dict[str, list[str]] = {}
+    for one in taken:
+        if one.copy:
+            copies.setdefault(one.quantity, []).append(one.name)
+    names = {name for of_one in copies.values() for name in of_one}
+    count, rows = max(map(len, copies.values())), read.rows
     numbers = {
         name: np.tile(values, count) for name, values in read.numbers.items() if name not in names
     }
-    numbers["adhesion"] = np.concatenate([read.numbers[name] for name in names])
+    for quantity, of_one in copies.items():
+        if all(name in read.numbers for name in of_one):  # of one that is not needed, one may lack
+            numbers[quantity] = np.concatenate([read.numbers[name] for name in of_one])
     labels = {
-        name: pd.Categorical.from_codes(np.tile(label.codes, count), label.categories)
-        for name, label in read.labels.items()
+        name: pd.Categorical.from_codes(np.tile(of.codes, count), of.categories)
+        for name, of in read.labels.items()
     }
-    repeat = np.repeat(np.arange(1, count + 1), rows).astype(str)
-    if "run" in labels:
-        repeat = np.char.add(np.char.add(np.asarray(labels["run"], str), "/"), repeat)
-    labels["run"] = pd.Categorical(repeat.astype(object))
+    number = np.repeat(np.arange(1, count + 1), rows).astype(str)
+    if label in labels:
+        number = np.char.add(np.char.add(np.asarray(labels[label], str), "/"), number)
+    labels[label] = pd.Categorical(number.astype(object))
     return read._replace(numbers=numbers, labels=labels, rows=count * rows)
 
 
-def stacked_note(taken: Sequence[Taken], rows: int) -> list[str]:
-    """The sentence on repeats side by side that have `rows` rows as one column; none without."""
-    names = [one.column for one in taken if one.repeat]
-    if not names:
+def stacked_note(taken: Sequence[Taken], label: str, rows: int) -> list[str]:
+    """The sentence on columns side by side that have `rows` rows as one; none without."""
+    names = [one.column for one in taken if one.copy]
+    if not label:
         return []
+    count = max(one.copy for one in taken)
+    if label == "axle":
+        return [
+            f"The columns {listed(names)} are those of {count} axles: they are used as {rows:,} "
+            "rows, one axle below the other."
+        ]
     return [
-        f"The columns {listed(names)} are {len(names)} repeats of the adhesion: they are used as "
+        f"The columns {listed(names)} are {count} repeats of the adhesion: they are used as "
         f"{rows:,} rows, those of the first column being run 1, and so on."
     ]
 

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.data.clock import steps_in_runs
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_all, too_few
-from adhesion_jax.data.schema import steps_in_runs
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.wording import listed

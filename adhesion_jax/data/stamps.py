@@ -54,13 +54,14 @@ _STEPS = (
 _MONTH_FIRST = (r"^(\d{1,2})/(\d{1,2})/", r"\2/\1/")
 
 _DAY = 86400.0
+_NONE = np.empty(0, np.int64)
 
 
 class Stamps(NamedTuple):
-    """Nanoseconds of a block of cells, null where there are none; the first that is no stamp."""
+    """Nanoseconds of a block of cells, null where there are none; the places of no stamps."""
 
     ticks: pyarrow.Int64Array  # since 1970, or since midnight for a time of day
-    text: int | None  # its place
+    text: np.ndarray  # [cells that are no stamps]
 
 
 def form_of(cells: Sequence[str]) -> str:
@@ -93,9 +94,9 @@ def stamps(cells: pyarrow.Array, form: str = "") -> Stamps:
     kind = cells.type
     if pyarrow.types.is_timestamp(kind):
         ticks = cells.cast(pyarrow.timestamp("ns", kind.tz), safe=False)
-        return Stamps(ticks.cast(pyarrow.int64()), None)
+        return Stamps(ticks.cast(pyarrow.int64()), _NONE)
     if pyarrow.types.is_time(kind):
-        return Stamps(cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), None)
+        return Stamps(cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), _NONE)
     compute = pyarrow.compute
     text = compute.utf8_trim_whitespace(cells)
     text = compute.if_else(compute.equal(text, ""), pyarrow.scalar(None, text.type), text)
@@ -106,12 +107,12 @@ def stamps(cells: pyarrow.Array, form: str = "") -> Stamps:
     for steps in ([step for step in _STEPS if shown and re.search(step[0], shown[0])], _STEPS):
         found = _parsed(text, steps)
         if found is not None:
-            return Stamps(stamps(found).ticks, None)
+            return Stamps(stamps(found).ticks, _NONE)
     written = _normal(text, _STEPS)
     series = pd.to_datetime(written.to_pandas(), errors="coerce", format="ISO8601", utc=True)
     found = pyarrow.array(series, pyarrow.timestamp("ns", "UTC"))
     bad = compute.and_(text.is_valid(), found.is_null())
-    return Stamps(stamps(found).ticks, int(compute.index(bad, True).as_py()))
+    return Stamps(stamps(found).ticks, np.flatnonzero(bad.to_numpy(zero_copy_only=False)))
 
 
 def _parsed(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array | None:

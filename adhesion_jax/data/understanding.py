@@ -1,13 +1,13 @@
 """Which column of a sheet is which quantity, in which unit: as said, as named, or to be asked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, REPEATS_BESIDE, SD_AFTER, UNDECIDED
 from adhesion_jax.data.files import Sheet
 from adhesion_jax.data.mapping import Said, said
-from adhesion_jax.data.naming import Guess, guess, named, plain, repeats
+from adhesion_jax.data.naming import Guess, guess, named, plain, side_by_side
 from adhesion_jax.data.stamps import EITHER, ORDERS
 from adhesion_jax.data.units import Conversion, conversion
 from adhesion_jax.errors import InputError
@@ -15,6 +15,15 @@ from adhesion_jax.wording import listed
 
 #: Quantities of one body each; a force that is none of them by name is the one to be explained.
 _FORCES = (*UNDECIDED["force"], "motor_torque_Nm")
+
+#: What each axle has of its own, and from which slip and adhesion come.
+_OF_AN_AXLE = (
+    *("wheel_speed_mps", "wheel_rotation_radps", "slip_ratio", "slip_velocity_mps", "adhesion"),
+    *(*_FORCES, *UNDECIDED["load"]),
+)
+
+#: How many answers to a question are written out.
+_ANSWERS = 6
 
 
 class Taken(NamedTuple):
@@ -25,7 +34,13 @@ class Taken(NamedTuple):
     unit: str  # as understood; empty for labels, stamps and columns of an unknown unit
     conversion: Conversion = Conversion(1.0, 0.0)
     stamp: str = ""  # the form of dates or times of day
-    repeat: int = 0  # from 1 where several columns hold the quantity, of one repeat each
+    copy: int = 0  # from 1 where several columns hold the quantity, of one repeat or axle each
+    said: bool = False  # whether the user said its unit
+
+    @property
+    def quantity(self) -> str:
+        """What it is; its name where it is no quantity of the package."""
+        return self.name.rpartition(" ")[0] if self.copy > 1 else self.name
 
 
 class Question(NamedTuple):
@@ -46,52 +61,55 @@ class Understanding(NamedTuple):
     constants: Mapping[str, float]  # quantity to value in the unit of the package
     questions: tuple[Question, ...]
     left_out: tuple[str, ...]  # columns that may be a force, which is what adhesion explains
+    copies: str  # the label that tells copies apart, run for repeats and axle; empty without any
 
 
-def understand(sheet: Sheet, columns: Mapping[str, object]) -> Understanding:
-    """What the columns of a sheet are; `columns` is what the user says of them, see `said`."""
+def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False) -> Understanding:
+    """What the columns of a sheet are; `columns` is what the user says of them, see `said`.
+
+    `axles` says that columns with an index are those of axles.
+    """
     guesses = {name: _guess(sheet, name) for name in sheet.columns}
-    side_by_side = repeats(sheet.columns)
-    for name in side_by_side:
-        # The 1 of mu_1 is an index and no unit; a unit stands in brackets or in the row of units.
-        unit = sheet.units.get(name, "") or (named(name).unit if name[-1:] in "])}>" else "")
-        guesses[name] = Guess("adhesion", unit or "1")
     told = said(sheet.name, sheet.columns, columns)
     guesses = _by_neighbours(guesses, any(one.quantity == "adhesion_sd" for one in told))
     by_column = {one.column: one for one in told if one.column}
     given = {one.quantity for one in told}
-    # In a log, columns with an index are axles, of which the user is asked for one.
-    in_time = "time_s" in given or any(one.quantity == "time_s" for one in guesses.values())
-    repeat_of: dict[str, int] = {}
     questions: list[Question] = []
-    chosen: dict[str, list[str]] = {}
+    chosen: dict[str, dict[str, Guess]] = {}
     for name, found in guesses.items():
         if name in by_column or found.quantity in given:
             continue
         if found.quantity:
-            chosen.setdefault(found.quantity, []).append(name)
+            chosen.setdefault(found.quantity, {})[name] = found
         elif found.question and not given & {*found.quantities}:
             questions.append(Question(name, found.question, found.quantities))
-    quantity_of: dict[str, str] = {}
-    for quantity, names in chosen.items():
-        exact = [name for name in names if name == quantity]
-        if {*names} == {*side_by_side} and not in_time:
-            repeat_of = {name: number for number, name in enumerate(side_by_side, 1)}
-            quantity_of |= dict.fromkeys(names, quantity)
-        elif len(exact or names) == 1:
-            quantity_of[(exact or names)[0]] = quantity
+    of_quantity: dict[str, tuple[str, int]] = {}  # by the column, with the number of the copy
+    families: dict[str, list[str]] = {}
+    for quantity, of_it in chosen.items():
+        exact = [name for name in of_it if name == quantity]
+        if len(exact or of_it) == 1:
+            of_quantity[(exact or [*of_it])[0]] = quantity, 0
         else:
-            questions.append(_which_column(quantity, names))
+            families[quantity] = [] if exact else side_by_side(of_it)
+    one_axle = any(guesses[name].number >= 0 for name in by_column)
+    in_time = "time_s" in given or any(one.quantity == "time_s" for one in guesses.values())
+    copies = _copies(families, in_time and not one_axle, axles)
+    count = max((len(families[one]) for one in families if copies), default=0)
+    for quantity, names in families.items():
+        if copies and len(names) == count and (quantity == "adhesion" or copies == "axle"):
+            of_quantity |= {name: (quantity, i) for i, name in enumerate(names, 1)}
+        else:
+            questions.append(_which_column(quantity, chosen[quantity], bool(names) and in_time))
     taken = []
     left_out = []
     for name, found in guesses.items():
         if name in by_column:
             taken.append(_as_said(sheet, by_column[name], found))
-        elif name in quantity_of:
-            one = _taken(sheet, name, quantity_of[name], found.unit)
-            repeat = repeat_of.get(name, 0)
-            own = f"{one.name} {repeat}" if repeat > 1 else one.name
-            taken.append(one._replace(name=own, repeat=repeat))
+        elif name in of_quantity:
+            quantity, copy = of_quantity[name]
+            one = _taken(sheet, name, quantity, found.unit)
+            own = f"{one.name} {copy}" if copy > 1 else one.name
+            taken.append(one._replace(name=own, copy=copy))
         elif {found.quantity, *found.quantities} & {*_FORCES}:
             left_out.append(name)
         else:
@@ -103,7 +121,20 @@ def understand(sheet: Sheet, columns: Mapping[str, object]) -> Understanding:
         {one.quantity: one.constant for one in told if one.constant is not None},
         tuple(questions),
         tuple(left_out),
+        copies if any(one.copy for one in taken) else "",
     )
+
+
+def _copies(families: Mapping[str, Sequence[str]], log: bool, axles: bool) -> str:
+    """What columns of one quantity with an index are: repeats (run), axles, or not known.
+
+    In a log they are axles where two quantities have as many; without a time, those of the
+    adhesion alone are repeats. `axles` says that they are axles.
+    """
+    counts = [len(names) for one, names in families.items() if names and one in _OF_AN_AXLE]
+    if axles or (log and len(counts) > 1 and len({*counts}) == 1):
+        return "axle"
+    return "run" if not log and families.get("adhesion") else ""
 
 
 def _by_neighbours(guesses: Mapping[str, Guess], with_sd: bool) -> dict[str, Guess]:
@@ -173,6 +204,7 @@ def _ordered(sheet: Sheet, name: str, said: str) -> str:
 
 def _as_said(sheet: Sheet, one: Said, found: Guess) -> Taken:
     unit = one.unit
+    said = bool(unit)
     if not unit and one.quantity not in LABELS and one.column not in sheet.stamps:
         # The header says the unit where the user does not, and a name of ours where neither does.
         wanted = COLUMNS[one.quantity]
@@ -183,14 +215,25 @@ def _as_said(sheet: Sheet, one: Said, found: Guess) -> Taken:
                 f'{one.column} is (write --column "{wanted.plain}={one.column} [UNIT]", with a '
                 f"unit such as {wanted.unit})."
             )
-    return _taken(sheet, one.column, one.quantity, unit)
+    taken = _taken(sheet, one.column, one.quantity, unit)._replace(said=said)
+    if one.turned:
+        to = taken.conversion
+        taken = taken._replace(conversion=Conversion(-to.factor, -to.offset))
+    return taken
 
 
-def _which_column(quantity: str, names: Sequence[str]) -> Question:
+def _which_column(quantity: str, names: Iterable[str], axles: bool) -> Question:
+    """What is asked where several columns may be a quantity: an answer for each, to be copied."""
+    names = [*names]
     plain = COLUMNS[quantity].plain if quantity in COLUMNS else quantity
+    answers = [f'--column "{plain}={name}"' for name in names[:_ANSWERS]]
+    if len(names) > _ANSWERS:
+        answers.append("and so on")
+    if axles:
+        answers.append("--axles for all of them as axles")
     return Question(
         names[0],
         f"which of the columns {listed(names)} is the {plain.replace('_', ' ')} "
-        f'(--column "{plain}={names[0]}", say)',
+        f"({listed(answers, 'or')})",
         (quantity,),
     )

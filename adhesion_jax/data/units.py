@@ -86,7 +86,6 @@ _AT_THE_END = frozenset(
         "%",
         "percent",
         "prozent",
-        "1",
         "degC",
         "°C",
         "C",

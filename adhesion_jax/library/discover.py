@@ -106,6 +106,7 @@ def discover(
     inertia: float | None = None,
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
+    axles: bool = False,
     out: str | PathLike[str] | None = None,
 ) -> Discovery:
     """Find which effects an adhesion curve lacks in measured runs.
@@ -118,14 +119,14 @@ def discover(
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
     it is known. With `correct`, the test is also predicted by the law with boosted trees on top, a
     correction without a formula, where these predict what the law leaves. `progress` is called with
-    words and the share that is done. `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio`
-    and `efficiency` are those of `identify`, for `data` and `test`, and so are `events`: each slip
-    event of a long log is a run. `out` is a folder for the files of the command. InputError names
-    all that is wrong with the data.
+    words and the share that is done. `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio`,
+    `efficiency` and `axles` are those of `identify`, for `data` and `test`, and so are `events`:
+    each slip event of a long log is a run. `out` is a folder for the files of the command.
+    InputError names all that is wrong with the data.
     """
     own = effects if isinstance(effects, Mapping) else {kind.__name__: kind for kind in effects}
     add("effect", own)
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
+    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])
     judging = None

@@ -61,6 +61,9 @@ IDENTIFY_FILES = (
 )
 
 
+#: The most axles of which each is told by itself beside all of them.
+MOST_AXLES = 8
+
 #: The word for the best of all splits.
 _AUTO = "auto"
 
@@ -219,6 +222,7 @@ def identify(
     inertia: float | None = None,
     gear_ratio: float | None = None,
     efficiency: float = 1.0,
+    axles: bool = False,
     out: str | PathLike[str] | None = None,
 ) -> Identification:
     """Fit adhesion curves that may bend to measured points, whatever their noise depends on.
@@ -229,7 +233,8 @@ def identify(
     units, as in {"speed": "v [km/h]"}, and `wheel_radius` is in m, for a slip from the rotation of
     the wheel. `delays` are those of late signals in s, as in {"vehicle_speed": 0.2}, `inertia` that
     of a wheelset in kg m2, which is taken off its force, and `gear_ratio` and `efficiency` those
-    between a motor, whose torque was measured, and the wheel (`data.corrections`).
+    between a motor, whose torque was measured, and the wheel (`data.corrections`). `axles` says
+    that columns of one quantity with an index are those of axles; each axle is told beside all.
 
     Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run are in
     their order. Of a long log only its slip events are used, as runs (`data.events`), unless
@@ -245,7 +250,7 @@ def identify(
     2002, and by cosines, Lazarus et al. 2018; the weights of the curves by pseudo Bayesian model
     averaging, Yao et al. 2018.
     """
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
+    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)
     citation = " ".join(filter(None, map(citation_of, parts_of(data))))
     return identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
@@ -285,6 +290,8 @@ def identify_chosen(
             "add it or name another curve."
         )
     grouping = group([points])
+    if by is None and "axle" in points.table and 1 < points.table["axle"].nunique() <= MOST_AXLES:
+        by = "axle"
     labels = labels_of(points, by, grouping.run) if by not in (None, _AUTO) else None
     velocity = points.slip == "slip_velocity_mps"
     found = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)

@@ -10,6 +10,7 @@ from adhesion_jax.curves import SLIP_LIMIT
 from adhesion_jax.data import Measured
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.grouping import group
+from adhesion_jax.errors import InputError
 from adhesion_jax.inference.posing import SLIP_VELOCITY_LIMIT
 
 #: Fewest samples of a log whose slip events are cut out without being asked for.
@@ -64,8 +65,13 @@ def to_log(measured: Measured, wanted: bool | None = None) -> Log:
     of events alone are used, and of these those whose slip exceeds `_NOISES` times the noise that
     it has between the events. Else all are used.
     """
-    (chosen,) = events_of([measured], wanted, _FEWEST)
     table = measured.table
+    if "axle" in table and table["axle"].nunique() > 1:
+        raise InputError(
+            f"{measured.name} has {table['axle'].nunique()} axles, and a method follows one; name "
+            'the columns of that axle, as by --column "wheel_speed=v_Rad1", or a file of one.'
+        )
+    (chosen,) = events_of([measured], wanted, _FEWEST)
     runs = group([measured]).run
     clock = table["time_s"].to_numpy(float) if "time_s" in table else None
     if clock is None:

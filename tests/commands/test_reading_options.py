@@ -44,8 +44,8 @@ def test_a_dry_run_prints_the_table_and_stops(command, log, monkeypatch, capsys)
     head, names, *rows = out.splitlines()
     assert head.endswith("log.csv: 60 rows are used.")
     assert names.split() == ["column", "taken", "as", "unit", "range", "missing"]
-    assert any(" ".join(row.split()) == "slip [%] slip_ratio % 0.002 to 0.12 0 %" for row in rows)
-    assert any(" ".join(row.split()) == "F [kN] axle_force_N kN 5454 to 51429 0 %" for row in rows)
+    assert any(" ".join(row.split()) == "slip [%] slip_ratio % 0.2 to 12 0 %" for row in rows)
+    assert any(" ".join(row.split()) == "F [kN] axle_force_N kN 5.455 to 51.43 0 %" for row in rows)
     assert any("constant" in row and "axle_load_N" in row for row in rows)
     assert "The file has cells separated by semicolons, decimal commas." in rows
 
@@ -53,7 +53,11 @@ def test_a_dry_run_prints_the_table_and_stops(command, log, monkeypatch, capsys)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_is_ambiguous_is_asked_for_in_one_sentence(command, log, monkeypatch, capsys):
     status, out, err = answer(command, log, monkeypatch, capsys)
-    assert (status, out) == (2, "")
+    assert status == 2
+    # What is understood so far stands above the question.
+    head, *rows = out.splitlines()
+    assert head == "Columns as understood so far:"
+    assert any(" ".join(row.split()) == "slip [%] slip_ratio % 0.2 to 12 0 %" for row in rows)
     assert err.startswith("error: ")
     assert err.endswith(".\n")
     assert err.count("\n") == 1

@@ -7,7 +7,7 @@ import pandas as pd
 import pyarrow
 import pytest
 
-from adhesion_jax.data import read_all, read_measured, to_measured
+from adhesion_jax.data import check_curve, read_all, read_measured, to_measured
 from adhesion_jax.data.cells import decimal_mark, numbers
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.naming import guess, named
@@ -130,7 +130,7 @@ def test_a_name_is_a_quantity_where_one_meaning_fits(name, quantity):
 
 
 def test_the_row_of_units_goes_before_the_unit_of_the_name():
-    assert guess("v", "km/h") == ("vehicle_speed_mps", "km/h", "", ())
+    assert guess("v", "km/h") == ("vehicle_speed_mps", "km/h", "", (), -1)
     assert guess("slip_ratio", "%").unit == "%"
 
 
@@ -147,7 +147,7 @@ def test_the_row_of_units_goes_before_the_unit_of_the_name():
 def test_numbers_are_read_by_their_decimal_mark(cells, mark, values):
     assert decimal_mark(cells) == mark
     found = numbers(pyarrow.array(cells), mark or ".")
-    assert found.text is None
+    assert not found.text.size
     np.testing.assert_array_equal(found.values, values)
 
 
@@ -156,7 +156,7 @@ def test_numbers_are_read_by_their_decimal_mark(cells, mark, values):
 )
 def test_the_other_mark_is_text_where_it_parts_no_thousands(cells, mark):
     found = numbers(pyarrow.array(cells), mark)
-    assert found.text == 1
+    assert found.text.tolist() == [1]
     np.testing.assert_array_equal(found.values, [1.5, np.nan])
 
 
@@ -189,7 +189,7 @@ def test_a_stamp_is_the_same_however_it_is_written(written):
 def test_what_is_no_stamp_is_told_by_its_place():
     assert form_of(["13/04/2026 08:00:00", "03/13/2026 08:00:00"]) == ""
     assert form_of(["7", "8"]) == form_of(["", ""]) == ""
-    assert stamps(pyarrow.array(["08:00:00", "", "soon"])).text == 2
+    assert stamps(pyarrow.array(["08:00:00", "", "soon"])).text.tolist() == [2]
 
 
 @pytest.mark.parametrize(
@@ -350,7 +350,8 @@ def test_every_way_to_write_a_log_gives_the_same_numbers(tmp_path):
 
 
 def test_what_was_understood_is_told(tmp_path):
-    table = good().assign(**{"v [km/h]": 36.0, "Ort": ["3", *["x"] * 39]})
+    place, gear = ["x", *["3.5"] * 28, *["x"] * 11], [*["1"] * 3, "ERR", *["2"] * 36]
+    table = good().assign(**{"v [km/h]": 36.0, "Ort": place, "n": gear})
     table.loc[3:4, "v [km/h]"] = np.nan
     table.to_csv(tmp_path / "a.csv", index=False, sep=";")
     found = read_measured(tmp_path / "a.csv")
@@ -358,16 +359,17 @@ def test_what_was_understood_is_told(tmp_path):
     assert (row["column"], row["unit"], row["lowest"], row["highest"]) == (
         "v [km/h]",
         "km/h",
-        10,
-        10,
+        36,
+        36,
     )
     assert row["missing"] == 2 / 40
     said = " ".join(found.notes)
     assert "semicolons" in said
-    assert "The column Ort is left out: row 3 has the text 'x'." in said
-    assert "2 rows of 40 (5 %), in which there is no value of vehicle_speed_mps" in said
+    assert "1 value is text and not used: row 5 of column n has the text 'ERR'" in said
+    assert "1 row of 40 (2.5 %), in which there is no value of vehicle_speed_mps" in said
     assert len(found.table) == 38
-    assert found.left_out == ("Ort",)
+    assert found.left_out == ()
+    assert found.table["Ort"].nunique() == 2
 
 
 def test_rows_with_a_gap_are_left_out_and_counted():
@@ -456,3 +458,114 @@ def test_parquet_with_broken_text_is_refused(tmp_path):
     pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
     with pytest.raises(InputError, match="not a whole parquet file"):
         read_measured(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "index"),
+    [
+        ("v_Rad1 [km/h]", "wheel_speed_mps", 1),
+        ("v_Rad_2 [km/h]", "wheel_speed_mps", 2),
+        ("wheel speed 3 [m/s]", "wheel_speed_mps", 3),
+        ("Radgeschwindigkeit 4 [km/h]", "wheel_speed_mps", 4),
+        ("v_Achse1 [km/h]", "wheel_speed_mps", 1),
+        ("Z_Achse2 [kN]", "axle_force_N", 2),
+        ("Zugkraft Achse 1 [kN]", "axle_force_N", 1),
+        ("M_Motor4 [Nm]", "motor_torque_Nm", 4),
+        ("mu_1", "adhesion", 1),
+        ("slip_1 [%]", "slip_ratio", 1),
+        ("v_Radar [km/h]", "vehicle_speed_mps", -1),
+        ("v_GPS [km/h]", "vehicle_speed_mps", -1),
+        ("v_ref [m/s]", "vehicle_speed_mps", -1),
+        ("ground speed [mph]", "vehicle_speed_mps", -1),
+        ("SRR (%)", "slip_ratio", -1),
+        ("slide-roll ratio [%]", "slip_ratio", -1),
+        ("kappa [-]", "slip_ratio", -1),
+        ("longitudinal slip [%]", "slip_ratio", -1),
+        ("COF", "adhesion", -1),
+        ("friction coefficient", "adhesion", -1),
+        ("Coefficient of friction", "adhesion", -1),
+        ("Reibungszahl", "adhesion", -1),
+        ("Traction Coefficient (-)", "adhesion", -1),
+        ("Run", "run", -1),
+        ("Axle", "axle", -1),
+        ("Mode", "mode", -1),
+        # An index is no unit, and says nothing of what has no unit.
+        ("slip_1", "", 1),
+        ("v_Rad1", "", 1),
+    ],
+)
+def test_names_of_loggers_and_rigs_are_known_with_their_index(name, quantity, index):
+    found = guess(name)
+    assert (found.quantity, found.number) == (quantity, index)
+    if not quantity:
+        assert found.question
+
+
+def test_several_columns_of_one_quantity_are_a_question_with_its_answers():
+    table = (
+        good()
+        .drop(columns="slip_ratio")
+        .assign(**{"v [km/h]": 36.0, "v_GPS [km/h]": 36.1, "v_Rad [km/h]": 37.0})
+    )
+    with pytest.raises(InputError) as refused:
+        to_measured("log", table)
+    for name in ("v [km/h]", "v_GPS [km/h]"):
+        assert f'--column "vehicle_speed={name}"' in str(refused.value)
+    found = to_measured("log", table, {"vehicle_speed": "v [km/h]"})
+    np.testing.assert_allclose(found.table["slip_ratio"], 1 / 36, rtol=1e-12)
+
+
+def test_a_minus_before_a_column_turns_its_sign():
+    """A tyre rig in the axes of SAE: the load is negative, and the force of the other sign."""
+    table = pd.DataFrame(
+        {"SL": good()["slip_ratio"], "FX": -650 * good()["adhesion"], "FZ [N]": -650.0}
+    )
+    said = {"slip": "SL [1]", "wheel_force": "-FX [N]", "wheel_load": "-FZ"}
+    found = to_measured("rig", table, said)
+    np.testing.assert_allclose(found.table["adhesion"], good()["adhesion"], rtol=1e-12)
+    assert (found.table["normal_load_N"] == 650).all()
+    load = found.understood.set_index("taken_as").loc["normal_load_N"]
+    assert (load["lowest"], load["highest"]) == (-650, -650)
+    with pytest.raises(InputError, match=r'turn its sign, as by --column "wheel_load=-FZ"'):
+        to_measured("rig", table, {**said, "wheel_load": "FZ"})
+    # A number is a constant, and a column that begins with a minus is that column.
+    with pytest.raises(InputError, match="lies outside"):
+        to_measured("rig", table, {**said, "wheel_load": "-650 N"})
+    own = table.rename(columns={"FX": "-FX"})
+    with pytest.raises(InputError, match="of the other sign"):
+        check_curve(to_measured("rig", own, {**said, "wheel_force": "-FX [N]"}))
+
+
+HEADERS = {
+    "a mark of a comment": ("# time(s),v (m/s),slip (%),mu\n", ","),
+    "lines of comments": ("# rig 7\n# 24.11.2026\n# time(s);v (m/s);slip (%);mu\n", ";"),
+    "groups, names, units": ("Log;Log;Rad 1;Rad 1\nZeit;v;Schlupf;mu\ns;m/s;%;-\n", ";"),
+    "groups over empty cells": ("Log;;Rad;\nZeit;v;Schlupf;mu\n[s];[m/s];[%];[-]\n", ";"),
+    "names and units": ("Zeit\tv\tSchlupf\tmu\n[s]\t[m/s]\t[%]\t[-]\n", "\t"),
+}
+
+
+@pytest.mark.parametrize("ending", [".csv", ".dat", ".asc"])
+@pytest.mark.parametrize("header", HEADERS)
+def test_headers_of_one_to_three_rows_are_read(header, ending, tmp_path):
+    head, mark = HEADERS[header]
+    table = pd.DataFrame(
+        {"t": 0.5 * np.arange(40), "v": 10.0, "s": 100 * good()["slip_ratio"]}
+    ).assign(mu=good()["adhesion"])
+    text = table.to_csv(index=False, header=False, sep=mark)
+    (tmp_path / f"a{ending}").write_text(head + text)
+    found = read_measured(tmp_path / f"a{ending}")
+    for name, column in (("time_s", "t"), ("vehicle_speed_mps", "v"), ("adhesion", "mu")):
+        np.testing.assert_allclose(found.table[name], table[column], rtol=1e-12)
+    np.testing.assert_allclose(found.table["slip_ratio"], good()["slip_ratio"], rtol=1e-12)
+    assert found.table.index[0] == head.count("\n") + 1
+
+
+def test_names_that_stand_there_twice_are_told_apart_by_their_group(tmp_path):
+    rows = good().assign(v1=36.0, v2=36.5).to_csv(index=False, header=False, sep=";")
+    (tmp_path / "a.csv").write_text(
+        "Rig;;Radar;GPS\nslip_ratio;adhesion;v;v\n-;-;km/h;km/h\n" + rows
+    )
+    found = read_measured(tmp_path / "a.csv", {"speed": "Radar v"})
+    np.testing.assert_allclose(found.table["vehicle_speed_mps"], 10.0)
+    assert "GPS v" in found.table

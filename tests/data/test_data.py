@@ -11,7 +11,6 @@ from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.identify import main
 from adhesion_jax.data import SHIPPED, read_measured, to_record
 from adhesion_jax.data.columns import COLUMNS, LABELS
-from adhesion_jax.errors import InputError
 
 
 def good(rows=12):
@@ -33,7 +32,8 @@ def refusal(path, capsys, monkeypatch, *options):
     assert ended.value.code == 2
     said = capsys.readouterr()
     # Nothing is printed but how the columns are understood, where that much can be said.
-    assert said.out == "" or said.out.split("\n")[0].endswith(" are used.")
+    first = said.out.split("\n")[0]
+    assert first in ("", "Columns as understood so far:") or first.endswith(" are used.")
     assert said.err.startswith("error: ")
     assert said.err.endswith(".\n")
     assert said.err.count("\n") == 1
@@ -120,7 +120,7 @@ def test_further_numeric_columns_are_covariates_and_text_is_labels(tmp_path):
 
 
 @given(st.sampled_from(sorted(COLUMNS)), st.floats(1e-9, 1e9), st.booleans())
-def test_no_value_outside_its_range_is_accepted(tmp_path_factory, name, excess, above):
+def test_no_value_outside_its_range_is_used(tmp_path_factory, name, excess, above):
     column = COLUMNS[name]
     bound = column.upper if above else column.lower
     value = bound + excess * (1 if above else -1)
@@ -129,28 +129,41 @@ def test_no_value_outside_its_range_is_accepted(tmp_path_factory, name, excess, 
     table = good().assign(vehicle_speed_mps=10.0)
     table.loc[4, name] = value
     table[name] = table[name].fillna(np.clip(1.0, column.lower, column.upper))
-    path = written(tmp_path_factory.mktemp("range"), table)
-    with pytest.raises(InputError, match=f"row 6 of column {name} has .*outside"):
-        read_measured(path)
+    # By chance the value may lie within five times of what the others have.
+    if name in ("slip_ratio", "adhesion") and abs(value) <= 3.0:
+        return
+    found = read_measured(written(tmp_path_factory.mktemp("range"), table), few=0.2)
+    assert 6 not in found.table.index or name not in found.table
+    assert f"row 6 of column {name} has" in " ".join(found.notes)
 
 
-def cells(column, row, value):
-    """A good table with one cell, by the row a user sees (the header is row 1), replaced."""
+def cells(column, row, value, rows=1):
+    """A good table with cells from a row, which a user sees, on replaced (the header is row 1)."""
     table = good().assign(normal_load_N=1e5, time_s=np.arange(12.0)).astype(object)
-    table.loc[row - 2, column] = value
+    table["tangential_force_N"] = 1e5 * table.pop("adhesion")
+    table.loc[row - 2 : row - 3 + rows, column] = value
     return table.to_csv(index=False)
 
 
+FORCE = "tangential_force_N"
 FAULTS = {
-    "text": (cells("adhesion", 5, "0.3 N"), ["adhesion", "row 5", "'0.3 N'", "number"]),
-    "decimal comma": (cells("adhesion", 5, "0,3"), ["adhesion", "row 5", "decimal point"]),
-    "infinite": (cells("slip_ratio", 2, "inf"), ["slip_ratio", "row 2", "infinite"]),
-    "per cent": (cells("slip_ratio", 8, 7.5), ["slip_ratio", "row 8", "7.5", "per cent"]),
-    "negative per cent": (cells("slip_ratio", 8, -2), ["slip_ratio", "row 8", "per cent"]),
-    "adhesion in per cent": (cells("adhesion", 3, 28), ["adhesion", "row 3", "per cent"]),
-    "no load": (cells("normal_load_N", 4, 0), ["normal_load_N", "row 4", "positive"]),
-    "negative load": (cells("normal_load_N", 4, -1e5), ["normal_load_N", "row 4", "positive"]),
-    "time runs back": (cells("time_s", 9, 1.5), ["time_s", "decreases in row 9"]),
+    "text": (cells(FORCE, 5, "3e4 N", 4), [FORCE, "row 5", "'3e4 N'", "number"]),
+    "infinite": (cells("slip_ratio", 2, "inf", 4), ["there are 8 points", "at least 10"]),
+    "per cent": (cells("slip_ratio", 8, 7.5, 4), ["slip_ratio", "1.5", "per cent"]),
+    "adhesion in per cent": (
+        good().assign(adhesion=28.0).to_csv(),
+        ["the adhesion is 28", "per cent", '"adhesion=adhesion [1]"'],
+    ),
+    "force in kN": (cells(FORCE, 2, 20, 12), ["the adhesion is 0.0002", "units of force and load"]),
+    "no load": (cells("normal_load_N", 4, 0, 4), ["normal_load_N", "row 4", "positive"]),
+    "negative load": (
+        cells("normal_load_N", 2, -1e5, 12),
+        ["normal_load_N", "row 2", "positive", '--column "wheel_load=-FZ"'],
+    ),
+    "time runs back": (
+        good().assign(time_s=[5.0, 4.0, 3.0] * 4).to_csv(),
+        ["time_s", "decreases all the time, first in row 3"],
+    ),
     "empty file": ("", ["is empty", "header"]),
     "blank file": ("\n \n", ["is empty", "header"]),
     "header only": ("slip_ratio,adhesion\n", ["no point", "at least 10"]),
@@ -173,16 +186,9 @@ FAULTS = {
     "at rest": (
         good()
         .rename(columns={"slip_ratio": "slip_velocity_mps"})
-        .assign(vehicle_speed_mps=[0.0] * 6 + [0.4] * 6)
+        .assign(vehicle_speed_mps=[0.0] * 6 + [-0.4] * 6)
         .to_csv(),
-        ["slower than 0.5 m/s", "in every row", "check the unit"],
-    ),
-    "derived ratio": (
-        good()
-        .rename(columns={"slip_ratio": "slip_velocity_mps"})
-        .assign(slip_velocity_mps=[0.1] * 11 + [1.0], vehicle_speed_mps=[10.0] * 11 + [0.55])
-        .to_csv(),
-        ["slip_ratio", "row 13", "outside"],
+        ["the slip is mostly noise", "in every row", "check the unit and the sign"],
     ),
 }
 
@@ -206,7 +212,7 @@ def test_bad_text_is_refused_in_one_sentence(fault, tmp_path, capsys, monkeypatc
         ("a.csv.gz", gzip.compress(good().to_csv().encode())[:-20], "not a whole gzip file"),
         ("a.parquet", b"PAR1 and no more", "not a whole parquet file"),
         ("a.parquet", b"", "is empty"),
-        ("a.xlsx", b"PK", ".csv, .csv.gz, .txt, .tsv or .parquet"),
+        ("a.xlsx", b"PK", ".csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet"),
     ],
 )
 def test_bad_bytes_are_refused_in_one_sentence(name, content, says, tmp_path, capsys, monkeypatch):
@@ -222,15 +228,16 @@ def test_a_file_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):
 
 
 def test_all_faults_are_reported_at_once_each_where_it_first_is(tmp_path, capsys, monkeypatch):
-    table = good().assign(normal_load_N=1e5, temperature_C=20.0).astype(object)
-    table.loc[[2, 5], "adhesion"] = "wet"
-    table.loc[[4, 6], "slip_ratio"] = 9.0
-    table.loc[8, "temperature_C"] = "inf"
+    table = good().assign(normal_load_N=1e5, wheel_speed_mps=10.0, vehicle_speed_mps=10.0)
+    table = table.drop(columns="slip_ratio").astype(object)
+    table.loc[[2, 5, 6, 7], "adhesion"] = "wet"
+    table.loc[[4, 6, 7, 8], "wheel_speed_mps"] = 900.0
+    table.loc[[3, 6, 7, 8], "vehicle_speed_mps"] = -900.0
     said = refusal(written(tmp_path, table), capsys, monkeypatch)
     for part in (
         "row 4 of column adhesion has the text 'wet'",
-        "row 6 of column slip_ratio has 9.0, outside",
-        "row 10 of column temperature_C has an infinite value",
+        "row 6 of column wheel_speed_mps has 900 m/s, outside -250 to 250 m/s",
+        "row 5 of column vehicle_speed_mps has -900 m/s, outside -200 to 200 m/s",
     ):
         assert part in said
     assert said.count(" of column ") == 3
@@ -239,16 +246,19 @@ def test_all_faults_are_reported_at_once_each_where_it_first_is(tmp_path, capsys
 def test_time_may_begin_anew_with_a_new_run(tmp_path):
     table = good().assign(time_s=[*range(6), *range(6)], run=["a"] * 6 + ["b"] * 6)
     assert len(read_measured(written(tmp_path, table)).table) == 12
-    with pytest.raises(InputError, match="time_s decreases in row 8"):
-        read_measured(written(tmp_path, table.drop(columns="run")))
+    # Without a run the log is cut there: times go on, behind a gap.
+    found = read_measured(written(tmp_path, table.drop(columns="run")))
+    assert (np.diff(found.table["time_s"]) > 0).all()
+    assert "The time of column time_s begins anew in row 8: the log is cut" in " ".join(found.notes)
 
 
 def test_rows_of_a_parquet_file_are_counted_from_one(tmp_path):
     table = good()
     table.loc[3, "adhesion"] = np.inf
     table.to_parquet(tmp_path / "a.parquet")
-    with pytest.raises(InputError, match="row 4 of column adhesion has an infinite value"):
-        read_measured(tmp_path / "a.parquet")
+    found = read_measured(tmp_path / "a.parquet")
+    assert "1 value is infinite and not used: row 4 of column adhesion." in found.notes
+    assert found.table.index.tolist() == [1, 2, 3, *range(5, 13)]
 
 
 def test_identify_refuses_the_roller_rig_by_its_name(tmp_path, capsys, monkeypatch):

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import read_measured, to_measured, to_record, to_runs
-from adhesion_jax.data.naming import guess, repeats
+from adhesion_jax.data.naming import guess, side_by_side
 from adhesion_jax.errors import InputError
 
 SHARED = Path(__file__).parents[3] / "shared" / "faults" / "newcomer"
@@ -117,14 +117,16 @@ def test_a_wheel_that_turns_is_no_number_of_repeats():
 
 
 @pytest.mark.parametrize("value", [0.0, -0.01])
-def test_a_standard_deviation_that_is_not_positive_is_refused(value):
+def test_a_standard_deviation_that_is_not_positive_costs_its_row(value):
     table = wide()[["slip_ratio", "mu_1"]].rename(columns={"mu_1": "mu"}).assign(mu_std=0.01)
     table.loc[7, "mu_std"] = value
-    with pytest.raises(
-        InputError, match=r"row 7 of column mu_std has .*deviation is positive"
-    ) as e:
-        to_measured("lab", table)
-    assert str(e.value).count(". ") == 0
+    found = to_measured("lab", table)
+    assert found.table.index.tolist() == [*range(7), *range(8, 30)]
+    assert "row 7 of column mu_std has" in found.notes[0]
+    assert "deviation is positive" in found.notes[0]
+    found = to_measured("lab", table.assign(mu_std=value))
+    assert "adhesion_sd" not in found.table
+    assert "The column adhesion_sd is left out: row 0 of column mu_std has" in found.notes[0]
 
 
 @pytest.mark.parametrize("pattern", ["mu_{}", "mu{}", "mu {}", "COF_{} [-]", "mu_{} [%]"])
@@ -157,19 +159,26 @@ def test_gaps_in_one_repeat_cost_one_row():
 
 
 @pytest.mark.parametrize(
-    ("value", "says"), [("x", "has the text 'x'"), (9.0, "has 9.0, outside -3 to 3")]
+    ("value", "says"), [("x", "has the text 'x'"), (9.0, "has 9, outside -3 to 3")]
 )
 def test_a_fault_in_a_repeat_names_its_column_and_row(value, says):
     table = wide().astype(object)
     table.loc[6, "mu_3"] = value
-    with pytest.raises(InputError, match=f"row 6 of column mu_3 {says}"):
+    found = to_measured("lab", table)
+    assert f"row 6 of column mu_3 {says}" in " ".join(found.notes)
+    assert len(found.table) == 89
+    table.loc[6:16, "mu_3"] = "x"
+    with pytest.raises(InputError, match="row 6 of column mu_3 has the text 'x'"):
         to_measured("lab", table)
 
 
 def test_repeats_have_an_index_without_a_gap():
-    assert repeats(["slip", "mu_2", "mu_1"]) == ["mu_1", "mu_2"]
-    assert repeats(["mu_0", "mu_1"]) == ["mu_0", "mu_1"]
-    assert repeats(["mu_1", "mu_3"]) == repeats(["mu_1"]) == repeats(["F_1", "F_2"]) == []
+    def found(*names):
+        return side_by_side({name: guess(name) for name in names})
+
+    assert found("mu_2", "mu_1") == ["mu_1", "mu_2"]
+    assert found("mu_0", "mu_1") == ["mu_0", "mu_1"]
+    assert found("mu_1", "mu_3") == found("mu_1") == found("mu", "mu_1") == []
 
 
 def test_where_they_may_be_something_else_than_repeats_is_asked():

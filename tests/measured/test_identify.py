@@ -427,7 +427,8 @@ def test_a_process_of_its_own_ends_with_status_2_and_no_traceback():
     )
     assert ended.returncode == 2
     assert ended.stderr == (
-        "error: eurosprinder does not exist; name a .csv, .csv.gz, .txt, .tsv or .parquet file.\n"
+        "error: eurosprinder does not exist; name a .csv, .csv.gz, .txt, .tsv, .dat, .asc or "
+        ".parquet file.\n"
     )
 
 
