@@ -24,6 +24,9 @@ from adhesion_jax.plugins import part, use
 
 KNOWN = catalogue()
 
+#: What is asked of the job; all other options are those of the scenario.
+_OF_JOB = ("runs", "seed", "out", "keep", "resume", "extend", "cluster", "shared_folder")
+
 
 def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
@@ -136,20 +139,9 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     callback=_list,
     help="Show the names.",
 )
-def main(
-    scenario: Any,
-    identifiers: tuple[Any, ...] | None,
-    runs: int,
-    seed: int,
-    out: Path,
-    keep: str,
-    resume: bool,
-    extend: int,
-    cluster: str | None,
-    shared_folder: bool,
-    **asked: object,
-) -> None:
+def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
+    job = {name: asked.pop(name) for name in _OF_JOB}
     options = {
         name: _text(name, value) if isinstance(value, Path) else value
         for name, value in asked.items()
@@ -159,20 +151,7 @@ def main(
             check_accepted(name, scenario, KNOWN.refusals[scenario].get(name))
     if scenario in KNOWN.scenarios:
         check(scenario, KNOWN.scenarios[scenario].options, Options(**options))
-    perform(
-        "montecarlo",
-        scenario=scenario,
-        identifiers=identifiers or (),
-        runs=runs,
-        seed=seed,
-        out=out,
-        keep=keep,
-        resume=resume,
-        extend=extend,
-        cluster=cluster,
-        shared_folder=shared_folder,
-        **options,
-    )
+    perform("montecarlo", scenario=scenario, identifiers=identifiers or (), job=job, **options)
 
 
 def _text(option: str, path: Path) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 import pandas as pd
@@ -17,37 +17,14 @@ from adhesion_jax.scenarios import SCENARIOS
 
 
 def main(
-    scenario: str | None,
-    identifiers: tuple[str, ...],
-    out: Path,
-    runs: int,
-    seed: int,
-    keep: Literal["checkpoints", "all"],
-    resume: bool,
-    extend: int,
-    cluster: str | None = None,
-    shared_folder: bool = False,
-    **options: object,
+    scenario: str | None, identifiers: tuple[str, ...], job: Mapping[str, Any], **options: Any
 ) -> None:
-    """Identify thousands of noisy adhesion curves and compare the methods."""
+    """Identify thousands of noisy adhesion curves and say how well each method knows them."""
     if scenario is not None:  # one of the user's own is known only now
         check(scenario, declared(SCENARIOS[scenario]), Options(**options))
-    found = montecarlo(
-        scenario,
-        identifiers or None,
-        runs,
-        seed,
-        CORES,
-        out=out,
-        keep=keep,
-        resume=resume,
-        extend=extend,
-        cluster=cluster,
-        shared_folder=shared_folder,
-        **options,
-    )
-    tell(found.tables, found.asked.runs, [job.name for job in found.jobs])
-    click.echo(f"\nwritten to {out} in {found.seconds:.0f} s")
+    found = montecarlo(scenario, identifiers or None, workers=CORES, **job, **options)
+    tell(found.tables, found.asked.runs, [one.name for one in found.jobs])
+    click.echo(f"\nwritten to {job['out']} in {found.seconds:.0f} s")
 
 
 def tell(tables: Mapping[str, pd.DataFrame], runs: int, scenarios: Sequence[str]) -> None:

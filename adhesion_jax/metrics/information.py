@@ -101,20 +101,6 @@ def quantity_covariance(
     return gradient @ covariance @ gradient.T
 
 
-def bound_of_blocks(
-    curves: Curve,
-    slip: Float[Array, "blocks points"],
-    mask: Bool[Array, "blocks points"],
-    conditions: Conditions,
-    sigma: Scalar,
-    known: Known,
-) -> Float[Array, "blocks values"]:
-    """`cramer_rao_bound` of each block on its own; the curves are stacked."""
-    return jax.vmap(cramer_rao_bound, in_axes=(0, 0, 0, 0, None, None))(
-        curves, slip, mask, conditions, sigma, known
-    )
-
-
 def cramer_rao_bound(
     curve: Curve,
     slip: Float[Array, " points"],

@@ -348,3 +348,16 @@ def test_a_cause_that_scales_bends_or_changes_does_nothing_else(name):
         kept
     )
     assert (cause.ORDER == 0) == (kind is SlipTransform)
+
+
+def test_acceleration_is_the_slope_of_the_speed_about_half_a_second():
+    """A straight line by least squares, with Gaussian weights of .5 s, at a point inside."""
+    time = 0.1 * np.arange(40)
+    speed = 10 + np.sin(2 * time)
+    calendar = Calendar("time_s", 0.0, 4.0)
+    measured = {"time_s": jnp.asarray(time), "vehicle_speed_mps": jnp.asarray(speed)}
+    found = completed(jnp.full(40, 0.01), measured, calendar)
+    near = slice(20 - 12, 20 + 13)
+    lead = time[near] - time[20]
+    slope = np.polyfit(lead, speed[near], 1, w=np.exp(-(lead**2) / (4 * 0.5**2)))[0]
+    assert float(found["acceleration_mps2"][20]) == pytest.approx(slope, rel=1e-9)

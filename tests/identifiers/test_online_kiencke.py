@@ -6,13 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.optimize import least_squares, lsq_linear
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.identifiers.qp_bias_compensated import BiasCompensatedProgram
-from adhesion_jax.identifiers.riv import _median
+from adhesion_jax.identifiers.riv import _MEDIAN, _STEP, _median
 from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import QIAN2024
 
@@ -321,3 +322,10 @@ def test_the_median_of_riv_is_that_of_the_samples_used(count):
     used = random.permutation(np.arange(40) < count)
     found = jax.jit(_median)(jnp.asarray(values), jnp.asarray(used))
     assert found == np.median(values[used])
+
+
+def test_the_scale_of_riv_steps_by_the_inverse_density_at_the_median():
+    """Of y = log |n|, n standard Gaussian: 2 m phi(m) at the median m of |n|."""
+    median = stats.norm.ppf(0.75)
+    assert pytest.approx(median, rel=1e-4) == _MEDIAN
+    assert pytest.approx(1 / (2 * median * stats.norm.pdf(median)), rel=1e-3) == _STEP

@@ -26,6 +26,7 @@ from scipy import stats
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.identifiers import IDENTIFIERS, Status
+from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION
 from adhesion_jax.records import Known, Record
 from adhesion_jax.scenarios import Options, build
 
@@ -213,3 +214,7 @@ def test_de_variants_differ_where_the_paper_says():
     failures = {case: np.mean((o - exact) / variance > 1) for case, o in objective.items()}
     assert failures["ml-de-eq16", "near"] < failures["ml-de-eq16", "far"]
     assert failures["ml-de-eq16", "near"] < 0.2
+
+
+def test_the_settings_of_the_search_are_those_of_table_2_of_he_2018():
+    assert (POPULATION, GENERATIONS, CROSSOVER) == (20, 300, 0.6)

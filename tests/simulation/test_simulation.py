@@ -233,3 +233,10 @@ def test_logs_are_the_same_each_time_and_refuse_what_they_do_not_know():
         one_log(["patch"], seed=0)
     with pytest.raises(InputError, match="no room"):
         one_log(seed=0, points=50)
+
+
+def test_a_wheel_of_forty_six_centimetres_turns_by_what_it_rolls():
+    runs, _ = small_runs()
+    rolled = 0.1 * runs.columns["vehicle_speed_mps"] * (1 + runs.slip)
+    turned = np.diff(runs.columns["wheel_angle_rad"], axis=1)
+    np.testing.assert_allclose(0.46 * turned, rolled[:, 1:], rtol=1e-9)

@@ -1,0 +1,44 @@
+"""Which fits count as failed, and which efficiencies as comparable, at the limits that are told."""
+
+import numpy as np
+import pytest
+
+from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
+from adhesion_jax.metrics.moments import Moments
+
+RUNS, SIGMA = 1000, 0.04
+
+
+def row_of(gap=0.0, on_box=0.0, optimum_on_box=0.0):
+    """The row of one quantity of 1000 runs, of which these shares lie on the box."""
+
+    def of_the_first(share):
+        return (np.arange(RUNS) < round(share * RUNS))[:, None]
+
+    outcome = Outcome(
+        values=np.full((RUNS, 1, 1), 1.1),
+        standard_errors=np.full((RUNS, 1, 1), 0.1),
+        on_box=of_the_first(on_box),
+        unusable=np.zeros((RUNS, 1), dtype=bool),
+        objective=np.full((RUNS, 1), 2.0 + gap * SIGMA**2),
+        optimum=np.full((RUNS, 1), 2.0),
+        optimum_on_box=of_the_first(optimum_on_box),
+        evaluations=np.ones((RUNS, 1)),
+        delay=np.zeros((RUNS, 1)),
+    )
+    one = np.ones((1, 1))
+    truth = Truth(("c1",), one, np.full((RUNS, 1, 1), 0.05), SIGMA, np.full(1, 1.96))
+    moments = Moments.of(run_statistics(outcome, truth, (0,), None))
+    return table_rows(moments, truth, (0,), Moments.of({"seconds": np.array([1e-3])}))
+
+
+@pytest.mark.parametrize(("gap", "failed"), [(0.98, 0.0), (1.02, 1.0)])
+def test_a_fit_fails_beyond_one_variance_of_the_noise_above_the_optimum(gap, failed):
+    assert row_of(gap)["failure_share"] == failed
+
+
+@pytest.mark.parametrize("where", ["on_box", "optimum_on_box"])
+def test_an_efficiency_is_told_where_one_per_cent_of_the_runs_at_most_lie_on_the_box(where):
+    assert row_of(**{where: 0.010})["rmse_over_crlb"] == pytest.approx(2.0)
+    told = row_of(**{where: 0.011})["rmse_over_crlb"]
+    assert np.isnan(told).all()
