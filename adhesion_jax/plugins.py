@@ -63,13 +63,15 @@ def part(kind: str, text: str) -> Part | None:
     if not name:
         raise InputError(f"{path} is a file; name the part in it too, as {path}:NAME.")
     try:
+        if Path(path).exists() and not Path(path).is_file():
+            raise InputError(f"{path} is not a file; name one of Python.")
         source = Path(path).read_bytes()
         compile(source, path, "exec")
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); name another file.") from None
     except SyntaxError as error:
         raise InputError(f"{path} is no Python in line {error.lineno}: {error.msg}.") from None
-    except ValueError as error:
+    except (ValueError, RecursionError, MemoryError) as error:
         raise InputError(f"{path} is no Python: {error}.") from None
     return Part(kind, str(Path(path).absolute()), name, source)
 

@@ -33,6 +33,9 @@ FOLDER = "shards"
 _JOB = "job.json"
 _LOCK = ".lock"
 
+#: The most shards of a job: their numbers have six digits.
+_MOST_SHARDS = 10**6
+
 #: Number of characters of a value that are told where two jobs differ.
 _TOLD = 60
 
@@ -140,12 +143,21 @@ def record_of(command: str, jobs: Sequence[Job]) -> Mapping[str, Any]:
 
 
 def recorded(directory: Path) -> Mapping[str, Any] | None:
-    """What was computed in the folder of some results, if anything."""
+    """What was computed in the folder of some results, if anything that can be told."""
     try:
         found: Mapping[str, Any] = json.loads((directory / FOLDER / _JOB).read_text())
-    except (FileNotFoundError, NotADirectoryError, ValueError):
+        whole = isinstance(found["command"], str) and all(map(_is_job, found["jobs"]))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    return found
+    return found if whole else None
+
+
+def _is_job(record: Mapping[str, Any]) -> bool:
+    """Whether a job of a record says what all of them do, of a size that a folder can hold."""
+    runs, shards = record["runs"], record["shards"]
+    counts = type(runs) is int and type(shards) is int and runs > 0 and 0 < shards <= _MOST_SHARDS
+    name = record["name"]
+    return counts and isinstance(name, str) and Path(name).name == name
 
 
 def is_locked(directory: Path) -> bool:

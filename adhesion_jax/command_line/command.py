@@ -98,13 +98,28 @@ class Folder(click.Path):
         if value == "":
             self.fail("the name is empty; name a folder, or . for this one.", param, ctx)
         path = Path(str(super().convert(value, param, ctx)))
-        there = next(place for place in (path, *path.absolute().parents) if place.exists())
-        if not there.is_dir() or not os.access(there, os.W_OK):
-            reason = "Permission denied" if there.is_dir() else f"{there} is a file"
+        try:
+            os.stat(path)
+            reason = ""
+        except (OSError, ValueError) as error:  # a name that is too long, or holds a zero
+            known = isinstance(error, (FileNotFoundError, NotADirectoryError, PermissionError))
+            reason = "" if known else getattr(error, "strerror", None) or "it is no name of a file"
+        if not reason:
+            there = next(place for place in (path, *path.absolute().parents) if _exists(place))
+            if not there.is_dir() or not os.access(there, os.W_OK):
+                reason = "Permission denied" if there.is_dir() else f"{there} is a file"
+        if reason:
             raise InputError(
                 f"--out {path} cannot be written to ({reason}); name a folder that can."
             )
         return path
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # within a folder that may not be seen
+        return False
 
 
 class Cluster(click.ParamType):

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, Folder, Name, Names, perform
+from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, Names, perform
 from adhesion_jax.command_line.reading import FILES, reading
 from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
@@ -61,7 +61,7 @@ class Plantable(Names):
 )
 @click.option(
     "--slip-noise",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
     "vehicle speed); by default it is estimated.",
 )

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, Folder, Name, perform
+from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, perform
 from adhesion_jax.command_line.reading import FILES, reading
 from adhesion_jax.command_line.slip_events import slip_events
 
@@ -32,7 +32,7 @@ KNOWN = catalogue()
 )
 @click.option(
     "--slip-noise",
-    type=click.FloatRange(min=0),
+    type=FiniteRange(min=0),
     help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
     "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
 )

@@ -150,13 +150,15 @@ def _columns(file: Path | None, named: Sequence[str]) -> Mapping[str, object]:
 
 def _of_file(path: Path) -> dict[str, object]:
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"--columns {path} is not a file; name a file of lines.")
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(
             f"--columns {path} cannot be read ({error.strerror}); name a file of lines such as "
             'speed = "v [km/h]".'
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(
             f"--columns {path} is not TOML ({str(error).removesuffix('.')}); write lines such as "
             'speed = "v [km/h]".'

@@ -18,6 +18,9 @@ _TELL: Mapping[str, Callable[[Mapping[str, Any], Path], None]] = {
     "traction": traction.tell_stored,
 }
 
+#: What a record or a shard that was changed by hand may lead to.
+_DAMAGED = (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError)
+
 
 def main(folder: Path) -> None:
     """Say how far the job in a folder is, and what its finished runs tell."""
@@ -29,7 +32,13 @@ def main(folder: Path) -> None:
     computing, whole = is_locked(folder), True
     shards = folder / FOLDER
     for job in record["jobs"]:
-        runs = sum(map(runs_in, read_all(shards, job["name"], job["shards"])))
+        try:
+            runs = sum(map(runs_in, read_all(shards, job["name"], job["shards"])))
+        except _DAMAGED as error:
+            raise InputError(
+                f"{folder} holds a shard of {job['name']} that is damaged ({error!r}); compute the "
+                "job anew."
+            ) from None
         whole &= runs == job["runs"]
         share = runs / job["runs"]
         click.echo(f"{job['name']}: {runs} of {job['runs']} runs are finished ({share:.0%})")
@@ -48,7 +57,9 @@ def _tell(command: str, job: Mapping[str, Any], shards: Path) -> None:
     Files of the user's own are not needed for it, and not run: a folder may be that of another.
     """
     now = surroundings()
-    other = [name for name, value in now.items() if job["depends on"].get(name) != value]
+    before = job.get("depends on")
+    before = before if isinstance(before, Mapping) else {}
+    other = [name for name, value in now.items() if before.get(name) != value]
     if other:
         click.echo(
             f"Its tables cannot be told here: the {other[0]} is another one than where it was "
@@ -59,3 +70,5 @@ def _tell(command: str, job: Mapping[str, Any], shards: Path) -> None:
         _TELL[command](job, shards)
     except InputError as refusal:  # a scenario of the user's own
         click.echo(f"Its tables cannot be told here: {refusal}")
+    except _DAMAGED as error:
+        click.echo(f"Its tables cannot be told here: its record is damaged ({error!r}).")

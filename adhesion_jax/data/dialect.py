@@ -38,6 +38,12 @@ class Dialect(NamedTuple):
     rows: tuple[tuple[str, ...], ...]
 
 
+def tidy(name: str) -> str:
+    """A name of a column on one line, without characters that steer a terminal."""
+    seen = (one if one.isprintable() or one.isspace() else "" for one in name)
+    return " ".join("".join(seen).split())
+
+
 def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
     """The dialect, from the head of a stream; InputError where that shows no table."""
     content = stream.read(_HEAD)
@@ -67,7 +73,7 @@ def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
     if len(rows) > 2 and _are_groups(rows[0]) and _may_name(rows[1], len(rows[0])):
         skipped, above, groups, rows = skipped + 1, above + 1, rows[:1], rows[1:]
     # NumPy begins its header with a mark of a comment.
-    names = tuple(" ".join(name.split()) for name in [rows[0][0].lstrip("# "), *rows[0][1:]])
+    names = tuple(map(tidy, [rows[0][0].lstrip("# "), *rows[0][1:]]))
     if groups and len(groups[0]) == len(names):
         names = _of_groups(groups[0], names)
     if not any(names):
@@ -145,7 +151,7 @@ def _of_groups(groups: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     """Names that stand there twice with the name of their group, which goes on over empty cells."""
     found, group = [], ""
     for above, name in zip(groups, names, strict=True):
-        group = " ".join(above.split()) or group
+        group = tidy(above) or group
         found.append(f"{group} {name}" if [*names].count(name) > 1 and group else name)
     return tuple(found)
 

@@ -16,7 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from adhesion_jax.data.cells import MISSING, is_text
-from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of
+from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, tidy
 from adhesion_jax.data.encodings import encoding_of
 from adhesion_jax.data.stamps import A_DATE, TIME_OF_DAY, form_of
 from adhesion_jax.errors import InputError
@@ -86,7 +86,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
     """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
-    names = [" ".join(str(column).split()) for column in frame.columns]
+    names = [tidy(str(column)) for column in frame.columns]
     _refuse_duplicates(name, names)
     places = _named(names)
     cells = {column: _arrow(frame.iloc[:, place]) for column, place in places.items()}
@@ -113,7 +113,7 @@ def _parquet(path: Path) -> Sheet:
         file = pyarrow.parquet.ParquetFile(path, buffer_size=_STREAM_BYTES, pre_buffer=False)
         schema = file.schema_arrow
         _refuse_duplicates(str(path), schema.names)
-        places = _named([" ".join(name.split()) for name in schema.names])
+        places = _named([tidy(name) for name in schema.names])
         written = {name: schema.names[place] for name, place in places.items()}
         first = next(file.iter_batches(_SHOWN, columns=[*written.values()]), None)
         first = first or pyarrow.RecordBatch.from_pylist([], schema)

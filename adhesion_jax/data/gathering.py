@@ -116,7 +116,8 @@ def gather(
                 values, text = numbers(cells, mark or ".")
                 to = one.conversion
                 if (to.factor, to.offset) != (1.0, 0.0):
-                    values = values * to.factor + to.offset
+                    with np.errstate(over="ignore"):  # it is infinite then, and not used
+                        values = values * to.factor + to.offset
             of_labels = text.size > MOST * (text.size + np.isfinite(values).sum())
             if of_labels and one.quantity not in COLUMNS and first_row == sheet.first_row:
                 del columns[one.name]

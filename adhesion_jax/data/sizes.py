@@ -81,7 +81,7 @@ def _outside(values: np.ndarray, quantity: str) -> np.ndarray:
         some = some[np.isfinite(some)]
         size = float(np.quantile(np.abs(some), _NINE_IN_TEN)) if some.size else 0.0
         if quantity in _LOADS:
-            lower = _LIFTED * size
+            lower = max(lower, _LIFTED * size)
         else:
             lower, upper = min(lower, -_BEYOND * size), max(upper, _BEYOND * size)
     found: np.ndarray = np.isfinite(values) & ((values < lower) | (values > upper))

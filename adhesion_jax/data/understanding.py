@@ -22,6 +22,9 @@ _OF_AN_AXLE = (
     *(*_FORCES, *UNDECIDED["load"]),
 )
 
+#: Columns of results, which a further column of a file may not be taken for.
+_OF_RESULTS = ("before", "after", "error", "slip")
+
 #: How many answers to a question are written out.
 _ANSWERS = 6
 
@@ -114,7 +117,8 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
             left_out.append(name)
         else:
             # It keeps its name, which may not be that of a quantity that it is not.
-            own = f"{name} (as it is)" if name in COLUMNS or name in LABELS else name
+            ours = name in COLUMNS or name in LABELS or name in _OF_RESULTS
+            own = f"{name} (as it is)" if ours else name
             taken.append(Taken(name, own, found.unit))
     return Understanding(
         tuple(taken),

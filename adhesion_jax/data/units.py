@@ -117,6 +117,16 @@ _AT_THE_END = frozenset(
 )
 
 
+#: The letters and signs of a unit. What pint is given is computed, and 9**9**9 would never end: no
+#: number is raised to a power, and a power is a number of one digit.
+_WRITTEN = re.compile(r"[\w\s%‰°µμΩ·*/().^+-]{1,40}")
+_SUPER = "⁰¹²³⁴⁵⁶⁷⁸⁹"
+_BOMB = re.compile(
+    rf"(?:\*\*|\^)(?!\s*\(?[+-]?\d(?:\.\d)?\)?(?![\d.]))"
+    rf"|[\d)]\s*\)*\s*(?:\*\*|\^|[{_SUPER}])|[{_SUPER}]{{2}}|\d{{5}}"
+)
+
+
 class Conversion(NamedTuple):
     """A value in the unit of the package is `factor` times the value in the other, plus `offset`.
 
@@ -177,7 +187,7 @@ def _parsed(unit: str) -> pint.Quantity | None:
     # To pint Nm is a unit of yarn, and nm is one of length.
     spelled["Nm"] = "newton*meter"
     text = spelled.get(text, _SPELLINGS.get(text.lower(), text))
-    if not text or re.fullmatch(r"[\d\s.,+-]+", text):
+    if re.fullmatch(r"[\d\s.,+-]*", text) or not _WRITTEN.fullmatch(text) or _BOMB.search(text):
         return None
     registry = _registry()
     try:
