@@ -36,7 +36,8 @@ def refusal(arguments, out, capsys, monkeypatch):
     assert ended.value.code == 2
     said = capsys.readouterr()
     # Nothing is printed but how the columns are understood, where that much can be said.
-    assert said.out == "" or said.out.split("\n")[0].endswith(" are used.")
+    first = said.out.split("\n")[0]
+    assert first == "" or first.endswith(" are used.") or first == "Columns as understood so far:"
     # Progress is drawn and wiped by carriage returns.
     sentence = said.err.split("\r")[-1]
     assert sentence.startswith("error: ")
@@ -70,17 +71,12 @@ def test_what_makes_no_sense_is_refused(arguments, said, campaign, tmp_path, cap
     assert said in refusal(arguments, tmp_path / "out", capsys, monkeypatch)
 
 
-def back_in_time(table):
-    return table.assign(time_s=np.where(table.index == 50, 0.0, table["time_s"]))
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         (lambda table: table.drop(columns="adhesion"), "adhesion"),
         (lambda table: table.drop(columns=["slip_ratio", "slip_velocity_mps"]), "slip_ratio"),
-        (lambda table: table.assign(slip_ratio=np.nan), "no row has a value in slip_ratio and"),
-        (back_in_time, "time_s decreases in row 52"),
+        (lambda table: table.assign(slip_ratio=np.nan), "no row has a value in slip_ratio."),
         (lambda table: table.head(3), "3 points"),
         (lambda table: table.assign(adhesion=-table["adhesion"]), "other sign"),
     ],
