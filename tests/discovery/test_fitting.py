@@ -38,7 +38,7 @@ from adhesion_jax.discovery.model.prediction import (
     gain_of,
     held_out_loss,
 )
-from adhesion_jax.discovery.model.program import effect_places
+from adhesion_jax.discovery.model.program import base_curve, effect_places
 from adhesion_jax.effects import Covariate
 from adhesion_jax.effects.law import with_effects
 
@@ -492,3 +492,24 @@ def test_without_an_error_a_gain_is_sure_and_without_an_end_to_it_it_is_not():
     assert Gain(0.0, 0.0).deviate == 0.0
     assert Gain(5.0, np.inf).deviate == 0.0
     assert Gain(3.0, 1.5).deviate == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("base", ["burckhardt", "kiencke"])
+def test_the_jacobian_of_a_curve_alone_is_that_of_finite_differences(table, base):
+    """Of the curve with a departure for traction and another for braking, for each parameter."""
+    start = TRUE if base == "burckhardt" else BASES[base].starts(0.3)[0]
+    fitted = nearly_fitted(setting_of(table), base, start, ())
+    data, root = fitted.setting.problem.data, fitted.setting.root
+    slip = jax.numpy.asarray(data.slip)
+    values = fitted.base_values
+    assert len(fitted.places) == values.size == len(BASES[base].free) + 2 * FINE
+
+    def seen(values):
+        return np.asarray(base_curve(base, values, np.asarray(data.span))(slip, {}))
+
+    for place in range(values.size):
+        step = np.zeros(values.size)
+        step[place] = 1e-6 * max(abs(values[place]), 1.0)
+        slope = (seen(values + step) - seen(values - step)) / (2 * step[place])
+        size = np.abs(root * slope).max()
+        assert fitted.jacobian[place] == pytest.approx(root * slope, abs=1e-6 * size)

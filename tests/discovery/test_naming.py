@@ -36,7 +36,8 @@ AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
             0.0,
             "its k is -0.5, and it would have to be",
         ),
-        ("speed", SPEED, {"k": (5.0, 4.0, 6.0)}, 10.0, "its k stands at 5, an end of the range"),
+        # A tenth of the gain, which is 50, is what the end of a range may hold back.
+        ("speed", SPEED, {"k": (5.0, 4.0, 6.0)}, 5.1, "its k stands at 5, an end of the range"),
         ("speed", SPEED, {"k": (0.5, -0.1, 1.1)}, 0.0, "the interval of its k holds 0"),
         ("sanding", SAND, {"k": (-0.2, -0.3, -0.1)}, 0.0, "its k is -0.2"),
         # Adhesion may rise or fall with the temperature.
@@ -48,8 +49,7 @@ AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
             10.0,
             "its k stands at 0.9, an end of the range",
         ),
-        # What gains 50 would gain 1 more beyond the end.
-        ("hysteresis", TURN, {"k": (0.9, 0.7, 1.1)}, 1.0, ""),
+        ("hysteresis", TURN, {"k": (0.9, 0.7, 1.1)}, 4.9, ""),
         # One axle that differs is enough.
         ("axle_position", AXLES, {"k1": (0.1, 0.05, 0.15)}, 0.0, ""),
         (

@@ -69,11 +69,13 @@ def null_of(
     firsts = firsts_of_runs(inside)
     run = np.repeat(np.arange(firsts.size), np.diff(firsts, append=len(nothing)))
     plain = Null(fitted, inside, nothing, np.zeros(0), firsts, unit[inside], kept[inside], changed)
+    levels = nothing
     if within:
+        levels = plain.level[:, None] * (run[:, None] == np.arange(run[-1] + 1))
         firsts = stretches(plain)
     whole = np.concatenate(
         [
-            plain.level[:, None] * (run[:, None] == np.arange(within * run[-1] + within)),
+            levels,
             fitted.jacobian[:, inside].T[:, [place not in braking for place in fitted.places]]
             if shared
             else fitted.jacobian[:, inside].T,
@@ -100,14 +102,14 @@ def firsts_of_runs(inside: np.ndarray) -> np.ndarray:
 
 
 def stretches(null: Null) -> np.ndarray:
-    """The first points of stretches of the runs, as many of them as there are of few runs' points.
+    """The first point of each stretch, with about `_STRETCHES` of them in all runs, [stretches].
 
     A stretch is several times as long as the noise remembers, so that the errors of two of them are
     nearly independent once the levels of the runs are given. Runs that are too short stay whole.
     """
     runs = np.append(firsts_of_runs(null.inside), null.level.size)
     error = null.fitted.residual[null.inside]
-    memory = _memory([-error[low:high] for low, high in itertools.pairwise(runs)])
+    memory = _memory([error[low:high] for low, high in itertools.pairwise(runs)])
     found = []
     for low, high in itertools.pairwise(runs):
         count = min(-(-_STRETCHES // (runs.size - 1)), int((high - low) / (_MEMORIES * memory)))
@@ -116,7 +118,10 @@ def stretches(null: Null) -> np.ndarray:
 
 
 def _memory(errors: Sequence[np.ndarray]) -> float:
-    """The sum of the autocorrelations of the errors within runs, in points, to their first zero."""
+    """The integrated correlation time of the errors within runs, in points.
+
+    1 + 2 sum of their autocorrelations up to the first that is not above 0.
+    """
     most = min(error.size for error in errors) // 2
     centred = [error - error.mean() for error in errors]
     sums = [sum(float(one[lag:] @ one[: one.size - lag]) for one in centred) for lag in range(most)]
