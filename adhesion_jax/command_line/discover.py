@@ -6,15 +6,15 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, Names, perform
-from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Names, perform
+from adhesion_jax.command_line.reading import Log, reading
 from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
 KNOWN = catalogue()
 
-_RUNS = File(KNOWN.data, f"name {FILES}")
+_RUNS = Log(KNOWN.data)
 
 
 class Plantable(Names):

@@ -6,15 +6,15 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, perform
-from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.command import FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.reading import Log, reading
 from adhesion_jax.command_line.slip_events import slip_events
 
 KNOWN = catalogue()
 
 
 @click.command()
-@click.argument("files", type=File(KNOWN.data, f"name {FILES}"), nargs=-1, required=True)
+@click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
@@ -47,10 +47,10 @@ KNOWN = catalogue()
 def main(**asked: Any) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
-    FILES are one or more .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet files of slip (or the
-    speeds of wheel and train) and adhesion (or force and load), in columns that are recognised by
-    their names and units or named by --column; --dry-run shows how they are understood. Or the name
-    of a data set that ships with the package: eurosprinter. (roller-rig has one slip and no curve:
-    adhesion discover.)
+    FILES are tables of text, spreadsheets, .parquet, .mat, .h5, .mf4, .tdms or .feather files, or a
+    folder or a pattern of such as one log, of slip (or the speeds of wheel and train) and adhesion
+    (or force and load), in columns that are recognised by their names and units or named by
+    --column; --dry-run shows how they are understood. Or the name of a data set that ships with the
+    package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
     """
     perform("identify", **asked)

@@ -10,7 +10,7 @@ import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
-from adhesion_jax.command_line.reading import CORRECTIONS, FILES, reading
+from adhesion_jax.command_line.reading import CORRECTIONS, Log, reading
 from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
 
@@ -98,7 +98,7 @@ class Condition(click.ParamType):
 
 
 @click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
+@click.argument("log", type=Log(KNOWN.data), required=False)
 @reading
 @slip_events
 @click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")

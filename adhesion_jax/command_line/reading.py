@@ -1,19 +1,24 @@
 """The options by which every command that reads measurements is told what their columns are."""
 
+import glob
 import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import FiniteRange
+from adhesion_jax.command_line.command import File, FiniteRange
 from adhesion_jax.errors import InputError
 
 #: What can be read, for a refusal.
-FILES = "a .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet file"
+KINDS = (
+    "a .csv, .csv.gz, .txt, .tsv, .dat, .asc, .zip, .xlsx, .xlsm, .xls, .ods, .parquet, .mat, .h5, "
+    ".hdf5, .mf4, .mdf, .tdms or .feather file, a folder of such files, or a pattern of their names"
+)
 
 #: What of sensors and wheelset the columns do not tell, and the option that says it.
 CORRECTIONS: Mapping[str, str] = {
@@ -89,6 +94,19 @@ _OPTIONS = (
         help="Print how the columns are understood, and stop there.",
     ),
 )
+
+
+class Log(File):
+    """A file of measurements, a folder or a pattern of such, or the name of a set that ships."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(names, f"name {KINDS}")
+
+    def convert(self, value: str, param: Any, ctx: Any) -> str:
+        with suppress(OSError, ValueError):  # a name that is too long, or holds a zero
+            if Path(value).is_dir() or (not Path(value).exists() and glob.glob(value)):
+                return value
+        return super().convert(value, param, ctx)
 
 
 def reading(command: Callable[..., None]) -> Callable[..., None]:

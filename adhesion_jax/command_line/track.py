@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Names, perform
-from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.command import FiniteRange, Folder, Names, perform
+from adhesion_jax.command_line.reading import Log, reading
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -16,7 +16,7 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
 
 
 @click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"))
+@click.argument("log", type=Log(KNOWN.data))
 @reading
 @click.option(
     "--identifiers",

@@ -55,6 +55,7 @@ LABELS: Mapping[str, str] = {
     "run": "number or name of the run",
     "axle": "number or name of the axle",
     "mode": ", ".join(MODES),
+    "file": "name of the file of a folder",
     "group": "what a comparison by a column goes by: any text or number",
 }
 

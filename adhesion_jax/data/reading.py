@@ -13,7 +13,8 @@ from adhesion_jax.data.corrections import NOTHING, Corrections
 from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.delays import without_delays
 from adhesion_jax.data.derived import SOURCES, Derived, derive, needed
-from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
+from adhesion_jax.data.files import Sheet, sheet_of_frame
+from adhesion_jax.data.folder import sheet_of
 from adhesion_jax.data.gaps import FEW, bridged, without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
 from adhesion_jax.data.lateness import late_signals
@@ -75,13 +76,13 @@ def read_measured(
 ) -> Measured:
     """A measured table with slip and adhesion from a file; see `to_measured`.
 
-    Read are the files of `files.ENDINGS`. In text, cells are separated by commas,
-    semicolons, tabs or bars, numbers have a decimal point or comma, and a row of units may stand
-    under the header. `known` is what is corrected, and of which sensors the columns do not tell.
-    `progress` is called with words and the share that is read. `few` is the largest share of rows
-    that is left out for the sake of columns that are not needed.
+    Read are the files of `files.ENDINGS`, and folders and patterns of these as one log. In text,
+    cells are separated by commas, semicolons, tabs or bars, numbers have a decimal point or comma,
+    and a row of units may stand under the header. `known` is what is corrected, and of which
+    sensors the columns do not tell. `progress` is called with words and the share that is read.
+    `few` is the largest share of rows that is left out for the sake of columns that are not needed.
     """
-    return _measured(sheet_of_file(path), columns, known, progress, few)
+    return _measured(sheet_of(path), columns, known, progress, few)
 
 
 def to_measured(
@@ -288,7 +289,7 @@ def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
 def _format_notes(
     sheet: Sheet, found: Understanding, origin: str, left_out: Mapping[str, str]
 ) -> list[str]:
-    notes = [f"The file has {sheet.format}."] if sheet.format else []
+    notes = [f"The log has {sheet.format}."] if sheet.format else []
     if origin:
         notes.append(f"The time counts from {origin}.")
     notes += [f"The column {name} is left out: {why}." for name, why in left_out.items()]

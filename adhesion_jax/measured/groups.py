@@ -72,7 +72,7 @@ def candidates(points: Measured) -> Mapping[str, pd.Series]:
     """The columns of a few labels or levels by which rows may be split."""
     table = points.table
     found = {}
-    for name in ("axle", "mode", "group", *points.covariates):
+    for name in ("axle", "mode", "file", "group", *points.covariates):
         if name in table and 2 <= table[name].nunique() <= _MOST_FITTED:
             found[name] = table[name].astype(str)
     return found

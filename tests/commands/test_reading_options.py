@@ -47,7 +47,7 @@ def test_a_dry_run_prints_the_table_and_stops(command, log, monkeypatch, capsys)
     assert any(" ".join(row.split()) == "slip [%] slip_ratio % 0.2 to 12 0 %" for row in rows)
     assert any(" ".join(row.split()) == "F [kN] axle_force_N kN 5.455 to 51.43 0 %" for row in rows)
     assert any("constant" in row and "axle_load_N" in row for row in rows)
-    assert "The file has cells separated by semicolons, decimal commas." in rows
+    assert "The log has cells separated by semicolons, decimal commas." in rows
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,0 +1,97 @@
+"""Spreadsheets, MATLAB, HDF5, MDF, TDMS, feather and zip: the log that the libraries wrote."""
+
+import zipfile
+
+import numpy as np
+import pytest
+from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, written
+
+from adhesion_jax.data import read_measured
+from adhesion_jax.errors import InputError
+
+
+def tell(ending, place, tmp_path):
+    """What is read of it, and what is said."""
+    found = read_measured(written(tmp_path, ending, place))
+    return found.table, " ".join(found.notes)
+
+
+@pytest.mark.parametrize(
+    ("ending", "place"),
+    [(ending, place) for ending in FOREIGN for place in range(len(FOREIGN[ending]))],
+)
+def test_what_the_libraries_wrote_is_read(ending, place, tmp_path):
+    table, notes = tell(ending, place, tmp_path)
+    # The speed rises evenly: a straight line between its samples is exact, up to the last of them.
+    slow = "of 2 rates, on the times of those that have most samples: the others by straight lines"
+    rows = ROWS - 9 if slow in notes else ROWS
+    assert (slow in notes) == (ending in (".mf4", ".tdms") and place >= len(FOREIGN[ending]) - 2)
+    log = LOG[:rows]
+    assert len(table) == rows
+    size = 1e-6 if ending in (".xlsx", ".feather") else 1e-9  # dates, and single precision
+    np.testing.assert_allclose(table["time_s"], log["Zeit [s]"], size, size)
+    np.testing.assert_allclose(table["vehicle_speed_mps"], log["v [km/h]"] / 3.6, size)
+    slip = log["v_Rad [km/h]"] / log["v [km/h]"] - 1
+    np.testing.assert_allclose(table["slip_ratio"], slip, size, size)
+    np.testing.assert_allclose(table["adhesion"], log["mu"], size, size)
+
+
+@pytest.mark.parametrize("ending", [".xlsx", ".ods"])
+def test_of_a_workbook_the_largest_sheet_is_read_and_named(ending, tmp_path):
+    table, notes = tell(ending, 1, tmp_path)
+    said = "The log has the sheet Daten, decimal points, names of columns in row 2, units in row 3."
+    assert said in notes
+    assert table.index[0] == 4
+
+
+def test_vectors_of_other_lengths_are_told(tmp_path):
+    _, notes = tell(".mat", 2, tmp_path)
+    assert "4 vectors of length 200, and 1 of other lengths that are not read: c." in notes
+
+
+@pytest.mark.parametrize("ending", [".mf4", ".tdms"])
+def test_states_have_the_value_before(ending, tmp_path):
+    table, _ = tell(ending, -1, tmp_path)
+    rows = np.arange(len(table)) // 10
+    np.testing.assert_array_equal(table["gear"], GEARS[rows])
+    assert [*table["driver"]] == [DRIVER[row] for row in rows]
+
+
+def test_labels_are_kept(tmp_path):
+    assert "rail" in tell(".feather", 2, tmp_path)[0]
+    assert "rail" in tell(".h5", 1, tmp_path)[0]
+
+
+def test_a_zip_file_with_two_tables_is_refused(tmp_path):
+    path = written(tmp_path, ".zip", 0)
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("two.csv", "x")
+    with pytest.raises(InputError, match=r"one table of text, and has log.csv and two.csv; unpack"):
+        read_measured(path)
+
+
+@pytest.mark.parametrize("ending", FOREIGN)
+@pytest.mark.parametrize("content", [b"PK", b"nothing of the kind", bytes(range(256)) * 20])
+def test_what_is_none_of_them_is_refused_in_a_sentence(ending, content, tmp_path):
+    path = tmp_path / f"log{ending}"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as refused:
+        read_measured(path)
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).startswith((f"{path} is not a whole ", f"{path} has no vectors"))
+
+
+@pytest.mark.parametrize(
+    ("ending", "package"),
+    [(".xlsx", "python-calamine"), (".h5", "h5py"), (".mf4", "asammdf"), (".tdms", "nptdms")],
+)
+def test_a_library_that_is_lacking_is_named_with_what_installs_it(
+    ending, package, tmp_path, monkeypatch
+):
+    def lacking(name):
+        raise ImportError(name)
+
+    path = written(tmp_path, ending, 0)
+    monkeypatch.setattr("adhesion_jax.data.containers.import_module", lacking)
+    with pytest.raises(InputError, match=rf"needs the package {package}.*adhesion-jax\[files\]"):
+        read_measured(path)
