@@ -82,16 +82,21 @@ def test_what_is_none_of_them_is_refused_in_a_sentence(ending, content, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("ending", "package"),
-    [(".xlsx", "python-calamine"), (".h5", "h5py"), (".mf4", "asammdf"), (".tdms", "nptdms")],
+    ("ending", "place", "package"),
+    [(".h5", 0, "h5py"), (".mat", -1, "h5py"), (".mf4", 0, "asammdf"), (".tdms", 0, "nptdms")],
 )
 def test_a_library_that_is_lacking_is_named_with_what_installs_it(
-    ending, package, tmp_path, monkeypatch
+    ending, place, package, tmp_path, monkeypatch
 ):
-    def lacking(name):
-        raise ImportError(name)
-
-    path = written(tmp_path, ending, 0)
-    monkeypatch.setattr("adhesion_jax.data.containers.import_module", lacking)
+    path = written(tmp_path, ending, place)
+    (tmp_path / f"{package}.py").write_text(f"raise ModuleNotFoundError(name='{package}')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with pytest.raises(InputError, match=rf"needs the package {package}.*adhesion-jax\[files\]"):
+        read_measured(path)
+
+
+def test_so_is_that_of_spreadsheets(tmp_path, monkeypatch):
+    path = written(tmp_path, ".xlsx", 0)
+    monkeypatch.setattr("adhesion_jax.data.containers.find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"needs the package python-calamine.*\[files\]"):
         read_measured(path)

@@ -9,6 +9,7 @@ import pytest
 from foreign_logs import FOREIGN, LOG, written
 
 from adhesion_jax.data import read_measured
+from adhesion_jax.data.vectors import READERS
 from adhesion_jax.errors import InputError
 
 WRITTEN_BY_US = {
@@ -80,8 +81,8 @@ def fuzzed(ending, count, folder):
 @pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ending", [*WRITTEN_BY_US, *FOREIGN])
 def test_no_file_is_answered_by_an_error_of_a_library(ending, count, tmp_path):
-    # The library for MDF is started anew for each file, which takes a second.
-    some = 6 if ending == ".mf4" and count < 1000 else count
+    # A program of its own is started for each file of some formats, which takes up to a second.
+    some = 6 if ending in READERS and count < 1000 else count
     read, told = fuzzed(ending, some, tmp_path)
     assert read < some
     assert [one for one in told if "\n" in one or not one.endswith(".")] == []
