@@ -40,8 +40,8 @@ KNOWN = catalogue()
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for report.html, curves.csv, curves.png, law.json, verdict.txt, of a log "
-    "events.png, and with --by runs.csv and runs.png.",
+    help="Folder for report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, "
+    "of a log events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
 def main(**asked: Any) -> None:

@@ -6,6 +6,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
 from adhesion_jax.curves.peak import find_peak
+from adhesion_jax.curves.precision import precise_of_numbers
 
 #: Number of functions that the departure of a single curve is made of, and of one below effects:
 #: there a column must not be named for what the curve could not follow.
@@ -26,6 +27,7 @@ class Bent(Law):
     largest: Scalar
     braking: Float[Array | np.ndarray, " functions"] | None = None
 
+    @precise_of_numbers
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
@@ -40,6 +42,7 @@ class Bent(Law):
         apart = jnp.where(jnp.asarray(slip) < 0, shape @ jnp.asarray(self.braking), 0.0)
         return departure + apart
 
+    @precise_of_numbers
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         return find_peak(lambda slip: self(slip, conditions), slip_limit)
 

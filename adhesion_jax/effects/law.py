@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar
 from adhesion_jax.curves.peak import find_peak
+from adhesion_jax.curves.precision import precise_of_numbers
 from adhesion_jax.effects.base import Effect, Signal, Value
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
@@ -31,6 +32,7 @@ class CorrectedLaw(Law):
     ranges: Mapping[str, tuple[Scalar, Scalar]]
     calendar: Calendar = eqx.field(static=True)
 
+    @precise_of_numbers
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         # Conditions that depend on the slip are computed from the expected slip.
         for effect in self.effects:
@@ -78,6 +80,7 @@ class CorrectedLaw(Law):
             for name, values in whole.items()
         }
 
+    @precise_of_numbers
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         return find_peak(lambda slip: self(slip, conditions), slip_limit)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax.data import check_curve
 from adhesion_jax.data.corrections import corrections_of
@@ -20,7 +21,7 @@ from adhesion_jax.measured.following import Followed, follow_log, refusal
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.initial_slope import initial_slope as slope_of
 from adhesion_jax.measured.log import Log, to_log
-from adhesion_jax.report.track.figure import draw_track
+from adhesion_jax.report.track.figure import track_figure
 from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, summary_rows, told
 from adhesion_jax.runtime import as_in_commands, silent
 
@@ -62,7 +63,11 @@ class Track:
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "track.csv", self.estimates)
         (path / "track.txt").write_text(f"{self}\n", encoding="utf-8")
-        draw_track(path / "track.png", Path(self.log.name).name, self.log, self.followed)
+        self.plot().savefig(path / "track.png", dpi=150)
+
+    def plot(self) -> Figure:
+        """The estimates over the measured adhesion, the status of each method, slip and speed."""
+        return track_figure(Path(self.log.name).name, self.log, self.followed)
 
     def __repr__(self) -> str:
         return f"{printed_summary(self.summary)}\n\n{self.verdict}"
