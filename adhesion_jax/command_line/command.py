@@ -4,7 +4,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -52,17 +52,53 @@ def start() -> None:
     programs.share_with_jax()
 
 
+#: The commands that write results, whose arguments are recorded beside these.
+RECORDED = ("montecarlo", "identify", "track", "discover", "simulate", "plan", "traction")
+
+
+class Recorded(click.Command):
+    """A command that knows the arguments it was given, for `perform`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[__name__] = list(args)
+        return super().parse_args(ctx, args)
+
+
 def perform(name: str, /, *beside: Part, **asked: object) -> None:
     """Do what a command of this name is asked: only now are jax and the rooms imported.
 
     Parts of the user's own come first, for some rooms make tables of the registries; what is asked
-    then has their names. Those `beside` are not named in it.
+    then has their names. Those `beside` are not named in it. A command of RECORDED is told, too,
+    what is to be recorded of it.
     """
     start()
     for own in beside:
         use(own)
     known = {option: _used(value) for option, value in asked.items()}
+    if name in RECORDED:
+        known["asked"] = _asked(name, click.get_current_context())
     import_module(f"adhesion_jax.commands.{name}").main(**known)
+
+
+def _asked(name: str, context: click.Context) -> Mapping[str, object]:
+    """The command, its arguments, from where, and what all options came to, as JSON has it."""
+    options = {
+        param.opts[0]: _plain(context.params[param.name])
+        for param in context.command.get_params(context)
+        if param.name in context.params
+    }
+    return {
+        "command": name,
+        "arguments": context.meta[__name__],
+        "folder": os.getcwd(),
+        "options": options,
+    }
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, (list, tuple)) and not isinstance(value, Part):
+        return [_plain(one) for one in value]
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
 
 
 def _used(value: object) -> object:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Names, perform
+from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Names, Recorded, perform
 from adhesion_jax.command_line.reading import Log, reading
 from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
@@ -26,7 +26,7 @@ class Plantable(Names):
         return Names((*self.names, *names), self.kind).convert(value, param, ctx)
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
 @slip_events

@@ -6,14 +6,14 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Recorded, perform
 from adhesion_jax.command_line.reading import Log, reading
 from adhesion_jax.command_line.slip_events import slip_events
 
 KNOWN = catalogue()
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
 @reading
 @click.option(

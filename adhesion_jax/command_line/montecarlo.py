@@ -14,6 +14,7 @@ from adhesion_jax.command_line.command import (
     Folder,
     Name,
     Names,
+    Recorded,
     perform,
     start,
     with_cluster,
@@ -64,7 +65,7 @@ def scenario_options(
     return with_options
 
 
-class WithScenario(click.Command):
+class WithScenario(Recorded):
     """With an option, too, for each argument of a scenario in a file of the user's own."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

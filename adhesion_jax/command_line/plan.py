@@ -9,7 +9,15 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.command import (
+    SEED,
+    File,
+    FiniteRange,
+    Folder,
+    Name,
+    Recorded,
+    perform,
+)
 from adhesion_jax.command_line.reading import CORRECTIONS, Log, reading
 from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
@@ -97,7 +105,7 @@ class Condition(click.ParamType):
         return column, found
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.argument("log", type=Log(KNOWN.data), required=False)
 @reading
 @slip_events

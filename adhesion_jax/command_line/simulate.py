@@ -5,10 +5,10 @@ from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, Recorded, perform
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.option(
     "--hours",
     type=FiniteRange(min=0, min_open=True, max=240),

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import FiniteRange, Folder, Names, perform
+from adhesion_jax.command_line.command import FiniteRange, Folder, Names, Recorded, perform
 from adhesion_jax.command_line.reading import Log, reading
 from adhesion_jax.errors import InputError
 
@@ -15,7 +15,7 @@ KNOWN = catalogue()
 _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.argument("log", type=Log(KNOWN.data))
 @reading
 @click.option(

@@ -12,6 +12,7 @@ from adhesion_jax.command_line.command import (
     FiniteRange,
     Folder,
     Name,
+    Recorded,
     perform,
     with_cluster,
 )
@@ -19,7 +20,7 @@ from adhesion_jax.command_line.command import (
 KNOWN = catalogue()
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.option(
     "--system", type=Name(KNOWN.systems), required=True, help=f"{', '.join(KNOWN.systems)}."
 )

@@ -10,6 +10,7 @@ import click
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
+from adhesion_jax.commands.record import columns_of, record
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.data.runs import matching, to_runs
@@ -31,6 +32,7 @@ def main(
     columns: Mapping[str, object],
     known: Mapping[str, Any],
     dry_run: bool,
+    asked: Mapping[str, object],
 ) -> None:
     """Write what a curve lacks in the runs, or in simulated ones where effects are planted."""
     if planted is None:
@@ -44,6 +46,7 @@ def main(
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
         measured, judged = read(train, {}, {}), read(tests, {}, {})
     logs, judging = events_of(measured, events), events_of(judged, events) if judged else []
+    understood = columns_of([*measured, *judged])
     # Nothing holds the logs while effects are searched in their events.
     del measured, judged
     used = " ".join(filter(None, (log.sentence for log in logs)))
@@ -59,6 +62,7 @@ def main(
         found = discover_in(
             runs, test, logs, sources, base, seed, slip_noise, correct, progress, out
         )
+    record(out, asked, understood)
     click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())

@@ -8,6 +8,7 @@ import click
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
+from adhesion_jax.commands.record import columns_of, record
 from adhesion_jax.data.events import events_of
 from adhesion_jax.library.identify import identify_chosen, with_groups
 from adhesion_jax.library.reading import citation_of
@@ -23,16 +24,18 @@ def main(
     columns: Mapping[str, object],
     known: Mapping[str, Any],
     dry_run: bool,
+    asked: Mapping[str, object],
 ) -> None:
     """Write what the measured points of files, or of sets that ship, say of a curve, or all."""
     measured = read(files, with_groups(columns, by), known)
     if dry_run:
         return
     # Nothing holds the log while the curves are fitted to its events.
-    logs = events_of(measured, events)
+    logs, understood = events_of(measured, events), columns_of(measured)
     del measured
     curves = None if curve == "all" else curve
     citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
         found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
+    record(out, asked, understood)
     click.echo(f"{found}\n\nWritten to {out}")

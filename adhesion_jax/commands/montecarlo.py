@@ -9,6 +9,7 @@ import pandas as pd
 
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import campaign_of
+from adhesion_jax.commands.record import record
 from adhesion_jax.library.montecarlo import montecarlo, totals_of
 from adhesion_jax.options import Options, check, declared
 from adhesion_jax.report.montecarlo.tables import accuracy_table, tracking_text
@@ -17,12 +18,17 @@ from adhesion_jax.scenarios import SCENARIOS
 
 
 def main(
-    scenario: str | None, identifiers: tuple[str, ...], job: Mapping[str, Any], **options: Any
+    scenario: str | None,
+    identifiers: tuple[str, ...],
+    job: Mapping[str, Any],
+    asked: Mapping[str, object],
+    **options: Any,
 ) -> None:
     """Identify thousands of noisy adhesion curves and say how well each method knows them."""
     if scenario is not None:  # one of the user's own is known only now
         check(scenario, declared(SCENARIOS[scenario]), Options(**options))
     found = montecarlo(scenario, identifiers or None, workers=CORES, **job, **options)
+    record(job["out"], asked)
     tell(found.tables, found.asked.runs, [one.name for one in found.jobs])
     click.echo(f"\nwritten to {job['out']} in {found.seconds:.0f} s")
 

@@ -9,6 +9,7 @@ import pandas as pd
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
+from adhesion_jax.commands.record import columns_of, record
 from adhesion_jax.curves import Law
 from adhesion_jax.data.events import events_of
 from adhesion_jax.effects.saved import load_law
@@ -36,15 +37,17 @@ def main(
     check: int | None,
     seed: int,
     out: Path,
-    **asked: object,
+    asked: Mapping[str, object],
+    **options: object,
 ) -> None:
     """Write the plan for a rail, a curve, a law or a log, and where asked what simulations say."""
+    understood = None
     source: str | Law | Identification | None = rail
     if log is not None:
         measured = read([log], columns, known)
         if dry_run:
             return
-        chosen = events_of(measured, events)
+        chosen, understood = events_of(measured, events), columns_of(measured)
         del measured  # nothing holds the log while curves are fitted to its events
         citation = citation_of(log)
         source = identify_chosen(chosen, curve, citation)
@@ -53,7 +56,7 @@ def main(
     elif law is not None:
         source = load_law(law)
     assert source is not None
-    found = plan(source, conditions=dict(conditions), **asked)  # type: ignore[arg-type]
+    found = plan(source, conditions=dict(conditions), **options)  # type: ignore[arg-type]
     words = f"{found}"
     with staged(output_directory(out), PLAN_FILES) as stage:
         found.write(stage)
@@ -61,6 +64,7 @@ def main(
             table = _checked(found.plan, check, seed)
             write_table(stage / "check.csv", table)
             words += f"\n\n{checked(table, check)}"
+    record(out, asked, understood)
     click.echo(f"{words}\n\nWritten to {out}")
 
 

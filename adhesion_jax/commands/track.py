@@ -8,6 +8,7 @@ import click
 
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
+from adhesion_jax.commands.record import columns_of, record
 from adhesion_jax.library.track import METHODS, track
 
 
@@ -20,6 +21,7 @@ def main(
     columns: Mapping[str, object],
     known: Mapping[str, Any],
     dry_run: bool,
+    asked: Mapping[str, object],
 ) -> None:
     """Write what the methods make of the log of a file, or of a set that ships."""
     (measured,) = read([log], columns, known)
@@ -34,4 +36,5 @@ def main(
             report=lambda done, total: progress("following", done / total),
             out=out,
         )
+    record(out, asked, columns_of([measured]))
     click.echo(f"{found}\n\nWritten to {out}")

@@ -9,15 +9,17 @@ import click
 from adhesion_jax import runtime
 from adhesion_jax.campaign.store import read_all
 from adhesion_jax.campaign.traction import WHOLE, Named, added, metrics_of
+from adhesion_jax.commands.record import record
 from adhesion_jax.library.traction import aligned, traction_control
 
 #: The figures that are told on the way.
 _TOLD = ("utilisation", "utilisation_se", "tracking_rms", "slip_energy_share", "torque_variation")
 
 
-def main(out: Path, workers: int | None, **asked: Any) -> None:
+def main(out: Path, workers: int | None, asked: Mapping[str, object], **options: Any) -> None:
     """Write what a control system does: its table, its figures and its metrics."""
-    found = traction_control(out=out, workers=workers or runtime.CORES, **asked)
+    found = traction_control(out=out, workers=workers or runtime.CORES, **options)
+    record(out, asked)
     click.echo(f"{found}; written to {out} in {found.seconds:.0f} s")
 
 

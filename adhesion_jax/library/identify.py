@@ -19,7 +19,7 @@ from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import write_table
+from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
@@ -65,6 +65,7 @@ IDENTIFY_FILES = (
     EVENTS_FIGURE,
     "runs.csv",
     "runs.png",
+    METADATA,
 )
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from adhesion_jax.curves import CURVES, Law
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import write_table
+from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
@@ -43,7 +43,7 @@ from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.wording import listed
 
 #: The files of a plan.
-PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv")
+PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv", METADATA)
 
 #: Noise of the adhesion, and samples of a sweep, where neither is stated.
 _SIGMA, _SAMPLES_PER_RUN = 0.01, 200

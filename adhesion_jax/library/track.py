@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from adhesion_jax.data import check_curve
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import write_table
+from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.library.methods import methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
@@ -26,7 +26,7 @@ from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, su
 from adhesion_jax.runtime import as_in_commands, silent
 
 #: The files of a followed log.
-TRACK_FILES = ("track.csv", "track.txt", "track.png")
+TRACK_FILES = ("track.csv", "track.txt", "track.png", METADATA)
 
 #: What follows a log where no method is named: one that resets, one that forgets by its error, and
 #: one that forgets evenly.

@@ -32,7 +32,8 @@ from adhesion_jax.records import Record
 from adhesion_jax.report.measured.words import reasons
 
 SPEED = 10.0
-FILES = {"curves.csv", "parameters.csv", "curves.png", "law.json", "report.html", "verdict.txt"}
+FILES = {"curves.csv", "parameters.csv", "curves.png", "law.json", "metadata.json", "report.html"}
+FILES |= {"verdict.txt"}
 
 #: The curves written afresh, from their sources' equations; slip positive, speed 10 m/s.
 FORMULAS = {
