@@ -14,11 +14,8 @@ import click
 from adhesion_jax.command_line.command import File, FiniteRange
 from adhesion_jax.errors import InputError
 
-#: What can be read, for a refusal.
-KINDS = (
-    "a .csv, .csv.gz, .txt, .tsv, .dat, .asc, .zip, .xlsx, .xlsm, .xls, .ods, .parquet, .mat, .h5, "
-    ".hdf5, .mf4, .mdf, .tdms or .feather file, a folder of such files, or a pattern of their names"
-)
+#: What is said where nothing can be read.
+WANTED = "name a file of measurements, or a folder or a pattern of such files"
 
 #: What of sensors and wheelset the columns do not tell, and the option that says it.
 CORRECTIONS: Mapping[str, str] = {
@@ -100,7 +97,7 @@ class Log(File):
     """A file of measurements, a folder or a pattern of such, or the name of a set that ships."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        super().__init__(names, f"name {KINDS}")
+        super().__init__(names, WANTED)
 
     def convert(self, value: str, param: Any, ctx: Any) -> str:
         with suppress(OSError, ValueError):  # a name that is too long, or holds a zero

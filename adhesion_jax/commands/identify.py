@@ -9,6 +9,7 @@ import click
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
 from adhesion_jax.commands.record import columns_of, record
+from adhesion_jax.data import as_one, check_curve
 from adhesion_jax.data.events import events_of
 from adhesion_jax.library.identify import identify_chosen, with_groups
 from adhesion_jax.library.reading import citation_of
@@ -29,6 +30,7 @@ def main(
     """Write what the measured points of files, or of sets that ship, say of a curve, or all."""
     measured = read(files, with_groups(columns, by), known)
     if dry_run:
+        check_curve(as_one(measured))
         return
     # Nothing holds the log while the curves are fitted to its events.
     logs, understood = events_of(measured, events), columns_of(measured)

@@ -11,6 +11,7 @@ from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
 from adhesion_jax.commands.record import columns_of, record
 from adhesion_jax.curves import Law
+from adhesion_jax.data import as_one, check_curve
 from adhesion_jax.data.events import events_of
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.files import output_directory, staged, write_table
@@ -46,6 +47,7 @@ def main(
     if log is not None:
         measured = read([log], columns, known)
         if dry_run:
+            check_curve(as_one(measured))
             return
         chosen, understood = events_of(measured, events), columns_of(measured)
         del measured  # nothing holds the log while curves are fitted to its events

@@ -9,6 +9,7 @@ import click
 from adhesion_jax.commands.progress import shown
 from adhesion_jax.commands.reading import read
 from adhesion_jax.commands.record import columns_of, record
+from adhesion_jax.data import check_curve
 from adhesion_jax.library.track import METHODS, track
 
 
@@ -26,6 +27,7 @@ def main(
     """Write what the methods make of the log of a file, or of a set that ships."""
     (measured,) = read([log], columns, known)
     if dry_run:
+        check_curve(measured)
         return
     with shown() as progress:
         found = track(

@@ -27,7 +27,10 @@ from adhesion_jax.wording import listed
 
 _OF_TEXT = (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc")
 ENDINGS = (*_OF_TEXT, ".zip", *SPREADSHEETS, ".parquet", *FRAMED)
-KINDS = f"a {listed(ENDINGS, 'or')} file, a folder of such files, or a pattern of their names"
+_KINDS = f"a {listed(ENDINGS, 'or')} file"
+
+#: What is to be named where nothing can be read.
+WANTED = "name a file of measurements, or a folder or a pattern of such files"
 
 #: Names that pandas gives to an index that was saved as a column.
 _SAVED_INDEX = re.compile(r"|Unnamed: \d+|__index_level_\d+__")
@@ -72,10 +75,10 @@ def sheet_of_file(path: Path) -> Sheet:
     try:
         if not path.is_file():
             problem = "is not a file" if path.exists() else "does not exist"
-            raise InputError(f"{path} {problem}; name {KINDS}.")
+            raise InputError(f"{path} {problem}; {WANTED}.")
         name = path.name.lower()
         if not name.endswith(ENDINGS):
-            raise InputError(f"the ending of {path} is not known; name {KINDS}.")
+            raise InputError(f"the ending of {path} is not known; name {_KINDS}.")
         if not path.stat().st_size:
             raise InputError(f"{path} is empty; it needs a header and one row a point.")
         if name.endswith(".parquet"):
@@ -92,7 +95,7 @@ def sheet_of_file(path: Path) -> Sheet:
             return found._replace(format=said)
         return _text(path, lambda: _opened(path))
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); name {KINDS}.") from None
+        raise InputError(f"{path} cannot be read ({error.strerror}); {WANTED}.") from None
 
 
 def read_table(path: Path) -> pd.DataFrame:

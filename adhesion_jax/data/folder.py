@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pyarrow
 
-from adhesion_jax.data.files import ENDINGS, KINDS, Block, Sheet, sheet_of_file
+from adhesion_jax.data.files import ENDINGS, WANTED, Block, Sheet, sheet_of_file
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
@@ -28,7 +28,7 @@ def sheet_of(path: Path) -> Sheet:
     found = glob.glob(f"{glob.escape(str(path))}/*" if is_folder else str(path))
     paths = [Path(one) for one in found if one.lower().endswith(ENDINGS) and os.path.isfile(one)]
     if not paths:
-        raise InputError(f"{path} has no file that can be read; name {KINDS}.")
+        raise InputError(f"{path} has no file that can be read; {WANTED}.")
     paths.sort(key=_in_order)
     if len(paths) == 1:
         return sheet_of_file(paths[0])

@@ -314,10 +314,8 @@ def check_curve(measured: Measured) -> None:
     if len(slip) < POINTS:
         faults: Sequence[str] = [too_few(len(slip))]
     elif different < POINTS // 2:
-        faults = [
-            f"column {slip.name} has only {different} different sizes of slip "
-            f"(a curve needs at least {POINTS // 2})"
-        ]
+        sizes = "slips of one size" if different == 1 else f"slips of {different} sizes"
+        faults = [f"column {slip.name} has {sizes} alone (a curve needs at least {POINTS // 2})"]
     else:
         faults = adhesion_faults(slip, measured.table["adhesion"])
     if faults:

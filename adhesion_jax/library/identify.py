@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
+from adhesion_jax.data.columns import GROUP
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.grouping import group
@@ -27,7 +28,6 @@ from adhesion_jax.library.results import of_numbers, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
 from adhesion_jax.measured.groups import (
-    GROUP,
     Group,
     beside,
     branches_of,

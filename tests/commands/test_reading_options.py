@@ -50,6 +50,16 @@ def test_a_dry_run_prints_the_table_and_stops(command, log, monkeypatch, capsys)
     assert "The log has cells separated by semicolons, decimal commas." in rows
 
 
+def test_a_dry_run_refuses_what_the_command_would(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "five.csv"
+    path.write_text("slip_ratio,adhesion\n" + "".join(f"0.0{i},0.{i}\n" for i in range(1, 6)))
+    said = answer("identify", path, monkeypatch, capsys, "--dry-run")
+    assert said[0] == 2
+    assert "five.csv: 5 rows are used." in said[1]
+    assert "there are 5 points (at least 10 rows of data are needed)" in said[2]
+    assert said[2] == answer("identify", path, monkeypatch, capsys)[2]
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_is_ambiguous_is_asked_for_in_one_sentence(command, log, monkeypatch, capsys):
     status, out, err = answer(command, log, monkeypatch, capsys)

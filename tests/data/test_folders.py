@@ -7,7 +7,7 @@ import pytest
 import adhesion_jax as aj
 from adhesion_jax.command_line import reading
 from adhesion_jax.data import read_measured
-from adhesion_jax.data.files import KINDS
+from adhesion_jax.data.files import WANTED
 from adhesion_jax.data.grouping import group
 from adhesion_jax.errors import InputError
 
@@ -89,12 +89,12 @@ def test_columns_that_do_not_agree_are_refused_in_a_sentence(tmp_path):
 def test_a_folder_or_a_pattern_without_a_file_is_refused(tmp_path):
     (tmp_path / "notes.md").write_text("x")
     for path in (tmp_path, tmp_path / "*.csv"):
-        with pytest.raises(InputError, match=r"has no file that can be read; name a .csv,"):
+        with pytest.raises(InputError, match=r"has no file that can be read; name a file"):
             read_measured(path)
 
 
-def test_the_command_line_names_what_can_be_read():
-    assert reading.KINDS == KINDS
+def test_the_command_line_says_what_is_said_elsewhere():
+    assert reading.WANTED == WANTED
 
 
 def test_the_files_of_a_folder_are_compared(tmp_path):

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 import adhesion_jax as aj
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.identify import main
-from adhesion_jax.command_line.reading import KINDS
+from adhesion_jax.command_line.reading import WANTED
 from adhesion_jax.curves import CURVES, physical_box
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.data import SHIPPED, read_measured, to_record
@@ -417,7 +417,7 @@ def test_a_process_of_its_own_ends_with_status_2_and_no_traceback():
         check=False,
     )
     assert ended.returncode == 2
-    assert ended.stderr == f"error: eurosprinder does not exist; name {KINDS}.\n"
+    assert ended.stderr == f"error: eurosprinder does not exist; {WANTED}.\n"
 
 
 def a_log(path, events=True):
