@@ -176,7 +176,7 @@ def _used(
     rows = Rows(stacked(read, found.taken, found.copies), sheet.first_row, read.rows)
     numbers = rows.numbers
     side_by_side = stacked_note(found.taken, found.copies, rows.count)
-    notes += rows.in_time(_column_of(taken, "time_s"))
+    notes += rows.in_time(taken["time_s"].column if "time_s" in taken else "time_s")
     notes += rows.labelled()
     there = [name for name in names_needed if name in numbers]
     bridges = bridged(numbers, rows.series, there)
@@ -233,7 +233,7 @@ def _used(
             *unit_notes,
             *beside_notes,
             *exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy()),
-            *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
+            *speed_warnings(numbers, taken),
         ),
         (*notes, *bridges, *gaps.notes),
     )
@@ -265,11 +265,6 @@ def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object
                 span = min(ends), max(ends)
             missing = float(np.isnan(values).mean()) if values.size else 0.0
             yield one.column, one.quantity, one.stamp or one.unit, *span, missing
-
-
-def _column_of(taken: Mapping[str, Taken], name: str) -> str:
-    """What the file calls a quantity, or its name where it is in no column of the file."""
-    return taken[name].column if name in taken else name
 
 
 def _may_be_late(derived: Derived, known: Corrections) -> bool:
