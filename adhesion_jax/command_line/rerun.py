@@ -1,6 +1,7 @@
 """`adhesion rerun`: the results in a folder once more, from what is recorded beside them."""
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from importlib import import_module
@@ -12,6 +13,9 @@ import click
 
 from adhesion_jax.command_line.command import RECORDED, Folder
 from adhesion_jax.errors import InputError
+
+#: What is read of a folder.
+_RECORD = "metadata.json"
 
 #: What an interrupted or an extended job was told besides, which does not go on here.
 _ONCE = {"--resume": 0, "--extend": 1, "--out": 1}
@@ -33,22 +37,19 @@ def main(folder: Path, out: Path) -> None:
     they are now. Where versions have changed since, it says so.
     """
     told = _told(folder)
+    try:
+        arguments, changed = _arguments(told, out.absolute()), _changed(told["versions"])
+    except (KeyError, TypeError, ValueError):
+        raise _no_record(folder) from None
     where = Path(told["folder"])
-    if not where.is_dir():
+    if not where.is_dir() or not os.access(where, os.X_OK):
         raise InputError(
-            f"{folder} was written from the folder {where}, which does not exist here; give the "
+            f"{folder} was written from the folder {where}, which is not there; give the "
             f"command anew: {_typed(told)}."
         )
-    changed = _changed(told["versions"])
     if changed:
         click.echo(f"Versions have changed since: {', '.join(changed)}.\n")
     click.echo(f"In {where}: {_typed(told)}\n")
-    results = out.absolute()
-    if told["command"] == "simulate":  # whose --out is a file
-        results /= Path(told["options"]["--out"]).name
-    arguments = [*_kept(told["arguments"]), "--out", str(results)]
-    if told["options"].get("--extend"):
-        arguments += ["--runs", str(told["runs"] if "runs" in told else told["config"]["runs"])]
     command = import_module(f"adhesion_jax.command_line.{told['command']}").main
     with chdir(where):
         command.main(arguments, prog_name=f"adhesion {told['command']}", standalone_mode=False)
@@ -56,7 +57,7 @@ def main(folder: Path, out: Path) -> None:
 
 def _told(folder: Path) -> Mapping[str, Any]:
     """What metadata.json says; InputError where it is not that of a command."""
-    path = folder / "metadata.json"
+    path = folder / _RECORD
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -68,10 +69,28 @@ def _told(folder: Path) -> Mapping[str, Any]:
     kinds = {"command": str, "arguments": list, "folder": str, "options": dict, "versions": dict}
     whole = isinstance(told, dict) and all(isinstance(told.get(k), v) for k, v in kinds.items())
     if not whole or told["command"] not in RECORDED:
-        raise InputError(f"{path} does not say by which command the results were made.")
+        raise _no_record(folder)
     if not all(isinstance(one, str) and "\0" not in one for one in told["arguments"]):
-        raise InputError(f"{path} has arguments that are no text.")
+        raise _no_record(folder)
     return told
+
+
+def _no_record(folder: Path) -> InputError:
+    return InputError(
+        f"{folder / _RECORD} does not say by which command the results were made; name another "
+        "folder of results."
+    )
+
+
+def _arguments(told: Mapping[str, Any], results: Path) -> list[str]:
+    """The arguments that make the same results in another folder."""
+    if told["command"] == "simulate":  # whose --out is a file
+        results /= Path(told["options"]["--out"]).name
+    arguments = [*_kept(told["arguments"]), "--out", str(results)]
+    if told["options"].get("--extend"):
+        runs = told["runs"] if "runs" in told else told["config"]["runs"]
+        arguments += ["--runs", str(runs)]
+    return arguments
 
 
 def _kept(arguments: Sequence[str]) -> list[str]:
