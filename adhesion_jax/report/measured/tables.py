@@ -64,10 +64,10 @@ def curve_rows(
     """One row for each curve; NaN where a quantity does not apply.
 
     Columns: curve, rms, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status, the
-    weight in the answer, log_density (of what was left out), the noise (sigma, autocorrelation,
-    run_scatter and slow_level, the last two relative), the departure (misfit, relative), and the
-    degrees of freedom of the interval. `not_fitted` names the columns that a curve needs and the
-    data lack.
+    weight in the answer, log_density (of what was left out, less what the departure costs), the
+    noise (sigma, autocorrelation, run_scatter and slow_level, the last two relative), the departure
+    (misfit, relative), and the degrees of freedom of the interval. `not_fitted` names the columns
+    that a curve needs and the data lack.
     """
     rows: list[dict[str, object]] = []
     for name, fit in fits.items():
