@@ -164,10 +164,10 @@ def _framed(path: Path) -> Framed:
     for name, one in _named(timed).items():
         columns[name] = _at(clock, one.time, one.values)
     said = f"{len(timed)} channels"
-    rates = len({one.time.size for one in timed})
-    if rates > 1:
+    clocks = len({one.time.tobytes() for one in timed})
+    if clocks > 1:
         said += (
-            f" of {rates} rates, on the times of those that have most samples: the others by "
+            f" with {clocks} clocks, on the times of those that have most samples: the others by "
             "straight lines, and whole numbers and text by the value before"
         )
     return Framed(pd.DataFrame(columns), said)

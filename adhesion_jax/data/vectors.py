@@ -76,7 +76,7 @@ def _mdf(path: Path) -> Iterator[Vector]:
             for index in range(len(group.channels)):
                 if index != file.masters_db.get(number):
                     one = file.get(group=number, index=index)
-                    place = f"{group.channel_group.acq_name or number}/{one.name}"
+                    place = f"{group.channel_group.acq_name or ''} {number}/{one.name}"
                     yield Vector(place, one.unit or "", one.samples, one.timestamps)
 
 

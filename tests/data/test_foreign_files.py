@@ -2,11 +2,13 @@
 
 import zipfile
 
+import asammdf
 import numpy as np
 import pytest
-from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, written
+from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, TIME, written
 
 from adhesion_jax.data import read_measured
+from adhesion_jax.data.files import sheet_of_file
 from adhesion_jax.errors import InputError
 
 
@@ -23,7 +25,9 @@ def tell(ending, place, tmp_path):
 def test_what_the_libraries_wrote_is_read(ending, place, tmp_path):
     table, notes = tell(ending, place, tmp_path)
     # The speed rises evenly: a straight line between its samples is exact, up to the last of them.
-    slow = "of 2 rates, on the times of those that have most samples: the others by straight lines"
+    slow = (
+        "with 2 clocks, on the times of those that have most samples: the others by straight lines"
+    )
     rows = ROWS - 9 if slow in notes else ROWS
     assert (slow in notes) == (ending in (".mf4", ".tdms") and place >= len(FOREIGN[ending]) - 2)
     log = LOG[:rows]
@@ -100,3 +104,20 @@ def test_so_is_that_of_spreadsheets(tmp_path, monkeypatch):
     monkeypatch.setattr("adhesion_jax.data.containers.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"needs the package python-calamine.*\[files\]"):
         read_measured(path)
+
+
+def test_channels_of_one_name_keep_that_of_their_group(tmp_path):
+    """Two clocks of as many samples, one of them later, and a channel that both have."""
+    file = asammdf.MDF()
+    for late in (0.0, 0.02):
+        time = TIME + late
+        values = {"v": 36.0 + time, "temp": 20 + time} if late else {"temp": 8.0 + 0 * time}
+        signals = [asammdf.Signal(one, time, name=name) for name, one in values.items()]
+        file.append(signals, acq_name="CAN")
+    file.save(tmp_path / "log.mf4")
+    sheet = sheet_of_file(tmp_path / "log.mf4")
+    assert sheet.columns == ("time [s]", "CAN 0/temp", "v", "CAN 1/temp")
+    assert "3 channels with 2 clocks" in sheet.format
+    ((block, _),) = sheet.blocks()
+    assert block["v"][0].as_py() is None
+    assert block["v"][1].as_py() == pytest.approx(36.05)
