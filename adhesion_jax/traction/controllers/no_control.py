@@ -2,11 +2,9 @@
 
 from typing import ClassVar
 
-from jaxtyping import Array, Float
-
 from adhesion_jax.traction.controllers.base import Controller
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.signals import PerAxle, Signals
 
 
 class NoControl(Controller):
@@ -14,15 +12,7 @@ class NoControl(Controller):
 
     FOLLOWS: ClassVar[bool] = False
 
-    def init(self, nominal: Plant, signals: Signals) -> tuple[()]:
-        return ()
-
     def update(
-        self,
-        state: tuple[()],
-        nominal: Plant,
-        signals: Signals,
-        reference: Reference | None,
-        period: float,
-    ) -> tuple[tuple[()], Float[Array, " axles"]]:
+        self, state: tuple[()], nominal: Plant, signals: Signals, period: float
+    ) -> tuple[tuple[()], PerAxle]:
         return state, signals.demand

@@ -14,9 +14,6 @@ class TrueOptimum(Seeker):
 
     TOLD_OPTIMUM: ClassVar[bool] = True
 
-    def init(self, nominal: Plant, signals: Signals) -> tuple[()]:
-        return ()
-
     def update(
         self, state: tuple[()], nominal: Plant, signals: Signals, period: float
     ) -> tuple[tuple[()], Reference]:
