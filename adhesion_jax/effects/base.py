@@ -10,16 +10,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter
+from adhesion_jax.curves import Conditions, Parameter, Signal
 
-#: Arrays of one shape in a function: those of a steady state, or of the points of a run.
-Signal = Float[Array, "*shape"]
-
-#: The same in time order, and one sample.
+#: A signal in time order, and one sample.
 Points = Float[Array, " points"]
 Value = Float[Array, ""]
 
-#: What combines with them: of their shape, or one number for all.
+#: What combines with a signal: of its shape, or one number for all.
 Values = Float[Array, "..."]
 
 #: The conditions of all measured points, by column, flat: what a grid of starts is laid over.

@@ -1,7 +1,5 @@
 """Least squares on the linear form of Kiencke's curve, all samples at once."""
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
@@ -23,8 +21,8 @@ class LinearLeastSquares(Identifier):
     On a slippery rail p2 may come out negative; there is no peak then, and that is a failure.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     def accepts(self, known: Known) -> str | None:
         return needs_blocks(known) or needs_kiencke(known)

@@ -1,7 +1,7 @@
 """Exact maximum likelihood over all blocks since the rail last changed."""
 
 from operator import itemgetter
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -79,9 +79,9 @@ class PooledMaximumLikelihood(Identifier):
     begins anew with the block. The rail is taken as constant within a block.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    POOLS: ClassVar[bool] = True
-    RESETS: ClassVar[bool] = True
+    FITS_LAST_RECORD = False
+    POOLS = True
+    RESETS = True
 
     level: Scalar = 1e-4
 

@@ -1,7 +1,7 @@
 """The quadratic program of Qian et al. 2024 without the bias of noise in the regressors."""
 
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -61,8 +61,8 @@ class BiasCompensatedProgram(Identifier):
     Source: Söderström 2007, Automatica 43:939-958 (bias-eliminating least squares), for this case.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     eta_least: Scalar
     eta_most: Scalar

@@ -1,7 +1,7 @@
 """Qian et al. 2024: a quadratic program at every sample, with a time-varying forgetting factor."""
 
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,8 +47,8 @@ class QuadraticProgram(Identifier):
     standard deviations where S_1 and S_2 are printed as variances, whose unit is another).
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     weight_falls: Flag
     eta_least: Scalar

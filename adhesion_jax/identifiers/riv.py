@@ -1,6 +1,6 @@
 """Refined instrumental variables on Kiencke's linear form: recursive, robust, with resets."""
 
-from typing import ClassVar, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -106,8 +106,8 @@ class RefinedInstruments(Identifier):
     Robust Statistics, sections 7.6 (covariance) and 5.1 (median deviation).
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = True
+    FITS_LAST_RECORD = False
+    RESETS = True
 
     huber: Scalar
     gain: Scalar  # least gain of the scale

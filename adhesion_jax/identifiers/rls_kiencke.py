@@ -1,6 +1,6 @@
 """Recursive least squares with exponential forgetting on the linear form of Kiencke's curve."""
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
@@ -42,8 +42,8 @@ class RecursiveLeastSquares(Identifier):
     Source: Ljung 1999, System Identification, section 11.2; eta as in Qian et al. 2024, Eq. 9.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     eta_least: Scalar
     eta_most: Scalar

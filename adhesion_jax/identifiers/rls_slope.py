@@ -1,7 +1,7 @@
 """Fang et al. 2018: the slope of the adhesion curve by recursive least squares, without a curve."""
 
 from collections import OrderedDict
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -56,8 +56,8 @@ class RecursiveSlope(Identifier):
     phi, which lowers the slope by the share of that noise in E phi^2.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     gamma: Scalar  # s^4/m^2
     time_constant: Scalar  # of the low-pass, s

@@ -1,6 +1,6 @@
 """Differential acceleration control: the torque drops when a wheel gains on the train."""
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Int
@@ -30,7 +30,7 @@ class DifferentialAcceleration(Controller):
     The HXD1F paper compares with this method and gives none of its numbers: all are assumed.
     """
 
-    FOLLOWS: ClassVar[bool] = False
+    FOLLOWS = False
 
     ramp: Setting  # N m/s
     trip: Setting  # m/s^2

@@ -1,7 +1,5 @@
 """No control: the driver's demand."""
 
-from typing import ClassVar
-
 from adhesion_jax.traction.controllers.base import Controller
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Signals
@@ -10,7 +8,7 @@ from adhesion_jax.traction.signals import PerAxle, Signals
 class NoControl(Controller):
     """T = T*."""
 
-    FOLLOWS: ClassVar[bool] = False
+    FOLLOWS = False
 
     def update(
         self, state: tuple[()], nominal: Plant, signals: Signals, period: float

@@ -1,6 +1,6 @@
 """Torque feedback of the adhesion observed: Fang et al. 2018, Eq. 9, and Eq. 8 before it."""
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
@@ -27,7 +27,7 @@ class SlopeFeedback(Controller):
     filtered. It needs no seeker: K2 decides the slip at which it settles.
     """
 
-    FOLLOWS: ClassVar[bool] = False
+    FOLLOWS = False
 
     slope_gain: Setting  # K1, N m^2/s
     adhesion_gain: Setting  # K2, N m
@@ -68,7 +68,7 @@ class RateFeedback(Controller):
     demand stands.
     """
 
-    FOLLOWS: ClassVar[bool] = False
+    FOLLOWS = False
 
     rate_gain: Setting  # K1, N m s
     adhesion_gain: Setting  # K2, N m

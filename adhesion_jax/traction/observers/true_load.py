@@ -1,6 +1,6 @@
 """The true load, for comparison: the best that an observer could give."""
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
@@ -17,7 +17,7 @@ class TrueLoadState(NamedTuple):
 class TrueLoad(Observer):
     """The true T_L in N m, which no train can measure."""
 
-    TOLD_LOAD: ClassVar[bool] = True
+    TOLD_LOAD = True
 
     def init(self, nominal: Plant, measured: Measurement) -> TrueLoadState:
         return TrueLoadState(jnp.zeros_like(measured.motor_speed), measured.slip)
