@@ -6,16 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from adhesion_jax.effects.api import (
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-    SlipTransform,
-    Values,
-)
+from adhesion_jax.effects.api import Conditions, Facts, Scalar, Signal, SlipTransform, Values
 from adhesion_jax.effects.base import Points
 from adhesion_jax.effects.history import has_history
 
@@ -48,6 +39,7 @@ class SlipNoise(SlipTransform):
             "roughness": ("1/s^1.5", 1e-9, 1e6, "change of the rate of slip"),
         },
         strengths=("sigma",),
+        starts=({"sigma": 1e-3, "roughness": 0.05},),
         needs=("time_s",),
         sentence="The slip signal is noisy: the true slip is estimated from neighbouring points "
         "in time.",
@@ -63,10 +55,6 @@ class SlipNoise(SlipTransform):
         if not has_history(conditions):
             return slip
         return expected_slip(self, jnp.asarray(slip), conditions)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(sigma=1e-3, roughness=0.05)]
 
 
 class _State(NamedTuple):

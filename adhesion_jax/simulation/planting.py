@@ -115,8 +115,8 @@ def of_strength(kind: type[Effect], limit: float, **fixed: float) -> Form:
     (strength,) = kind.FACTS.strengths
 
     def exact(runs: CleanRuns) -> Plan:
-        middles = {name: runs.middle(column) for name, column in kind.FACTS.references.items()}
-        return by_its_formula(lambda a: kind(**{strength: a}, **middles, **fixed), limit, runs)
+        medians = kind.medians(runs.columns)
+        return by_its_formula(lambda a: kind(**{strength: a}, **medians, **fixed), limit, runs)
 
     return exact
 
