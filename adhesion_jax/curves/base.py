@@ -20,8 +20,10 @@ Conditions = Mapping[str, Float[Array, "..."] | float]
 #: Arrays of one shape in a function: those of a steady state, or of the points of a run.
 Signal = Float[Array, "*shape"]
 
-#: Largest slip ratio at which a peak is searched: the wheel turns at twice its rolling speed.
+#: Largest slip at which a peak is searched: as a ratio, where the wheel turns at twice its rolling
+#: speed, and as a velocity in m/s.
 SLIP_LIMIT = 1.0
+SLIP_VELOCITY_LIMIT = 10.0
 
 
 class Parameter(NamedTuple):

@@ -103,6 +103,23 @@ def loop_of_instruments(slip, adhesion):
     return np.array(course), resets
 
 
+def test_the_first_sample_counts_as_one_with_noise_of_a_twentieth_of_its_adhesion():
+    """By an outside solver: its squared misfit, and that of the start within a tenth of the box."""
+    scenario = build("qian2024-switch", Options(points=200))
+    record = flat(scenario.draw(jax.random.key(3)))
+    found = parameters(one_by_one("riv", scenario, record, 1))[0]
+    slip, adhesion = (float(column[0, 0]) for column in (record.slip, record.adhesion))
+    spread = 0.1 * (UPPER - LOWER)
+
+    def misfit(x):
+        error = (instruments(x, slip)[0] - adhesion) / (0.05 * adhesion)
+        return np.append((x - START) / spread, error)
+
+    scale = {"x_scale": spread, "xtol": 1e-14, "ftol": 1e-14}
+    best = least_squares(misfit, START, bounds=(LOWER, UPPER), **scale).x
+    np.testing.assert_allclose(found - START, best - START, rtol=0.01)
+
+
 @pytest.fixture(scope="module")
 def switched():
     """A stream with a switch at sample 100 and outliers, and the estimates of `riv`."""
