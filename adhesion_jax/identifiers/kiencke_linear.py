@@ -19,7 +19,7 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
 from adhesion_jax.identifiers.online import OnlineState, R, Step, over_fresh_samples
-from adhesion_jax.identifiers.pairs import NO_MATRIX, NOTHING, Symmetric, Vector, square
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
 from adhesion_jax.records import Known, Record
 
@@ -42,9 +42,14 @@ class Normal(NamedTuple):
     noise of Z depends on the slip (White 1980, Econometrica 48:817-838).
     """
 
-    h: Symmetric = NO_MATRIX
-    f: Vector = NOTHING
-    g: Symmetric = NO_MATRIX
+    h: Symmetric
+    f: Vector
+    g: Symmetric
+
+
+def no_samples() -> Normal:
+    """The sums before any."""
+    return Normal(no_matrix(), no_vector(), no_matrix())
 
 
 def needs_kiencke(known: Known) -> str | None:

@@ -73,4 +73,11 @@ def square(vector: Vector) -> Symmetric:
     return Symmetric(vector.a**2, vector.a * vector.b, vector.b**2)
 
 
-NOTHING, NO_MATRIX = Vector(*2 * [jnp.zeros(())]), Symmetric(*3 * [jnp.zeros(())])
+def no_vector() -> Vector:
+    """(0, 0)."""
+    return Vector(*2 * [jnp.zeros(())])
+
+
+def no_matrix() -> Symmetric:
+    """[[0, 0], [0, 0]]."""
+    return Symmetric(*3 * [jnp.zeros(())])

@@ -16,6 +16,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     discounted,
     forgetting,
     needs_kiencke,
+    no_samples,
     online_estimate,
     powers,
     regression,
@@ -23,7 +24,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     start_of,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.identifiers.pairs import NO_MATRIX, Symmetric, Vector, square
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
 from adhesion_jax.records import Known, Record
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
@@ -70,8 +71,8 @@ class BiasCompensatedProgram(Identifier):
         return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        noise, eta = NoiseSums(NO_MATRIX, *3 * [jnp.zeros(())]), jnp.asarray(self.eta_most)
-        recursion = CompensatedRecursion(Normal(), noise, jnp.int32(0), start_of(known), eta)
+        noise, eta = NoiseSums(no_matrix(), *3 * [jnp.zeros(())]), jnp.asarray(self.eta_most)
+        recursion = CompensatedRecursion(no_samples(), noise, jnp.int32(0), start_of(known), eta)
         return begin(known, recursion)
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:

@@ -16,6 +16,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     discounted,
     forgetting,
     needs_kiencke,
+    no_samples,
     online_estimate,
     regression,
     solve_in_box,
@@ -23,7 +24,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.identifiers.pairs import NO_MATRIX, Symmetric, Vector, square
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
 from adhesion_jax.records import Known, Record
 
 #: Information matrices before each of the last samples, the latest first.
@@ -63,9 +64,9 @@ class QuadraticProgram(Identifier):
         return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        eta = jnp.asarray(self.eta_most)
-        recursion = ProgramRecursion(Normal(), 4 * (NO_MATRIX,), jnp.int32(0), start_of(known), eta)
-        return begin(known, recursion)
+        history, eta = 4 * (no_matrix(),), jnp.asarray(self.eta_most)
+        x = start_of(known)
+        return begin(known, ProgramRecursion(no_samples(), history, jnp.int32(0), x, eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         return after_record(self._step, state, record)

@@ -17,7 +17,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     start_of,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.identifiers.pairs import NO_MATRIX, NOTHING, Symmetric, Vector, square
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.records import Known, Record
 
@@ -121,7 +121,7 @@ class RefinedInstruments(Identifier):
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         empty, zero, none = jnp.zeros(LENGTH), jnp.zeros(()), jnp.int32(0)
         kept = LatestSamples(empty, empty, empty, empty > 0)
-        sums = InstrumentSums(NO_MATRIX, NOTHING, *4 * [zero])
+        sums = InstrumentSums(no_matrix(), no_vector(), *4 * [zero])
         x, scale = start_of(known), jnp.asarray(_FINEST)
         return begin(known, InstrumentsRecursion(kept, sums, x, scale, none, none, empty[0] > 0))
 

@@ -16,7 +16,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     start_of,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
-from adhesion_jax.identifiers.pairs import NO_MATRIX, Symmetric, Vector, square
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
 from adhesion_jax.records import Known, Record
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
@@ -52,7 +52,7 @@ class RecursiveLeastSquares(Identifier):
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         wide, zero = jnp.asarray(_PRIOR**2), jnp.zeros(())
         p, eta = Symmetric(wide, zero, wide), jnp.asarray(self.eta_most)
-        return begin(known, LeastSquaresRecursion(start_of(known), p, NO_MATRIX, eta))
+        return begin(known, LeastSquaresRecursion(start_of(known), p, no_matrix(), eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         return after_record(self._step, state, record)
