@@ -63,10 +63,6 @@ class Options(Mapping[str, Any]):
         return f"Options({', '.join(f'{name}={value!r}' for name, value in self.items())})"
 
 
-#: What an argument of a scenario can be, by name.
-KINDS: Mapping[str, type] = {kind.__name__: kind for kind in (int, float, str)}
-
-
 class Declared(NamedTuple):
     """An argument of a scenario."""
 

@@ -5,7 +5,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -52,23 +51,20 @@ def start() -> None:
     programs.share_with_jax()
 
 
-def perform(name: str, /, *beside: Part, **asked: object) -> None:
-    """Do what a command of this name is asked: only now are jax and the rooms imported.
+def begin(*asked: Any) -> tuple[Any, ...]:
+    """Import jax, and put parts of the user's own that are asked for into their registries.
 
-    Parts of the user's own come first, for some rooms make tables of the registries; what is asked
-    then has their names. Those `beside` are not named in it.
+    What is asked for is returned with their names. Call it before the rooms are imported, for some
+    of them make tables of the registries.
     """
     start()
-    for own in beside:
-        use(own)
-    known = {option: _used(value) for option, value in asked.items()}
-    import_module(f"adhesion_jax.commands.{name}").main(**known)
+    return tuple(map(_by_name, asked))
 
 
-def _used(value: object) -> object:
+def _by_name(value: object) -> object:
     if isinstance(value, Part):
         return use(value)
-    return tuple(map(_used, value)) if isinstance(value, tuple) else value
+    return tuple(map(_by_name, value)) if isinstance(value, tuple) else value
 
 
 class FiniteRange(click.FloatRange):

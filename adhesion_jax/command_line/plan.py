@@ -9,8 +9,9 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
-from adhesion_jax.command_line.reading import CORRECTIONS, FILES, reading
+from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, begin
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import CORRECTIONS, FILES, read, reading
 from adhesion_jax.command_line.slip_events import slip_events
 from adhesion_jax.errors import InputError
 
@@ -178,7 +179,15 @@ class Condition(click.ParamType):
     show_default=True,
 )
 def main(
-    log: str | None, rail: str | None, curves: str | None, law: str | None, **asked: Any
+    log: str | None,
+    rail: str | None,
+    curves: str | None,
+    law: str | None,
+    curve: Any,
+    conditions: tuple[tuple[str, float], ...],
+    seed: int,
+    out: Path,
+    **asked: Any,
 ) -> None:
     """Say how far the slip must go, and how many samples it takes, to know the peak.
 
@@ -194,11 +203,44 @@ def main(
             "Name one of LOG, --rail, --curves and --law"
             + (f", not {' and '.join(named)} together." if named else ".")
         )
-    if asked["curve"] and named[0] not in ("LOG", "--curves"):
+    if curve and named[0] not in ("LOG", "--curves"):
         raise InputError(f"--curve goes with LOG or --curves, not with {named[0]}.")
     _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
-    asked["conditions"] = tuple(asked["conditions"])
-    perform("plan", log=log, rail=rail, curves=curves, law=law, **asked)
+    columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
+    check = asked.pop("check")
+    (curve,) = begin(curve)
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.effects.saved import load_law
+    from adhesion_jax.files import output_directory, staged, write_table
+    from adhesion_jax.library.identify import identify_chosen
+    from adhesion_jax.library.plan import PLAN_FILES, plan
+    from adhesion_jax.library.reading import citation_of
+    from adhesion_jax.measured.saved import load_curve
+    from adhesion_jax.planning.check import check_plan
+    from adhesion_jax.report.plan.words import checked
+
+    source: Any = rail
+    if log is not None:
+        measured = read([log], columns, known)
+        if dry_run:
+            return
+        chosen = events_of(measured, events)
+        del measured  # nothing holds the log while curves are fitted to its events
+        source = identify_chosen(chosen, curve, citation_of(log))
+    elif curves is not None:
+        source = load_curve(Path(curves), curve)
+    elif law is not None:
+        source = load_law(law)
+    found = plan(source, conditions=dict(conditions), **asked)
+    words = f"{found}"
+    with staged(output_directory(out), PLAN_FILES) as stage:
+        found.write(stage)
+        if check is not None:
+            with shown() as progress:
+                table = check_plan(found.plan, check, seed, progress)
+            write_table(stage / "check.csv", table)
+            words += f"\n\n{checked(table, check)}"
+    click.echo(f"{words}\n\nWritten to {out}")
 
 
 def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: str) -> None:

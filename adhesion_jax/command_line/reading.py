@@ -1,16 +1,20 @@
-"""The options by which every command that reads measurements is told what their columns are."""
+"""How every command that reads measurements is told what their columns are, and reads them."""
 
 import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from adhesion_jax.command_line.command import FiniteRange
+from adhesion_jax.command_line.progress import shown
 from adhesion_jax.errors import InputError
+
+if TYPE_CHECKING:
+    from adhesion_jax.data import Measured
 
 #: What can be read, for a refusal.
 FILES = "a .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet file"
@@ -110,6 +114,33 @@ def reading(command: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(_OPTIONS):
         told = option(told)
     return told
+
+
+def read(
+    files: Sequence[str],
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    for_search: bool = False,
+) -> "list[Measured]":
+    """The measurements of the files; what was understood of each is printed, refused or not.
+
+    A search for effects is satisfied with columns of which it needs fewer rows.
+    """
+    from adhesion_jax.data.corrections import corrections_of
+    from adhesion_jax.data.gaps import FEW, FEW_OF_A_SEARCH
+    from adhesion_jax.data.reading import NotUnderstoodError
+    from adhesion_jax.library.reading import all_of
+    from adhesion_jax.report.measured.understood import columns_table, understood
+
+    corrections, few = corrections_of(**known), FEW_OF_A_SEARCH if for_search else FEW
+    with shown() as progress:
+        try:
+            found = all_of(files, columns, corrections, progress, few)
+        except NotUnderstoodError as refused:
+            click.echo(f"Columns as understood so far:\n{columns_table(refused.understood)}\n")
+            raise
+    click.echo("\n\n".join(map(understood, found)) + "\n")
+    return found
 
 
 def _delays(named: Sequence[str]) -> dict[str, float]:
