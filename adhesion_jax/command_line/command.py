@@ -13,6 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.options import Option
 from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
 
@@ -77,6 +78,11 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+def number_in(option: Option) -> FiniteRange:
+    """A number in the range of an option."""
+    return FiniteRange(option.low, option.high, option.low_open, option.high_open)
 
 
 class Folder(click.Path):

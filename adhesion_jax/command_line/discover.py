@@ -11,8 +11,7 @@ import click
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, Names, begin
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import FILES, read, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.reading import FILES, read, reading, slip_events
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 

@@ -10,11 +10,11 @@ import click
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
 from adhesion_jax.command_line.command import (
     SEED,
-    FiniteRange,
     Folder,
     Name,
     Names,
     begin,
+    number_in,
     start,
     with_cluster,
 )
@@ -97,7 +97,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
             int(option.low or 0), None if option.high is None else int(option.high)
         )
     if one.kind is float:
-        return FiniteRange(option.low, option.high, option.low_open, option.high_open)
+        return number_in(option)
     return one.kind
 
 

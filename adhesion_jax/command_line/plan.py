@@ -1,7 +1,7 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +9,11 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, begin
+from adhesion_jax.command_line.command import SEED, File, Folder, Name, begin, number_in
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import CORRECTIONS, FILES, read, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.reading import CORRECTIONS, FILES, read, reading, slip_events
 from adhesion_jax.errors import InputError
+from adhesion_jax.options import NOISE
 
 KNOWN = catalogue()
 
@@ -98,6 +98,15 @@ class Condition(click.ParamType):
         return column, found
 
 
+def noise(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command an option for all that can be stated of the noise."""
+    for name, option in reversed(NOISE.items()):
+        default = {"sigma": "  [default: 0.01]", "slow_rows": ""}.get(name, "  [default: 0]")
+        flag = f"--{name.replace('_', '-')}"
+        command = click.option(flag, type=number_in(option), help=option.help + default)(command)
+    return command
+
+
 @click.command()
 @click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
 @reading
@@ -134,36 +143,7 @@ class Condition(click.ParamType):
     type=click.IntRange(2, 10**6),
     help="Samples of a run, in which the slip rises from 0 to the largest.  [default: 200]",
 )
-@click.option(
-    "--sigma",
-    type=FiniteRange(0, 10, min_open=True),
-    help="Standard deviation of the noise of adhesion.  [default: 0.01]",
-)
-@click.option(
-    "--autocorrelation",
-    type=FiniteRange(0, 1, max_open=True),
-    help="Correlation of that noise from sample to sample.  [default: 0]",
-)
-@click.option(
-    "--run-scatter",
-    type=FiniteRange(0, 1),
-    help="Standard deviation of the level of a run, as a share of adhesion.  [default: 0]",
-)
-@click.option(
-    "--slow-level",
-    type=FiniteRange(0, 1),
-    help="The same of a level that varies slowly within a run.  [default: 0]",
-)
-@click.option(
-    "--slow-rows",
-    type=FiniteRange(0, 10**9),
-    help="Samples after which the correlation of the slow level has fallen to 1/e.",
-)
-@click.option(
-    "--slip-noise",
-    type=FiniteRange(0, 10),
-    help="Standard deviation of the noise of the slip.  [default: 0]",
-)
+@noise
 @click.option("--want", type=Share(), help="Relative standard error of mu_max to reach, as 1%.")
 @click.option(
     "--check",

@@ -223,22 +223,14 @@ def _option(name: str, one: Any, value: object) -> object:
         return _law_text(name, value)
     if one.kind is str:
         return str(value)
-    low, high = one.option.low, one.option.high
     try:
         number = one.kind(value)
-        right = number == value and math.isfinite(number)
+        right = number == value and math.isfinite(number) and one.option.holds(number)
     except (TypeError, ValueError, OverflowError):
         right = False
-    above = right and (low is None or number > low or (number == low and not one.option.low_open))
-    below = right and (
-        high is None or number < high or (number == high and not one.option.high_open)
-    )
-    if not (above and below):
+    if not right:
         kind = "a whole number" if one.kind is int else "a number"
-        ends = " ".join(
-            f"{word} {end:g}" for word, end in (("from", low), ("to", high)) if end is not None
-        )
-        raise InputError(f"{name} is {kind} {ends}, not {value!r}.")
+        raise InputError(f"{name} is {kind} {one.option.range()}, not {value!r}.")
     return number
 
 
