@@ -14,7 +14,8 @@ from adhesion_jax.report.discovery.figures import draw_discovery
 from adhesion_jax.report.discovery.frames import ranking_frame
 from adhesion_jax.report.discovery.markdown import discovery_markdown
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
-from adhesion_jax.report.discovery.words import candidates, verdict
+from adhesion_jax.report.discovery.verdict import verdict
+from adhesion_jax.report.discovery.words import candidates
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.report.text import WIDTH, filled, in_columns
