@@ -225,7 +225,7 @@ def _option(name: str, one: Any, value: object) -> object:
         return str(value)
     try:
         number = one.kind(value)
-        right = number == value and math.isfinite(number) and one.option.holds(number)
+        right = number == value and math.isfinite(number) and one.option.holds(float(number))
     except (TypeError, ValueError, OverflowError):
         right = False
     if not right:
