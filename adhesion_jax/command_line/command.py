@@ -12,7 +12,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.errors import InputError, WorkerError, cannot_write
 from adhesion_jax.options import Option
 from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
@@ -111,9 +111,7 @@ class Folder(click.Path):
             if not there.is_dir() or not os.access(there, os.W_OK):
                 reason = "Permission denied" if there.is_dir() else f"{there} is a file"
         if reason:
-            raise InputError(
-                f"--out {path} cannot be written to ({reason}); name a folder that can."
-            )
+            raise cannot_write(path, reason)
         return path
 
 

@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -154,38 +154,40 @@ def read(
 
 def _delays(named: Sequence[str]) -> dict[str, float]:
     found: dict[str, float] = {}
-    for one in named:
-        name, _, written = (part.strip() for part in one.partition("="))
+    for name, written, one in _pairs("delay", named):
         try:
-            seconds = float(written)
+            found[name] = float(written)
         except ValueError:
-            seconds = math.nan
-        if not name or not math.isfinite(seconds):
+            found[name] = math.nan
+        if not name or not math.isfinite(found[name]):
             raise InputError(
                 f'--delay "{one}" does not say how late a signal is; write NAME=SECONDS, as in '
                 '"vehicle_speed=0.2".'
             )
-        if name in found:
-            raise InputError(f"--delay {name} is given twice; name one delay for it.")
-        found[name] = seconds
     return found
 
 
 def _columns(file: Path | None, named: Sequence[str]) -> Mapping[str, object]:
     columns: dict[str, object] = {} if file is None else _of_file(file)
-    given: set[str] = set()
-    for one in named:
-        quantity, equals, column = (part.strip() for part in one.partition("="))
-        if not (quantity and equals and column):
+    for quantity, column, one in _pairs("column", named):
+        if not (quantity and column):
             raise InputError(
                 f'--column "{one}" does not say what a column is; write QUANTITY=COLUMN [UNIT], '
                 'as in "speed=v [km/h]".'
             )
-        if quantity in given:
-            raise InputError(f"--column {quantity} is given twice; name one column for it.")
-        given.add(quantity)
         columns[quantity] = column
     return columns
+
+
+def _pairs(option: str, named: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """What stands on both sides of the sign of equality, and the whole; each name comes once."""
+    given: set[str] = set()
+    for one in named:
+        name, _, value = (part.strip() for part in one.partition("="))
+        if name in given:
+            raise InputError(f"--{option} {name} is given twice; name one {option} for it.")
+        given.add(name)
+        yield name, value, one
 
 
 def _of_file(path: Path) -> dict[str, object]:

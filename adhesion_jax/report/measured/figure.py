@@ -11,6 +11,7 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate, band_of_answer
 from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.residual import Residual, running_mean
+from adhesion_jax.report.measured.words import best_first
 from adhesion_jax.report.style import POINT, light_frame, root_axis
 
 #: Colour, line and peak marker by rank: each alone tells the curves apart, in grey as well.
@@ -38,7 +39,7 @@ def draw_measured(
     place: Estimate,
 ) -> None:
     """The one answer over the points with the curves and, below it, what each curve leaves."""
-    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
+    ranked = best_first(fits)
     best, left = fits[ranked[0]], residuals[ranked[0]]
     figure = Figure(figsize=(10, 8), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
