@@ -113,7 +113,7 @@ def main(
     from adhesion_jax.simulation.simulator import simulate, write_set
 
     if planted is not None:
-        names = [name for name in planted if name not in ("", "none")]
+        names = tuple(name for name in planted if name not in ("", "none"))
         write_set(output_directory(out), simulate(names, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
         columns, known, dry_run = {}, {}, False
