@@ -1,14 +1,15 @@
 """`adhesion identify`: which adhesion curve measured points follow."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, perform
-from adhesion_jax.command_line.reading import FILES, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, begin
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import FILES, read, reading, slip_events
 
 KNOWN = catalogue()
 
@@ -44,7 +45,17 @@ KNOWN = catalogue()
     "events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
-def main(**asked: Any) -> None:
+def main(
+    files: tuple[str, ...],
+    curve: Any,
+    events: bool | None,
+    by: str | None,
+    slip_noise: float | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
+) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
     FILES are one or more .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet files of slip (or the
@@ -53,4 +64,19 @@ def main(**asked: Any) -> None:
     of a data set that ships with the package: eurosprinter. (roller-rig has one slip and no curve:
     adhesion discover.)
     """
-    perform("identify", **asked)
+    (curve,) = begin(curve)
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.library.identify import identify_chosen, with_groups
+    from adhesion_jax.library.reading import citation_of
+
+    measured = read(files, with_groups(columns, by), known)
+    if dry_run:
+        return
+    # Nothing holds the log while the curves are fitted to its events.
+    logs = events_of(measured, events)
+    del measured
+    curves = None if curve == "all" else curve
+    citation = " ".join(filter(None, map(citation_of, files)))
+    with shown() as progress:
+        found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
+    click.echo(f"{found}\n\nWritten to {out}")
