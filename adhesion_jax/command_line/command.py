@@ -17,6 +17,9 @@ from adhesion_jax.options import Option
 from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
 
+#: Where a click context holds the arguments of a recorded command, as they were given.
+ARGUMENTS = f"{__name__}.arguments"
+
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
 
@@ -50,6 +53,14 @@ def start() -> None:
 
     runtime.start()
     programs.share_with_jax()
+
+
+class Recorded(click.Command):
+    """A command whose arguments are recorded beside its results."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[ARGUMENTS] = list(args)
+        return super().parse_args(ctx, args)
 
 
 def begin(*asked: Any) -> tuple[Any, ...]:

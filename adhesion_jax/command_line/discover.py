@@ -9,15 +9,16 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, Names, begin
+from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Names, Recorded, begin
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import FILES, read, reading, slip_events
+from adhesion_jax.command_line.reading import Log, read, reading, slip_events
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
 KNOWN = catalogue()
 
-_RUNS = File(KNOWN.data, f"name {FILES}")
+_RUNS = Log(KNOWN.data)
 
 
 class Plantable(Names):
@@ -29,7 +30,7 @@ class Plantable(Names):
         return Names((*self.names, *names), self.kind).convert(value, param, ctx)
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
 @slip_events
@@ -123,6 +124,7 @@ def main(
         return
     output_directory(out)
     logs, judging = events_of(measured, events), events_of(judged, events) if judged else []
+    understood = columns_of([*measured, *judged])
     # Nothing holds the logs while effects are searched in their events.
     del measured, judged
     used = " ".join(filter(None, (log.sentence for log in logs)))
@@ -138,6 +140,7 @@ def main(
         found = discover_in(
             runs, test, logs, sources, base, seed, slip_noise, correct, progress, out
         )
+    record(out, understood)
     click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())

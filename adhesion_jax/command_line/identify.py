@@ -7,15 +7,16 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, begin
+from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Recorded, begin
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import FILES, read, reading, slip_events
+from adhesion_jax.command_line.reading import Log, read, reading, slip_events
+from adhesion_jax.command_line.record import columns_of, record
 
 KNOWN = catalogue()
 
 
-@click.command()
-@click.argument("files", type=File(KNOWN.data, f"name {FILES}"), nargs=-1, required=True)
+@click.command(cls=Recorded)
+@click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
@@ -41,8 +42,8 @@ KNOWN = catalogue()
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for report.html, curves.csv, curves.png, law.json, verdict.txt, of a log "
-    "events.png, and with --by runs.csv and runs.png.",
+    help="Folder for report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, "
+    "of a log events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
 def main(
@@ -58,25 +59,28 @@ def main(
 ) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
-    FILES are one or more .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet files of slip (or the
-    speeds of wheel and train) and adhesion (or force and load), in columns that are recognised by
-    their names and units or named by --column; --dry-run shows how they are understood. Or the name
-    of a data set that ships with the package: eurosprinter. (roller-rig has one slip and no curve:
-    adhesion discover.)
+    FILES are tables of text, spreadsheets, .parquet, .mat, .h5, .mf4, .tdms or .feather files, or a
+    folder or a pattern of such as one log, of slip (or the speeds of wheel and train) and adhesion
+    (or force and load), in columns that are recognised by their names and units or named by
+    --column; --dry-run shows how they are understood. Or the name of a data set that ships with the
+    package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
     """
     (curve,) = begin(curve)
+    from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
     from adhesion_jax.library.identify import identify_chosen, with_groups
     from adhesion_jax.library.reading import citation_of
 
     measured = read(files, with_groups(columns, by), known)
     if dry_run:
+        check_curve(as_one(measured))
         return
     # Nothing holds the log while the curves are fitted to its events.
-    logs = events_of(measured, events)
+    logs, understood = events_of(measured, events), columns_of(measured)
     del measured
     curves = None if curve == "all" else curve
     citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
         found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
+    record(out, understood)
     click.echo(f"{found}\n\nWritten to {out}")

@@ -13,11 +13,13 @@ from adhesion_jax.command_line.command import (
     Folder,
     Name,
     Names,
+    Recorded,
     begin,
     number_in,
     start,
     with_cluster,
 )
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
@@ -64,7 +66,7 @@ def scenario_options(
     return with_options
 
 
-class WithScenario(click.Command):
+class WithScenario(Recorded):
     """With an option, too, for each argument of a scenario in a file of the user's own."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -160,6 +162,7 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
     if scenario not in (None, *KNOWN.scenarios):  # one of the user's own, which is known only now
         check(scenario, declared(SCENARIOS[scenario]), Options(**options))
     found = montecarlo(scenario, names or None, workers=CORES, **job, **options)
+    record(job["out"])
     click.echo(told(found.tables, found.asked.runs, [one.name for one in found.jobs]))
     click.echo(f"\nwritten to {job['out']} in {found.seconds:.0f} s")
 

@@ -9,9 +9,10 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, Folder, Name, begin, number_in
+from adhesion_jax.command_line.command import SEED, File, Folder, Name, Recorded, begin, number_in
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import CORRECTIONS, FILES, read, reading, slip_events
+from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
 
@@ -107,8 +108,8 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
+@click.command(cls=Recorded)
+@click.argument("log", type=Log(KNOWN.data), required=False)
 @reading
 @slip_events
 @click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")
@@ -189,6 +190,7 @@ def main(
     columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
     check = asked.pop("check")
     (curve,) = begin(curve)
+    from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
     from adhesion_jax.effects.saved import load_law
     from adhesion_jax.files import output_directory, staged, write_table
@@ -200,11 +202,13 @@ def main(
     from adhesion_jax.report.plan.words import checked
 
     source: Any = rail
+    understood = None
     if log is not None:
         measured = read([log], columns, known)
         if dry_run:
+            check_curve(as_one(measured))
             return
-        chosen = events_of(measured, events)
+        chosen, understood = events_of(measured, events), columns_of(measured)
         del measured  # nothing holds the log while curves are fitted to its events
         source = identify_chosen(chosen, curve, citation_of(log))
     elif curves is not None:
@@ -220,6 +224,7 @@ def main(
                 table = check_plan(found.plan, check, seed, progress)
             write_table(stage / "check.csv", table)
             words += f"\n\n{checked(table, check)}"
+    record(out, understood)
     click.echo(f"{words}\n\nWritten to {out}")
 
 

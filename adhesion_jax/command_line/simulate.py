@@ -5,11 +5,12 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, begin
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, Recorded, begin
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.option(
     "--hours",
     type=FiniteRange(min=0, min_open=True, max=240),
@@ -47,7 +48,7 @@ def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     kN, date and time of day). The truth is written to the same name with the ending .truth.json.
     """
     begin()
-    from adhesion_jax.files import output_directory, staged
+    from adhesion_jax.files import METADATA, output_directory, staged
     from adhesion_jax.simulation.locomotive_log import (
         locomotive_log,
         truth_text,
@@ -62,10 +63,11 @@ def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     drawn = locomotive_log(seed=seed, hours=hours, events=events, effects=effects)
     truth = out.with_suffix(".truth.json")
     with (
-        staged(output_directory(out.parent), (out.name, truth.name)) as stage,
+        staged(output_directory(out.parent), (out.name, truth.name, METADATA)) as stage,
         tqdm(total=drawn.rows, unit="row", unit_scale=True, leave=False, disable=None) as bar,
     ):
         for rows in writers[out.suffix](stage / out.name, drawn):
             bar.update(rows)
         (stage / truth.name).write_text(truth_text(drawn), encoding="utf-8")
+    record(out.parent)
     click.echo(f"Written to {out}: {drawn.rows:,} rows, {events} slip events; truth in {truth}")

@@ -7,9 +7,10 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Names, begin
+from adhesion_jax.command_line.command import FiniteRange, Folder, Names, Recorded, begin
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import FILES, read, reading
+from adhesion_jax.command_line.reading import Log, read, reading
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -17,8 +18,8 @@ KNOWN = catalogue()
 _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
 
 
-@click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"))
+@click.command(cls=Recorded)
+@click.argument("log", type=Log(KNOWN.data))
 @reading
 @click.option(
     "--identifiers",
@@ -66,10 +67,12 @@ def main(
                 f"--identifiers {name} cannot follow a log: {KNOWN.not_following[name]}."
             )
     (names,) = begin(identifiers)
+    from adhesion_jax.data import check_curve
     from adhesion_jax.library.track import METHODS, track
 
     (measured,) = read([log], columns, known)
     if dry_run:
+        check_curve(measured)
         return
     with shown() as progress:
         found = track(
@@ -80,4 +83,5 @@ def main(
             report=lambda done, total: progress("following", done / total),
             out=out,
         )
+    record(out, columns_of([measured]))
     click.echo(f"{found}\n\nWritten to {out}")

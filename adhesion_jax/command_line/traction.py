@@ -12,14 +12,16 @@ from adhesion_jax.command_line.command import (
     FiniteRange,
     Folder,
     Name,
+    Recorded,
     begin,
     with_cluster,
 )
+from adhesion_jax.command_line.record import record
 
 KNOWN = catalogue()
 
 
-@click.command()
+@click.command(cls=Recorded)
 @click.option(
     "--system", type=Name(KNOWN.systems), required=True, help=f"{', '.join(KNOWN.systems)}."
 )
@@ -88,4 +90,5 @@ def main(
         out=(folder := out or Path("out") / f"traction-{system}"),
         **asked,
     )
+    record(folder)
     click.echo(f"{found}; written to {folder} in {found.seconds:.0f} s")

@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax.data import RunSet, matching, to_runs
 from adhesion_jax.data.corrections import corrections_of
@@ -18,6 +19,7 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
 from adhesion_jax.library.results import of_numbers, table_html, text_html, written
 from adhesion_jax.plugins import add
+from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
@@ -80,6 +82,11 @@ class Discovery:
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
         as_in_commands(write_discovery)(path, self.findings, self.logs)
+
+    @as_in_commands
+    def plot(self) -> Figure:
+        """The points, and the law before and after, at the median of every column."""
+        return adhesion_over_slip(self.findings)
 
     def __repr__(self) -> str:
         return printed(self.findings)

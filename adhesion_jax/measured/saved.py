@@ -1,4 +1,4 @@
-"""Curves from the table that an identification has written."""
+"""Curves from the tables that an identification has written."""
 
 from pathlib import Path
 
@@ -12,15 +12,19 @@ from adhesion_jax.errors import InputError
 def load_curve(path: Path, name: str | None = None) -> Curve:
     """The curve of this name in a curves.csv, or the best by log_density that has a peak there.
 
-    InputError if the file holds no such curve.
+    Its parameters stand in parameters.csv beside it. InputError if the files hold no such curve.
     """
     try:
         table = pd.read_csv(path)
+        parameters = pd.read_csv(path.with_name("parameters.csv"))
+    except FileNotFoundError as error:
+        raise InputError(f"{error.filename} does not exist; name a curves.csv.") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); name a curves.csv.") from None
     except ValueError:  # no text, or no table
         raise _no_table(path) from None
-    if not {"curve", "log_density", "slip_opt_se"} <= {*table.columns}:
+    told = {"curve", "log_density", "slip_opt_se"} <= {*table.columns}
+    if not told or not {"curve", "parameter", "value"} <= {*parameters.columns}:
         raise _no_table(path)
     rows = table[table["log_density"].notna() & table["curve"].isin(CURVES)]
     if name is None:
@@ -34,7 +38,8 @@ def load_curve(path: Path, name: str | None = None) -> Curve:
         raise InputError(f"{path} has no fitted curve {name}; the curves there are {fitted}.")
     known = CURVES[name]
     try:
-        values = row[[*known.free]].iloc[0].to_numpy(float)
+        own = parameters[parameters["curve"] == name].set_index("parameter")["value"]
+        values = own[[*known.free]].to_numpy(float)
     except (KeyError, ValueError):
         raise _no_table(path) from None
     if not np.all(np.isfinite(values)):
