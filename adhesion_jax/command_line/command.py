@@ -4,8 +4,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib import import_module
+from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,13 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.errors import InputError, WorkerError, cannot_write
+from adhesion_jax.options import Option
 from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
+
+#: Where a click context holds the arguments of a recorded command, as they were given.
+ARGUMENTS = f"{__name__}.arguments"
 
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
@@ -52,59 +55,28 @@ def start() -> None:
     programs.share_with_jax()
 
 
-#: The commands that write results, whose arguments are recorded beside these.
-RECORDED = ("montecarlo", "identify", "track", "discover", "simulate", "plan", "traction")
-
-
 class Recorded(click.Command):
-    """A command that knows the arguments it was given, for `perform`."""
+    """A command whose arguments are recorded beside its results."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        ctx.meta[__name__] = list(args)
+        ctx.meta[ARGUMENTS] = list(args)
         return super().parse_args(ctx, args)
 
 
-def perform(name: str, /, *beside: Part, **asked: object) -> None:
-    """Do what a command of this name is asked: only now are jax and the rooms imported.
+def begin(*asked: Any) -> tuple[Any, ...]:
+    """Import jax, and put parts of the user's own that are asked for into their registries.
 
-    Parts of the user's own come first, for some rooms make tables of the registries; what is asked
-    then has their names. Those `beside` are not named in it. A command of RECORDED is told, too,
-    what is to be recorded of it.
+    What is asked for is returned with their names. Call it before the rooms are imported, for some
+    of them make tables of the registries.
     """
     start()
-    for own in beside:
-        use(own)
-    known = {option: _used(value) for option, value in asked.items()}
-    if name in RECORDED:
-        known["asked"] = _asked(name, click.get_current_context())
-    import_module(f"adhesion_jax.commands.{name}").main(**known)
+    return tuple(map(_by_name, asked))
 
 
-def _asked(name: str, context: click.Context) -> Mapping[str, object]:
-    """The command, its arguments, from where, and what all options came to, as JSON has it."""
-    options = {
-        param.opts[0]: _plain(context.params[param.name])
-        for param in context.command.get_params(context)
-        if param.name in context.params
-    }
-    return {
-        "command": name,
-        "arguments": context.meta[__name__],
-        "folder": os.getcwd(),
-        "options": options,
-    }
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, (list, tuple)) and not isinstance(value, Part):
-        return [_plain(one) for one in value]
-    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
-
-
-def _used(value: object) -> object:
+def _by_name(value: object) -> object:
     if isinstance(value, Part):
         return use(value)
-    return tuple(map(_used, value)) if isinstance(value, tuple) else value
+    return tuple(map(_by_name, value)) if isinstance(value, tuple) else value
 
 
 class FiniteRange(click.FloatRange):
@@ -117,6 +89,11 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+def number_in(option: Option) -> FiniteRange:
+    """A number in the range of an option."""
+    return FiniteRange(option.low, option.high, option.low_open, option.high_open)
 
 
 class Folder(click.Path):
@@ -145,9 +122,7 @@ class Folder(click.Path):
             if not there.is_dir() or not os.access(there, os.W_OK):
                 reason = "Permission denied" if there.is_dir() else f"{there} is a file"
         if reason:
-            raise InputError(
-                f"--out {path} cannot be written to ({reason}); name a folder that can."
-            )
+            raise cannot_write(path, reason)
         return path
 
 

@@ -1,14 +1,16 @@
 """`adhesion identify`: which adhesion curve measured points follow."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Recorded, perform
-from adhesion_jax.command_line.reading import Log, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Recorded, begin
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import Log, read, reading, slip_events
+from adhesion_jax.command_line.record import columns_of, record
 
 KNOWN = catalogue()
 
@@ -44,7 +46,17 @@ KNOWN = catalogue()
     "of a log events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
-def main(**asked: Any) -> None:
+def main(
+    files: tuple[str, ...],
+    curve: Any,
+    events: bool | None,
+    by: str | None,
+    slip_noise: float | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
+) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
     FILES are tables of text, spreadsheets, .parquet, .mat, .h5, .mf4, .tdms or .feather files, or a
@@ -53,4 +65,22 @@ def main(**asked: Any) -> None:
     --column; --dry-run shows how they are understood. Or the name of a data set that ships with the
     package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
     """
-    perform("identify", **asked)
+    (curve,) = begin(curve)
+    from adhesion_jax.data import as_one, check_curve
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.library.identify import identify_chosen, with_groups
+    from adhesion_jax.library.reading import citation_of
+
+    measured = read(files, with_groups(columns, by), known)
+    if dry_run:
+        check_curve(as_one(measured))
+        return
+    # Nothing holds the log while the curves are fitted to its events.
+    logs, understood = events_of(measured, events), columns_of(measured)
+    del measured
+    curves = None if curve == "all" else curve
+    citation = " ".join(filter(None, map(citation_of, files)))
+    with shown() as progress:
+        found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
+    record(out, understood)
+    click.echo(f"{found}\n\nWritten to {out}")

@@ -10,15 +10,16 @@ import click
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
 from adhesion_jax.command_line.command import (
     SEED,
-    FiniteRange,
     Folder,
     Name,
     Names,
     Recorded,
-    perform,
+    begin,
+    number_in,
     start,
     with_cluster,
 )
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
@@ -98,7 +99,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
             int(option.low or 0), None if option.high is None else int(option.high)
         )
     if one.kind is float:
-        return FiniteRange(option.low, option.high, option.low_open, option.high_open)
+        return number_in(option)
     return one.kind
 
 
@@ -143,7 +144,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
 def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
     job = {name: asked.pop(name) for name in _OF_JOB}
-    options = {
+    options: dict[str, Any] = {
         name: _text(name, value) if isinstance(value, Path) else value
         for name, value in asked.items()
     }
@@ -152,7 +153,18 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
             check_accepted(name, scenario, KNOWN.refusals[scenario].get(name))
     if scenario in KNOWN.scenarios:
         check(scenario, KNOWN.scenarios[scenario].options, Options(**options))
-    perform("montecarlo", scenario=scenario, identifiers=identifiers or (), job=job, **options)
+    scenario, names = begin(scenario, identifiers)
+    from adhesion_jax.library.montecarlo import montecarlo
+    from adhesion_jax.report.montecarlo.tables import told
+    from adhesion_jax.runtime import CORES
+    from adhesion_jax.scenarios import SCENARIOS
+
+    if scenario not in (None, *KNOWN.scenarios):  # one of the user's own, which is known only now
+        check(scenario, declared(SCENARIOS[scenario]), Options(**options))
+    found = montecarlo(scenario, names or None, workers=CORES, **job, **options)
+    record(job["out"])
+    click.echo(told(found.tables, found.asked.runs, [one.name for one in found.jobs]))
+    click.echo(f"\nwritten to {job['out']} in {found.seconds:.0f} s")
 
 
 def _text(option: str, path: Path) -> str:

@@ -11,7 +11,8 @@ from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import RECORDED, Folder
+from adhesion_jax.command_line.command import Folder
+from adhesion_jax.command_line.record import RECORDED
 from adhesion_jax.errors import InputError
 
 #: What is read of a folder.

@@ -13,9 +13,10 @@ from adhesion_jax.command_line.command import (
     Folder,
     Name,
     Recorded,
-    perform,
+    begin,
     with_cluster,
 )
+from adhesion_jax.command_line.record import record
 
 KNOWN = catalogue()
 
@@ -62,10 +63,32 @@ KNOWN = catalogue()
     help="Number of runs with noise to add to the job in the folder.",
 )
 @click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
-def main(system: str, out: Path | None, **asked: Any) -> None:
+def main(
+    system: str,
+    observer: Any,
+    seeker: Any,
+    controller: Any,
+    workers: int | None,
+    out: Path | None,
+    **asked: Any,
+) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.
 
     Every scenario of the paper runs once without noise and `--runs` times with noise. With an
     observer, a seeker or a controller named, it takes the place of the paper's own.
     """
-    perform("traction", system=system, out=out or Path("out") / f"traction-{system}", **asked)
+    observer, seeker, controller = begin(observer, seeker, controller)
+    from adhesion_jax.library.traction import traction_control
+    from adhesion_jax.runtime import CORES
+
+    found = traction_control(
+        system,
+        observer=observer,
+        seeker=seeker,
+        controller=controller,
+        workers=workers or CORES,
+        out=(folder := out or Path("out") / f"traction-{system}"),
+        **asked,
+    )
+    record(folder)
+    click.echo(f"{found}; written to {folder} in {found.seconds:.0f} s")
