@@ -6,9 +6,10 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, Names, perform
+from adhesion_jax.command_line.command import SEED, File, Folder, Names, examples, perform
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.reading import FILES, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.slips import slip_events, slip_noise
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
@@ -26,7 +27,13 @@ class Plantable(Names):
         return Names((*self.names, *names), self.kind).convert(value, param, ctx)
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "discover roller-rig",
+        "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
+        "discover --simulate humidity,patch",
+    )
+)
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
 @slip_events
@@ -38,13 +45,14 @@ class Plantable(Names):
     help="File of runs for the error before and after.",
 )
 @click.option(
-    "--base",
-    type=Name((*KNOWN.curves, "auto"), "curve"),
+    "--curve",
+    type=Names((*KNOWN.curves, "auto"), "curve"),
     default="auto",
-    help=f"auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME.",
+    help=f"Base curves to choose from: auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME, divided "
+    "by commas.",
     show_default=True,
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option(
     "--effects",
     type=Names((), "effect"),
@@ -59,12 +67,7 @@ class Plantable(Names):
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
-@click.option(
-    "--slip-noise",
-    type=FiniteRange(min=0, min_open=True),
-    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
-    "vehicle speed); by default it is estimated.",
-)
+@slip_noise
 @click.option(
     "--correct",
     is_flag=True,
@@ -77,6 +80,7 @@ class Plantable(Names):
     help="Folder for report.html, report.md, report.json, law.json and figures.",
     show_default=True,
 )
+@listing(data=KNOWN.data, curves=KNOWN.curves, effects=KNOWN.effects)
 def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],

@@ -6,21 +6,28 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.command import File, Folder, Names, examples, perform
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.reading import FILES, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.slips import slip_events, slip_noise
 
 KNOWN = catalogue()
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "identify eurosprinter",
+        'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
+        "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
+    )
+)
 @click.argument("files", type=File(KNOWN.data, f"name {FILES}"), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
-    type=Name((*KNOWN.curves, "all"), "curve"),
+    type=Names((*KNOWN.curves, "all"), "curve"),
     default="all",
-    help=f"{', '.join(KNOWN.curves)}, FILE.py:NAME, or all.",
+    help=f"Some of {', '.join(KNOWN.curves)}, FILE.py:NAME, or all, divided by commas.",
     show_default=True,
 )
 @slip_events
@@ -30,12 +37,7 @@ KNOWN = catalogue()
     help="Compare the groups of rows by this column, text included, by run, or by auto: the column "
     "that predicts best.",
 )
-@click.option(
-    "--slip-noise",
-    type=FiniteRange(min=0),
-    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
-    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
-)
+@slip_noise
 @click.option(
     "--out",
     type=Folder(),
@@ -44,6 +46,7 @@ KNOWN = catalogue()
     "events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
+@listing(data=KNOWN.data, curves=KNOWN.curves)
 def main(**asked: Any) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 

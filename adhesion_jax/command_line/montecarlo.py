@@ -14,10 +14,12 @@ from adhesion_jax.command_line.command import (
     Folder,
     Name,
     Names,
+    examples,
     perform,
     start,
-    with_cluster,
+    with_processes,
 )
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
@@ -25,21 +27,17 @@ from adhesion_jax.plugins import part, use
 KNOWN = catalogue()
 
 #: What is asked of the job; all other options are those of the scenario.
-_OF_JOB = ("runs", "seed", "out", "keep", "resume", "extend", "cluster", "shared_folder")
-
-
-def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if not wanted or context.resilient_parsing:
-        return
-    width = max(map(len, KNOWN.scenarios)) + 2
-    click.echo("scenarios")
-    for name, scenario in KNOWN.scenarios.items():
-        click.echo(f"  {name:<{width}}{scenario.words}")
-    click.echo("identifiers")
-    for name in KNOWN.identifiers:
-        click.echo(f"  {name}{'  (runs when named)' if name in KNOWN.ablations else ''}")
-    click.echo(f"rails\n  {', '.join(KNOWN.rails)}")
-    context.exit()
+_OF_JOB = (
+    "runs",
+    "seed",
+    "out",
+    "keep",
+    "resume",
+    "extend",
+    "workers",
+    "cluster",
+    "shared_folder",
+)
 
 
 def scenario_options(
@@ -101,7 +99,13 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     return one.kind
 
 
-@click.command(cls=WithScenario)
+@click.command(
+    cls=WithScenario,
+    epilog=examples(
+        "montecarlo --scenario single --rail common --runs 200",
+        "montecarlo --scenario qian2024-switch --identifiers riv,mine.py:Mine",
+    ),
+)
 @click.option(
     "--scenario",
     type=Name(KNOWN.scenarios, "scenario"),
@@ -130,14 +134,13 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     default=0,
     help="Number of runs to add to the job in the folder.",
 )
-@with_cluster
-@click.option(
-    "--list",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_list,
-    help="Show the names.",
+@with_processes
+@listing(
+    scenarios={name: scenario.words for name, scenario in KNOWN.scenarios.items()},
+    identifiers={
+        name: "(runs when named)" if name in KNOWN.ablations else "" for name in KNOWN.identifiers
+    },
+    rails=KNOWN.rails,
 )
 def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""

@@ -9,9 +9,19 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
+from adhesion_jax.command_line.command import (
+    SEED,
+    File,
+    FiniteRange,
+    Folder,
+    Name,
+    Names,
+    examples,
+    perform,
+)
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.reading import CORRECTIONS, FILES, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.slips import slip_events
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -97,7 +107,13 @@ class Condition(click.ParamType):
         return column, found
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "plan --rail common --want 1%",
+        "plan --curves out/identify/curves.csv",
+        'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
+    )
+)
 @click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
 @reading
 @slip_events
@@ -114,8 +130,9 @@ class Condition(click.ParamType):
 )
 @click.option(
     "--curve",
-    type=Name(KNOWN.curves, "curve"),
-    help="The curve of LOG or of --curves that is taken for the truth.",
+    type=Names(KNOWN.curves, "curve"),
+    help="The curves of LOG or of --curves whose best is taken for the truth, FILE.py:NAME among "
+    "them, divided by commas.",
 )
 @click.option(
     "--condition",
@@ -177,6 +194,7 @@ class Condition(click.ParamType):
     help="Folder for plan.csv, plan.png and plan.txt.",
     show_default=True,
 )
+@listing(data=KNOWN.data, rails=KNOWN.rails, curves=KNOWN.curves)
 def main(
     log: str | None, rail: str | None, curves: str | None, law: str | None, **asked: Any
 ) -> None:

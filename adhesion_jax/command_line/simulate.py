@@ -5,10 +5,13 @@ from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, examples, perform
+from adhesion_jax.command_line.listing import listing
+
+_EFFECTS = ("none", "humidity", "falling_friction")
 
 
-@click.command()
+@click.command(epilog=examples("simulate --hours 0.3 --events 3 --seed 1 --out log.csv"))
 @click.option(
     "--hours",
     type=FiniteRange(min=0, min_open=True, max=240),
@@ -25,7 +28,7 @@ from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
 )
 @click.option(
     "--effect",
-    type=Name(("none", "humidity", "falling_friction"), ""),
+    type=Name(_EFFECTS),
     default="none",
     help="What acts on adhesion beside slip: none, humidity or falling_friction.",
     show_default=True,
@@ -38,6 +41,7 @@ from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
     help="File for the log, .csv or .parquet.",
     show_default=True,
 )
+@listing(effects=_EFFECTS)
 def main(**asked: Any) -> None:
     """Write a simulated log of a locomotive, and the truth behind it.
 

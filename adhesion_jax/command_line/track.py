@@ -6,7 +6,15 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Names, perform
+from adhesion_jax.command_line.command import (
+    File,
+    FiniteRange,
+    Folder,
+    Names,
+    examples,
+    perform,
+)
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.reading import FILES, reading
 from adhesion_jax.errors import InputError
 
@@ -15,7 +23,12 @@ KNOWN = catalogue()
 _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "track eurosprinter",
+        'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
+    )
+)
 @click.argument("log", type=File(KNOWN.data, f"name {FILES}"))
 @reading
 @click.option(
@@ -43,6 +56,7 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     help="Folder for track.csv, track.png and track.txt.",
     show_default=True,
 )
+@listing(data=KNOWN.data, identifiers=_ONLINE)
 def main(identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Follow LOG sample by sample, and draw what is known of the largest adhesion over time.
 

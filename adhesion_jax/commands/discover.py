@@ -21,7 +21,7 @@ from adhesion_jax.simulation.simulator import simulate, write_set
 def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],
-    base: str,
+    curve: tuple[str, ...],
     seed: int,
     planted: tuple[str, ...] | None,
     slip_noise: float | None,
@@ -57,7 +57,7 @@ def main(
         del judging
         logs = [log for log in logs if log.events is not None]
         found = discover_in(
-            runs, test, logs, sources, base, seed, slip_noise, correct, progress, out
+            runs, test, logs, sources, curve, seed, slip_noise, correct, progress, out
         )
     click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
     if planted is not None:

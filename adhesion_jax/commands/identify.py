@@ -15,7 +15,7 @@ from adhesion_jax.library.reading import citation_of
 
 def main(
     files: tuple[str, ...],
-    curve: str,
+    curve: tuple[str, ...],
     events: bool | None,
     by: str | None,
     slip_noise: float | None,
@@ -31,7 +31,7 @@ def main(
     # Nothing holds the log while the curves are fitted to its events.
     logs = events_of(measured, events)
     del measured
-    curves = None if curve == "all" else curve
+    curves = None if "all" in curve else curve
     citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
         found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)

@@ -22,7 +22,8 @@ def main(
     """Identify thousands of noisy adhesion curves and say how well each method knows them."""
     if scenario is not None:  # one of the user's own is known only now
         check(scenario, declared(SCENARIOS[scenario]), Options(**options))
-    found = montecarlo(scenario, identifiers or None, workers=CORES, **job, **options)
+    workers = job["workers"] or CORES
+    found = montecarlo(scenario, identifiers or None, **{**job, "workers": workers}, **options)
     tell(found.tables, found.asked.runs, [one.name for one in found.jobs])
     click.echo(f"\nwritten to {job['out']} in {found.seconds:.0f} s")
 

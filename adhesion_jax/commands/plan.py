@@ -27,7 +27,7 @@ def main(
     rail: str | None,
     curves: str | None,
     law: str | None,
-    curve: str | None,
+    curve: tuple[str, ...] | None,
     columns: Mapping[str, object],
     known: Mapping[str, Any],
     dry_run: bool,
@@ -49,7 +49,7 @@ def main(
         citation = citation_of(log)
         source = identify_chosen(chosen, curve, citation)
     elif curves is not None:
-        source = load_curve(Path(curves), curve)
+        source = load_curve(Path(curves), curve or ())
     elif law is not None:
         source = load_law(law)
     assert source is not None
