@@ -25,7 +25,7 @@ def main(
     workers = job["workers"] or CORES
     found = montecarlo(scenario, identifiers or None, **{**job, "workers": workers}, **options)
     tell(found.tables, found.asked.runs, [one.name for one in found.jobs])
-    click.echo(f"\nwritten to {job['out']} in {found.seconds:.0f} s")
+    click.echo(f"\nWritten to {job['out']} in {found.seconds:.0f} s")
 
 
 def tell(tables: Mapping[str, pd.DataFrame], runs: int, scenarios: Sequence[str]) -> None:

@@ -18,7 +18,7 @@ _TOLD = ("utilisation", "utilisation_se", "tracking_rms", "slip_energy_share", "
 def main(out: Path, workers: int | None, **asked: Any) -> None:
     """Write what a control system does: its table, its figures and its metrics."""
     found = traction_control(out=out, workers=workers or runtime.CORES, **asked)
-    click.echo(f"{found}; written to {out} in {found.seconds:.0f} s")
+    click.echo(f"{found}\n\nWritten to {out} in {found.seconds:.0f} s")
 
 
 def tell_stored(record: Mapping[str, Any], folder: Path) -> None:
