@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
-from adhesion_jax.curves.bent import FINE
+from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.data import read_runs
 from adhesion_jax.discovery.model.fitting import Setting, nearly_fitted, robustly_fitted
 from adhesion_jax.discovery.model.problem import prepare
@@ -66,8 +66,8 @@ def seen(null, adhesion):
 
 def factor_spreads(problem):
     """Prior standard deviations b/(2 j - 1) of the factors of a departure, then of braking."""
-    first = problem.bend / (2 * np.arange(FINE) + 1)
-    return np.concatenate([first, _APART * first])[: problem.branches * FINE]
+    first = problem.bend / (2 * np.arange(BELOW_EFFECTS) + 1)
+    return np.concatenate([first, _APART * first])[: problem.branches * BELOW_EFFECTS]
 
 
 def curve(slip, c=TRUE):

@@ -7,9 +7,10 @@ from jaxtyping import Array, ArrayLike, Float
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
 from adhesion_jax.curves.peak import find_peak
 
-#: Number of functions that the departure of a single curve is made of, and of one below effects:
-#: there a column must not be named for what the curve could not follow.
-FUNCTIONS, FINE = 10, 16
+#: Number of functions that the departure of a single curve is made of: of ten a kink at the peak
+#: was missed, of more than 24 nothing was gained. Below effects, where they must be fitted many
+#: times, 16 keep a column from being named for what the curve could not follow.
+FUNCTIONS, BELOW_EFFECTS = 24, 16
 
 
 class Bent(Law):

@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from adhesion_jax.curves import BASES, Curve, Parameter
-from adhesion_jax.curves.bent import FINE, FUNCTIONS, Bent
+from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects import KINDS, kind_of
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
@@ -107,7 +107,7 @@ def _bent(
     rows = np.array(both, float)
     ends = np.array([reach, largest], float)
     finite = np.all(np.isfinite(rows)) and np.all(np.isfinite(ends))
-    known = rows.shape[1:] in ((FUNCTIONS,), (FINE,))
+    known = rows.ndim == 2 and rows.shape[1] > 0
     if not known or not finite or ends.min() <= 0:
         raise ValueError
     return Bent(curve, rows[0], *ends.tolist(), *rows[1:])

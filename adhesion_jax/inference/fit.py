@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import stdtrit
+from scipy.special import stdtr, stdtrit
 
 from adhesion_jax.curves import Curve, with_free_values
 from adhesion_jax.curves.bent import FUNCTIONS
@@ -94,6 +94,12 @@ class MeasuredFit(NamedTuple):
         mean, slope = law_at(there, *place, self.slip_scatter[chosen], "by_slip")
         return mean, slope
 
+    def falls(self, slips: Float[np.ndarray, " points"]) -> Float[np.ndarray, " steps"]:
+        """The probability that the law is lower at each slip than at the one before it."""
+        found = self.law.at(slips)
+        errors, degrees = self.errors(np.diff(found.by_parameter, axis=0))
+        return stdtr(degrees, -np.diff(found.adhesion) / np.maximum(errors, 1e-300))
+
     @property
     def standard_errors(self) -> Float[np.ndarray, " free"]:
         return np.where(self.held, np.nan, self.errors(self.by_law)[0])
@@ -119,8 +125,11 @@ class MeasuredFit(NamedTuple):
 
     @property
     def log_density(self) -> float:
-        """Of all parts, each given the others: the larger, the better the curve predicts them."""
-        return float(np.sum(self.left_out))
+        """Of all parts, each given the others, less what the freedom of the departure costs.
+
+        The larger, the better the curve predicts the points, and the less it must bend to do so.
+        """
+        return float(np.sum(self.left_out)) - self.departure.occam
 
     @property
     def interval(self) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from adhesion_jax.inference.sums import Sums
 
 #: Number of cosines, slower than which noise is not told from the curve.
-COSINES = 6
+COSINES = 4
 
 #: Fewest degrees of freedom with which runs as clusters count: with fewer runs cosines alone do.
 _FEWEST_DEGREES = 4.0

@@ -6,9 +6,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 from jaxtyping import Float
-from scipy.special import stdtr
+from scipy.special import ndtri, stdtr
 
 from adhesion_jax.inference.fit import MeasuredFit
+
+#: Slips at which it is asked whether adhesion falls, in shares of the largest one considered.
+_LEVELS = 1e-4, 1.0, 400
 
 #: Curves of less weight are not asked for the peak.
 _LEAST_WEIGHT = 1e-4
@@ -35,6 +38,7 @@ class Answer(NamedTuple):
     Each curve with its departure gives a Student distribution of the logarithm about its own
     estimate, so that no end is negative. An end of the interval has 2.5 % of the mixture of these
     beyond it (Turek and Fletcher 2012, Computational Statistics and Data Analysis 56:2809-2815).
+    The slip of the peak is that where the laws turn from rise to fall.
     """
 
     weights: Mapping[str, float]  # by the name of the curve, of sum 1
@@ -64,13 +68,52 @@ def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
     peaked = [(fit, weight) for fit, weight in counted if fit.peak.found]
     with_peak = sum(weight for _, weight in peaked)
     level = [(f.peak.adhesion, *_of(f, f.peak.by_law), w) for f, w in counted]
-    place = [(f.peak.slip, *_of(f, f.peak.by_slip), w) for f, w in peaked]
     return Answer(
         weights,
         _mixture(level),
-        _mixture(place) if with_peak > 0.5 else NOT_KNOWN,
+        _turning(peaked) if with_peak > 0.5 else NOT_KNOWN,
         1.0 - with_peak / sum(weight for _, weight in counted),
     )
+
+
+def _turning(peaked: list[tuple[MeasuredFit, float]]) -> Estimate:
+    """The slip of the peak, and its 95 % interval, by where the laws turn from rise to fall."""
+    slips = peaked[0][0].slip_limit * np.geomspace(*_LEVELS)
+    weight = np.array([weight for _, weight in peaked])
+    falls = weight / weight.sum() @ np.stack([fit.falls(slips) for fit, _ in peaked])
+    peaks = np.array([fit.peak.slip for fit, _ in peaked])
+    order = np.argsort(peaks)
+    middle = peaks[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]
+    return turned(np.sqrt(slips[1:] * slips[:-1]), falls, float(middle))
+
+
+def turned(
+    slip: Float[np.ndarray, " slips"], falls: Float[np.ndarray, " slips"], middle: float
+) -> Estimate:
+    """Where the probability `falls` that adhesion falls at a slip is 50, 2.5 and 97.5 %.
+
+    The peak lies below a slip with that probability, so that where adhesion is nearly level the
+    interval is as wide as the level stretch. Of several such places each is the one next to
+    `middle`; one that is not seen is the end of the slips.
+    """
+    score = ndtri(np.clip(falls, 1e-12, 1 - 1e-12))
+    start = int(np.clip(np.searchsorted(slip, middle), 1, slip.size - 1))
+
+    def crossing(level: float) -> float:
+        if score[start - 1] < level:
+            beyond = start + np.flatnonzero(score[start:] >= level)
+            if not beyond.size:
+                return float(slip[-1])
+            i = int(beyond[0])
+        else:
+            below = np.flatnonzero(score[:start] < level)
+            if not below.size:
+                return float(slip[0])
+            i = int(below[-1]) + 1
+        share = (level - score[i - 1]) / (score[i] - score[i - 1])
+        return float(slip[i - 1] * (slip[i] / slip[i - 1]) ** share)
+
+    return Estimate(*(crossing(float(ndtri(share))) for share in (0.5, 0.025, 0.975)))
 
 
 def _of(fit: MeasuredFit, direction: np.ndarray) -> tuple[float, float]:

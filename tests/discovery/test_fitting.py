@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from statsmodels.robust.norms import HuberT
 
 from adhesion_jax.curves import BASES, with_free_values
-from adhesion_jax.curves.bent import FINE, Bent
+from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent
 from adhesion_jax.discovery.model.fitting import (
     TUNING,
     covariance,
@@ -96,9 +96,12 @@ def parts_of(setting, base, effects):
     @jax.jit
     def adhesion(values):
         known = with_free_values(BASES[base], values[:count])
-        factors = values[count : count + FINE], values[count + FINE : count + 2 * FINE]
+        factors = (
+            values[count : count + BELOW_EFFECTS],
+            values[count + BELOW_EFFECTS : count + 2 * BELOW_EFFECTS],
+        )
         law = Bent(known, factors[0], *data.span.tolist(), factors[1])
-        strengths = values[count + 2 * FINE :]
+        strengths = values[count + 2 * BELOW_EFFECTS :]
         worn = tuple(
             type(effect)(**{**vars(effect), "k": k})
             for effect, k in zip(effects, strengths, strict=True)
@@ -193,7 +196,7 @@ def test_loss_gradient_and_hessian_are_the_sums_over_each_run(setting, fitted):
 def test_the_derivatives_by_a_term_that_moves_the_slip_are_those_of_the_law(setting):
     """Of curve and departure: the factors stand at .02, so that the departure slopes."""
     moving = Covariate(0.1, 0.0, 0.6, column="warm", acts_on="slip")
-    start = [*TRUE, *np.full(setting.problem.branches * FINE, 0.02)]
+    start = [*TRUE, *np.full(setting.problem.branches * BELOW_EFFECTS, 0.02)]
     fitted = fit_model(setting, "burckhardt", start, (moving,), np.inf)
     at = free_of(fitted)
     expected = parts_of(setting, "burckhardt", (moving,))[1](at)
@@ -502,7 +505,7 @@ def test_the_jacobian_of_a_curve_alone_is_that_of_finite_differences(table, base
     data, root = fitted.setting.problem.data, fitted.setting.root
     slip = jax.numpy.asarray(data.slip)
     values = fitted.base_values
-    assert len(fitted.places) == values.size == len(BASES[base].free) + 2 * FINE
+    assert len(fitted.places) == values.size == len(BASES[base].free) + 2 * BELOW_EFFECTS
 
     def seen(values):
         return np.asarray(base_curve(base, values, np.asarray(data.span))(slip, {}))

@@ -44,7 +44,7 @@ LAWS = {
     "polach": (polach, PolachFalling(mu0=MU0, a=A, b=B, stiffness=STIFFNESS, k_s=K_S)),
 }
 
-FINE = np.linspace(0.0, 1.0, 1_000_001)
+BELOW_EFFECTS = np.linspace(0.0, 1.0, 1_000_001)
 
 #: The column z of each point and its g = .4 (z - 3)/2.
 Z = np.array([3.0, 4.5, -2.0, 7.0])
@@ -62,8 +62,8 @@ def worn(law, effects, slip, z):
 
 
 def by_hand(curve, acts_on, slip, g):
-    peak = curve(FINE).argmax()
-    place, top = FINE[peak], curve(FINE[peak])
+    peak = curve(BELOW_EFFECTS).argmax()
+    place, top = BELOW_EFFECTS[peak], curve(BELOW_EFFECTS[peak])
     match acts_on:
         case "level":
             return curve(slip) * np.exp(g)
@@ -90,7 +90,7 @@ def test_a_term_bends_the_curve_as_its_formula_says(name, acts_on):
     found = worn(law, [term(acts_on, 0.4 * share)], slip, z)
     expected = by_hand(curve, acts_on, slip, g)
     # The peak is found on a grid of slips: to 1e-4 of adhesion, the others to rounding.
-    atol = 1e-4 * curve(FINE).max() if acts_on == "fall" else 1e-14
+    atol = 1e-4 * curve(BELOW_EFFECTS).max() if acts_on == "fall" else 1e-14
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=atol)
     changed = np.abs(found - curve(slip)).max()
     assert changed > 0.02
@@ -99,7 +99,7 @@ def test_a_term_bends_the_curve_as_its_formula_says(name, acts_on):
 @pytest.mark.parametrize("name", LAWS)
 def test_a_fall_begins_at_the_peak_and_without_a_kink(name):
     curve, law = LAWS[name]
-    place = FINE[curve(FINE).argmax()]
+    place = BELOW_EFFECTS[curve(BELOW_EFFECTS).argmax()]
     slip = np.linspace(0.3 * place, 4 * place, 4001)
     bare = curve(slip)
     for z in Z:
@@ -218,7 +218,7 @@ def test_a_departure_is_saved_with_the_law(tmp_path, braking):
     text = (tmp_path / "law.json").read_text()
     for spoiled in (
         text.replace('"reach": 0.01', '"reach": -0.01'),
-        text.replace('"factors": [', '"factors": [0.1, '),
+        text.replace('"factors": [', '"factors": [[0.1], '),
     ):
         (tmp_path / "law.json").write_text(spoiled)
         with pytest.raises(InputError, match="not a law saved by"):

@@ -9,7 +9,7 @@ import scipy
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES
-from adhesion_jax.curves.bent import FINE
+from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.discovery.model.levenberg_marquardt import fit
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.program import (
@@ -271,7 +271,7 @@ def has_room(effects: Sequence[Effect], new: Effect) -> bool:
 
 
 def _sizes(free: int, effects: Sequence[Effect]) -> Iterator[tuple[int, int]]:
-    parameters = free + 2 * FINE + sum(len(effect_places(0, effect)) for effect in effects)
+    parameters = free + 2 * BELOW_EFFECTS + sum(len(effect_places(0, effect)) for effect in effects)
     return (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1])
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.curves import BASES, CURVES, Conditions, Law, with_free_values
-from adhesion_jax.curves.bent import FINE, Bent, functions
+from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent, functions
 from adhesion_jax.effects import EFFECTS, KINDS, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
 from adhesion_jax.effects.slip_noise import SlipNoise
@@ -32,7 +32,7 @@ _TOGETHER = 24
 #: Prior standard deviation of what braking adds to a factor of the departure, relative to that of
 #: the factor, and of the factors relative to the first.
 _APART = 0.5
-_SMOOTH = 1 / (2 * np.arange(FINE) + 1.0)
+_SMOOTH = 1 / (2 * np.arange(BELOW_EFFECTS) + 1.0)
 
 
 class _Layout(NamedTuple):
@@ -68,7 +68,7 @@ def _of_parts(_: tuple[int, ...]) -> _Layout:
     causes = tuple(name for name in names if name not in shapes and KINDS[name] is not SlipNoise)
     return _Layout(
         curve,
-        curve + 2 * FINE,
+        curve + 2 * BELOW_EFFECTS,
         max(len(kind.FACTS.parameters) for kind in KINDS.values()),
         {kind: place for place, kind in enumerate(KINDS.values())},
         names,
@@ -85,7 +85,7 @@ def _layout() -> _Layout:
 def apart() -> range:
     """Where the factors stand that braking adds."""
     layout = _layout()
-    return range(layout.curve + FINE, layout.base)
+    return range(layout.curve + BELOW_EFFECTS, layout.base)
 
 
 @cache
@@ -162,7 +162,7 @@ def pack(
     kind, column = np.zeros(slots, int), np.zeros((slots, 3), int)
     precision = np.zeros((free, free))
     described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
-    bends = 0 if base == "level" else branches * FINE
+    bends = 0 if base == "level" else branches * BELOW_EFFECTS
     places = base_places(base)[: len(described) + bends]
     lower = [*(one.lower for one in described), *[-9.0] * bends]
     upper = [*(one.upper for one in described), *[9.0] * bends]
@@ -214,7 +214,7 @@ def base_curve(base: str, values: np.ndarray, span: np.ndarray) -> Law:
     """The curve with the parameters of a fit, and with its departure."""
     curve, count = BASES[base], len(BASES[base].free)
     known = dataclasses.replace(curve, **dict(zip(curve.free, values.tolist(), strict=False)))
-    factors, braking = values[count : count + FINE], values[count + FINE :]
+    factors, braking = values[count : count + BELOW_EFFECTS], values[count + BELOW_EFFECTS :]
     if not np.any(values[count:]):
         return known
     reach, largest = span.tolist()
@@ -318,7 +318,7 @@ def _straight(base: Array, values: Array, slip: Array, conditions: Conditions) -
 
 
 def _factors(values: Array) -> Float[Array, "two functions"]:
-    return values[_layout().curve : _layout().base].reshape(2, FINE)
+    return values[_layout().curve : _layout().base].reshape(2, BELOW_EFFECTS)
 
 
 @jax.custom_jvp
@@ -326,7 +326,7 @@ def _departures(
     slip: Float[Array, "*shape"], factors: Float[Array, "two functions"], span: Float[Array, " two"]
 ) -> Float[Array, "*shape two"]:
     """The departure, and what braking adds to it."""
-    return functions(slip, span[0], span[1], FINE) @ factors.T
+    return functions(slip, span[0], span[1], BELOW_EFFECTS) @ factors.T
 
 
 @_departures.defjvp
@@ -341,7 +341,9 @@ def _(
     slip, factors, span = primals
     along, of_factors, _ = tangents
     shape, slopes = jax.jvp(
-        lambda slip: functions(slip, span[0], span[1], FINE), (slip,), (jnp.ones_like(slip),)
+        lambda slip: functions(slip, span[0], span[1], BELOW_EFFECTS),
+        (slip,),
+        (jnp.ones_like(slip),),
     )
     change = (slopes @ factors.T) * along[..., None] + shape @ of_factors.T
     return shape @ factors.T, change
@@ -418,7 +420,7 @@ def _of_curve_alone(model: Model, data: Data, values: Array) -> tuple[Array, Arr
     straight, push = jax.linearize(
         lambda v: _straight(model.base, v, data.slip, data.conditions), values[:count]
     )
-    shape = jnp.moveaxis(functions(data.slip, data.span[0], data.span[1], FINE), -1, 0)
+    shape = jnp.moveaxis(functions(data.slip, data.span[0], data.span[1], BELOW_EFFECTS), -1, 0)
     both = jnp.stack([shape, jnp.where(data.slip < 0, shape, 0.0)])
     bent = 1 + jnp.einsum("bk,bkrt->rt", _factors(values), both)
     of_curve = bent * jax.vmap(push)(jnp.eye(count))

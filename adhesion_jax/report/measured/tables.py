@@ -65,7 +65,8 @@ def curve_rows(
 
     Columns: curve, rms, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status,
     each parameter with its standard error (`_se`), then the weight in the answer, log_density (of
-    what was left out), the departure (misfit, relative), the degrees of freedom of the interval,
+    what was left out, less what the departure costs), the departure (misfit, relative), the
+    degrees of freedom of the interval,
     and the noise: sigma, autocorrelation, run_scatter and slow_level (both relative). `not_fitted`
     names the columns that a curve needs and the data lack.
     """

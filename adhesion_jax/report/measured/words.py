@@ -138,16 +138,17 @@ def _curve_sentences(
     if len(ranked) == 1:
         return [f"{ranked[0]}, rms {best.rms:.4f}; no other curve was fitted to compare it with."]
     second = fits[ranked[1]]
-    gain = best.left_out - second.left_out
-    error = float(np.sqrt(gain.size) * np.std(gain))
-    apart = gain.sum() > _APART * error
+    by_part = best.left_out - second.left_out
+    gain, error = best.log_density - second.log_density, np.sqrt(by_part.size) * np.std(by_part)
+    apart = gain > _APART * error
     heavy = {name: weight for name, weight in answer.weights.items() if weight >= LEAST_NAMED}
     by_weight = sorted(heavy, key=lambda name: -heavy[name])
     weights = listed([f"{name} {heavy[name]:.2f}" for name in by_weight])
     return [
         _departure_sentence(ranked[0], best),
-        f"{ranked[0]} predicts best the points that are left out of its fit: their log density is "
-        f"{plus_minus(float(gain.sum()), error)} above that by {ranked[1]} (rms {best.rms:.4f} "
+        f"{ranked[0]} predicts best the points that are left out of its fit: their log density, "
+        "less what the departure costs, is "
+        f"{plus_minus(gain, float(error))} above that by {ranked[1]} (rms {best.rms:.4f} "
         f"against {second.rms:.4f}), so the points "
         + ("speak for it." if apart else "do not tell these two apart."),
         f"The weights in the answer by all curves, after the same density: {weights}.",

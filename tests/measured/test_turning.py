@@ -1,0 +1,44 @@
+"""The slip of a peak, by the probability that adhesion falls at each slip."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.stats import lognorm
+
+from adhesion_jax.measured.answer import turned
+
+SLIP = np.geomspace(1e-4, 1.0, 400)
+
+
+def test_of_one_curve_it_is_the_quantile_of_its_peak():
+    found = turned(SLIP, lognorm.cdf(SLIP, 0.1, scale=0.03), 0.03)
+    truth = lognorm.ppf([0.5, 0.025, 0.975], 0.1, scale=0.03)
+    np.testing.assert_allclose(found, truth, rtol=2e-3)
+
+
+@pytest.mark.parametrize("middle", [0.02, 0.032, 0.05])
+def test_of_two_curves_it_is_that_of_the_mixture(middle):
+    def share_below(slip):
+        return 0.7 * lognorm.cdf(slip, 0.05, scale=0.03) + 0.3 * lognorm.cdf(slip, 0.1, scale=0.035)
+
+    found = turned(SLIP, share_below(SLIP), middle)
+    truth = [brentq(lambda s, p=p: share_below(s) - p, 0.01, 0.1) for p in (0.5, 0.025, 0.975)]
+    np.testing.assert_allclose(found, truth, rtol=3e-3)
+
+
+def test_of_a_level_stretch_it_is_the_whole_stretch():
+    found = turned(SLIP, np.clip((SLIP - 0.02) / 0.04, 0.0, 1.0), 0.04)
+    assert found.low == pytest.approx(0.021, rel=0.02)
+    assert found.high == pytest.approx(0.059, rel=0.02)
+
+
+def test_a_second_turn_far_from_the_peak_is_not_its_interval():
+    falls = lognorm.cdf(SLIP, 0.05, scale=0.03) * (1 - lognorm.cdf(SLIP, 0.05, scale=0.2))
+    found = turned(SLIP, falls + lognorm.cdf(SLIP, 0.05, scale=0.5), 0.03)
+    np.testing.assert_allclose(found, lognorm.ppf([0.5, 0.025, 0.975], 0.05, scale=0.03), rtol=3e-3)
+
+
+def test_an_end_that_is_not_seen_is_that_of_the_slips():
+    found = turned(SLIP, lognorm.cdf(SLIP, 1.0, scale=0.5), 0.5)
+    assert found.high == 1.0
+    assert found.low == pytest.approx(lognorm.ppf(0.025, 1.0, scale=0.5), rel=2e-3)
