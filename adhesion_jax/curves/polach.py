@@ -99,11 +99,12 @@ class PolachFalling(Curve):
     k_a: Scalar = 1.0
     free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
 
+    #: With a much smaller kS adhesion has a second peak near slip 0.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         **_PARAMETERS,
         "a": Parameter("1", 0.0, 1.0, "share of friction left at high slip velocity", _SOURCE),
         "b": Parameter("s/m", 0.01, 20.0, "decay of friction with slip velocity", _SOURCE),
-        "k_s": Parameter("1", 0.01, 1.0, "reduction in the area of slip", _SOURCE),
+        "k_s": Parameter("1", 0.1, 1.0, "reduction in the area of slip", _SOURCE),
         "k_a": Parameter("1", 0.01, 1.0, "reduction in the area of adhesion", _SOURCE),
     }
     NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)

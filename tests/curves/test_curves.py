@@ -312,7 +312,7 @@ POLACH_FALLING = form(
     a=st.floats(0.05, 1),
     b=logarithmic(0.01, 20),
     stiffness=logarithmic(0.1, 5000),
-    k_s=logarithmic(0.01, 1),
+    k_s=logarithmic(0.1, 1),
 )
 MAGIC = form(
     MagicFormula,
