@@ -5,7 +5,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,8 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.errors import InputError, WorkerError, cannot_write
+from adhesion_jax.options import Option
 from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
 
@@ -52,23 +52,20 @@ def start() -> None:
     programs.share_with_jax()
 
 
-def perform(name: str, /, *beside: Part, **asked: object) -> None:
-    """Do what a command of this name is asked: only now are jax and the rooms imported.
+def begin(*asked: Any) -> tuple[Any, ...]:
+    """Import jax, and put parts of the user's own that are asked for into their registries.
 
-    Parts of the user's own come first, for some rooms make tables of the registries; what is asked
-    then has their names. Those `beside` are not named in it.
+    What is asked for is returned with their names. Call it before the rooms are imported, for some
+    of them make tables of the registries.
     """
     start()
-    for own in beside:
-        use(own)
-    known = {option: _used(value) for option, value in asked.items()}
-    import_module(f"adhesion_jax.commands.{name}").main(**known)
+    return tuple(map(_by_name, asked))
 
 
-def _used(value: object) -> object:
+def _by_name(value: object) -> object:
     if isinstance(value, Part):
         return use(value)
-    return tuple(map(_used, value)) if isinstance(value, tuple) else value
+    return tuple(map(_by_name, value)) if isinstance(value, tuple) else value
 
 
 class FiniteRange(click.FloatRange):
@@ -81,6 +78,11 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+def number_in(option: Option) -> FiniteRange:
+    """A number in the range of an option."""
+    return FiniteRange(option.low, option.high, option.low_open, option.high_open)
 
 
 class Folder(click.Path):
@@ -109,9 +111,7 @@ class Folder(click.Path):
             if not there.is_dir() or not os.access(there, os.W_OK):
                 reason = "Permission denied" if there.is_dir() else f"{there} is a file"
         if reason:
-            raise InputError(
-                f"--out {path} cannot be written to ({reason}); name a folder that can."
-            )
+            raise cannot_write(path, reason)
         return path
 
 

@@ -1,15 +1,18 @@
 """`adhesion discover`: which physical effect a law lacks in measured data."""
 
+import json
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, Folder, Names, examples, perform
+from adhesion_jax.command_line.command import SEED, File, Folder, Names, begin, examples
 from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.reading import FILES, reading
-from adhesion_jax.command_line.slips import slip_events, slip_noise
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import FILES, read, reading, slip_events, slip_noise
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
@@ -84,9 +87,17 @@ class Plantable(Names):
 def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],
-    planted: tuple[Any, ...] | None,
+    curve: tuple[Any, ...],
+    seed: int,
     effects: tuple[Part, ...] | None,
-    **asked: Any,
+    planted: tuple[Any, ...] | None,
+    slip_noise: float | None,
+    correct: bool,
+    events: bool | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
 
@@ -98,6 +109,40 @@ def main(
         raise InputError("Name the files of TRAIN, or a campaign by --simulate, but not both.")
     if planted is not None and tests:
         raise InputError("--test does not go with --simulate, which draws its own test runs.")
+    _, curves, planted = begin(effects, curve, planted)
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.data.runs import matching, to_runs
+    from adhesion_jax.files import output_directory
+    from adhesion_jax.library.discover import discover_in, sources_of
+    from adhesion_jax.simulation.simulator import simulate, write_set
+
     if planted is not None:
-        planted = tuple(name for name in planted if name not in ("", "none"))
-    perform("discover", *(effects or ()), train=train, tests=tests, planted=planted, **asked)
+        names = tuple(name for name in planted if name not in ("", "none"))
+        write_set(output_directory(out), simulate(names, seed=seed))
+        train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
+        columns, known, dry_run = {}, {}, False
+    measured = read(train, columns, known, for_search=True)
+    judged = read(tests, columns, known, for_search=True) if tests else []
+    if dry_run:
+        return
+    output_directory(out)
+    logs, judging = events_of(measured, events), events_of(judged, events) if judged else []
+    # Nothing holds the logs while effects are searched in their events.
+    del measured, judged
+    used = " ".join(filter(None, (log.sentence for log in logs)))
+    if used:
+        click.echo(f"{textwrap.fill(used, 96)}\n")
+    with shown() as progress:
+        runs = to_runs([log.points for log in logs])
+        test = matching(runs, to_runs([log.points for log in judging])) if judging else None
+        sources = sources_of(logs, train)
+        # Events alone are drawn in the end: the rows of other logs are held by the runs.
+        del judging
+        logs = [log for log in logs if log.events is not None]
+        found = discover_in(
+            runs, test, logs, sources, curves, seed, slip_noise, correct, progress, out
+        )
+    click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
+    if planted is not None:
+        truth = json.loads((out / "truth.json").read_text())
+        click.echo(f"Planted: {', '.join(truth['effects']) or 'nothing'}")

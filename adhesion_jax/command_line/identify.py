@@ -1,15 +1,16 @@
 """`adhesion identify`: which adhesion curve measured points follow."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, Folder, Names, examples, perform
+from adhesion_jax.command_line.command import File, Folder, Names, begin, examples
 from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.reading import FILES, reading
-from adhesion_jax.command_line.slips import slip_events, slip_noise
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import FILES, read, reading, slip_events, slip_noise
 
 KNOWN = catalogue()
 
@@ -47,7 +48,17 @@ KNOWN = catalogue()
     show_default=True,
 )
 @listing(data=KNOWN.data, curves=KNOWN.curves)
-def main(**asked: Any) -> None:
+def main(
+    files: tuple[str, ...],
+    curve: tuple[Any, ...],
+    events: bool | None,
+    by: str | None,
+    slip_noise: float | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
+) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
     FILES are one or more .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet files of slip (or the
@@ -56,4 +67,19 @@ def main(**asked: Any) -> None:
     of a data set that ships with the package: eurosprinter. (roller-rig has one slip and no curve:
     adhesion discover.)
     """
-    perform("identify", **asked)
+    (names,) = begin(curve)
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.library.identify import identify_chosen, with_groups
+    from adhesion_jax.library.reading import citation_of
+
+    measured = read(files, with_groups(columns, by), known)
+    if dry_run:
+        return
+    # Nothing holds the log while the curves are fitted to its events.
+    logs = events_of(measured, events)
+    del measured
+    curves = None if "all" in names else names
+    citation = " ".join(filter(None, map(citation_of, files)))
+    with shown() as progress:
+        found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
+    click.echo(f"{found}\n\nWritten to {out}")

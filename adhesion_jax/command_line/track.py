@@ -1,5 +1,6 @@
 """`adhesion track`: a log followed by online methods, sample by sample."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,12 @@ from adhesion_jax.command_line.command import (
     FiniteRange,
     Folder,
     Names,
+    begin,
     examples,
-    perform,
 )
 from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import FILES, read, reading
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -57,7 +59,16 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     show_default=True,
 )
 @listing(data=KNOWN.data, identifiers=_ONLINE)
-def main(identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
+def main(
+    log: str,
+    identifiers: tuple[Any, ...] | None,
+    initial_slope: float | None,
+    events: bool | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
+) -> None:
     """Follow LOG sample by sample, and draw what is known of the largest adhesion over time.
 
     LOG is a file that adhesion identify takes, with a time if there is one, or the name of a data
@@ -68,4 +79,19 @@ def main(identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
             raise InputError(
                 f"--identifiers {name} cannot follow a log: {KNOWN.not_following[name]}."
             )
-    perform("track", identifiers=identifiers or (), **asked)
+    (names,) = begin(identifiers)
+    from adhesion_jax.library.track import METHODS, track
+
+    (measured,) = read([log], columns, known)
+    if dry_run:
+        return
+    with shown() as progress:
+        found = track(
+            measured,
+            names or METHODS,
+            initial_slope,
+            events=events,
+            report=lambda done, total: progress("following", done / total),
+            out=out,
+        )
+    click.echo(f"{found}\n\nWritten to {out}")

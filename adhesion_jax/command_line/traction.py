@@ -12,8 +12,8 @@ from adhesion_jax.command_line.command import (
     FiniteRange,
     Folder,
     Name,
+    begin,
     examples,
-    perform,
     with_processes,
 )
 from adhesion_jax.command_line.listing import listing
@@ -70,10 +70,31 @@ KNOWN = catalogue()
     seekers=KNOWN.seekers,
     controllers=KNOWN.controllers,
 )
-def main(**asked: Any) -> None:
+def main(
+    system: str,
+    observer: Any,
+    seeker: Any,
+    controller: Any,
+    workers: int | None,
+    out: Path,
+    **asked: Any,
+) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.
 
     Every scenario of the paper runs once without noise and `--runs` times with noise. With an
     observer, a seeker or a controller named, it takes the place of the paper's own.
     """
-    perform("traction", **asked)
+    observer, seeker, controller = begin(observer, seeker, controller)
+    from adhesion_jax.library.traction import traction_control
+    from adhesion_jax.runtime import CORES
+
+    found = traction_control(
+        system,
+        observer=observer,
+        seeker=seeker,
+        controller=controller,
+        workers=workers or CORES,
+        out=out,
+        **asked,
+    )
+    click.echo(f"{found}\n\nWritten to {out} in {found.seconds:.0f} s")

@@ -13,12 +13,12 @@ from adhesion_jax.data.corrections import NOTHING, Corrections
 from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.delays import without_delays
 from adhesion_jax.data.derived import SOURCES, Derived, derive, needed
+from adhesion_jax.data.exchanged import exchanged
 from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
 from adhesion_jax.data.gaps import FEW, bridged, without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
 from adhesion_jax.data.lateness import late_signals
 from adhesion_jax.data.plausible import (
-    exchanged,
     refuse_other_units,
     slip_beside_speeds,
     speed_warnings,
@@ -231,7 +231,7 @@ def _used(
             *unusual(numbers, taken),
             *unit_notes,
             *beside_notes,
-            *exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy()),
+            *filter(None, [exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy())]),
             *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
         ),
         (*notes, *bridges, *gaps.notes),

@@ -1,7 +1,7 @@
 """From measured runs to findings: which effects the law lacks, and how far they lower its error."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -10,7 +10,7 @@ from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import block_means, condensed, hidden_shares
 from adhesion_jax.data.runs import Rows, RunSet
-from adhesion_jax.discovery.findings.summary import law_of, summarise
+from adhesion_jax.discovery.findings.summary import Searched, law_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.noise import slip_noise_of
@@ -84,27 +84,11 @@ def discover(
     asked = (base,) if isinstance(base, str) else tuple(base)
     bases = _bases(runs, asked)
     blocks = condensed(runs)
-    warnings = [*runs.warnings, *_condensing_words(runs, blocks)]
-    if test is not None:
-        told = (words for words in test.warnings if words not in runs.warnings)
-        warnings += [f"In the test data: {words}" for words in told]
     progress("fitting the base curves", 0.02)
-    problem = _problem(blocks)
     slip = slip_noise_of(blocks, slip_noise)
-    spread = np.zeros(problem.points.shape)
-    spread[problem.points > 0] = slip.spread
-    plain = Selection(best_alone(problem, spread, bases))
-    if blocks is not runs:
-        problem = _problem(blocks._replace(whole=_straightened(plain, runs, blocks)))
-        plain = Selection(best_alone(problem, spread, (plain.base,)))
+    plain, spread = _without_effects(runs, blocks, slip.spread, bases)
     problem = plain.setting.problem
     same = echoes(plain.fitted)
-    warnings += [
-        f"{name} repeats the {signal} row by row, noise and all: one was probably computed from "
-        "the other, so that it is no cause of it. It is left out."
-        for name, signal in same.items()
-    ]
-    warnings += _few_runs(problem)
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
     falling = _falling(runs) if "auto" in asked and len(bases) > 1 else ()
@@ -114,28 +98,48 @@ def discover(
     line = None if waves else torsion(final.fitted)
     progress("asking for a second opinion", 0.85)
     opinion = opinion_of(final, seed)
+    warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
+    warnings += [*_echo_words(same), *_few_runs(problem)]
     if correct and (opinion is None or opinion.correction is None):
         warnings.append(
             "No correction by boosted trees was made: they predict nothing of what the law leaves."
         )
     progress("measuring the errors", 0.95)
-    return summarise(
-        runs=runs,
-        blocks=blocks,
-        test=test,
-        plain=plain,
-        slip=slip,
-        final=final,
-        line=line,
-        warnings=warnings,
-        doubts=undecided(final),
-        opinion=opinion,
-        correct=correct,
-        seed=seed,
-        source=source,
-        citation=citation,
-        began=began,
-    )
+    searched = Searched(runs, blocks, plain, final, slip, line, undecided(final), opinion)
+    found = summarise(searched, test, warnings, correct, seed)
+    seconds = time.perf_counter() - began
+    return found._replace(source=source, citation=citation, seconds=seconds)
+
+
+def _without_effects(
+    runs: RunSet, blocks: RunSet, spread: np.ndarray, bases: tuple[str, ...]
+) -> tuple[Selection, np.ndarray]:
+    """The best curve alone, and the noise of the slip of its points, [runs, points].
+
+    It is fitted a second time to blocks of rows, as if the slip stood still in each.
+    """
+    problem = _problem(blocks)
+    spreads = np.zeros(problem.points.shape)
+    spreads[problem.points > 0] = spread
+    plain = Selection(best_alone(problem, spreads, bases))
+    if blocks is not runs:
+        problem = _problem(blocks._replace(whole=_straightened(plain, runs, blocks)))
+        plain = Selection(best_alone(problem, spreads, (plain.base,)))
+    return plain, spreads
+
+
+def _test_words(runs: RunSet, test: RunSet | None) -> list[str]:
+    """What reading the test data said, and reading the others did not."""
+    told = () if test is None else (words for words in test.warnings if words not in runs.warnings)
+    return [f"In the test data: {words}" for words in told]
+
+
+def _echo_words(same: Mapping[str, str]) -> list[str]:
+    return [
+        f"{name} repeats the {signal} row by row, noise and all: one was probably computed from "
+        "the other, so that it is no cause of it. It is left out."
+        for name, signal in same.items()
+    ]
 
 
 def _problem(blocks: RunSet) -> Problem:

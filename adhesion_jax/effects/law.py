@@ -6,9 +6,8 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar
-from adhesion_jax.curves.peak import find_peak
-from adhesion_jax.effects.base import Effect, Signal, Value
+from adhesion_jax.curves import Conditions, Law, Scalar, Signal
+from adhesion_jax.effects.base import Effect, Value
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.shape import exponents_of, shaped
@@ -77,9 +76,6 @@ class CorrectedLaw(Law):
             name: jnp.clip(values, *self.ranges[name]) if name in self.ranges else values
             for name, values in whole.items()
         }
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return find_peak(lambda slip: self(slip, conditions), slip_limit)
 
 
 def with_effects(

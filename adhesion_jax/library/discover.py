@@ -21,7 +21,7 @@ from adhesion_jax.plugins import add
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
-from adhesion_jax.report.discovery.words import verdict
+from adhesion_jax.report.discovery.verdict import verdict
 from adhesion_jax.runtime import as_in_commands, silent
 
 

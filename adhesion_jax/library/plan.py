@@ -19,6 +19,7 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
 from adhesion_jax.library.results import text_html
+from adhesion_jax.options import NOISE
 from adhesion_jax.planning.excitation import Sweeps
 from adhesion_jax.planning.own_log import OwnLog, own_log
 from adhesion_jax.planning.plan import (
@@ -56,16 +57,6 @@ _LONGER = 2.0 ** np.arange(-2.0, 6.0)
 
 #: Number of largest slips of the map.
 _MAP = 32
-
-#: Largest values of the noise that can be stated; the autocorrelation is below its own.
-_LARGEST = {
-    "sigma": 10.0,
-    "autocorrelation": 1.0,
-    "run_scatter": 1.0,
-    "slow_level": 1.0,
-    "slow_rows": 1e9,
-    "slip_noise": 10.0,
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -249,10 +240,8 @@ def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
 def _stated(**asked: float | None) -> dict[str, float]:
     stated = {name: float(value) for name, value in asked.items() if value is not None}
     for name, value in stated.items():
-        low_open, high_open = name == "sigma", name == "autocorrelation"
-        inside = 0 <= value <= _LARGEST[name]
-        if not inside or (low_open and value == 0) or (high_open and value == _LARGEST[name]):
-            raise InputError(f"{name} is a number from 0 to {_LARGEST[name]:g}, not {value:g}.")
+        if not NOISE[name].holds(value):
+            raise InputError(f"{name} is a number {NOISE[name].range()}, not {value:g}.")
     return stated
 
 

@@ -52,6 +52,7 @@ from adhesion_jax.report.discovery.tables import (
     level_columns,
     residual_columns,
 )
+from adhesion_jax.report.discovery.verdict import verdict
 from adhesion_jax.report.discovery.words import (
     acts_on,
     error,
@@ -59,7 +60,6 @@ from adhesion_jax.report.discovery.words import (
     humanised,
     in_brackets,
     percent_in_brackets,
-    verdict,
 )
 from adhesion_jax.wording import p_value, plus_minus
 

@@ -26,10 +26,11 @@ from adhesion_jax.report.discovery.words import (
 from adhesion_jax.report.style import (
     AFTER,
     BEFORE,
+    MARKS,
     POINT,
     label_text,
-    legend_below,
     light_frame,
+    one_legend,
     panels,
     root_axis,
     thinned,
@@ -108,7 +109,7 @@ def _dependences(findings: Findings) -> Figure | None:
         _dependence(axis, dependence, findings)
     for axis in axes[::3]:
         axis.set_ylabel("factor on adhesion (1)")
-    legend_below(figure, axes[0])
+    one_legend(figure, axes[:1])
     return figure
 
 
@@ -145,17 +146,14 @@ def _errors(findings: Findings) -> Figure:
     for when in ("before", "after"):
         intervals: list[Interval] = [getattr(errors, when) for errors in rows.values()]
         value, low, high = np.array(intervals, dtype=float).T
-        before = when == "before"
         axis.errorbar(
             value,
-            np.arange(len(rows)) + (-0.13 if before else 0.13),
+            np.arange(len(rows)) + (-0.13 if when == "before" else 0.13),
             xerr=np.nan_to_num([np.maximum(value - low, 0), np.maximum(high - value, 0)]),
-            color=BEFORE if before else AFTER,
-            marker="s" if before else "o",
-            markerfacecolor="white" if before else AFTER,
             linestyle="none",
             capsize=3,
             label=when,
+            **MARKS[when],
         )
     axis.axvline(
         findings.noise_floor,

@@ -9,9 +9,9 @@ import pandas as pd
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.vetoes import Judgement
-from adhesion_jax.report.measured.words import LEAST_NAMED, reasons
+from adhesion_jax.report.measured.words import best_first, reasons, weights_of
 from adhesion_jax.report.text import WIDTH, flush_left
-from adhesion_jax.wording import listed, plus_minus
+from adhesion_jax.wording import plus_minus
 
 
 def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement) -> str:
@@ -34,12 +34,9 @@ def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement) -> str:
                 *textwrap.wrap(judgement.why, WIDTH, break_on_hyphens=False),
             )
         )
-    weights = {name: w for name, w in answer.weights.items() if w >= LEAST_NAMED}
-    ranked = sorted(weights, key=lambda name: -weights[name])
-    names = listed([f"{name} {weights[name]:.2f}" for name in ranked])
     said = (
         "The peak with its 95 % interval, the choice of the curve included. Weights of the curves "
-        f"by cross-validation: {names}."
+        f"by cross-validation: {weights_of(answer)}."
     )
     return "\n".join(
         (
@@ -110,7 +107,7 @@ def curve_rows(
 
 def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
     """The curves, the one that predicts best first, aligned for a terminal."""
-    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
+    ranked = best_first(fits)
     most = fits[ranked[0]].log_density
     summary, parameters = [], []
     for name in ranked:

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from adhesion_jax.planning.plan import Plan, Present, Wanted
 from adhesion_jax.report.plan.words import QUANTITIES
-from adhesion_jax.report.style import label_text
+from adhesion_jax.report.style import label_text, one_legend
 
 #: Relative standard errors of the contour lines.
 _LEVELS = np.array([1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.3, 1.0])
@@ -50,12 +49,7 @@ def draw_plan(
     unit = plan.planner.truth.slip_unit.strip() or "1"
     panels[0].set_ylabel(f"largest slip ({unit})")
     figure.suptitle(label_text(source, 90), x=0.01, ha="left", fontsize=12)
-    named: dict[str, Artist] = {}
-    for axes in panels:
-        handles, labels = axes.get_legend_handles_labels()
-        named |= dict(zip(labels, handles, strict=True))
-    handles, labels = list(named.values()), list(named)
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    one_legend(figure, panels, loc="outside lower center", ncols=5, fontsize=None)
     figure.savefig(path, dpi=150)
 
 
