@@ -154,8 +154,13 @@ class Cluster(click.ParamType):
         return value
 
 
-def with_cluster(command: Callable[..., None]) -> Callable[..., None]:
-    """A decorator that gives a command the arguments `cluster` and `shared_folder`."""
+def examples(*lines: str) -> str:
+    """What stands under the help of a command, whose name the lines begin with."""
+    return "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in lines)
+
+
+def with_processes(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command the arguments `workers`, `cluster` and `shared_folder`."""
     shared = click.option(
         "--shared-folder",
         is_flag=True,
@@ -166,7 +171,12 @@ def with_cluster(command: Callable[..., None]) -> Callable[..., None]:
         type=Cluster(),
         help="Compute on Dask workers: local:N starts N here, tcp://HOST:PORT joins a scheduler.",
     )
-    return cluster(shared(command))
+    workers = click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help="Processes (one for each core); the results do not depend on their number.",
+    )
+    return workers(cluster(shared(command)))
 
 
 class File(click.ParamType):

@@ -7,22 +7,30 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import FiniteRange, Folder, Name, Recorded, begin
+from adhesion_jax.command_line.command import Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import Log, read, reading, slip_events
+from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
 from adhesion_jax.command_line.record import columns_of, record
 
 KNOWN = catalogue()
 
 
-@click.command(cls=Recorded)
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "identify eurosprinter",
+        'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
+        "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
+    ),
+)
 @click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
-    type=Name((*KNOWN.curves, "all"), "curve"),
+    type=Names((*KNOWN.curves, "all"), "curve"),
     default="all",
-    help=f"{', '.join(KNOWN.curves)}, FILE.py:NAME, or all.",
+    help=f"Some of {', '.join(KNOWN.curves)}, FILE.py:NAME, or all, divided by commas.",
     show_default=True,
 )
 @slip_events
@@ -32,12 +40,7 @@ KNOWN = catalogue()
     help="Compare the groups of rows by this column, text included, by run, or by auto: the column "
     "that predicts best.",
 )
-@click.option(
-    "--slip-noise",
-    type=FiniteRange(min=0),
-    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
-    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
-)
+@slip_noise
 @click.option(
     "--out",
     type=Folder(),
@@ -46,9 +49,10 @@ KNOWN = catalogue()
     "of a log events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
+@listing(data=KNOWN.data, curves=KNOWN.curves)
 def main(
     files: tuple[str, ...],
-    curve: Any,
+    curve: tuple[Any, ...],
     events: bool | None,
     by: str | None,
     slip_noise: float | None,
@@ -65,7 +69,7 @@ def main(
     --column; --dry-run shows how they are understood. Or the name of a data set that ships with the
     package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
     """
-    (curve,) = begin(curve)
+    (names,) = begin(curve)
     from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
     from adhesion_jax.library.identify import identify_chosen, with_groups
@@ -78,7 +82,7 @@ def main(
     # Nothing holds the log while the curves are fitted to its events.
     logs, understood = events_of(measured, events), columns_of(measured)
     del measured
-    curves = None if curve == "all" else curve
+    curves = None if "all" in names else names
     citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
         found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)

@@ -9,7 +9,18 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, Folder, Name, Recorded, begin, number_in
+from adhesion_jax.command_line.command import (
+    SEED,
+    File,
+    Folder,
+    Name,
+    Names,
+    Recorded,
+    begin,
+    examples,
+    number_in,
+)
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
 from adhesion_jax.command_line.record import columns_of, record
@@ -108,7 +119,14 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command(cls=Recorded)
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "plan --rail common --want 1%",
+        "plan --curves out/identify/curves.csv",
+        'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
+    ),
+)
 @click.argument("log", type=Log(KNOWN.data), required=False)
 @reading
 @slip_events
@@ -125,8 +143,9 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.option(
     "--curve",
-    type=Name(KNOWN.curves, "curve"),
-    help="The curve of LOG or of --curves that is taken for the truth.",
+    type=Names(KNOWN.curves, "curve"),
+    help="The curves of LOG or of --curves whose best is taken for the truth, FILE.py:NAME among "
+    "them, divided by commas.",
 )
 @click.option(
     "--condition",
@@ -159,12 +178,13 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     help="Folder for plan.csv, plan.png and plan.txt.",
     show_default=True,
 )
+@listing(data=KNOWN.data, rails=KNOWN.rails, curves=KNOWN.curves)
 def main(
     log: str | None,
     rail: str | None,
     curves: str | None,
     law: str | None,
-    curve: Any,
+    curve: tuple[Any, ...] | None,
     conditions: tuple[tuple[str, float], ...],
     seed: int,
     out: Path,
@@ -189,7 +209,7 @@ def main(
     _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
     columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
     check = asked.pop("check")
-    (curve,) = begin(curve)
+    (names,) = begin(curve)
     from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
     from adhesion_jax.effects.saved import load_law
@@ -210,9 +230,9 @@ def main(
             return
         chosen, understood = events_of(measured, events), columns_of(measured)
         del measured  # nothing holds the log while curves are fitted to its events
-        source = identify_chosen(chosen, curve, citation_of(log))
+        source = identify_chosen(chosen, names, citation_of(log))
     elif curves is not None:
-        source = load_curve(Path(curves), curve)
+        source = load_curve(Path(curves), names or ())
     elif law is not None:
         source = load_law(law)
     found = plan(source, conditions=dict(conditions), **asked)

@@ -40,6 +40,13 @@ slip_events = click.option(
     "cut out of a table of 10,000 rows or more with a time and without a column run.",
 )
 
+slip_noise = click.option(
+    "--slip-noise",
+    type=FiniteRange(min=0),
+    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
+    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
+)
+
 _OPTIONS = (
     click.option(
         "--columns",

@@ -5,12 +5,20 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, Recorded, begin
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, Recorded, begin, examples
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 
+_EFFECTS = ("none", "humidity", "falling_friction")
 
-@click.command(cls=Recorded)
+
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "simulate --hours 0.3 --events 3 --seed 1 --out log.csv",
+    ),
+)
 @click.option(
     "--hours",
     type=FiniteRange(min=0, min_open=True, max=240),
@@ -27,7 +35,7 @@ from adhesion_jax.errors import InputError
 )
 @click.option(
     "--effect",
-    type=Name(("none", "humidity", "falling_friction"), ""),
+    type=Name(_EFFECTS),
     default="none",
     help="What acts on adhesion beside slip: none, humidity or falling_friction.",
     show_default=True,
@@ -40,6 +48,7 @@ from adhesion_jax.errors import InputError
     help="File for the log, .csv or .parquet.",
     show_default=True,
 )
+@listing(effects=_EFFECTS)
 def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     """Write a simulated log of a locomotive, and the truth behind it.
 

@@ -7,7 +7,15 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import FiniteRange, Folder, Names, Recorded, begin
+from adhesion_jax.command_line.command import (
+    FiniteRange,
+    Folder,
+    Names,
+    Recorded,
+    begin,
+    examples,
+)
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading
 from adhesion_jax.command_line.record import columns_of, record
@@ -18,7 +26,13 @@ KNOWN = catalogue()
 _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
 
 
-@click.command(cls=Recorded)
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "track eurosprinter",
+        'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
+    ),
+)
 @click.argument("log", type=Log(KNOWN.data))
 @reading
 @click.option(
@@ -46,6 +60,7 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     help="Folder for track.csv, track.png and track.txt.",
     show_default=True,
 )
+@listing(data=KNOWN.data, identifiers=_ONLINE)
 def main(
     log: str,
     identifiers: tuple[Any, ...] | None,

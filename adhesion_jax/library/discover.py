@@ -100,7 +100,7 @@ class Discovery:
 def discover(
     data: Data | Sequence[Data],
     test: Data | Sequence[Data] | None = None,
-    base: str = "auto",
+    curves: str | Sequence[str] = "auto",
     seed: int = 0,
     effects: Sequence[type[Cause]] | Mapping[str, type[Cause]] = (),
     slip_noise: float | None = None,
@@ -120,7 +120,8 @@ def discover(
 
     `data` has the columns that `identify` takes, a column run (or time_s, from whose gaps runs are
     told) and whatever was measured beside them; several tables are taken together. `test` is
-    predicted and never fitted. `base` is a name of CURVES, or auto. `effects` are classes of your
+    predicted and never fitted. The base curve is the best
+    of `curves`, names of CURVES or auto. `effects` are classes of your
     own, which are searched for beside the causes of EFFECTS under their names; they stay there, so
     that what is found can be told, saved and loaded. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
@@ -142,7 +143,7 @@ def discover(
         judging = matching(train, to_runs([log.points for log in judged]))
     sources = sources_of(logs, parts_of(data))
     return discover_in(
-        train, judging, logs, sources, base, seed, slip_noise, correct, progress, out
+        train, judging, logs, sources, curves, seed, slip_noise, correct, progress, out
     )
 
 
@@ -158,7 +159,7 @@ def discover_in(
     test: RunSet | None,
     logs: Sequence[Chosen],
     sources: tuple[str, str],
-    base: str,
+    curves: str | Sequence[str],
     seed: int,
     slip_noise: float | None,
     correct: bool,
@@ -173,7 +174,7 @@ def discover_in(
     findings = engine.discover(
         train,
         test,
-        base,
+        curves,
         seed,
         progress,
         source=source,

@@ -1,5 +1,6 @@
 """Curves from the tables that an identification has written."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,11 @@ import pandas as pd
 
 from adhesion_jax.curves import CURVES, Curve, with_free_values
 from adhesion_jax.errors import InputError
+from adhesion_jax.wording import listed
 
 
-def load_curve(path: Path, name: str | None = None) -> Curve:
-    """The curve of this name in a curves.csv, or the best by log_density that has a peak there.
+def load_curve(path: Path, names: Sequence[str] = ()) -> Curve:
+    """The best curve by log_density in a curves.csv, of these names or of all that have a peak.
 
     Its parameters stand in parameters.csv beside it. InputError if the files hold no such curve.
     """
@@ -27,15 +29,17 @@ def load_curve(path: Path, name: str | None = None) -> Curve:
     if not told or not {"curve", "parameter", "value"} <= {*parameters.columns}:
         raise _no_table(path)
     rows = table[table["log_density"].notna() & table["curve"].isin(CURVES)]
-    if name is None:
-        rows = rows[np.isfinite(rows["slip_opt_se"])]  # empty where there is no peak
-        if rows.empty:
-            raise InputError(f"{path} has no curve with a peak; identify one from other data.")
-        name = str(rows.loc[rows["log_density"].idxmax(), "curve"])
-    row = rows[rows["curve"] == name]
-    if row.empty:
+    lacking = [name for name in names if name not in {*rows["curve"]}]
+    if lacking:
         fitted = ", ".join(rows["curve"]) or "none"
-        raise InputError(f"{path} has no fitted curve {name}; the curves there are {fitted}.")
+        raise InputError(
+            f"{path} has no fitted curve {listed(lacking)}; the curves there are {fitted}."
+        )
+    # An empty error of the slip says that there is no peak.
+    rows = rows[rows["curve"].isin(names) if names else np.isfinite(rows["slip_opt_se"])]
+    if rows.empty:
+        raise InputError(f"{path} has no curve with a peak; identify one from other data.")
+    name = str(rows.set_index("curve")["log_density"].idxmax())
     known = CURVES[name]
     try:
         own = parameters[parameters["curve"] == name].set_index("parameter")["value"]

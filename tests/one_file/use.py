@@ -68,7 +68,7 @@ files = [str(out / "train.csv"), "--test", str(out / "test.csv")]
 made = []
 engine.discover = lambda *given, **named: made.append(discover(*given, **named)) or made[-1]
 discover_command.main(
-    [*files, "--base", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
+    [*files, "--curve", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
 )
 (findings,) = made
 law = load_law(out / "report" / "law.json")

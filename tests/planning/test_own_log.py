@@ -149,7 +149,7 @@ def test_a_curve_is_read_from_the_table_of_an_identification(tmp_path):
     assert (float(curve.c1), float(curve.c2), float(curve.c3)) == (0.32, 25.0, 0.1)
     for name, says in (("exponential", "has no fitted curve exponential"), ("kiencke", "is not a")):
         with pytest.raises(InputError, match=says):
-            load_curve(path, name)
+            load_curve(path, [name])
 
 
 @pytest.mark.parametrize(
