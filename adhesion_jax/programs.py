@@ -34,7 +34,6 @@ _LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimist
 
 _OF_DEVICES = ("jax_platforms", "jax_default_device")
 
-_Form = Any  # jax.tree_util.PyTreeDef
 _Kind = tuple[tuple[int, ...], Any, bool]
 _Options = Mapping[str, str | bool]
 
