@@ -16,6 +16,9 @@ from adhesion_jax.errors import InputError, cannot_write
 if sys.platform != "win32":
     import fcntl
 
+#: The name of the file that says how the results beside it came about.
+METADATA = "metadata.json"
+
 _CANNOT_WRITE = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
     *(errno.EROFS, errno.EACCES, errno.EPERM),

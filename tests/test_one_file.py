@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -199,8 +200,9 @@ def test_the_new_curve_is_identified_by_the_command(told):
     row = told["identified"]
     assert row["curve"] == "hyperbolic"
     assert row["status"].startswith("TRUSTED")
-    for name, true in zip("abc", told["curve"], strict=True):
-        assert row[name] == pytest.approx(true, abs=3.3 * row[f"{name}_se"])
+    for own, name, true in zip(told["parameters"], "abc", told["curve"], strict=True):
+        assert own["parameter"] == name
+        assert own["value"] == pytest.approx(true, abs=3.3 * own["se"])
     a, b, c = told["curve"]
     assert row["slip_opt"] == pytest.approx(
         np.arccosh(np.sqrt(a * b / c)) / b, abs=3.3 * row["slip_opt_se"]
@@ -267,7 +269,7 @@ def registry(monkeypatch):
 def test_the_example_declares_all_and_is_an_effect():
     leaves = page_without()["Leaves"]
     assert float(leaves(k=0.25).factor(0.0, {"leaf_cover": 0.4})) == pytest.approx(0.9)
-    assert {"FACTS", "factor", "starts"} == {*DECLARED}
+    assert {"FACTS", "factor"} == {*DECLARED}
 
 
 @pytest.mark.parametrize("declared", [name for name in DECLARED if name != "FACTS"])
@@ -286,16 +288,22 @@ def test_an_effect_without_facts_is_not_read_and_cannot_be_made():
     with pytest.raises(AttributeError, match="FACTS"):
         page_without("FACTS")
     with pytest.raises(TypeError, match=r"abstract[^\n]*FACTS"):
-        type("Bare", (Multiplier,), {"factor": None, "starts": None})()
+        type("Bare", (Multiplier,), {"factor": None})()
 
 
-@pytest.mark.parametrize("forgotten", ["otherwise", "seen_in"])
-def test_a_planting_that_forgets_a_part_cannot_be_made(forgotten):
+def test_a_planting_that_forgets_its_other_formula_cannot_be_made():
     page_without()
     parts = PLANTABLE["Leaves"]._asdict()
-    del parts[forgotten]
-    with pytest.raises(TypeError, match=forgotten):
+    del parts["otherwise"]
+    with pytest.raises(TypeError, match="otherwise"):
         Planting(**parts)
+
+
+def test_an_effect_that_declares_no_starts_is_refused_where_it_is_first_tried():
+    effect = page_without()["Leaves"]
+    bare = type("Bare", (effect,), {"FACTS": replace(effect.FACTS, starts=())})
+    with pytest.raises(TypeError, match="Bare declares no starts"):
+        bare.starts({})
 
 
 @pytest.mark.parametrize("form", ["exact", "perturbed"])

@@ -17,6 +17,9 @@ from adhesion_jax.options import Option
 from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
 
+#: Where a click context holds the arguments of a recorded command, as they were given.
+ARGUMENTS = f"{__name__}.arguments"
+
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
 
@@ -50,6 +53,14 @@ def start() -> None:
 
     runtime.start()
     programs.share_with_jax()
+
+
+class Recorded(click.Command):
+    """A command whose arguments are recorded beside its results."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[ARGUMENTS] = list(args)
+        return super().parse_args(ctx, args)
 
 
 def begin(*asked: Any) -> tuple[Any, ...]:
@@ -143,8 +154,13 @@ class Cluster(click.ParamType):
         return value
 
 
-def with_cluster(command: Callable[..., None]) -> Callable[..., None]:
-    """A decorator that gives a command the arguments `cluster` and `shared_folder`."""
+def examples(*lines: str) -> str:
+    """What stands under the help of a command, whose name the lines begin with."""
+    return "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in lines)
+
+
+def with_processes(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command the arguments `workers`, `cluster` and `shared_folder`."""
     shared = click.option(
         "--shared-folder",
         is_flag=True,
@@ -155,7 +171,12 @@ def with_cluster(command: Callable[..., None]) -> Callable[..., None]:
         type=Cluster(),
         help="Compute on Dask workers: local:N starts N here, tcp://HOST:PORT joins a scheduler.",
     )
-    return cluster(shared(command))
+    workers = click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help="Processes (one for each core); the results do not depend on their number.",
+    )
+    return workers(cluster(shared(command)))
 
 
 class File(click.ParamType):

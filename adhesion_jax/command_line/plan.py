@@ -9,9 +9,21 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, Folder, Name, begin, number_in
+from adhesion_jax.command_line.command import (
+    SEED,
+    File,
+    Folder,
+    Name,
+    Names,
+    Recorded,
+    begin,
+    examples,
+    number_in,
+)
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import CORRECTIONS, FILES, read, reading, slip_events
+from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
 
@@ -107,8 +119,15 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "plan --rail common --want 1%",
+        "plan --curves out/identify/curves.csv",
+        'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
+    ),
+)
+@click.argument("log", type=Log(KNOWN.data), required=False)
 @reading
 @slip_events
 @click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")
@@ -124,8 +143,9 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.option(
     "--curve",
-    type=Name(KNOWN.curves, "curve"),
-    help="The curve of LOG or of --curves that is taken for the truth.",
+    type=Names(KNOWN.curves, "curve"),
+    help="The curves of LOG or of --curves whose best is taken for the truth, FILE.py:NAME among "
+    "them, divided by commas.",
 )
 @click.option(
     "--condition",
@@ -158,12 +178,13 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     help="Folder for plan.csv, plan.png and plan.txt.",
     show_default=True,
 )
+@listing(data=KNOWN.data, rails=KNOWN.rails, curves=KNOWN.curves)
 def main(
     log: str | None,
     rail: str | None,
     curves: str | None,
     law: str | None,
-    curve: Any,
+    curve: tuple[Any, ...] | None,
     conditions: tuple[tuple[str, float], ...],
     seed: int,
     out: Path,
@@ -188,7 +209,8 @@ def main(
     _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
     columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
     check = asked.pop("check")
-    (curve,) = begin(curve)
+    (names,) = begin(curve)
+    from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
     from adhesion_jax.effects.saved import load_law
     from adhesion_jax.files import output_directory, staged, write_table
@@ -200,15 +222,17 @@ def main(
     from adhesion_jax.report.plan.words import checked
 
     source: Any = rail
+    understood = None
     if log is not None:
         measured = read([log], columns, known)
         if dry_run:
+            check_curve(as_one(measured))
             return
-        chosen = events_of(measured, events)
+        chosen, understood = events_of(measured, events), columns_of(measured)
         del measured  # nothing holds the log while curves are fitted to its events
-        source = identify_chosen(chosen, curve, citation_of(log))
+        source = identify_chosen(chosen, names, citation_of(log))
     elif curves is not None:
-        source = load_curve(Path(curves), curve)
+        source = load_curve(Path(curves), names or ())
     elif law is not None:
         source = load_law(law)
     found = plan(source, conditions=dict(conditions), **asked)
@@ -220,6 +244,7 @@ def main(
                 table = check_plan(found.plan, check, seed, progress)
             write_table(stage / "check.csv", table)
             words += f"\n\n{checked(table, check)}"
+    record(out, understood)
     click.echo(f"{words}\n\nWritten to {out}")
 
 

@@ -1,23 +1,25 @@
 """How every command that reads measurements is told what their columns are, and reads them."""
 
+import glob
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from adhesion_jax.command_line.command import FiniteRange
+from adhesion_jax.command_line.command import File, FiniteRange
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.errors import InputError
 
 if TYPE_CHECKING:
     from adhesion_jax.data import Measured
 
-#: What can be read, for a refusal.
-FILES = "a .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet file"
+#: What is said where nothing can be read.
+WANTED = "name a file of measurements, or a folder or a pattern of such files"
 
 #: What of sensors and wheelset the columns do not tell, and the option that says it.
 CORRECTIONS: Mapping[str, str] = {
@@ -36,6 +38,13 @@ slip_events = click.option(
     default=None,
     help="Cut the slip events out of a log, as runs, or use all of its rows. By default events are "
     "cut out of a table of 10,000 rows or more with a time and without a column run.",
+)
+
+slip_noise = click.option(
+    "--slip-noise",
+    type=FiniteRange(min=0),
+    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
+    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
 )
 
 _OPTIONS = (
@@ -102,6 +111,19 @@ _OPTIONS = (
         help="Print how the columns are understood, and stop there.",
     ),
 )
+
+
+class Log(File):
+    """A file of measurements, a folder or a pattern of such, or the name of a set that ships."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(names, WANTED)
+
+    def convert(self, value: str, param: Any, ctx: Any) -> str:
+        with suppress(OSError, ValueError):  # a name that is too long, or holds a zero
+            if Path(value).is_dir() or (not Path(value).exists() and glob.glob(value)):
+                return value
+        return super().convert(value, param, ctx)
 
 
 def reading(command: Callable[..., None]) -> Callable[..., None]:

@@ -5,11 +5,20 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, begin
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, Recorded, begin, examples
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 
+_EFFECTS = ("none", "humidity", "falling_friction")
 
-@click.command()
+
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "simulate --hours 0.3 --events 3 --seed 1 --out log.csv",
+    ),
+)
 @click.option(
     "--hours",
     type=FiniteRange(min=0, min_open=True, max=240),
@@ -26,7 +35,7 @@ from adhesion_jax.errors import InputError
 )
 @click.option(
     "--effect",
-    type=Name(("none", "humidity", "falling_friction"), ""),
+    type=Name(_EFFECTS),
     default="none",
     help="What acts on adhesion beside slip: none, humidity or falling_friction.",
     show_default=True,
@@ -39,6 +48,7 @@ from adhesion_jax.errors import InputError
     help="File for the log, .csv or .parquet.",
     show_default=True,
 )
+@listing(effects=_EFFECTS)
 def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     """Write a simulated log of a locomotive, and the truth behind it.
 
@@ -47,7 +57,7 @@ def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     kN, date and time of day). The truth is written to the same name with the ending .truth.json.
     """
     begin()
-    from adhesion_jax.files import output_directory, staged
+    from adhesion_jax.files import METADATA, output_directory, staged
     from adhesion_jax.simulation.locomotive_log import (
         locomotive_log,
         truth_text,
@@ -62,10 +72,11 @@ def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     drawn = locomotive_log(seed=seed, hours=hours, events=events, effects=effects)
     truth = out.with_suffix(".truth.json")
     with (
-        staged(output_directory(out.parent), (out.name, truth.name)) as stage,
+        staged(output_directory(out.parent), (out.name, truth.name, METADATA)) as stage,
         tqdm(total=drawn.rows, unit="row", unit_scale=True, leave=False, disable=None) as bar,
     ):
         for rows in writers[out.suffix](stage / out.name, drawn):
             bar.update(rows)
         (stage / truth.name).write_text(truth_text(drawn), encoding="utf-8")
+    record(out.parent)
     click.echo(f"Written to {out}: {drawn.rows:,} rows, {events} slip events; truth in {truth}")

@@ -7,9 +7,18 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Names, begin
+from adhesion_jax.command_line.command import (
+    FiniteRange,
+    Folder,
+    Names,
+    Recorded,
+    begin,
+    examples,
+)
+from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
-from adhesion_jax.command_line.reading import FILES, read, reading
+from adhesion_jax.command_line.reading import Log, read, reading
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -17,8 +26,14 @@ KNOWN = catalogue()
 _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
 
 
-@click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"))
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "track eurosprinter",
+        'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
+    ),
+)
+@click.argument("log", type=Log(KNOWN.data))
 @reading
 @click.option(
     "--identifiers",
@@ -45,6 +60,7 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     help="Folder for track.csv, track.png and track.txt.",
     show_default=True,
 )
+@listing(data=KNOWN.data, identifiers=_ONLINE)
 def main(
     log: str,
     identifiers: tuple[Any, ...] | None,
@@ -66,10 +82,12 @@ def main(
                 f"--identifiers {name} cannot follow a log: {KNOWN.not_following[name]}."
             )
     (names,) = begin(identifiers)
+    from adhesion_jax.data import check_curve
     from adhesion_jax.library.track import METHODS, track
 
     (measured,) = read([log], columns, known)
     if dry_run:
+        check_curve(measured)
         return
     with shown() as progress:
         found = track(
@@ -80,4 +98,5 @@ def main(
             report=lambda done, total: progress("following", done / total),
             out=out,
         )
+    record(out, columns_of([measured]))
     click.echo(f"{found}\n\nWritten to {out}")

@@ -8,8 +8,8 @@ from adhesion_jax.curves.base import Conditions as Conditions
 from adhesion_jax.curves.base import Curve as Curve
 from adhesion_jax.curves.base import Law as Law
 from adhesion_jax.curves.base import Parameter as Parameter
-from adhesion_jax.curves.base import Peak as Peak
 from adhesion_jax.curves.base import Scalar as Scalar
+from adhesion_jax.curves.base import Signal as Signal
 from adhesion_jax.curves.base import adhesion_of as adhesion_of
 from adhesion_jax.curves.base import content_hash as content_hash
 from adhesion_jax.curves.base import free_values as free_values
@@ -20,6 +20,7 @@ from adhesion_jax.curves.exponential import Exponential
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.curves.level import Level
 from adhesion_jax.curves.magic_formula import MagicFormula
+from adhesion_jax.curves.peak import Peak as Peak
 from adhesion_jax.curves.polach import Polach, PolachFalling, PolachScaled
 
 #: The curves by their command-line names, with typical values and every parameter that measured

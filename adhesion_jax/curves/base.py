@@ -9,15 +9,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
+from adhesion_jax.curves.peak import Peak, find_peak
+from adhesion_jax.curves.precision import precise_of_numbers
 from adhesion_jax.programs import kept
 
 Scalar = float | Float[Array, ""]
 Conditions = Mapping[str, Float[Array, "..."] | float]
 
-#: Largest slip ratio at which a peak is searched: the wheel turns at twice its rolling speed.
+#: Arrays of one shape in a function: those of a steady state, or of the points of a run.
+Signal = Float[Array, "*shape"]
+
+#: Largest slip at which a peak is searched: as a ratio, where the wheel turns at twice its rolling
+#: speed, and as a velocity in m/s.
 SLIP_LIMIT = 1.0
+SLIP_VELOCITY_LIMIT = 10.0
 
 
 class Parameter(NamedTuple):
@@ -28,18 +35,6 @@ class Parameter(NamedTuple):
     upper: float
     meaning: str
     source: str
-
-
-class Peak(NamedTuple):
-    """The largest adhesion for slips between 0 and a limit.
-
-    `found` is false where adhesion has no maximum inside that range; `slip` and `adhesion` are
-    then those of the end of the range where adhesion is largest, so they are always finite.
-    """
-
-    slip: Float[Array, "..."]
-    adhesion: Float[Array, "..."]
-    found: Bool[Array, "..."]
 
 
 def content_hash(module: eqx.Module) -> int:
@@ -57,18 +52,20 @@ class Law(eqx.Module):
     __hash__ = content_hash
 
     @abstractmethod
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         """Adhesion at `slip`, odd in slip.
 
         `conditions` holds columns by name (vehicle_speed_mps, normal_load_N ...), each a scalar
         or of the shape of `slip`; a law uses those it needs and ignores the others.
         """
 
-    @abstractmethod
+    @precise_of_numbers
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        """The largest adhesion for 0 <= slip <= slip_limit, under scalar `conditions`."""
+        """The largest adhesion for 0 <= slip <= slip_limit, under scalar `conditions`.
+
+        It is found numerically where a law has no closed form of its own for it.
+        """
+        return find_peak(lambda slip: self(slip, conditions), slip_limit)
 
 
 class Curve(Law):
@@ -99,9 +96,7 @@ C = TypeVar("C", bound=Curve)
 
 
 @kept()
-def adhesion_of(
-    law: Law, slip: Float[ArrayLike, "*shape"], conditions: Conditions
-) -> Float[Array, "*shape"]:
+def adhesion_of(law: Law, slip: Float[ArrayLike, "*shape"], conditions: Conditions) -> Signal:
     """`law(slip, conditions)` as one program: called as it is, a law compiles each operation."""
     return law(jnp.asarray(slip), conditions)
 

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar
-from adhesion_jax.curves.peak import find_peak
+from adhesion_jax.curves.base import Conditions, Curve, Law, Scalar, Signal
+from adhesion_jax.curves.precision import precise_of_numbers
 
 #: Number of functions that the departure of a single curve is made of: of ten a kink at the peak
 #: was missed, of more than 24 nothing was gained. Below effects, where they must be fitted many
@@ -27,9 +27,8 @@ class Bent(Law):
     largest: Scalar
     braking: Float[Array | np.ndarray, " functions"] | None = None
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    @precise_of_numbers
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return self.curve(slip, conditions) * (1 + self.departure(slip))
 
     def departure(self, slip: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
@@ -40,9 +39,6 @@ class Bent(Law):
             return departure
         apart = jnp.where(jnp.asarray(slip) < 0, shape @ jnp.asarray(self.braking), 0.0)
         return departure + apart
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return find_peak(lambda slip: self(slip, conditions), slip_limit)
 
 
 def functions(

@@ -1,14 +1,13 @@
 """Burckhardt's curve in three parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
 _SOURCE = "Burckhardt 1993; He et al. 2018, Eq. 5"
 
@@ -26,13 +25,13 @@ class Burckhardt(Curve):
     c3: Scalar
     free: tuple[str, ...] = eqx.field(default=("c1", "c2", "c3"), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+    PARAMETERS: ClassVar = {
         "c1": Parameter("1", 0.001, 2.0, "level of the plateau", _SOURCE),
         "c2": Parameter("1", 0.5, 5000.0, "steepness of the rise", _SOURCE),
         "c3": Parameter("1", 0.0, 5.0, "fall beyond the peak", _SOURCE),
     }
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    AUTOMATIC: ClassVar[bool] = True
+    NEEDS = ()
+    AUTOMATIC = True
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -43,9 +42,7 @@ class Burckhardt(Curve):
         draw = generator.uniform
         return cls(c1=level, c2=draw(50.0, 150.0), c3=level * draw(0.3, 1.2))
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         rise = 1 - jnp.exp(-self.c2 * jnp.abs(slip))
         return self.c1 * jnp.sign(slip) * rise - self.c3 * slip
 

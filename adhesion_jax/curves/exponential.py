@@ -1,14 +1,13 @@
 """The difference of two exponentials."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
 _SOURCE = "Uyulan, Gokasan and Bogosyan 2018"
 
@@ -26,13 +25,13 @@ class Exponential(Curve):
     c: Scalar
     free: tuple[str, ...] = eqx.field(default=("a", "b", "c"), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+    PARAMETERS: ClassVar = {
         "a": Parameter("1/slip", 1e-4, 100.0, "decay beyond the peak", _SOURCE),
         "b": Parameter("1/slip", 0.1, 5000.0, "steepness of the rise", _SOURCE),
         "c": Parameter("1", 0.001, 5.0, "level of the plateau", _SOURCE),
     }
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    AUTOMATIC: ClassVar[bool] = True
+    NEEDS = ()
+    AUTOMATIC = True
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -43,9 +42,7 @@ class Exponential(Curve):
         draw = generator.uniform
         return cls(a=draw(1.0, 4.0), b=draw(60.0, 180.0), c=1.1 * level)
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         size = jnp.abs(slip)
         difference = jnp.exp(-self.a * size) - jnp.exp(-self.b * size)
         return self.c * jnp.sign(slip) * difference

@@ -1,14 +1,13 @@
 """Kiencke's curve."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
 _SOURCE = "Kiencke and Daiss 1994; Qian et al. 2024, Eq. 1"
 
@@ -27,13 +26,13 @@ class Kiencke(Curve):
     p2: Scalar
     free: tuple[str, ...] = eqx.field(default=("p1", "p2"), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+    PARAMETERS: ClassVar = {
         "a0": Parameter("1", 0.1, 2000.0, "initial slope", _SOURCE),
         "p1": Parameter("1", -2.0, 5000.0, "bend of the rise", _SOURCE),
         "p2": Parameter("1", 1e-3, 1e6, "inverse square of the slip at the peak", _SOURCE),
     }
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    AUTOMATIC: ClassVar[bool] = True
+    NEEDS = ()
+    AUTOMATIC = True
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -46,9 +45,7 @@ class Kiencke(Curve):
         p1 = slope / level - 2 / peak
         return cls(a0=slope, p1=p1, p2=1 / peak**2, free=("a0", "p1", "p2"))
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         size = jnp.abs(slip)
         return self.a0 * slip / (1 + self.p1 * size + self.p2 * size**2)
 

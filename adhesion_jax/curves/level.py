@@ -1,14 +1,13 @@
 """Adhesion at one slip: a level, without a curve."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
 
 class Level(Curve):
@@ -17,11 +16,11 @@ class Level(Curve):
     level: Scalar
     free: tuple[str, ...] = eqx.field(default=("level",), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+    PARAMETERS: ClassVar = {
         "level": Parameter("1", 0.0, 3.0, "adhesion at that slip", "mean of the data"),
     }
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    AUTOMATIC: ClassVar[bool] = False
+    NEEDS = ()
+    AUTOMATIC = False
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -31,9 +30,7 @@ class Level(Curve):
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
         return cls(level=level)
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return self.level * jnp.where(slip < 0, -1.0, 1.0)
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:

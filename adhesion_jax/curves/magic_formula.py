@@ -1,16 +1,14 @@
 """Pacejka's Magic Formula."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
-from adhesion_jax.curves.peak import find_peak
+from adhesion_jax.curves.base import Conditions, Curve, Parameter, Scalar, Signal
 
 _SOURCE = "Pacejka 2012, Tire and Vehicle Dynamics, section 4.3"
 
@@ -28,14 +26,14 @@ class MagicFormula(Curve):
     e: Scalar
     free: tuple[str, ...] = eqx.field(default=("b", "c", "d", "e"), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+    PARAMETERS: ClassVar = {
         "b": Parameter("1", 0.1, 5000.0, "stiffness factor", _SOURCE),
         "c": Parameter("1", 0.5, 3.0, "shape factor", _SOURCE),
         "d": Parameter("1", 0.001, 2.0, "peak value", _SOURCE),
         "e": Parameter("1", -20.0, 1.0, "curvature factor", _SOURCE),
     }
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    AUTOMATIC: ClassVar[bool] = False  # its free shape absorbs real effects
+    NEEDS = ()
+    AUTOMATIC = False  # its free shape absorbs real effects
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -46,12 +44,7 @@ class MagicFormula(Curve):
         shape = generator.uniform(1.2, 1.6)
         return cls(b=math.tan(math.pi / (2 * shape)) / peak, c=shape, d=level, e=0.0)
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         stretched = self.b * slip
         bent = stretched - self.e * (stretched - jnp.arctan(stretched))
         return self.d * jnp.sin(self.c * jnp.arctan(bent))
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return find_peak(lambda slip: self(slip, conditions), slip_limit)

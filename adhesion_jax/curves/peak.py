@@ -1,19 +1,31 @@
-"""The peak of a law without a closed form for it, found numerically."""
+"""The peak of a law, and how it is found where there is no closed form for it."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
-
-from adhesion_jax.curves.base import Peak, Scalar
+from jaxtyping import Array, Bool, Float, Int
 
 _GRID = 512
 _BISECTIONS = 40
 
 
+class Peak(NamedTuple):
+    """The largest adhesion for slips between 0 and a limit.
+
+    `found` is false where adhesion has no maximum inside that range; `slip` and `adhesion` are
+    then those of the end of the range where adhesion is largest, so they are always finite.
+    """
+
+    slip: Float[Array, "..."]
+    adhesion: Float[Array, "..."]
+    found: Bool[Array, "..."]
+
+
 def find_peak(
-    adhesion: Callable[[Float[Array, "..."]], Float[Array, "..."]], slip_limit: Scalar
+    adhesion: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    slip_limit: float | Float[Array, ""],
 ) -> Peak:
     """Largest value of `adhesion(slip)` for 0 <= slip <= slip_limit.
 
@@ -37,7 +49,7 @@ def find_peak(
     low, high = jax.lax.stop_gradient(jax.lax.fori_loop(0, _BISECTIONS, bisect, bracket))
     middle = 0.5 * (low + high)
     # The peak may also lie in the last cell of the grid, where the end is the largest node.
-    found = (inside | (best == _GRID)) & (slope(limit) < 0) | inside
+    found = inside | ((best == _GRID) & (slope(limit) < 0))
     curvature = jax.lax.stop_gradient(jax.grad(slope)(middle))
     at_maximum = found & (curvature < 0)
     step = jnp.where(at_maximum, slope(middle) / jnp.where(at_maximum, curvature, -1.0), 0.0)

@@ -1,6 +1,6 @@
 """Polach's creep force law in closed form, with Coulomb and with falling friction."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
-from adhesion_jax.curves.peak import find_peak
+from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
 _SOURCE = "Polach 2005, Wear 258, 992-1000"
 
@@ -48,9 +47,9 @@ class Polach(Curve):
     stiffness: Scalar
     free: tuple[str, ...] = eqx.field(default=("mu0", "stiffness"), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = _PARAMETERS
-    NEEDS: ClassVar[tuple[str, ...]] = ()
-    AUTOMATIC: ClassVar[bool] = False
+    PARAMETERS: ClassVar = _PARAMETERS
+    NEEDS = ()
+    AUTOMATIC = False
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -60,9 +59,7 @@ class Polach(Curve):
     def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
         return cls(mu0=level, stiffness=generator.uniform(80.0, 200.0))
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return saturation(slip, self.mu0, self.stiffness, 1.0, 1.0)
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
@@ -100,15 +97,15 @@ class PolachFalling(Curve):
     free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
 
     #: With a much smaller kS adhesion has a second peak near slip 0.
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+    PARAMETERS: ClassVar = {
         **_PARAMETERS,
         "a": Parameter("1", 0.0, 1.0, "share of friction left at high slip velocity", _SOURCE),
         "b": Parameter("s/m", 0.01, 20.0, "decay of friction with slip velocity", _SOURCE),
         "k_s": Parameter("1", 0.1, 1.0, "reduction in the area of slip", _SOURCE),
         "k_a": Parameter("1", 0.01, 1.0, "reduction in the area of adhesion", _SOURCE),
     }
-    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
-    AUTOMATIC: ClassVar[bool] = True
+    NEEDS = ("vehicle_speed_mps",)
+    AUTOMATIC = True
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -119,15 +116,10 @@ class PolachFalling(Curve):
         mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
         return cls(mu0=mu0, a=a, b=b, stiffness=stiffness, k_s=k_s)
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
         friction = self.mu0 * ((1 - self.a) * jnp.exp(-self.b * slip_velocity) + self.a)
         return saturation(slip, friction, self.stiffness, self.k_a, self.k_s)
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return find_peak(lambda slip: self(slip, conditions), slip_limit)
 
 
 class PolachScaled(Curve):
@@ -145,11 +137,11 @@ class PolachScaled(Curve):
     k_s: Scalar
     free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
 
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+    PARAMETERS: ClassVar = {
         name: PolachFalling.PARAMETERS[name] for name in ("mu0", "a", "b", "stiffness", "k_s")
     }
-    NEEDS: ClassVar[tuple[str, ...]] = ("vehicle_speed_mps",)
-    AUTOMATIC: ClassVar[bool] = True
+    NEEDS = ("vehicle_speed_mps",)
+    AUTOMATIC = True
 
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
@@ -160,12 +152,7 @@ class PolachScaled(Curve):
         mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
         return cls(mu0=mu0, a=a, b=b, stiffness=stiffness, k_s=k_s)
 
-    def __call__(
-        self, slip: Float[Array, "*shape"], conditions: Conditions
-    ) -> Float[Array, "*shape"]:
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
         level = (1 - self.a) * jnp.exp(-self.b * slip_velocity) + self.a
         return level * saturation(slip, self.mu0, self.stiffness, 1.0, self.k_s)
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return find_peak(lambda slip: self(slip, conditions), slip_limit)

@@ -38,9 +38,6 @@ _ADHESIONS = (1e-3, 5.0)
 _FORCES = (*UNDECIDED["force"], "motor_torque_Nm")
 _LOADS = UNDECIDED["load"]
 
-#: How much the ratio of adhesion to slip must rise with the slip. By hand.
-_RISEN = 2.0
-
 
 def unusual(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Sequence[str]:
     """Warnings where a column is of the size that another unit would give."""
@@ -81,11 +78,9 @@ def refuse_other_units(columns: Mapping[str, np.ndarray], taken: Mapping[str, Ta
             f'a ratio, not in per cent, or say --column "slip={slip.column} [%]"; where it is a '
             f'ratio, --column "slip={slip.column} [1]")'
         )
-    level = _reached(columns["adhesion"])
-    least, most = _ADHESIONS
-    if level == 0.0 or least <= level <= most:
+    said = no_contact_has(columns["adhesion"])
+    if not said:
         return []
-    said = f"the adhesion is {number(level)} or less in nine of ten rows"
     given = taken.get("adhesion")
     if given is not None:
         sources = [given]
@@ -102,29 +97,18 @@ def refuse_other_units(columns: Mapping[str, np.ndarray], taken: Mapping[str, Ta
         ]
         advice = f"check the units of force and load; say them by {listed(answers)}"
     if all(one.said for one in sources):
+        least, most = _ADHESIONS
         return [f"Check the units: {said}, which is unusual ({least:g} to {most:g})."]
     raise InputError(f"{said}, which no contact has ({advice})")
 
 
-def exchanged(slip: np.ndarray, adhesion: np.ndarray) -> list[str]:
-    """A sentence where slip and adhesion [rows] seem to be exchanged.
-
-    An adhesion curve saturates: the ratio of adhesion to slip falls along it, or stays. Where it
-    rises from small slips, which are clear of noise, to large ones, and the slips are larger
-    than the adhesion, the columns are asked about.
-    """
-    size, level = np.abs(slip), np.abs(adhesion)
-    reach = _reached(slip)
-    small, large = (size > 0.1 * reach) & (size < 0.4 * reach), size > 0.7 * reach
-    if min(small.sum(), large.sum()) < _FEWEST or _reached(adhesion) > reach:
-        return []
-    before, after = (float(np.median(level[one] / size[one])) for one in (small, large))
-    if not 0 < _RISEN * before < after:
-        return []
-    return [
-        f"Check whether slip and adhesion are exchanged: their ratio is {number(before)} at small "
-        f"slips and {number(after)} at large ones, and along an adhesion curve it falls."
-    ]
+def no_contact_has(adhesion: np.ndarray) -> str:
+    """What is said of the size of an adhesion, [rows], where no contact has it; else empty."""
+    level = _reached(adhesion)
+    least, most = _ADHESIONS
+    if level == 0.0 or least <= level <= most:
+        return ""
+    return f"the adhesion is {number(level)} or less in nine of ten rows"
 
 
 def slip_beside_speeds(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
@@ -157,13 +141,15 @@ def _reached(values: np.ndarray) -> float:
     return float(np.quantile(np.abs(values), 0.9))
 
 
-def speed_warnings(columns: Mapping[str, np.ndarray], label: str) -> list[str]:
-    """Sentences on the train speed, which is in the column `label`, where its unit must be wrong.
+def speed_warnings(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
+    """Sentences on the train speed where its unit must be wrong.
 
     The first that can be told of: the distance run, by positions; the change of the speed, by an
-    acceleration; how fast the speed changes. A train of constant speed whose log has none of these
-    tells nothing of the unit.
+    acceleration; how fast a speed in m/s changes. A train of constant speed whose log has none of
+    these tells nothing of the unit.
     """
+    own = taken.get("vehicle_speed_mps")
+    label = own.column if own else "vehicle_speed_mps"
     speed, time = (columns.get(name) for name in ("vehicle_speed_mps", "time_s"))
     if speed is None or time is None or speed.size < 2:
         return []
@@ -194,7 +180,8 @@ def speed_warnings(columns: Mapping[str, np.ndarray], label: str) -> list[str]:
     whole = np.isclose(lasted, within * usual, rtol=0.1)
     rate = np.abs(speed[within:] - speed[:-within])[whole] / (within * usual)
     hardest = float(np.quantile(rate, 0.999)) if rate.size else 0.0
-    if hardest <= _HARDEST:
+    # In km/h already it is that of a car, or of a rig.
+    if hardest <= _HARDEST or (own and own.conversion.factor < 1):
         return []
     return [
         f"Check the unit of column {label}: the speed of the train changes by {hardest:.2g} m/s in "

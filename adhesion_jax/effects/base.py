@@ -1,6 +1,5 @@
 """The contract of an effect: something that an adhesion law may lack."""
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,16 +9,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions, Parameter
+from adhesion_jax.curves import Conditions, Parameter, Signal
 
-#: Arrays of one shape in a function: those of a steady state, or of the points of a run.
-Signal = Float[Array, "*shape"]
-
-#: The same in time order, and one sample.
+#: A signal in time order, and one sample.
 Points = Float[Array, " points"]
 Value = Float[Array, ""]
 
-#: What combines with them: of their shape, or one number for all.
+#: What combines with a signal: of its shape, or one number for all.
 Values = Float[Array, "..."]
 
 #: The conditions of all measured points, by column, flat: what a grid of starts is laid over.
@@ -32,7 +28,8 @@ class Form:
 
     `described` says unit, lower and upper bound and meaning of the numeric fields, in their order.
     Those of `strengths` are zero where there is no effect; those of `references` are no parameters
-    to be found but the median of a column, so that the law below keeps its meaning.
+    to be found but the median of a column, so that the law below keeps its meaning. `starts` are
+    what is tried first: small strengths, over a grid of the other parameters.
     `needs` names the columns without which the effect cannot be evaluated.
     `phrase` names the effect within a sentence, with {} for its columns where it is a form over any
     column; `formula` is its equation for the reader, l the slip and mu the law below.
@@ -41,6 +38,7 @@ class Form:
     source: str
     described: Mapping[str, tuple[str, float, float, str]]
     strengths: tuple[str, ...]
+    starts: Sequence[Mapping[str, float]] = ()
     references: Mapping[str, str] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
     formula: str
@@ -73,6 +71,15 @@ class Effect(eqx.Module):
         return adhesion
 
     @classmethod
-    @abstractmethod
+    def medians(cls, columns: Columns) -> dict[str, float]:
+        """The references of the effect in these columns."""
+        return {
+            name: float(np.median(columns[column])) for name, column in cls.FACTS.references.items()
+        }
+
+    @classmethod
     def starts(cls, columns: Columns) -> Sequence["Effect"]:
-        """Effects to try first: of small strength, over a grid of the other parameters."""
+        """Effects to try first: those that FACTS has, unless they depend on the columns."""
+        if not cls.FACTS.starts:
+            raise TypeError(f"{cls.__name__} declares no starts; give some in its FACTS.")
+        return [cls(**{**cls.medians(columns), **start}) for start in cls.FACTS.starts]

@@ -1,6 +1,7 @@
 """The contract of a physical cause: an effect, and what the package needs to know about it."""
 
 from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -27,6 +28,7 @@ class Facts(Form):
     """
 
     needs: tuple[str, ...] = field()  # none must be said, too
+    starts: Sequence[Mapping[str, float]] = field()  # none where they depend on the columns
     sentence: str
     family: str
     rests_on: tuple[str, ...] = ()

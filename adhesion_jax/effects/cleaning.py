@@ -1,14 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import (
-    AdhesionTransform,
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-)
+from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
 from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import has_history, steps
 
@@ -34,6 +26,9 @@ class Cleaning(AdhesionTransform, Dynamic):
             "load_power": ("1", 0.0, 1.0, "power of the load in the work"),
         },
         strengths=("k",),
+        starts=tuple(
+            {"k": 0.05, "work": work, "load_power": 0.5} for work in (0.1, 0.3, 1.0, 3.0, 10.0)
+        ),
         needs=("vehicle_speed_mps", "time_s"),
         sentence="Slipping wheels clean the rail: adhesion recovers with the work done in the "
         "contact.",
@@ -64,7 +59,3 @@ class Cleaning(AdhesionTransform, Dynamic):
         time, work = state
         work = work + self._power(adhesion, slip, conditions) * (now(conditions) - time)
         return (now(conditions), work), adhesion * (1 - self.k * jnp.expm1(-work / self.work))
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=0.05, work=work, load_power=0.5) for work in (0.1, 0.3, 1.0, 3.0, 10.0)]

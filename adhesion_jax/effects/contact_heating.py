@@ -1,14 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import (
-    AdhesionTransform,
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-)
+from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
 
 
 class ContactHeating(AdhesionTransform):
@@ -20,6 +12,7 @@ class ContactHeating(AdhesionTransform):
         source="Ertz and Knothe 2002, Wear 253, 498-508",
         described={"k": ("sqrt(s/m)", -2.0, 20.0, "relative fall with heating")},
         strengths=("k",),
+        starts=({"k": 0.1},),
         needs=("vehicle_speed_mps",),
         sentence="The contact heats and softens: adhesion falls with friction power.",
         formula="mu (1 - k |mu| v_s/sqrt(V)), v_s = |l| V the slip velocity and V the vehicle "
@@ -35,7 +28,3 @@ class ContactHeating(AdhesionTransform):
         speed = jnp.maximum(conditions["vehicle_speed_mps"], 1e-3)
         heating = jnp.abs(adhesion) * jnp.abs(slip) * jnp.sqrt(speed)
         return adhesion * jnp.maximum(1 - self.k * heating, 0.0)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=0.1)]

@@ -1,14 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import (
-    AdhesionTransform,
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-)
+from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
 from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import shifted
 
@@ -23,6 +15,7 @@ class Delay(AdhesionTransform, Dynamic):
         source="any measuring chain with separate channels",
         described={"delay": ("s", -2.0, 5.0, "time by which adhesion is late")},
         strengths=("delay",),
+        starts=tuple({"delay": delay} for delay in (0.05, 0.15, 0.4, 1.0)),
         needs=("time_s",),
         sentence="The adhesion signal comes later than the slip signal.",
         formula="mu(t - d), d in s; negative where the slip signal is the late one",
@@ -45,7 +38,3 @@ class Delay(AdhesionTransform, Dynamic):
         times = jnp.where(again, times, jnp.append(times[1:], now(conditions)))
         values = jnp.where(again, values.at[-1].set(adhesion), jnp.append(values[1:], adhesion))
         return (times, values), jnp.interp(now(conditions) - self.delay, times, values)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(delay=delay) for delay in (0.05, 0.15, 0.4, 1.0)]

@@ -1,7 +1,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
+
+#: Where a step of the calendar is looked for.
+_STEPS = np.linspace(0.15, 0.85, 8).tolist()
 
 
 class Drift(Multiplier):
@@ -21,6 +24,10 @@ class Drift(Multiplier):
             "reference": ("1", 0.0, 1.0, "time at which nothing changes"),
         },
         strengths=("k",),
+        starts=tuple(
+            {"k": 0.03, "centre": centre, "width": width, "reference": 0.5}
+            for centre, width in [(0.5, 3.0), (0.0, 0.3), *((c, 0.03) for c in _STEPS)]
+        ),
         references={"reference": "campaign_time"},
         needs=("campaign_time",),
         sentence="Adhesion changes over the campaign: slowly, in a step, or levelling off.",
@@ -37,8 +44,3 @@ class Drift(Multiplier):
 
         change = share(conditions["campaign_time"]) - share(self.reference)
         return jnp.maximum(1 + self.k * change, 0.0)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        grid = [(0.5, 3.0), (0.0, 0.3), *((float(c), 0.03) for c in np.linspace(0.15, 0.85, 8))]
-        return [cls(k=0.03, centre=c, width=w, reference=0.5) for c, w in grid]

@@ -1,6 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 class FallingFriction(Multiplier):
@@ -16,6 +16,7 @@ class FallingFriction(Multiplier):
             "b": ("s/m", 0.02, 20.0, "decay of friction with slip velocity"),
         },
         strengths=("drop",),
+        starts=tuple({"drop": 0.05, "b": b} for b in (0.1, 0.3, 0.8, 2.0, 6.0)),
         needs=("vehicle_speed_mps",),
         sentence="Friction falls with slip velocity: Polach's law on any curve.",
         formula="mu (1 - d (1 - exp(-b w))), w = |l| V the slip velocity in m/s; d = 1 - A of "
@@ -30,7 +31,3 @@ class FallingFriction(Multiplier):
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
         return 1 + self.drop * jnp.expm1(-self.b * slip_velocity)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(drop=0.05, b=b) for b in (0.1, 0.3, 0.8, 2.0, 6.0)]

@@ -21,6 +21,7 @@ class Humidity(Multiplier):
             "reference": ("%", 0.0, 100.0, "humidity at which nothing changes"),
         },
         strengths=("k",),
+        starts=(),
         references={"reference": "relative_humidity_pct"},
         needs=("relative_humidity_pct",),
         sentence="Humidity of the air changes adhesion: linearly, with saturation, or beyond a "

@@ -1,6 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import Filtered, filtered, lagged, rate
 
@@ -18,6 +18,9 @@ class Hysteresis(Multiplier, Dynamic):
             "memory": ("s", 0.0, 5.0, "time it takes to turn"),
         },
         strengths=("k",),
+        starts=tuple(
+            {"k": 0.03, "rate": rate, "memory": 0.02} for rate in (0.001, 0.005, 0.02, 0.1)
+        ),
         needs=("time_s",),
         sentence="Adhesion differs between rising and falling slip.",
         formula="mu (1 + k h), T dh/dt + h = tanh((d|l|/dt)/s), s in 1/s, T the memory in s",
@@ -40,7 +43,3 @@ class Hysteresis(Multiplier, Dynamic):
         change = (jnp.abs(slip) - before) / jnp.where(passed > 0, passed, jnp.inf)
         turning = filtered(turning, jnp.tanh(change / self.rate), self.memory, now(conditions))
         return (turning, jnp.abs(slip)), adhesion * (1 + self.k * turning.value)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=0.03, rate=rate, memory=0.02) for rate in (0.001, 0.005, 0.02, 0.1)]

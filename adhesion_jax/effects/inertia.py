@@ -1,14 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import (
-    AdhesionTransform,
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-)
+from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
 from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import has_history, rate
 
@@ -22,6 +14,7 @@ class Inertia(AdhesionTransform, Dynamic):
         source="Newton; Voltr and Lata 2015, Veh. Syst. Dyn. 53:605-618",
         described={"k": ("s^2/m", -1.0, 1.0, "rotating mass over load")},
         strengths=("k",),
+        starts=({"k": 0.003},),
         needs=("vehicle_speed_mps", "acceleration_mps2", "time_s"),
         sentence="The torque that accelerates the wheel was taken for adhesion.",
         formula="mu + k d(V (1 + l))/dt, the circumferential acceleration of the wheel in m/s^2",
@@ -48,7 +41,3 @@ class Inertia(AdhesionTransform, Dynamic):
         rolling = conditions["acceleration_mps2"] * (1 + slip)
         change = self.k * (conditions["vehicle_speed_mps"] * rate + rolling)
         return (now(conditions), slip), adhesion + change
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=0.003)]

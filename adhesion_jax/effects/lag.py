@@ -1,4 +1,4 @@
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar
+from adhesion_jax.effects.api import Conditions, Facts, Scalar
 from adhesion_jax.effects.dynamic import Lagging
 
 
@@ -9,6 +9,7 @@ class Lag(Lagging):
         source="any filtered signal",
         described={"time_constant": ("s", 0.0, 20.0, "time constant of the filter")},
         strengths=("time_constant",),
+        starts=tuple({"time_constant": time} for time in (0.05, 0.2, 0.6, 1.5)),
         needs=("time_s",),
         sentence="The adhesion signal passes a first-order filter.",
         formula="T dmu/dt + mu = mu_steady, T in s",
@@ -18,7 +19,3 @@ class Lag(Lagging):
 
     def time(self, conditions: Conditions) -> Scalar:
         return self.time_constant
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(time_constant=time) for time in (0.05, 0.2, 0.6, 1.5)]

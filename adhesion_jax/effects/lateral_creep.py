@@ -24,6 +24,7 @@ class LateralCreep(Cause):
             "offset": ("1 or 1/m", -0.2, 0.2, "column value without lateral creepage"),
         },
         strengths=("gain",),
+        starts=(),
         needs=("lateral_measure",),
         sentence="Lateral creep uses a part of the friction.",
         formula="mu(l_t) l/l_t, l_t^2 = l^2 + l_y^2, l_y = g (y - y0)",

@@ -6,9 +6,9 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar
-from adhesion_jax.curves.peak import find_peak
-from adhesion_jax.effects.base import Effect, Signal, Value
+from adhesion_jax.curves import Conditions, Law, Scalar, Signal
+from adhesion_jax.curves.precision import precise_of_numbers
+from adhesion_jax.effects.base import Effect, Value
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.shape import exponents_of, shaped
@@ -31,6 +31,7 @@ class CorrectedLaw(Law):
     ranges: Mapping[str, tuple[Scalar, Scalar]]
     calendar: Calendar = eqx.field(static=True)
 
+    @precise_of_numbers
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         # Conditions that depend on the slip are computed from the expected slip.
         for effect in self.effects:
@@ -77,9 +78,6 @@ class CorrectedLaw(Law):
             name: jnp.clip(values, *self.ranges[name]) if name in self.ranges else values
             for name, values in whole.items()
         }
-
-    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        return find_peak(lambda slip: self(slip, conditions), slip_limit)
 
 
 def with_effects(

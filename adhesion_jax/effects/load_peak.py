@@ -1,6 +1,4 @@
-import numpy as np
-
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 class LoadPeak(Multiplier):
@@ -19,6 +17,7 @@ class LoadPeak(Multiplier):
             "reference": ("N", 0.001, 1e6, "load at which nothing changes"),
         },
         strengths=("p",),
+        starts=({"p": 0.05},),
         references={"reference": "normal_load_N"},
         needs=("normal_load_N",),
         sentence="The level of adhesion depends on the normal load.",
@@ -30,7 +29,3 @@ class LoadPeak(Multiplier):
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         return (conditions["normal_load_N"] / self.reference) ** (-self.p)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(p=0.05, reference=float(np.median(columns["normal_load_N"])))]

@@ -1,14 +1,4 @@
-import numpy as np
-
-from adhesion_jax.effects.api import (
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-    SlipTransform,
-)
+from adhesion_jax.effects.api import Conditions, Facts, Scalar, Signal, SlipTransform
 
 
 class LoadSlope(SlipTransform):
@@ -24,6 +14,7 @@ class LoadSlope(SlipTransform):
             "reference": ("N", 0.001, 1e6, "load at which nothing changes"),
         },
         strengths=("p",),
+        starts=({"p": 0.05},),
         references={"reference": "normal_load_N"},
         needs=("normal_load_N",),
         sentence="The steepness of the rise depends on the normal load.",
@@ -35,7 +26,3 @@ class LoadSlope(SlipTransform):
 
     def before(self, slip: Signal, conditions: Conditions) -> Signal:
         return slip * (conditions["normal_load_N"] / self.reference) ** (-self.p)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(p=0.05, reference=float(np.median(columns["normal_load_N"])))]

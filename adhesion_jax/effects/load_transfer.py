@@ -1,6 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 class LoadTransfer(Multiplier):
@@ -12,6 +12,7 @@ class LoadTransfer(Multiplier):
         source="Iwnicki 2006, Handbook of Railway Vehicle Dynamics, chapter 7",
         described={"k": ("s^2/m", -1.0, 1.0, "relative change with acceleration")},
         strengths=("k",),
+        starts=({"k": 0.02},),
         needs=("acceleration_mps2",),
         sentence="Acceleration shifts load between axles.",
         formula="mu (1 + k a), a the acceleration of the vehicle in m/s^2",
@@ -22,7 +23,3 @@ class LoadTransfer(Multiplier):
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         return jnp.maximum(1 + self.k * conditions["acceleration_mps2"], 0.0)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=0.02)]

@@ -1,6 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 class ModeAsymmetry(Multiplier):
@@ -10,6 +10,7 @@ class ModeAsymmetry(Multiplier):
         source="Arias-Cuevas and Li 2011, Wear 271:1482-1491",
         described={"k": ("1", -0.9, 0.9, "half the relative difference")},
         strengths=("k",),
+        starts=({"k": 0.03},),
         needs=("mode",),
         sentence="Adhesion differs between traction and braking.",
         formula="mu (1 + k m), m = 1 in traction, -1 in braking, 0 in coasting",
@@ -20,7 +21,3 @@ class ModeAsymmetry(Multiplier):
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         return jnp.asarray(1 + self.k * conditions["mode"])
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=0.03)]

@@ -19,6 +19,7 @@ class Patch(Multiplier):
             "flatness": ("1", 1.0, 12.0, "power of the distance"),
         },
         strengths=("depth",),
+        starts=(),
         needs=("position_m",),
         sentence="A place on the track where adhesion is low on every pass.",
         formula="mu (1 - d exp(-|(x - x0)/w|^n)), x the position in m; n = 2 is smooth, a large "

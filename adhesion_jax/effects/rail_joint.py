@@ -1,7 +1,7 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Values
-from adhesion_jax.effects.wave import AMPLITUDES, Wave
+from adhesion_jax.effects.api import Conditions, Facts, Scalar, Values
+from adhesion_jax.effects.wave import AMPLITUDES, SMALL, Wave
 
 
 class RailJoint(Wave):
@@ -14,6 +14,10 @@ class RailJoint(Wave):
             "length": ("m", 0.5, 200.0, "distance from joint to joint"),
         },
         strengths=("sine", "cosine"),
+        starts=tuple(
+            {**SMALL, "length": length}
+            for length in (10.0, 12.5, 15.0, 18.0, 20.0, 25.0, 30.0, 36.0)
+        ),
         needs=("position_m",),
         sentence="Joints and corrugation modulate the adhesion along the track.",
         formula="mu (1 + wave(2 pi x/L)), a wave and its second harmonic, x in m, L the length "
@@ -29,10 +33,3 @@ class RailJoint(Wave):
     @classmethod
     def of_frequency(cls, frequency: float) -> Wave:
         return cls(0.01, 0.01, 0.0, 0.0, length=1 / frequency)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [
-            cls(sine=0.03, cosine=0.03, sine2=0.0, cosine2=0.0, length=length)
-            for length in (10.0, 12.5, 15.0, 18.0, 20.0, 25.0, 30.0, 36.0)
-        ]

@@ -1,6 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
 from adhesion_jax.effects.history import has_history, recurrence, steps
 
@@ -20,6 +20,11 @@ class Sanding(Multiplier, Dynamic):
             "decay": ("s", 0.05, 60.0, "time constant of loss"),
         },
         strengths=("k",),
+        starts=tuple(
+            {"k": 0.05, "build_up": up, "decay": down}
+            for up in (0.3, 1.0)
+            for down in (0.3, 3.0, 8.0)
+        ),
         needs=("sanding", "time_s"),
         sentence="Sand raises adhesion; it takes time to arrive and stays for a while.",
         formula="mu (1 + k s), s following the sanding flag: build-up over t1, decay over t2, in s",
@@ -51,9 +56,3 @@ class Sanding(Multiplier, Dynamic):
         kept = flag * jnp.exp(-passed / self.build_up) + (1 - flag) * jnp.exp(-passed / self.decay)
         sand = kept * sand + (1 - kept) * flag
         return (now(conditions), sand), adhesion * (1 + self.k * sand)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [
-            cls(k=0.05, build_up=up, decay=down) for up in (0.3, 1.0) for down in (0.3, 3.0, 8.0)
-        ]

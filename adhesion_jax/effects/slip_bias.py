@@ -1,14 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import (
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-    SlipTransform,
-)
+from adhesion_jax.effects.api import Conditions, Facts, Scalar, Signal, SlipTransform
 
 
 class SlipBias(SlipTransform):
@@ -20,6 +12,7 @@ class SlipBias(SlipTransform):
         source="any odometry",
         described={"bias": ("1", -0.05, 0.05, "slip ratio that is missing")},
         strengths=("bias",),
+        starts=({"bias": 5e-4},),
         needs=(),
         sentence="The wheel radius differs from the one that the slip was calculated with.",
         formula="mu(l + e sign(l)), e the bias of the slip ratio",
@@ -32,7 +25,3 @@ class SlipBias(SlipTransform):
 
     def before(self, slip: Signal, conditions: Conditions) -> Signal:
         return slip + self.bias * jnp.sign(slip)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(bias=5e-4)]

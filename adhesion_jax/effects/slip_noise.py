@@ -4,20 +4,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
-from adhesion_jax.effects.api import (
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-    SlipTransform,
-    Values,
-)
+from adhesion_jax.effects.api import Conditions, Facts, Scalar, Signal, SlipTransform
 from adhesion_jax.effects.base import Points
-from adhesion_jax.effects.history import has_history
+from adhesion_jax.effects.history import has_history, steps
 
 #: Multiples of the roughness of the whole run that a part of it may have; the roughness at a point
 #: is estimated from `_AROUND` points on either side of it.
@@ -48,6 +39,7 @@ class SlipNoise(SlipTransform):
             "roughness": ("1/s^1.5", 1e-9, 1e6, "change of the rate of slip"),
         },
         strengths=("sigma",),
+        starts=({"sigma": 1e-3, "roughness": 0.05},),
         needs=("time_s",),
         sentence="The slip signal is noisy: the true slip is estimated from neighbouring points "
         "in time.",
@@ -64,19 +56,12 @@ class SlipNoise(SlipTransform):
             return slip
         return expected_slip(self, jnp.asarray(slip), conditions)
 
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(sigma=1e-3, roughness=0.05)]
-
 
 class _State(NamedTuple):
-    """Slip and its rate: their means, variances and covariance."""
+    """Slip and its rate, as they are known."""
 
-    slip: Values
-    rate: Values
-    of_slip: Values
-    shared: Values
-    of_rate: Values
+    mean: Float[Array, "*points 2"]
+    covariance: Float[Array, "*points 2 2"]
 
 
 class _Course(NamedTuple):
@@ -125,64 +110,57 @@ def smoothed_slip(noise: SlipNoise, slip: Points, conditions: Conditions) -> Poi
     ahead = jax.tree.map(lambda states: states[1:], course.ahead)
     known = jax.tree.map(lambda states: states[:-1], course.known)
 
-    def smoothed(
-        later: tuple[Array, Array], at: tuple[_State, _State, Array]
-    ) -> tuple[tuple[Array, Array], Array]:
+    def smoothed(later: Array, at: tuple[_State, _State, Array]) -> tuple[Array, Array]:
         before, to, dt = at
-        # Gain: the covariance of the state with the next, times the inverse variance of the next.
-        first, second = before.of_slip + dt * before.shared, before.shared
-        third, fourth = before.shared + dt * before.of_rate, before.of_rate
-        size = to.of_slip * to.of_rate - to.shared**2
-        a = (first * to.of_rate - second * to.shared) / size
-        b = (second * to.of_slip - first * to.shared) / size
-        c = (third * to.of_rate - fourth * to.shared) / size
-        d = (fourth * to.of_slip - third * to.shared) / size
-        # By how much what comes later changes the mean of the next.
-        slip, rate = later[0] - to.slip, later[1] - to.rate
-        better = before.slip + a * slip + b * rate
-        return (better, before.rate + c * slip + d * rate), better
+        # The covariance of the state with the next, times the inverse variance of the next.
+        gain = _product(_product(before.covariance, _motion(dt).T), _inverse(to.covariance))
+        better = before.mean + jnp.sum(gain * (later - to.mean), axis=1)
+        return better, better
 
-    last = (course.known.slip[-1], course.known.rate[-1])
-    _, slips = jax.lax.scan(smoothed, last, (known, ahead, course.step[1:]), reverse=True)
-    return jnp.append(slips, last[0])
+    last = course.known.mean[-1]
+    _, means = jax.lax.scan(smoothed, last, (known, ahead, course.step[1:]), reverse=True)
+    return jnp.append(means[:, 0], last[0])
+
+
+def _motion(dt: Array) -> Array:
+    """How slip and its rate go on for a time."""
+    return jnp.array([[1.0, dt], [0.0, 1.0]])
+
+
+def _product(a: Array, b: Array) -> Array:
+    """The product of two matrices; written as a sum it takes half the time of a product here."""
+    return jnp.sum(a[:, :, None] * b[None], axis=1)
+
+
+def _inverse(matrix: Array) -> Array:
+    (a, b), (c, d) = matrix
+    return jnp.array([[d, -b], [-c, a]]) / (a * d - b * c)
 
 
 def _filtered(noise: SlipNoise, slip: Points, conditions: Conditions) -> _Course:
     """The filter of Kalman 1960 from a wide start: slip and rate have a variance of one each."""
-    time = jnp.asarray(conditions["time_s"])
-    step = jnp.diff(time, prepend=time[:1])
+    step = steps(conditions)
     spread = noise.sigma / conditions[noise.falls_with] if noise.falls_with else noise.sigma
     error = jnp.broadcast_to(spread, slip.shape) ** 2 + 1e-16
     densities = jnp.broadcast_to(noise.roughness, slip.shape) ** 2
 
     def advanced(state: _State, now: tuple) -> tuple[_State, tuple]:
         dt, measured, variance, density, counts = now
+        motion = _motion(dt)
+        walk = density * jnp.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]) + 1e-18 * jnp.eye(2)
         ahead = _State(
-            state.slip + dt * state.rate,
-            state.rate,
-            state.of_slip
-            + dt * (2 * state.shared + dt * state.of_rate)
-            + density * dt**3 / 3
-            + 1e-18,
-            state.shared + dt * state.of_rate + density * dt**2 / 2,
-            state.of_rate + density * dt + 1e-18,
+            jnp.sum(motion * state.mean, axis=1),
+            _product(_product(motion, state.covariance), motion.T) + walk,
         )
-        innovation, width = measured - ahead.slip, ahead.of_slip + variance
-        gain = jnp.where(counts, ahead.of_slip / width, 0.0)
-        of_rate = jnp.where(counts, ahead.shared / width, 0.0)
-        known = _State(
-            ahead.slip + gain * innovation,
-            ahead.rate + of_rate * innovation,
-            ahead.of_slip - gain * ahead.of_slip,
-            ahead.shared - gain * ahead.shared,
-            ahead.of_rate - of_rate * ahead.shared,
-        )
+        innovation, of_slip = measured - ahead.mean[0], ahead.covariance[0]
+        width = of_slip[0] + variance
+        gain = jnp.where(counts, of_slip / width, 0.0)
+        known = _State(ahead.mean + gain * innovation, ahead.covariance - gain[:, None] * of_slip)
         told = jnp.where(counts, -0.5 * (innovation**2 / width + jnp.log(width)), 0.0)
         return known, (ahead, known, told)
 
-    one, none = jnp.ones_like(slip[0]), jnp.zeros_like(slip[0])
     # The first point is the start itself, about which nothing was known: it tells nothing.
-    start = _State(slip[0], none, one, none, one)
+    start = _State(jnp.stack([slip[0], jnp.zeros_like(slip[0])]), jnp.eye(2))
     counts = (step > 0).at[0].set(True)
     _, (ahead, known, told) = jax.lax.scan(advanced, start, (step, slip, error, densities, counts))
     return _Course(ahead, known, step, told.at[0].set(0.0))

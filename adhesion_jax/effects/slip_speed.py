@@ -1,6 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 class SlipSpeed(Multiplier):
@@ -12,6 +12,7 @@ class SlipSpeed(Multiplier):
         source="Burckhardt 1993; He et al. 2018, Eq. 4",
         described={"c4": ("s/m", -0.2, 2.0, "fall with slip velocity")},
         strengths=("c4",),
+        starts=({"c4": 0.01},),
         needs=("vehicle_speed_mps",),
         sentence="Adhesion falls with slip velocity: Burckhardt's c4.",
         formula="mu exp(-c4 |l| V), l the slip ratio, V the vehicle speed in m/s",
@@ -24,7 +25,3 @@ class SlipSpeed(Multiplier):
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         return jnp.exp(-self.c4 * jnp.abs(slip) * conditions["vehicle_speed_mps"])
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(c4=0.01)]

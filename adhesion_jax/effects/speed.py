@@ -1,7 +1,6 @@
 import jax.numpy as jnp
-import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 def _curtius_kniffler(speed: Values | Scalar) -> Values:
@@ -21,6 +20,7 @@ class Speed(Multiplier):
             "reference": ("m/s", 0.0, 200.0, "speed at which nothing changes"),
         },
         strengths=("k",),
+        starts=({"k": 0.1},),
         references={"reference": "vehicle_speed_mps"},
         needs=("vehicle_speed_mps",),
         sentence="Adhesion falls with the speed of travel.",
@@ -37,7 +37,3 @@ class Speed(Multiplier):
             self.reference
         )
         return 1 + self.k * (relative - 1)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=0.1, reference=float(np.median(columns["vehicle_speed_mps"])))]

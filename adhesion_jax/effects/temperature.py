@@ -1,7 +1,6 @@
 import jax.numpy as jnp
-import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 class Temperature(Multiplier):
@@ -15,6 +14,7 @@ class Temperature(Multiplier):
             "reference": ("degree C", -80.0, 200.0, "temperature at which nothing changes"),
         },
         strengths=("k",),
+        starts=({"k": 1e-3},),
         references={"reference": "temperature_C"},
         needs=("temperature_C",),
         sentence="Adhesion changes with the temperature.",
@@ -26,7 +26,3 @@ class Temperature(Multiplier):
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         return jnp.maximum(1 + self.k * (conditions["temperature_C"] - self.reference), 0.0)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=1e-3, reference=float(np.median(columns["temperature_C"])))]

@@ -1,14 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import (
-    AdhesionTransform,
-    Columns,
-    Conditions,
-    Effect,
-    Facts,
-    Scalar,
-    Signal,
-)
+from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
 
 
 class TorqueOffset(AdhesionTransform):
@@ -18,6 +10,7 @@ class TorqueOffset(AdhesionTransform):
         source="any measured driving torque",
         described={"offset": ("1", -0.5, 0.5, "adhesion that is added")},
         strengths=("offset",),
+        starts=({"offset": 0.002},),
         needs=(),
         sentence="The force signal has an offset, such as the torque of losses.",
         formula="mu + b sign(l)",
@@ -30,7 +23,3 @@ class TorqueOffset(AdhesionTransform):
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         return adhesion + self.offset * jnp.sign(slip)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(offset=0.002)]

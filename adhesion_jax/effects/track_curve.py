@@ -1,6 +1,6 @@
 import jax.numpy as jnp
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Multiplier, Scalar, Values
+from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
 
 
 class CurveOfTrack(Multiplier):
@@ -10,6 +10,7 @@ class CurveOfTrack(Multiplier):
         source="Iwnicki 2006, Handbook of Railway Vehicle Dynamics, chapter 4",
         described={"k": ("m", -300.0, 300.0, "relative loss per unit of curvature")},
         strengths=("k",),
+        starts=({"k": 5.0},),
         needs=("curvature_per_m",),
         sentence="Adhesion is lower in curves of the track.",
         formula="mu (1 - k |kappa|), kappa the curvature of the track in 1/m",
@@ -21,7 +22,3 @@ class CurveOfTrack(Multiplier):
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         return jnp.maximum(1 - self.k * jnp.abs(conditions["curvature_per_m"]), 0.0)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(k=5.0)]

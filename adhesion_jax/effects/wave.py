@@ -14,6 +14,9 @@ AMPLITUDES = {
     )
 }
 
+#: A small wave without a second harmonic.
+SMALL = {"sine": 0.03, "cosine": 0.03, "sine2": 0.0, "cosine2": 0.0}
+
 
 class Wave(Multiplier):
     """mu (1 + a sin(p) + b cos(p) + a2 sin(2 p) + b2 cos(2 p)), p the phase.

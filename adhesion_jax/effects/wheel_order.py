@@ -1,8 +1,8 @@
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Conditions, Effect, Facts, Scalar, Values
-from adhesion_jax.effects.wave import AMPLITUDES, Wave
+from adhesion_jax.effects.api import Conditions, Facts, Scalar, Values
+from adhesion_jax.effects.wave import AMPLITUDES, SMALL, Wave
 
 
 class WheelOrder(Wave):
@@ -20,6 +20,7 @@ class WheelOrder(Wave):
             "order": ("1", 0.2, 40.0, "waves per turn"),
         },
         strengths=("sine", "cosine"),
+        starts=tuple({**SMALL, "order": float(order)} for order in range(1, 7)),
         needs=("wheel_angle_rad",),
         sentence="A wheel out of round modulates the adhesion with its angle.",
         formula="mu (1 + wave(n theta)), a wave and its second harmonic, theta the wheel's angle "
@@ -35,7 +36,3 @@ class WheelOrder(Wave):
     @classmethod
     def of_frequency(cls, frequency: float) -> Wave:
         return cls(0.01, 0.01, 0.0, 0.0, order=2 * np.pi * frequency)
-
-    @classmethod
-    def starts(cls, columns: Columns) -> list[Effect]:
-        return [cls(0.03, 0.03, 0.0, 0.0, order=float(n)) for n in (1, 2, 3, 4, 5, 6)]

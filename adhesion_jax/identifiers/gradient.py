@@ -1,7 +1,5 @@
 """Nonlinear least squares by a gradient solver, whichever library it comes from."""
 
-from typing import ClassVar
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
@@ -18,8 +16,8 @@ class GradientLeastSquares(Identifier):
     After a block on which the solver did not converge the next one starts from the centre again.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = True
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = True
+    RESETS = False
 
     solver: Solver = eqx.field(static=True)
     steps: int = eqx.field(static=True)  # largest number; a batch takes as many as its slowest run

@@ -19,6 +19,7 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
 from adhesion_jax.identifiers.online import OnlineState, R, Step, over_fresh_samples
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
 from adhesion_jax.records import Known, Record
 
@@ -26,15 +27,11 @@ from adhesion_jax.records import Known, Record
 #: enough to determine it from a single sample, too little to matter afterwards.
 _RIDGE = 1e-10
 
-#: p1 and p2 of one estimate; not one array, for over a batch of runs each of them is one.
-Pair = tuple[Float[Array, ""], Float[Array, ""]]
-
 
 class Regression(NamedTuple):
     """Regressors and target, of a record or of one sample."""
 
-    u1: Float[Array, "*points"]
-    u2: Float[Array, "*points"]
+    u: Vector
     z: Float[Array, "*points"]
 
 
@@ -42,18 +39,17 @@ class Normal(NamedTuple):
     """Sums over samples, each with a weight w: sum w U U', sum w U Z and sum w^2 e^2 U U'.
 
     The last one, of the residuals e = Z - U x, makes the covariance of x true although the
-    noise of Z depends on the slip (White 1980, Econometrica 48:817-838). Scalars, not matrices:
-    over a batch of runs each is then one array.
+    noise of Z depends on the slip (White 1980, Econometrica 48:817-838).
     """
 
-    h11: Float[Array, ""]
-    h12: Float[Array, ""]
-    h22: Float[Array, ""]
-    f1: Float[Array, ""]
-    f2: Float[Array, ""]
-    g11: Float[Array, ""]
-    g12: Float[Array, ""]
-    g22: Float[Array, ""]
+    h: Symmetric
+    f: Vector
+    g: Symmetric
+
+
+def no_samples() -> Normal:
+    """The sums before any."""
+    return Normal(no_matrix(), no_vector(), no_matrix())
 
 
 def needs_kiencke(known: Known) -> str | None:
@@ -69,47 +65,39 @@ def regression(
 ) -> Regression:
     a0 = cast(Kiencke, known.curve).a0
     size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
-    return Regression(size * adhesion, size**2 * adhesion, a0 * size - adhesion)
+    return Regression(adhesion * powers(size), a0 * size - adhesion)
 
 
-def solve(normal: Normal) -> Float[Array, "2"]:
-    """The x without bounds, NaN where the samples do not determine it."""
-    determinant = normal.h11 * normal.h22 - normal.h12**2
-    x1 = normal.h22 * normal.f1 - normal.h12 * normal.f2
-    x2 = normal.h11 * normal.f2 - normal.h12 * normal.f1
-    return jnp.stack([x1, x2]) / jnp.where(determinant > 0, determinant, jnp.nan)
+def powers(size: Float[Array, "*points"]) -> Vector:
+    """|l| and l^2."""
+    return Vector(size, size**2)
 
 
-def solve_in_box(known: Known, normal: Normal) -> Pair:
+def start_of(known: Known) -> Vector:
+    """The p1 and p2 that a method begins at."""
+    return Vector(*free_values(known.curve))
+
+
+def solve_in_box(known: Known, normal: Normal) -> Vector:
     """The best x in the box, with a weak prior at the start of the scenario."""
-    pull = _RIDGE * (normal.h11 + normal.h22)
-    x1, x2 = free_values(known.curve)
-    products = Products(
-        normal.f1 + pull * x1,
-        normal.f2 + pull * x2,
-        normal.h11 + pull,
-        normal.h22 + pull,
-        normal.h12,
-    )
-    return bounded_pair_seldom_on_edge(
-        products, (known.lower[0], known.upper[0]), (known.lower[1], known.upper[1])
-    )
+    h, pull = normal.h, _RIDGE * (normal.h.a + normal.h.c)
+    f = normal.f + pull * start_of(known)
+    products = Products(f.a, f.b, h.a + pull, h.c + pull, h.b)
+    ranges = ((known.lower[i], known.upper[i]) for i in (0, 1))
+    return Vector(*bounded_pair_seldom_on_edge(products, *ranges))
 
 
 def covariance(normal: Normal) -> Float[Array, "2 2"]:
     """H^-1 G H^-1 of the x without bounds."""
-    determinant = normal.h11 * normal.h22 - normal.h12**2
-    adjugate = jnp.array([[normal.h22, -normal.h12], [-normal.h12, normal.h11]])
-    inverse = adjugate / jnp.where(determinant > 0, determinant, jnp.nan)
-    g = jnp.array([[normal.g11, normal.g12], [normal.g12, normal.g22]])
-    return inverse @ g @ inverse
+    bread = normal.h.inverse().array()
+    return bread @ normal.g.array() @ bread
 
 
 def forgetting(
     known: Known,
     slip: Float[Array, ""],
     adhesion: Float[Array, ""],
-    x: Pair,
+    x: Vector,
     least: Scalar,
     most: Scalar,
     gain: Scalar,
@@ -123,8 +111,8 @@ def forgetting(
     return jnp.maximum(least, most - gain * jnp.abs(adhesion - predicted))
 
 
-def _curve_of(known: Known, x: Pair) -> Kiencke:
-    return dataclasses.replace(cast(Kiencke, known.curve), p1=x[0], p2=x[1])
+def _curve_of(known: Known, x: Vector) -> Kiencke:
+    return dataclasses.replace(cast(Kiencke, known.curve), p1=x.a, p2=x.b)
 
 
 def discounted(
@@ -137,35 +125,26 @@ def discounted(
 
     The sums of residuals are only discounted: the residual is known once x is.
     """
-    u1, u2, z = sample
-    return Normal(
-        eta * normal.h11 + weight * u1 * u1,
-        eta * normal.h12 + weight * u1 * u2,
-        eta * normal.h22 + weight * u2 * u2,
-        eta * normal.f1 + weight * u1 * z,
-        eta * normal.f2 + weight * u2 * z,
-        *(eta**2 * g for g in (normal.g11, normal.g12, normal.g22)),
-    )
+    u, z = sample
+    h, f = eta * normal.h + weight * square(u), eta * normal.f + weight * z * u
+    return Normal(h, f, eta**2 * normal.g)
 
 
-def with_residual(normal: Normal, sample: Regression, weight: Float[Array, ""], x: Pair) -> Normal:
+def with_residual(
+    normal: Normal, sample: Regression, weight: Float[Array, ""], x: Vector
+) -> Normal:
     """The sums with the residual of the last sample, at the x that was found with it."""
-    u1, u2, z = sample
-    squared = (weight * (z - x[0] * u1 - x[1] * u2)) ** 2
-    return normal._replace(
-        g11=normal.g11 + squared * u1 * u1,
-        g12=normal.g12 + squared * u1 * u2,
-        g22=normal.g22 + squared * u2 * u2,
-    )
+    residual = weight * (sample.z - sample.u.dot(x))
+    return normal._replace(g=normal.g + residual**2 * square(sample.u))
 
 
 def after_record(step: Step[R], state: OnlineState, record: Record) -> OnlineState:
     """The state of an online method, whose recursion holds the estimate `x`, one record on."""
     state = over_fresh_samples(partial(step, state.known), state, record)
-    return state._replace(objective=_objective(state.known, record, tuple(state.recursion.x)))
+    return state._replace(objective=_objective(state.known, record, state.recursion.x))
 
 
-def _objective(known: Known, record: Record, x: Pair) -> Float[Array, ""]:
+def _objective(known: Known, record: Record, x: Vector) -> Float[Array, ""]:
     """The sum of squared residuals, of the points that are finite."""
     curve = _curve_of(known, x)
 
@@ -186,7 +165,7 @@ def online_estimate(
     reset: Bool[Array, ""] | None = None,
 ) -> Estimate:
     """The estimate of an online method; should its sums have overflowed, the start."""
-    known, x = state.known, jnp.stack(state.recursion.x)
+    known, x = state.known, state.recursion.x.array()
     finite = jnp.all(jnp.isfinite(x))
     x = jnp.where(finite, x, free_values(known.curve))
     fit = Fit(x, covariance, state.objective, state.samples, converged, finite, state.skipped)

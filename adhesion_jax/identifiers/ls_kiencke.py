@@ -1,7 +1,6 @@
 """Least squares on the linear form of Kiencke's curve, all samples at once."""
 
-from typing import ClassVar
-
+import jax
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
@@ -12,8 +11,8 @@ from adhesion_jax.identifiers.kiencke_linear import (
     covariance,
     needs_kiencke,
     regression,
-    solve,
 )
+from adhesion_jax.identifiers.pairs import square
 from adhesion_jax.records import Known, Record
 
 
@@ -23,8 +22,8 @@ class LinearLeastSquares(Identifier):
     On a slippery rail p2 may come out negative; there is no peak then, and that is a failure.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     def accepts(self, known: Known) -> str | None:
         return needs_blocks(known) or needs_kiencke(known)
@@ -34,29 +33,15 @@ class LinearLeastSquares(Identifier):
 
     def update(self, state: FitState, record: Record) -> FitState:
         known = state.known
-        u1, u2, z = (
-            jnp.where(record.mask, column, 0.0)
-            for column in regression(known, record.slip, record.adhesion)
+        u, z = jax.tree.map(
+            lambda column: jnp.where(record.mask, column, 0.0),
+            regression(known, record.slip, record.adhesion),
         )
-        zero = jnp.zeros(())
-        sums = Normal(
-            jnp.sum(u1 * u1),
-            jnp.sum(u1 * u2),
-            jnp.sum(u2 * u2),
-            jnp.sum(u1 * z),
-            jnp.sum(u2 * z),
-            zero,
-            zero,
-            zero,
-        )
-        x = solve(sums)
+        h, f = square(u).sum(), (z * u).sum()
+        found = h.inverse().times(f)
         points = jnp.sum(record.mask, dtype=jnp.int32)
-        squared = (z - x[0] * u1 - x[1] * u2) ** 2 * points / jnp.maximum(points - 2, 1)
-        sums = sums._replace(
-            g11=jnp.sum(squared * u1 * u1),
-            g12=jnp.sum(squared * u1 * u2),
-            g22=jnp.sum(squared * u2 * u2),
-        )
+        squared = (z - u.dot(found)) ** 2 * points / jnp.maximum(points - 2, 1)
+        sums, x = Normal(h, f, (squared * square(u)).sum()), found.array()
         objective = jnp.sum(residual(known, record, x) ** 2)
         finite = jnp.isfinite(objective) & jnp.all(jnp.isfinite(x))
         fit = Fit(

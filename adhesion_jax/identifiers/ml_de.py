@@ -1,7 +1,5 @@
 """Maximum likelihood by differential evolution: He et al. 2018, its ablations and a repair."""
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -31,8 +29,8 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
     over the block is our reading of its innovation).
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = True
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = True
+    RESETS = False
 
     local_share: Scalar
     radius: Scalar

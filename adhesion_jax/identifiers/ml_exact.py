@@ -1,7 +1,5 @@
 """Exact maximum likelihood for Burckhardt's curve by variable projection."""
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
@@ -24,8 +22,8 @@ class ExactMaximumLikelihood(Identifier):
     arg max for arg min).
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = True
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = True
+    RESETS = False
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)

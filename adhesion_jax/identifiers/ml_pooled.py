@@ -1,7 +1,7 @@
 """Exact maximum likelihood over all blocks since the rail last changed."""
 
 from operator import itemgetter
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ _PARAMETERS = 3
 _ROUNDING = 1e-12
 
 
-class Pool(NamedTuple):
+class PooledPoints(NamedTuple):
     """The points since the last reset: their sums, their number and their optimum."""
 
     sums: Sums
@@ -40,7 +40,7 @@ class PooledState(NamedTuple):
     """The pool, and the quantities of the last record that an estimate reports."""
 
     known: Known
-    pool: Pool
+    pool: PooledPoints
     objective: Float[Array, ""]  # sum of squared residuals
     finite: Bool[Array, ""]
     reset: Bool[Array, ""]
@@ -79,9 +79,9 @@ class PooledMaximumLikelihood(Identifier):
     begins anew with the block. The rail is taken as constant within a block.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    POOLS: ClassVar[bool] = True
-    RESETS: ClassVar[bool] = True
+    FITS_LAST_RECORD = False
+    POOLS = True
+    RESETS = True
 
     level: Scalar = 1e-4
 
@@ -95,7 +95,7 @@ class PooledMaximumLikelihood(Identifier):
         c1, c2, c3 = free_values(known.curve)
         none = Jet(zero, zero, zero)
         no = jnp.zeros((), dtype=bool)
-        pool = Pool(empty, zero, Solution(c1, c3, c2, zero, none, none, jnp.int32(0), no))
+        pool = PooledPoints(empty, zero, Solution(c1, c3, c2, zero, none, none, jnp.int32(0), no))
         return as_arrays(PooledState(known, pool, zero, ~no, no, jnp.int32(0)))
 
     def update(self, state: PooledState, record: Record) -> PooledState:
@@ -116,7 +116,7 @@ class PooledMaximumLikelihood(Identifier):
         # A curve passes through any three points, so that as few cannot contradict another curve.
         comparable = jnp.minimum(pool.points, points) > _PARAMETERS
         changed = comparable & (chance(cost, count) < self.level)
-        grown, new = Pool(both, count, joint), Pool(sums, points, alone)
+        grown, new = PooledPoints(both, count, joint), PooledPoints(sums, points, alone)
         after = jax.tree.map(lambda a, b: jnp.where(changed, a, b), new, grown)
         # A block that is not finite is left out, because it would stay in the sums of the pool. An
         # empty block, which may be the first, is left out too: it has no unique optimum.
@@ -149,6 +149,6 @@ class PooledMaximumLikelihood(Identifier):
         return to_estimate(state.known, fit, jnp.ones(()), state.reset)
 
 
-def _parameters(pool: Pool) -> Float[Array, "3"]:
+def _parameters(pool: PooledPoints) -> Float[Array, "3"]:
     """c1, c2 and c3."""
     return jnp.stack([pool.found.a, pool.found.nu, pool.found.b])

@@ -1,29 +1,30 @@
 """The quadratic program of Qian et al. 2024 without the bias of noise in the regressors."""
 
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import Scalar, free_values
+from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
-    Pair,
-    Regression,
     after_record,
     covariance,
     discounted,
     forgetting,
     needs_kiencke,
+    no_samples,
     online_estimate,
+    powers,
     regression,
     solve_in_box,
-    with_residual,
+    start_of,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
 from adhesion_jax.records import Known, Record
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
@@ -31,25 +32,23 @@ from adhesion_jax.records import Known, Record
 _MOST = 0.5
 
 
-class Noise(NamedTuple):
+class NoiseSums(NamedTuple):
     """The bias by noise of variance 1: H is too large by m = sum w [l^2, l^3; l^3, l^4].
 
     f is too small by [sum w l, m11]. Its variance is estimated by sum w e^2/D^2 over sum w.
     """
 
-    m11: Float[Array, ""]
-    m12: Float[Array, ""]
-    m22: Float[Array, ""]
+    m: Symmetric
     f1: Float[Array, ""]
     squares: Float[Array, ""]
     weights: Float[Array, ""]
 
 
-class Recursion(NamedTuple):
+class CompensatedRecursion(NamedTuple):
     normal: Normal
-    noise: Noise
+    noise: NoiseSums
     samples: Int[Array, ""]
-    x: Pair
+    x: Vector
     eta: Float[Array, ""]
 
 
@@ -61,8 +60,8 @@ class BiasCompensatedProgram(Identifier):
     Source: Söderström 2007, Automatica 43:939-958 (bias-eliminating least squares), for this case.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     eta_least: Scalar
     eta_most: Scalar
@@ -72,12 +71,9 @@ class BiasCompensatedProgram(Identifier):
         return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        zero = jnp.zeros(())
-        normal = Normal(*(zero for _ in Normal._fields))
-        noise = Noise(*(zero for _ in Noise._fields))
-        x1, x2 = free_values(known.curve)
-        eta = jnp.asarray(self.eta_most)
-        return begin(known, Recursion(normal, noise, jnp.int32(0), (x1, x2), eta))
+        noise, eta = NoiseSums(no_matrix(), *3 * [jnp.zeros(())]), jnp.asarray(self.eta_most)
+        recursion = CompensatedRecursion(no_samples(), noise, jnp.int32(0), start_of(known), eta)
+        return begin(known, recursion)
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         return after_record(self._step, state, record)
@@ -90,12 +86,12 @@ class BiasCompensatedProgram(Identifier):
     def _step(
         self,
         known: Known,
-        recursion: Recursion,
+        recursion: CompensatedRecursion,
         taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
-    ) -> Recursion:
-        sample, size = regression(known, slip, adhesion), jnp.abs(slip)
+    ) -> CompensatedRecursion:
+        sample, size = regression(known, slip, adhesion), powers(jnp.abs(slip))
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
@@ -103,11 +99,9 @@ class BiasCompensatedProgram(Identifier):
         factor, one = jnp.where(taken, eta, 1.0), jnp.where(taken, 1.0, 0.0)
         normal = discounted(recursion.normal, sample, factor, jnp.ones(()))
         old = recursion.noise
-        noise = Noise(
-            factor * old.m11 + size**2,
-            factor * old.m12 + size**3,
-            factor * old.m22 + size**4,
-            factor * old.f1 + size,
+        noise = NoiseSums(
+            factor * old.m + square(size),
+            factor * old.f1 + size.a,
             factor * old.squares,  # the residual of this sample is added below, once x is known
             factor * old.weights + one,
         )
@@ -118,20 +112,19 @@ class BiasCompensatedProgram(Identifier):
             (solve_in_box(known, clear), eta),
             (recursion.x, recursion.eta),
         )
-        u1, u2, z = sample
-        error, d = z - x[0] * u1 - x[1] * u2, 1 + x[0] * size + x[1] * size**2
+        error, d = sample.z - sample.u.dot(x), 1 + size.dot(x)
         noise = noise._replace(squares=noise.squares + (error / d) ** 2)
         # What the sample adds to the equation: U e + s^2 D [l, l^2] in place of U e alone.
-        score = Regression(u1 * error + s2 * d * size, u2 * error + s2 * d * size**2, jnp.ones(()))
-        normal = with_residual(normal, score, jnp.ones(()), (jnp.zeros(()), jnp.zeros(())))
-        return Recursion(normal, noise, recursion.samples + taken, x, eta)
+        score = error * sample.u + s2 * d * size
+        normal = normal._replace(g=normal.g + square(score))
+        return CompensatedRecursion(normal, noise, recursion.samples + taken, x, eta)
 
 
-def variance(normal: Normal, noise: Noise) -> Float[Array, ""]:
+def variance(normal: Normal, noise: NoiseSums) -> Float[Array, ""]:
     """Noise variance of the adhesion, at most a share of the least s^2 with det(H - s^2 M) = 0."""
-    curvature = jnp.maximum(normal.h11 * normal.h22 - normal.h12**2, 0.0)
-    spread = noise.m11 * noise.m22 - noise.m12**2
-    mixed = normal.h11 * noise.m22 + normal.h22 * noise.m11 - 2 * normal.h12 * noise.m12
+    h, m = normal.h, noise.m
+    curvature, spread = jnp.maximum(h.determinant(), 0.0), m.determinant()
+    mixed = h.a * m.c + h.c * m.a - 2 * h.b * m.b
     inside = mixed**2 - 4 * spread * curvature
     # With one sample the root is of zero, where its derivative is no number.
     root = jnp.where(inside > 0, jnp.sqrt(jnp.where(inside > 0, inside, 1.0)), 0.0)
@@ -139,15 +132,10 @@ def variance(normal: Normal, noise: Noise) -> Float[Array, ""]:
     return jnp.minimum(noise.squares / jnp.maximum(noise.weights, 1.0), _MOST * least)
 
 
-def compensated(normal: Normal, noise: Noise, s2: Float[Array, ""]) -> Normal:
+def compensated(normal: Normal, noise: NoiseSums, s2: Float[Array, ""]) -> Normal:
     """The sums as they would be on average if the adhesion in the regressors were exact."""
-    return normal._replace(
-        h11=normal.h11 - s2 * noise.m11,
-        h12=normal.h12 - s2 * noise.m12,
-        h22=normal.h22 - s2 * noise.m22,
-        f1=normal.f1 + s2 * noise.f1,
-        f2=normal.f2 + s2 * noise.m11,
-    )
+    h, f = normal.h - s2 * noise.m, normal.f + s2 * Vector(noise.f1, noise.m.a)
+    return normal._replace(h=h, f=f)
 
 
 #: The settings are those of Algorithm 2.

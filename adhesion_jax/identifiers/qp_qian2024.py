@@ -1,39 +1,41 @@
 """Qian et al. 2024: a quadratic program at every sample, with a time-varying forgetting factor."""
 
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import Scalar, free_values
+from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Flag, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
-    Pair,
     after_record,
     covariance,
     discounted,
     forgetting,
     needs_kiencke,
+    no_samples,
     online_estimate,
     regression,
     solve_in_box,
+    start_of,
     with_residual,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
 from adhesion_jax.records import Known, Record
 
-#: Information matrices (h11, h12, h22) before each of the last samples, the latest first.
-History = tuple[tuple[Array, Array, Array], ...]
+#: Information matrices before each of the last samples, the latest first.
+History = tuple[Symmetric, ...]
 
 
-class Recursion(NamedTuple):
+class ProgramRecursion(NamedTuple):
     normal: Normal
     history: History
     samples: Int[Array, ""]
-    x: Pair
+    x: Vector
     eta: Float[Array, ""]
 
 
@@ -47,8 +49,8 @@ class QuadraticProgram(Identifier):
     standard deviations where S_1 and S_2 are printed as variances, whose unit is another).
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     weight_falls: Flag
     eta_least: Scalar
@@ -62,12 +64,9 @@ class QuadraticProgram(Identifier):
         return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        zero = jnp.zeros(())
-        normal = Normal(*(zero for _ in Normal._fields))
-        history = tuple((zero, zero, zero) for _ in range(4))
-        x1, x2 = free_values(known.curve)
-        eta = jnp.asarray(self.eta_most)
-        return begin(known, Recursion(normal, history, jnp.int32(0), (x1, x2), eta))
+        history, eta = 4 * (no_matrix(),), jnp.asarray(self.eta_most)
+        x = start_of(known)
+        return begin(known, ProgramRecursion(no_samples(), history, jnp.int32(0), x, eta))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         return after_record(self._step, state, record)
@@ -81,23 +80,22 @@ class QuadraticProgram(Identifier):
     def _step(
         self,
         known: Known,
-        recursion: Recursion,
+        recursion: ProgramRecursion,
         taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
-    ) -> Recursion:
+    ) -> ProgramRecursion:
         sample = regression(known, slip, adhesion)
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
         old = recursion.normal
-        past = ((old.h11, old.h12, old.h22), *recursion.history)
+        past = (old.h, *recursion.history)
 
         def redistributed() -> tuple[Float[Array, ""], History]:
+            calm = _calm(sample.u, past, self.low, self.high) & (recursion.samples >= len(past))
             shifted = jax.tree.map(partial(jnp.where, taken), past[:-1], recursion.history)
-            settings = self.eta_most, self.low, self.high
-            regressors = sample.u1, sample.u2
-            return _redistributed(eta, regressors, past, recursion.samples, settings), shifted
+            return jnp.where(calm, self.eta_most, eta), shifted
 
         def as_it_was() -> tuple[Float[Array, ""], History]:
             return eta, recursion.history
@@ -113,29 +111,22 @@ class QuadraticProgram(Identifier):
             (recursion.x, recursion.eta),
         )
         normal = with_residual(normal, sample, weight, x)
-        return Recursion(normal, history, recursion.samples + taken, x, eta)
+        return ProgramRecursion(normal, history, recursion.samples + taken, x, eta)
 
 
-def _redistributed(
-    eta: Float[Array, ""],
-    regressors: Pair,
-    history: History,
-    samples: Int[Array, ""],
-    settings: tuple[Scalar, Scalar, Scalar],
-) -> Float[Array, ""]:
-    """The largest factor where every element of S lies in the critical interval, else eta.
+def _calm(u: Vector, past: History, low: Scalar, high: Scalar) -> Bool[Array, ""]:
+    """Whether every element of S lies in the critical interval.
 
     S = (mean X1 - mean X2)/(S1 + S2), X1 the information of the sample and the two matrices before
     it, X2 the three before these.
     """
-    (u1, u2), (most, low, high) = regressors, settings
-    calm = samples >= 5
-    for now, *past in zip((u1 * u1, u1 * u2, u2 * u2), *history, strict=True):
-        first, first_std = _of_three(now, *past[:2])
-        second, second_std = _of_three(*past[2:])
+    calm = jnp.ones((), dtype=bool)
+    for six in zip(*map(jax.tree.leaves, (square(u), *past)), strict=True):
+        first, first_std = _of_three(*six[:3])
+        second, second_std = _of_three(*six[3:])
         difference, spread = first - second, first_std + second_std
         calm = calm & (difference > low * spread) & (difference < high * spread)
-    return jnp.where(calm, most, eta)
+    return calm
 
 
 def _of_three(a: Array, b: Array, c: Array) -> tuple[Array, Array]:

@@ -1,12 +1,12 @@
 """Refined instrumental variables on Kiencke's linear form: recursive, robust, with resets."""
 
-from typing import ClassVar, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import Scalar, free_values
+from adhesion_jax.curves import Scalar
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.kiencke_linear import (
@@ -14,8 +14,10 @@ from adhesion_jax.identifiers.kiencke_linear import (
     needs_kiencke,
     online_estimate,
     regression,
+    start_of,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.quadratic_program import bounded_pair
 from adhesion_jax.records import Known, Record
 
@@ -55,7 +57,7 @@ _FINEST = 1e-9
 _SCALE_OF_ADHESION = 0.05
 
 
-class Kept(NamedTuple):
+class LatestSamples(NamedTuple):
     """The last samples, the latest first."""
 
     size: Float[Array, " length"]  # |slip|
@@ -64,24 +66,24 @@ class Kept(NamedTuple):
     used: Bool[Array, " length"]  # whether it came after the last reset, or was a vote for it
 
 
-class Sums(NamedTuple):
-    """Sum w zeta U' and sum w zeta Z with the prior, then sums that the covariance needs."""
+class InstrumentSums(NamedTuple):
+    """Sum w zeta U' and sum w zeta Z with the prior, then sums that the covariance needs.
 
-    h11: Float[Array, ""]
-    h12: Float[Array, ""]
-    h22: Float[Array, ""]
-    f1: Float[Array, ""]
-    f2: Float[Array, ""]
+    zeta and U have one direction, [1, l], so that their product is symmetric.
+    """
+
+    h: Symmetric
+    f: Vector
     number: Float[Array, ""]
     weights: Float[Array, ""]
     unclipped: Float[Array, ""]
     squares: Float[Array, ""]  # sum (w r)^2, each r scaled to the variance of the noise
 
 
-class Recursion(NamedTuple):
-    kept: Kept
-    sums: Sums
-    x: Float[Array, "2"]
+class InstrumentsRecursion(NamedTuple):
+    kept: LatestSamples
+    sums: InstrumentSums
+    x: Vector
     scale: Float[Array, ""]
     samples: Int[Array, ""]
     age: Int[Array, ""]  # samples since the reset, the voters of the slow rule counted in
@@ -106,8 +108,8 @@ class RefinedInstruments(Identifier):
     Robust Statistics, sections 7.6 (covariance) and 5.1 (median deviation).
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = True
+    FITS_LAST_RECORD = False
+    RESETS = True
 
     huber: Scalar
     gain: Scalar  # least gain of the scale
@@ -118,10 +120,10 @@ class RefinedInstruments(Identifier):
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         empty, zero, none = jnp.zeros(LENGTH), jnp.zeros(()), jnp.int32(0)
-        kept = Kept(empty, empty, empty, empty > 0)
-        sums = Sums(*(zero for _ in Sums._fields))
-        x, scale = free_values(known.curve), jnp.asarray(_FINEST)
-        return begin(known, Recursion(kept, sums, x, scale, none, none, empty[0] > 0))
+        kept = LatestSamples(empty, empty, empty, empty > 0)
+        sums = InstrumentSums(no_matrix(), no_vector(), *4 * [zero])
+        x, scale = start_of(known), jnp.asarray(_FINEST)
+        return begin(known, InstrumentsRecursion(kept, sums, x, scale, none, none, empty[0] > 0))
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         recursion = state.recursion._replace(reset=jnp.zeros((), dtype=bool))
@@ -134,11 +136,11 @@ class RefinedInstruments(Identifier):
     def _step(
         self,
         known: Known,
-        recursion: Recursion,
+        recursion: InstrumentsRecursion,
         taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
-    ) -> Recursion:
+    ) -> InstrumentsRecursion:
         size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
         last = recursion.kept
         repeats = (size == last.size[0]) & (adhesion == last.adhesion[0])
@@ -149,10 +151,10 @@ class RefinedInstruments(Identifier):
     def _after(
         self,
         known: Known,
-        recursion: Recursion,
+        recursion: InstrumentsRecursion,
         size: Float[Array, ""],
         adhesion: Float[Array, ""],
-    ) -> Recursion:
+    ) -> InstrumentsRecursion:
         sums, x, nu = self._taken_up(known, recursion, size, adhesion)
         kept, reset = _voted(recursion, size, adhesion, nu)
 
@@ -167,33 +169,30 @@ class RefinedInstruments(Identifier):
         passes = jnp.where(anew, _FROM_NOTHING, jnp.where(age <= LENGTH, _FROM_ESTIMATE, 0))
         first = samples <= LENGTH
         x, sums, scale = self._refitted(known, kept, x, sums, scale, anew, first, passes)
-        return Recursion(kept, sums, x, scale, samples, age, recursion.reset | reset)
+        return InstrumentsRecursion(kept, sums, x, scale, samples, age, recursion.reset | reset)
 
     def _taken_up(
         self,
         known: Known,
-        recursion: Recursion,
+        recursion: InstrumentsRecursion,
         size: Float[Array, ""],
         adhesion: Float[Array, ""],
-    ) -> tuple[Sums, Float[Array, "2"], Float[Array, ""]]:
+    ) -> tuple[InstrumentSums, Vector, Float[Array, ""]]:
         """The sums and x with one more sample, and its innovation in standard deviations."""
         old, x = recursion.sums, recursion.x
         d, model = _curve(known, x, size)
-        g1 = model * size / d  # -d mu_hat/d p1
-        i11, i12, i22 = _inverse(old)
+        ray = _along(size)
+        slope = model * size / d  # of -d mu_hat/d p, along the ray
         # Variance of the prediction over that of the noise.
-        leverage = jnp.maximum(g1**2 * (i11 + 2 * i12 * size + i22 * size**2), 0.0)
+        leverage = jnp.maximum(slope**2 * ray.dot(_inverse(old).times(ray)), 0.0)
         residual = adhesion - model
         nu = residual / (recursion.scale * jnp.sqrt(1 + leverage))
         weight = self._weight(nu)
-        u1, u2, z = regression(known, size, adhesion)
-        zeta1 = weight * g1 / d
-        sums = Sums(
-            old.h11 + zeta1 * u1,
-            old.h12 + zeta1 * u2,
-            old.h22 + zeta1 * size * u2,
-            old.f1 + zeta1 * z,
-            old.f2 + zeta1 * size * z,
+        u, z = regression(known, size, adhesion)
+        zeta = weight * slope / d
+        sums = InstrumentSums(
+            old.h + zeta * u.a * square(ray),
+            old.f + zeta * z * ray,
             old.number + 1,
             old.weights + weight,
             old.unclipped + (weight == 1),
@@ -204,28 +203,28 @@ class RefinedInstruments(Identifier):
     def _refitted(
         self,
         known: Known,
-        kept: Kept,
-        x: Float[Array, "2"],
-        sums: Sums,
+        kept: LatestSamples,
+        x: Vector,
+        sums: InstrumentSums,
         scale: Float[Array, ""],
         anew: Bool[Array, ""],
         first: Bool[Array, ""],
         passes: Int[Array, ""],
-    ) -> tuple[Float[Array, "2"], Sums, Float[Array, ""]]:
+    ) -> tuple[Vector, InstrumentSums, Float[Array, ""]]:
         """x, sums and, where `first`, the scale after some passes over the samples kept.
 
         In a batch the passes are as many as the youngest of its runs needs.
         """
         size, adhesion, _, used = kept
         count = jnp.sum(used, dtype=float)
-        u1, u2, z = regression(known, size, adhesion)
-        precision = (self.prior * (known.upper - known.lower)) ** -2
-        x0 = free_values(known.curve)
+        u, z = regression(known, size, adhesion)
+        ray, x0 = _along(size), start_of(known)
+        precision = Vector(*(self.prior * (known.upper - known.lower)) ** -2)
         largest = jnp.max(jnp.where(used, jnp.abs(adhesion), 0.0))
 
         def one_pass(
-            number: Int[Array, ""], carry: tuple[Array, Sums, Array]
-        ) -> tuple[Array, Sums, Array]:
+            number: Int[Array, ""], carry: tuple[Vector, InstrumentSums, Array]
+        ) -> tuple[Vector, InstrumentSums, Array]:
             x, _, scale = carry
             d, model = _curve(known, x, size)
             residual = adhesion - model
@@ -238,14 +237,11 @@ class RefinedInstruments(Identifier):
             scale = jnp.where(first, jnp.maximum(deviation, _FINEST), scale)
             linear = anew & (number == 0)
             weight = jnp.where(used, jnp.where(linear, 1.0, self._weight(residual / scale)), 0.0)
-            zeta1 = weight * jnp.where(linear, u1, model * size / d**2)
+            zeta = weight * jnp.where(linear, u.a, model * size / d**2)
             prior = scale**2 * precision
-            sums = Sums(
-                jnp.sum(zeta1 * u1) + prior[0],
-                jnp.sum(zeta1 * u2),
-                jnp.sum(zeta1 * size * u2) + prior[1],
-                jnp.sum(zeta1 * z) + prior[0] * x0[0],
-                jnp.sum(zeta1 * size * z) + prior[1] * x0[1],
+            sums = InstrumentSums(
+                (zeta * u.a * square(ray)).sum() + Symmetric(prior.a, jnp.zeros(()), prior.b),
+                (zeta * z * ray).sum() + Vector(prior.a * x0.a, prior.b * x0.b),
                 count,
                 jnp.sum(weight),
                 jnp.sum(weight == 1, dtype=float),
@@ -259,24 +255,32 @@ class RefinedInstruments(Identifier):
         return jnp.where(jnp.abs(nu) > self.huber, self.huber / jnp.abs(nu), 1.0)
 
 
+def _along(size: Float[Array, "*points"]) -> Vector:
+    """The direction of the regressors and of the instruments of a sample."""
+    return Vector(jnp.ones_like(size), size)
+
+
 def _curve(
-    known: Known, x: Float[Array, "2"], size: Float[Array, "*points"]
+    known: Known, x: Vector, size: Float[Array, "*points"]
 ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
     """D and mu_hat."""
-    d = 1 + x[0] * size + x[1] * size**2
+    d = 1 + x.a * size + x.b * size**2
     return d, cast(Kiencke, known.curve).a0 * size / d
 
 
 def _voted(
-    recursion: Recursion, size: Float[Array, ""], adhesion: Float[Array, ""], nu: Float[Array, ""]
-) -> tuple[Kept, Bool[Array, ""]]:
+    recursion: InstrumentsRecursion,
+    size: Float[Array, ""],
+    adhesion: Float[Array, ""],
+    nu: Float[Array, ""],
+) -> tuple[LatestSamples, Bool[Array, ""]]:
     """The kept samples with the latest among them, and whether there is a reset.
 
     After a reset only the samples that voted for it are used.
     """
     surprise = jnp.where(recursion.samples < LENGTH, 0.0, jnp.abs(nu))
     latest = (size, adhesion, surprise, jnp.ones((), dtype=bool))
-    kept = Kept(
+    kept = LatestSamples(
         *(
             jnp.concatenate([new[None], old[:-1]])
             for new, old in zip(latest, recursion.kept, strict=True)
@@ -308,28 +312,28 @@ def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Fl
     return (in_order((count - 1) // 2) + in_order(count // 2)) / 2
 
 
-def _solution(known: Known, sums: Sums) -> Float[Array, "2"]:
-    """The solution in the box, as if the sums were those of least squares (h12 for h21)."""
-    ranges = [(known.lower[i], known.upper[i]) for i in (0, 1)]
-    return jnp.stack(bounded_pair(sums.f1, sums.f2, sums.h11, sums.h22, sums.h12, *ranges))
+def _solution(known: Known, sums: InstrumentSums) -> Vector:
+    """The solution in the box, as if the sums were those of least squares."""
+    h, f = sums.h, sums.f
+    ranges = ((known.lower[i], known.upper[i]) for i in (0, 1))
+    return Vector(*bounded_pair(f.a, f.b, h.a, h.c, h.b, *ranges))
 
 
-def _inverse(sums: Sums) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Elements 11, 12 and 22 of the inverse of sum w zeta U'; 0 before the first sample."""
-    determinant = sums.h11 * sums.h22 - sums.h12**2
-    determinant = jnp.where(sums.number > 0, determinant, jnp.inf)
-    return sums.h22 / determinant, -sums.h12 / determinant, sums.h11 / determinant
+def _inverse(sums: InstrumentSums) -> Symmetric:
+    """The inverse of sum w zeta U'; 0 before the first sample."""
+    h = sums.h
+    determinant = jnp.where(sums.number > 0, h.determinant(), jnp.inf)
+    return 1 / determinant * Symmetric(h.c, -h.b, h.a)
 
 
-def _covariance(sums: Sums) -> Float[Array, "2 2"]:
+def _covariance(sums: InstrumentSums) -> Float[Array, "2 2"]:
     """Mean psi^2/(mean psi')^2 times the inverse information, psi = w r clipped by Huber.
 
     sum w zeta U' is the information times the mean weight; psi' is 1 where r is not clipped.
     """
-    i11, i12, i22 = _inverse(sums)
     squared = sums.squares / jnp.maximum(sums.number - 2, 1)
     clipping = sums.weights * sums.number / jnp.maximum(sums.unclipped, 1) ** 2
-    return squared * clipping * jnp.array([[i11, i12], [i12, i22]])
+    return squared * clipping * _inverse(sums).array()
 
 
 #: huber = 2 makes the root mean square error without outliers .5 % larger, and with three per cent

@@ -1,7 +1,7 @@
 """Fang et al. 2018: the slope of the adhesion curve by recursive least squares, without a curve."""
 
 from collections import OrderedDict
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from adhesion_jax.records import Known, Record
 _DIFFUSE = 1e12
 
 
-class Recursion(NamedTuple):
+class SlopeRecursion(NamedTuple):
     """The filters, the recursion, and the covariance of its error per unit of the noise.
 
     `uu`, `ud` and `dd` are E u^2, E u d and E d^2, u the noise that is left in the filtered
@@ -56,8 +56,8 @@ class RecursiveSlope(Identifier):
     phi, which lowers the slope by the share of that noise in E phi^2.
     """
 
-    FITS_LAST_RECORD: ClassVar[bool] = False
-    RESETS: ClassVar[bool] = False
+    FITS_LAST_RECORD = False
+    RESETS = False
 
     gamma: Scalar  # s^4/m^2
     time_constant: Scalar  # of the low-pass, s
@@ -71,7 +71,7 @@ class RecursiveSlope(Identifier):
         zero, one, none = jnp.zeros(()), jnp.ones(()), jnp.asarray(jnp.nan)
         p = jnp.asarray(_DIFFUSE)
         return begin(
-            known, Recursion(none, zero, zero, zero, p, one, zero, one, zero, p, zero, zero)
+            known, SlopeRecursion(none, zero, zero, zero, p, one, zero, one, zero, p, zero, zero)
         )
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
@@ -80,7 +80,7 @@ class RecursiveSlope(Identifier):
         return state._replace(objective=state.recursion.residual**2)
 
     def estimate(self, state: OnlineState) -> Estimate:
-        recursion: Recursion = state.recursion
+        recursion: SlopeRecursion = state.recursion
         variance = recursion.squares / jnp.maximum(recursion.samples, 1.0) * recursion.dd
         return Estimate(
             OrderedDict(slope=recursion.theta),
@@ -95,13 +95,13 @@ class RecursiveSlope(Identifier):
 
     def _step(
         self,
-        state: Recursion,
+        state: SlopeRecursion,
         taken: Bool[Array, ""],
         slip: Float[Array, ""],
         adhesion: Float[Array, ""],
         slip_velocity: Float[Array, ""],
         time: Float[Array, ""],
-    ) -> Recursion:
+    ) -> SlopeRecursion:
         first = jnp.isnan(state.time)
         span = jnp.where(first, 1.0, time - state.time)
         share = -jnp.expm1(-span / self.time_constant)
@@ -118,7 +118,7 @@ class RecursiveSlope(Identifier):
         kept, keep = 1 / found.scale, 1 - share
         uu, ud, dd = state.uu, state.ud, state.dd
         unit = rise**2 * (1 + uu) + phi**2 * dd + 2 * rise * phi * ud
-        later = Recursion(
+        later = SlopeRecursion(
             time=time,
             adhesion=state.adhesion + span * y,
             slip_velocity=state.slip_velocity + span * phi,

@@ -32,7 +32,7 @@ from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier, Status
 from adhesion_jax.library.methods import methods_named
 from adhesion_jax.library.shards import compute, extended, opened_for
@@ -44,7 +44,7 @@ from adhesion_jax.wording import listed
 
 #: The files of a campaign.
 MONTECARLO_FILES = (
-    *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", "metadata.json"),
+    *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", METADATA),
     *("steady.csv", "tracking.csv", "bands.csv"),
     *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png"),
 )
@@ -97,7 +97,7 @@ class MonteCarlo:
             "wall_seconds": self.seconds,
             **runtime.describe(),
         }
-        write_metadata(path / "metadata.json", metadata)
+        write_metadata(path / METADATA, metadata)
 
     def __repr__(self) -> str:
         return accuracy_table(self.summary, _quantities(self.summary))

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
+from matplotlib.figure import Figure
 
 from adhesion_jax.curves import CURVES, Law
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import write_table
+from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
@@ -35,7 +36,7 @@ from adhesion_jax.planning.plan import (
     wanted_of,
 )
 from adhesion_jax.planning.truth import Truth, curve_of
-from adhesion_jax.report.plan.figure import draw_plan
+from adhesion_jax.report.plan.figure import plan_figure
 from adhesion_jax.report.plan.words import plan_rows, told, wanted_rows
 from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.scenarios.rail_process import steady
@@ -43,7 +44,7 @@ from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.wording import listed
 
 #: The files of a plan.
-PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv")
+PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv", METADATA)
 
 #: Noise of the adhesion, and samples of a sweep, where neither is stated.
 _SIGMA, _SAMPLES_PER_RUN = 0.01, 200
@@ -88,7 +89,11 @@ class Planning:
         if self.wanted is not None:
             write_table(path / "wanted.csv", wanted_rows(self.plan, self.wanted))
         (path / "plan.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
-        draw_plan(path / "plan.png", self.source, self.map, self.present, self.wanted)
+        self.plot().savefig(path / "plan.png", dpi=150)
+
+    def plot(self) -> Figure:
+        """The errors of mu_max and slip_opt over the largest slip and the number of samples."""
+        return plan_figure(self.source, self.map, self.present, self.wanted)
 
     def __repr__(self) -> str:
         return self.verdict

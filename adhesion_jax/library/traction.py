@@ -25,7 +25,7 @@ from adhesion_jax.campaign.traction import (
     metrics_of,
 )
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.library.results import text_html
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.report.page_html import page_html
@@ -51,7 +51,7 @@ _POINT_CAPTION = "The operating point over the adhesion curves while the surface
 
 #: All that may be written, of whichever system.
 TRACTION_FILES = (
-    *("table.csv", "metrics.csv", "runs.parquet", "metadata.json", "report.html"),
+    *("table.csv", "metrics.csv", "runs.parquet", METADATA, "report.html"),
     *(f"{_POINT}.png", f"{_POINT}.gif"),
     *(f"{name}.png" for subject in SUBJECTS.values() for name in subject.captions),
 )
@@ -109,7 +109,7 @@ class Traction:
         )
         pictures = {picture: (path / picture).read_bytes() for picture in captions}
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
-        write_metadata(path / "metadata.json", self._metadata())
+        write_metadata(path / METADATA, self._metadata())
 
     def _metadata(self) -> Mapping[str, object]:
         asked, found = self.job.asked, self.judged

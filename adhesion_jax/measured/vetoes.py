@@ -6,11 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from adhesion_jax.data.exchanged import bins_of, exchanged
+from adhesion_jax.data.plausible import no_contact_has
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs
 from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate
 from adhesion_jax.measured.comparison import WIDEST, Comparison
-from adhesion_jax.measured.signals import Points, bins_of, passages, shifted, strange, swapped
+from adhesion_jax.measured.signals import Points, passages, shifted
 from adhesion_jax.wording import percent
 
 #: Most points of a bin that count as independent; medians differ that are this multiple of their
@@ -70,7 +72,7 @@ def judged(
     sweeps, late = passages(points, rows), shifted(points, rows, step_s)
     # Of one rise and return of slip, a slow change of the rail makes the same loop as a shift.
     clearly_late = late if sweeps > _ONE_EVENT else ""
-    found = [strange(points), clearly_late or swapped(points)]
+    found = [_no_adhesion(points), clearly_late or exchanged(points.slip, points.adhesion)]
     if not any(found):
         other = _independent(points) or _no_rise(points, fit) or _passed_by(points, fit)
         found.append(late if other and late else other)
@@ -93,6 +95,16 @@ def standing(answer: Answer, judgement: Judgement) -> tuple[Estimate, Estimate]:
     if judgement.at_least is not None:
         return judgement.at_least, NOT_KNOWN
     return answer.mu_max, answer.slip_opt
+
+
+def _no_adhesion(points: Points) -> str:
+    said = no_contact_has(points.adhesion)
+    if not said:
+        return ""
+    return (
+        f"No contact has this adhesion: {said}. The unit of the force or of the load is probably "
+        'another one; say it, as in --column "axle_force=F [kN]".'
+    )
 
 
 def _two_branches(branches: Comparison) -> str:

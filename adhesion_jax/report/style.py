@@ -1,6 +1,7 @@
 """Styles that distinguish lines in colour and in grey, and the axis of slip."""
 
 from collections.abc import Iterable, Mapping
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,15 @@ _MOST_POINTS = 4000
 def thinned(points: pd.DataFrame) -> pd.DataFrame:
     """Every n-th point, with the smallest n that leaves few enough points to draw."""
     return points.iloc[:: -(-len(points) // _MOST_POINTS) or 1]
+
+
+class Shown(Figure):
+    """A figure that a notebook shows by itself."""
+
+    def _repr_png_(self) -> bytes:
+        picture = BytesIO()
+        self.savefig(picture, format="png", dpi=80)
+        return picture.getvalue()
 
 
 def panels(count: int, height: float) -> tuple[Figure, list[Axes]]:

@@ -1,7 +1,7 @@
 """A day of a locomotive as its logger writes it: trips and stops at 100 Hz, a few slip events."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,13 +14,9 @@ from scipy.signal import lfilter
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.one_log import LOG_FORMS, Course, burckhardt
 
 #: Seconds between two rows.
 STEP_S = 0.01
-
-#: Effects that can be planted, and how strong they are (see `one_log.LOG_FORMS`).
-EFFECTS = {"humidity": 0.15, "falling_friction": 0.3}
 
 #: Standard deviation of the white noise of the wheel speed, m/s, and of the AR(1) noise of adhesion
 #: with its correlation from row to row.
@@ -40,6 +36,36 @@ _AXLE_LOAD_N = 210e3
 
 #: Rows that are drawn and written at a time.
 _ROWS = 250_000
+
+
+class LogCourse(NamedTuple):
+    """The slip, events and columns of a log, before any adhesion; arrays of one shape."""
+
+    slip: np.ndarray  # true
+    event: np.ndarray  # whether the point lies in a slip event
+    columns: Mapping[str, np.ndarray]
+
+
+def burckhardt(law: Burckhardt, slip: np.ndarray) -> np.ndarray:
+    """c1 (1 - exp(-c2 |l|)) - c3 |l|, odd in l."""
+    size = np.abs(slip)
+    rise = -float(law.c1) * np.expm1(-float(law.c2) * size)
+    return np.asarray(np.sign(slip) * (rise - float(law.c3) * size))
+
+
+def dry(amount: float, course: LogCourse) -> np.ndarray:
+    """Adhesion falls with humidity: exp(-a (H - 65 %)/20 %)."""
+    return np.exp(-amount * (course.columns["relative_humidity_pct"] - 65) / 20)
+
+
+def falling(amount: float, course: LogCourse) -> np.ndarray:
+    """(1 + w/w0)^-a, w the slip velocity in m/s, w0 = .2 m/s: steep at first, flat later."""
+    velocity = course.slip * course.columns["vehicle_speed_mps"]
+    return (1 + velocity / 0.2) ** -amount
+
+
+#: Effects that can be planted: how strong they are, and the factor on adhesion that they make.
+EFFECTS = {"humidity": (0.15, dry), "falling_friction": (0.3, falling)}
 
 
 class LocomotiveLog(NamedTuple):
@@ -114,10 +140,10 @@ def tables(log: LocomotiveLog) -> Iterator[pd.DataFrame]:
         humidity = 68 + 14 * np.sin(day / 7 + log.waves[0]) + 3 * np.sin(day / 1.3 + log.waves[1])
         load = _AXLE_LOAD_N + 800 * np.sin(11 * day + log.waves[2])
         columns = {"vehicle_speed_mps": speed, "relative_humidity_pct": humidity}
-        course = Course(slip, event, columns)
+        course = LogCourse(slip, event, columns)
         adhesion = burckhardt(log.curve, slip)
-        for name in log.effects:
-            adhesion = adhesion * LOG_FORMS[name].factor(EFFECTS[name], course)
+        for strength, factor in (EFFECTS[name] for name in log.effects):
+            adhesion = adhesion * factor(strength, course)
         white = SIGMA * np.sqrt(1 - AUTOCORRELATION**2) * of_adhesion.standard_normal(time.size)
         noise, kept = lfilter([1.0], [1.0, -AUTOCORRELATION], white, zi=kept)
         wheel = WHEEL_SPEED_NOISE_MPS * of_wheel.standard_normal(time.size)
@@ -173,7 +199,7 @@ def truth_text(log: LocomotiveLog) -> str:
         "slip_opt": slip,
         "mu_max": float(burckhardt(log.curve, np.array(slip))),
         "events": events,
-        "effects": {name: EFFECTS[name] for name in log.effects},
+        "effects": {name: EFFECTS[name][0] for name in log.effects},
         "noise": {
             "wheel_speed_mps": WHEEL_SPEED_NOISE_MPS,
             "adhesion": SIGMA,

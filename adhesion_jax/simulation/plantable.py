@@ -8,7 +8,7 @@ from adhesion_jax.simulation.planted_signals import SIGNALS
 from adhesion_jax.simulation.planted_surroundings import SURROUNDINGS
 from adhesion_jax.simulation.planting import (
     CleanRuns,
-    Plan,
+    OpenEffect,
     Planted,
     Planting,
     by_factor,
@@ -18,7 +18,7 @@ from adhesion_jax.simulation.planting import (
 )
 
 
-def torsion_otherwise(runs: CleanRuns) -> Plan:
+def torsion_otherwise(runs: CleanRuns) -> OpenEffect:
     """Mu + a sin(2 pi f t + phase of the run), f .5 to 3 Hz, t from the start of the run."""
     time = runs.columns["time_s"] - runs.columns["time_s"][:, :1]
     frequency = runs.generator.uniform(0.5, 3.0)
@@ -29,23 +29,23 @@ def torsion_otherwise(runs: CleanRuns) -> Plan:
         values = {"amplitude": amount, "frequency_hz": frequency}
         return Planted(2, unchanged, lambda adhesion: adhesion + amount * wave, unchanged, values)
 
-    return Plan(make, 0.3)
+    return OpenEffect(make, 0.3)
 
 
-def unknown_column(runs: CleanRuns) -> Plan:
+def unknown_column(runs: CleanRuns) -> OpenEffect:
     """The level falls with a column that no cause of the catalogue knows."""
     place, spread = runs.middle("rail_age_days"), float(np.std(runs.columns["rail_age_days"]))
     return by_its_formula(lambda a: Covariate(-a, place, spread, "rail_age_days"), 0.9, runs)
 
 
-def unknown_column_otherwise(runs: CleanRuns) -> Plan:
+def unknown_column_otherwise(runs: CleanRuns) -> OpenEffect:
     """1 - a (1 - exp(-z/(.4 z_max))), z the age of the rail from its least on."""
     age = runs.columns["rail_age_days"] - runs.columns["rail_age_days"].min()
     old = -np.expm1(-age / (0.4 * age.max()))
     return by_factor(lambda a: 1 - a * old, 0.95)
 
 
-def product(runs: CleanRuns) -> Plan:
+def product(runs: CleanRuns) -> OpenEffect:
     """The level depends on two columns together."""
     pair = ("gradient_permille", "temperature_C")
     first, second = (float(np.std(runs.columns[column])) for column in pair)
@@ -55,7 +55,7 @@ def product(runs: CleanRuns) -> Plan:
     )
 
 
-def product_otherwise(runs: CleanRuns) -> Plan:
+def product_otherwise(runs: CleanRuns) -> OpenEffect:
     """1 + a (T - mean)/10 K tanh(gradient/8), .05 at least."""
     celsius = runs.columns["temperature_C"]
     warm = (celsius - np.mean(celsius)) / 10
@@ -63,7 +63,7 @@ def product_otherwise(runs: CleanRuns) -> Plan:
     return by_factor(lambda a: np.maximum(1 + a * warm * steep, 0.05), 0.6)
 
 
-def periodic(runs: CleanRuns) -> Plan:
+def periodic(runs: CleanRuns) -> OpenEffect:
     """A wave along a column that is neither a position nor an angle."""
     sine, cosine = float(np.sin(runs.phase)), float(np.cos(runs.phase))
     frequency = 1 / runs.generator.uniform(11.0, 29.0)
@@ -72,7 +72,7 @@ def periodic(runs: CleanRuns) -> Plan:
     )
 
 
-def periodic_otherwise(runs: CleanRuns) -> Plan:
+def periodic_otherwise(runs: CleanRuns) -> OpenEffect:
     """1 + a sign(s) |s|^.6, s the sine of the phase."""
     wave = np.sin(2 * np.pi * runs.columns["groove_depth_um"] / runs.generator.uniform(11.0, 29.0))
     return by_factor(lambda a: 1 + a * np.sign(wave) * np.abs(wave) ** 0.6, 0.9)
@@ -80,29 +80,10 @@ def periodic_otherwise(runs: CleanRuns) -> Plan:
 
 #: Causes that have no class in the catalogue.
 _BEYOND = {
-    "torsion": Planting(
-        None, torsion_otherwise, ("time_s", "time_in_run"), same_as=("periodic:time_s",)
-    ),
-    "unknown_column": Planting(
-        unknown_column,
-        unknown_column_otherwise,
-        ("rail_age_days",),
-        same_as=("covariate:rail_age_days",),
-    ),
-    "product": Planting(
-        product,
-        product_otherwise,
-        ("gradient_permille", "temperature_C", "position_m"),
-        chosen("gradient_permille"),
-        same_as=("product:",),
-    ),
-    "periodic": Planting(
-        periodic,
-        periodic_otherwise,
-        ("groove_depth_um",),
-        chosen("groove_depth_um"),
-        same_as=("periodic:groove_depth_um", "covariate:groove_depth_um"),
-    ),
+    "torsion": Planting(None, torsion_otherwise),
+    "unknown_column": Planting(unknown_column, unknown_column_otherwise),
+    "product": Planting(product, product_otherwise, chosen("gradient_permille")),
+    "periodic": Planting(periodic, periodic_otherwise, chosen("groove_depth_um")),
 }
 
 _OF_CATALOGUE = {**CONTACT, **SURROUNDINGS, **SIGNALS}
@@ -112,12 +93,3 @@ PLANTABLE: dict[str, Planting] = {
     **{name: _OF_CATALOGUE[name] for name in EFFECTS if name in _OF_CATALOGUE},
     **_BEYOND,
 }
-
-
-def names_for(name: str) -> tuple[str, ...]:
-    """All names that count as a planted effect, its own first.
-
-    A name that ends in a colon counts for every name that begins with it.
-    """
-    known = EFFECTS[name].FACTS if name in EFFECTS else PLANTABLE[name]
-    return (name, *known.same_as)

@@ -73,7 +73,7 @@ class Planted(NamedTuple):
     parameters: Mapping[str, float]
 
 
-class Plan(NamedTuple):
+class OpenEffect(NamedTuple):
     """An effect whose strength is open: `make(amount)`, amount from 0 to `limit`."""
 
     make: Callable[[float], Planted]
@@ -81,7 +81,7 @@ class Plan(NamedTuple):
 
 
 #: An effect in simulated runs: its strength is open, the rest drawn.
-Form = Callable[[CleanRuns], Plan]
+Form = Callable[[CleanRuns], OpenEffect]
 
 #: Columns [runs, points] from those that every run has.
 Extra = Callable[[Mapping[str, np.ndarray], np.random.Generator], Mapping[str, np.ndarray]]
@@ -93,35 +93,30 @@ def chosen(*names: str) -> Extra:
 
 
 class Planting(NamedTuple):
-    """How an effect is planted in simulated runs, and how a study judges what is found of it.
+    """How an effect is planted in simulated runs.
 
     `exact` plants it by its own formula; None for noise, which has no formula to be varied.
     `otherwise` plants it by another formula, because a real rail follows none of the catalogue.
-    `seen_in` holds the columns in which a method without physics sees it, the one that stands for
-    it first: columns of a table, or beginnings of the names of features made of them. `extra` gives
-    the columns that runs have only where it is planted. `same_as` holds the names that say the same
-    of what the catalogue lacks; one that ends in a colon stands for all that begin with it.
+    `extra` gives the columns that runs have only where it is planted.
     """
 
     exact: Form | None
     otherwise: Form
-    seen_in: tuple[str, ...]
     extra: Extra = chosen()
-    same_as: tuple[str, ...] = ()
 
 
 def of_strength(kind: type[Effect], limit: float, **fixed: float) -> Form:
     """An effect of one strength by its own formula, its references the medians of the runs."""
     (strength,) = kind.FACTS.strengths
 
-    def exact(runs: CleanRuns) -> Plan:
-        middles = {name: runs.middle(column) for name, column in kind.FACTS.references.items()}
-        return by_its_formula(lambda a: kind(**{strength: a}, **middles, **fixed), limit, runs)
+    def exact(runs: CleanRuns) -> OpenEffect:
+        medians = kind.medians(runs.columns)
+        return by_its_formula(lambda a: kind(**{strength: a}, **medians, **fixed), limit, runs)
 
     return exact
 
 
-def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRuns) -> Plan:
+def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRuns) -> OpenEffect:
     """The effect itself, `build(amount)`, on the runs."""
     true_slip = jnp.asarray(runs.slip)
 
@@ -144,17 +139,17 @@ def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRu
             return Planted(effect.ORDER, unchanged, after, unchanged, values)
         return Planted(effect.ORDER, before, after, unchanged, values)
 
-    return Plan(make, limit)
+    return OpenEffect(make, limit)
 
 
-def by_factor(factor: Callable[[float], np.ndarray], limit: float) -> Plan:
+def by_factor(factor: Callable[[float], np.ndarray], limit: float) -> OpenEffect:
     """Adhesion times `factor(amount)`, [runs, points]."""
 
     def make(amount: float) -> Planted:
         values = factor(amount)
         return planted(amount, 1, after=lambda adhesion: adhesion * values)
 
-    return Plan(make, limit)
+    return OpenEffect(make, limit)
 
 
 def planted(

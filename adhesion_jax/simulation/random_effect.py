@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.simulation.planting import Bend, CleanRuns, Plan, Planted, unchanged
+from adhesion_jax.simulation.planting import Bend, CleanRuns, OpenEffect, Planted, unchanged
 
 #: Columns that a random effect can rest on.
 RANDOM_COLUMNS = (
@@ -32,13 +32,7 @@ class RandomEffect(NamedTuple):
     acts_on: str
 
 
-def draw_random_effect(acts_on: str, count: int, generator: np.random.Generator) -> RandomEffect:
-    """A random effect of `count` columns, all equally likely."""
-    columns = generator.choice(RANDOM_COLUMNS, count, replace=False)
-    return RandomEffect(tuple(str(name) for name in columns), acts_on)
-
-
-def random_plan(effect: RandomEffect, runs: CleanRuns) -> Plan:
+def random_plan(effect: RandomEffect, runs: CleanRuns) -> OpenEffect:
     """The effect on the runs, g = amount f with the extremes of f at +-1.
 
     level: mu exp(g); slip: mu(slip exp(g)); fall: mu_max - (mu_max - mu) exp(g) beyond the peak.
@@ -57,11 +51,11 @@ def random_plan(effect: RandomEffect, runs: CleanRuns) -> Plan:
 
     match effect.acts_on:
         case "level":
-            return Plan(
+            return OpenEffect(
                 lambda amount: planted(amount, after=lambda mu: mu * np.exp(amount * f)), 1.5
             )
         case "slip":
-            return Plan(
+            return OpenEffect(
                 lambda amount: planted(amount, before=lambda slip: slip * np.exp(amount * f)), 2.0
             )
         case _:
@@ -73,7 +67,7 @@ def random_plan(effect: RandomEffect, runs: CleanRuns) -> Plan:
                 changed = np.sign(mu) * (height - fall * np.exp(amount * f))
                 return np.where(beyond, changed, mu)
 
-            return Plan(
+            return OpenEffect(
                 lambda amount: planted(amount, after=lambda mu: fallen(mu, amount)),
                 _steepest(runs.curve(slip), height, f, beyond),
             )

@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
+from scipy.signal import lfilter
 
 from adhesion_jax.curves import CURVES, Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.simulation.base import conditions_of, misfit, on_runs, rms
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.planting import Bend, CleanRuns, Plan, Planted
+from adhesion_jax.simulation.planting import Bend, CleanRuns, OpenEffect, Planted
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
     RANDOM_COLUMNS,
@@ -46,7 +47,7 @@ FORMS = ("exact", "perturbed")
 _TEST = 0.3
 
 
-class Noise(NamedTuple):
+class SetNoise(NamedTuple):
     """e(k) = r e(k-1) + w(k) of standard deviation sigma, on top of a factor 1 + N(0, s) a run."""
 
     sigma: float = 0.007  # of adhesion
@@ -61,7 +62,7 @@ class SimulatedSet(NamedTuple):
     test: pd.DataFrame
     truth: tuple[str, ...]  # the planted effects
     parameters: Mapping[str, Mapping[str, float]]  # of each of them
-    noise: Noise
+    noise: SetNoise
     base: str
     curve: Curve  # the base law without effects
     visible: float  # rms of the misfit of the refitted base to the clean training data, over sigma
@@ -79,7 +80,7 @@ def simulate(
     operational: bool = False,
     strength: float | None = None,
     form: str = "exact",
-    noise: Noise = Noise(),  # noqa: B008  (an immutable tuple)
+    noise: SetNoise = SetNoise(),  # noqa: B008  (an immutable tuple)
     runs: int = 40,
     points: int = 200,
     remove: Sequence[str] = (),
@@ -175,7 +176,7 @@ def _check(
     base: str,
     strength: float | None,
     form: str,
-    noise: Noise,
+    noise: SetNoise,
     runs: int,
     points: int,
     remove: Sequence[str],
@@ -220,14 +221,14 @@ def _extra_columns(effects: Sequence[str], truth: Runs, seed: int) -> Mapping[st
     return extra
 
 
-def _plan(name: str, form: str, runs: CleanRuns) -> Plan:
+def _plan(name: str, form: str, runs: CleanRuns) -> OpenEffect:
     planting = PLANTABLE[name]
     if form == "perturbed" or planting.exact is None:
         return planting.otherwise(runs)
     return planting.exact(runs._replace(phase=runs.generator.uniform(0, 2 * np.pi)))
 
 
-def _of_strength(plan: Plan, strength: float, slip: np.ndarray, curve: Bend) -> Planted:
+def _of_strength(plan: OpenEffect, strength: float, slip: np.ndarray, curve: Bend) -> Planted:
     """The effect at the smallest amount that has the strength, or else at its limit."""
     scale = np.quantile(np.abs(curve(slip)), 0.95)
 
@@ -259,14 +260,12 @@ def _applied(
     return adhesion, measured
 
 
-def noisy(clean: np.ndarray, noise: Noise, generator: np.random.Generator) -> np.ndarray:
+def noisy(clean: np.ndarray, noise: SetNoise, generator: np.random.Generator) -> np.ndarray:
     """Clean adhesion [runs, points] with its noise."""
     white = generator.standard_normal(clean.shape)
     level = generator.standard_normal((len(clean), 1))
-    error = white.copy()
-    new = np.sqrt(1 - noise.autocorrelation**2)
-    for k in range(1, clean.shape[1]):
-        error[:, k] = noise.autocorrelation * error[:, k - 1] + new * white[:, k]
+    white[:, 1:] *= np.sqrt(1 - noise.autocorrelation**2)
+    error = lfilter([1.0], [1.0, -noise.autocorrelation], white, axis=1)
     return clean * (1 + noise.run_scatter * level) + noise.sigma * error
 
 

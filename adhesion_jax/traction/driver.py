@@ -4,6 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from adhesion_jax.traction.signals import PerAxle
+
 TRACTION, BRAKING, DONE = 0, 1, 2
 
 
@@ -27,6 +29,6 @@ class Driver(eqx.Module):
         )
 
 
-def lowered(demand: Float[Array, " axles"], command: Float[Array, " axles"]) -> Array:
+def lowered(demand: PerAxle, command: PerAxle) -> Array:
     """A command no larger than the demand, in the direction of the demand."""
     return jnp.where(demand >= 0, jnp.minimum(command, demand), jnp.maximum(command, demand))

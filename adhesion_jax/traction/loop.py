@@ -24,7 +24,7 @@ from adhesion_jax.traction.plants.base import Held, Plant, held_by, limited
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.seekers import Seeker
 from adhesion_jax.traction.sensors import Sensed, Sensors
-from adhesion_jax.traction.signals import Measured, Signals
+from adhesion_jax.traction.signals import Measurement, PerAxle, Signals
 
 #: Time between two samples of the metrics in s, or the control period where that is longer.
 SAMPLE = 1e-3
@@ -45,7 +45,7 @@ class Loop(eqx.Module):
     seeker: Seeker | None
     controller: Controller
     train_speed: Float[Array, ""]  # at first, m/s
-    slip: Float[Array, " axles"]  # at first, m/s
+    slip: PerAxle  # at first, m/s
     slope: Float[Array, ""]  # of the track, as an angle in rad; positive uphill
 
 
@@ -73,9 +73,9 @@ class Trace(NamedTuple):
 
     time: Float[Array, ""]
     sample: Sample
-    command: Float[Array, " axles"]
-    motor_speed: Float[Array, " axles"]
-    rim_speed: Float[Array, " axles"]
+    command: PerAxle
+    motor_speed: PerAxle
+    rim_speed: PerAxle
     controller: Any  # the state of the controller
 
 
@@ -88,8 +88,8 @@ class _State(NamedTuple):
     mode: Int[Array, ""]
     steps: Int[Array, ""]
     waiting: Float[Array, "dead axles"]  # commands within the dead time, not yet in effect
-    command: Float[Array, " axles"]
-    asked: Float[Array, " axles"]
+    command: PerAxle
+    asked: PerAxle
     totals: Any  # Totals, once the first sample is taken
 
 
@@ -142,7 +142,7 @@ def _jacobians(
     plant: Plant,
     rails: Rails,
     train_speed: Float[Array, ""],
-    slip: Float[Array, " axles"],
+    slip: PerAxle,
     slope: Float[Array, ""],
 ) -> Float[Array, "segments numbers numbers"]:
     """The Jacobian of the plant in 1/s, rolling almost without slip, on each of the surfaces."""
@@ -220,9 +220,7 @@ def _seen(loop: Loop, grid: Timing, state: _State) -> Trace:
     )
 
 
-def _motor_speed(
-    plant: Plant, train_speed: Float[Array, ""], slip: Float[Array, " axles"]
-) -> Float[Array, " axles"]:
+def _motor_speed(plant: Plant, train_speed: Float[Array, ""], slip: PerAxle) -> PerAxle:
     return plant.gear_ratio * (train_speed + slip) / plant.radius
 
 
@@ -252,21 +250,21 @@ def _start(loop: Loop, grid: Timing) -> _State:
     return state._replace(totals=totals)
 
 
-def _measured(loop: Loop, sensed: Sensed, load: Float[Array, " axles"]) -> Measured:
+def _measured(loop: Loop, sensed: Sensed, load: PerAxle) -> Measurement:
     """The sensors' signals, and the true load for an observer that declares it is given."""
     told = load if loop.observer.TOLD_LOAD else None
-    return Measured(sensed.motor_speed, sensed.train_speed, sensed.slip, told)
+    return Measurement(sensed.motor_speed, sensed.train_speed, sensed.slip, told)
 
 
 def _segment(loop: Loop, state: _State) -> Int[Array, ""]:
     return loop.rails.segment(state.steps, state.plant.train_speed, state.mode == BRAKING)
 
 
-def _held(loop: Loop, state: _State, command: Float[Array, " axles"]) -> Held:
+def _held(loop: Loop, state: _State, command: PerAxle) -> Held:
     return Held(command, loop.rails.surface(_segment(loop, state)), loop.slope)
 
 
-def _optimum(loop: Loop, state: _State) -> tuple[Float[Array, " axles"], Float[Array, " axles"]]:
+def _optimum(loop: Loop, state: _State) -> tuple[PerAxle, PerAxle]:
     """Slip and adhesion of the peak that each axle could have now, the slip with its sign."""
     peak = loop.rails.surface(_segment(loop, state)).peak(state.plant.train_speed)
     sign = jnp.where(state.mode == BRAKING, -1.0, 1.0)
@@ -275,7 +273,7 @@ def _optimum(loop: Loop, state: _State) -> tuple[Float[Array, " axles"], Float[A
 
 
 def _signals(loop: Loop, grid: Timing, state: _State) -> Signals:
-    load = loop.observer.load(state.observer, loop.nominal)
+    load = state.observer.load
     told = loop.seeker is not None and loop.seeker.TOLD_OPTIMUM
     return Signals(
         time=state.steps * grid.step,
@@ -286,7 +284,7 @@ def _signals(loop: Loop, grid: Timing, state: _State) -> Signals:
         torque=state.plant.torque,
         load=load,
         adhesion=loop.nominal.adhesion_of(load),
-        slip_beside=loop.observer.slip(state.observer),
+        slip_beside=state.observer.slip,
         optimum=_optimum(loop, state)[0] if told else None,
     )
 
@@ -297,7 +295,6 @@ def _sample(loop: Loop, state: _State) -> Sample:
     slip, largest = _optimum(loop, state)
     force = plant.force(state.plant, held)
     lost = force * plant.slip_velocity(state.plant)
-    load = loop.observer.load(state.observer, loop.nominal)
     rim = plant.circumferential(plant.motor_speed(state.plant))
     return Sample(
         segment=_segment(loop, state),
@@ -307,7 +304,7 @@ def _sample(loop: Loop, state: _State) -> Sample:
         optimum=slip,
         adhesion=plant.adhesion(state.plant, held),
         largest=largest,
-        observed=loop.nominal.adhesion_of(load),
+        observed=loop.nominal.adhesion_of(state.observer.load),
         asked=state.asked,
         torque=state.plant.torque,
         slip_power=plant.axles_alike * jnp.sum(lost),
@@ -325,15 +322,11 @@ def _control(loop: Loop, grid: Timing, state: _State, key: PRNGKeyArray) -> _Sta
     state = state._replace(mode=mode, sensed=sensed)
 
     signals = _signals(loop, grid, state)
-    seeker, reference, asked = state.seeker, None, state.asked
+    seeker, asked, period = state.seeker, state.asked, grid.control_period
     if loop.seeker is not None:
-        seeker, reference = loop.seeker.update(
-            state.seeker, loop.nominal, signals, grid.control_period
-        )
-        asked = reference.slip
-    controller, wanted = loop.controller.update(
-        state.controller, loop.nominal, signals, reference, grid.control_period
-    )
+        seeker, reference = loop.seeker.update(seeker, loop.nominal, signals, period)
+        signals, asked = signals._replace(reference=reference), reference.slip
+    controller, wanted = loop.controller.update(state.controller, loop.nominal, signals, period)
     waiting = jnp.concatenate([state.waiting, lowered(signals.demand, wanted)[None]])
     state = state._replace(seeker=seeker, controller=controller, waiting=waiting[1:], asked=asked)
     acting = waiting[0]
@@ -355,7 +348,7 @@ def _sensed(
     return loop.sensors.sample(state.sensed, loop.nominal, speeds, fresh, drawn, grid.step)
 
 
-def _stepped(loop: Loop, grid: Timing, state: _State, acting: Float[Array, " axles"]) -> _State:
+def _stepped(loop: Loop, grid: Timing, state: _State, acting: PerAxle) -> _State:
     """One step of the plant and of the observer beside it."""
     plant = loop.plant
     command = limited(plant, acting, plant.motor_speed(state.plant))

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.signals import PerAxle
 
 
-class Noise(NamedTuple):
+class SpeedNoise(NamedTuple):
     """Standard deviations of white noise in the speeds of motor and train, in rad/s and m/s."""
 
     motor: Float[Array, ""] | float
@@ -26,7 +27,7 @@ class Sensors(eqx.Module):
     the radius that slip is computed with is too large.
     """
 
-    noise: Noise | None = None
+    noise: SpeedNoise | None = None
     train_bias: Float[Array, ""] | float = 0.0
     radius_error: Float[Array, ""] | float = 0.0
     period: float = eqx.field(default=0.0, static=True)
@@ -45,9 +46,7 @@ class Sensors(eqx.Module):
         # Without the barrier the compiler would draw the same numbers again at every use.
         return jax.lax.optimization_barrier(drawn).astype(float).reshape(samples, axles + 1)
 
-    def init(
-        self, nominal: Plant, motor_speed: Float[Array, " axles"], train_speed: Float[Array, ""]
-    ) -> "Sensed":
+    def init(self, nominal: Plant, motor_speed: PerAxle, train_speed: Float[Array, ""]) -> "Sensed":
         """The sensors at rest on the true speeds; the first sample is taken at once."""
         slip = nominal.circumferential(motor_speed) - train_speed
         return Sensed(motor_speed, train_speed, slip, *[jnp.zeros_like(motor_speed)] * 2)
@@ -56,7 +55,7 @@ class Sensors(eqx.Module):
         self,
         sensed: "Sensed",
         nominal: Plant,
-        speeds: tuple[Float[Array, " axles"], Float[Array, ""]],
+        speeds: tuple[PerAxle, Float[Array, ""]],
         fresh: Bool[Array, ""],
         drawn: Float[Array, " speeds"],
         step: float,
@@ -79,7 +78,7 @@ class Sensors(eqx.Module):
         taken = Sensed(motor_speed, train_speed, rim - train_speed, sensed.turned, counted)
         return jax.tree.map(lambda new, old: jnp.where(fresh, new, old), taken, sensed)
 
-    def turn(self, sensed: "Sensed", motor_speed: Float[Array, " axles"], step: float) -> "Sensed":
+    def turn(self, sensed: "Sensed", motor_speed: PerAxle, step: float) -> "Sensed":
         """After the motor has turned for a step of the plant."""
         if not self.pulses:
             return sensed
@@ -89,8 +88,8 @@ class Sensors(eqx.Module):
 class Sensed(NamedTuple):
     """What was measured last: rad/s, m/s and m/s; the angle turned in rad and its pulses."""
 
-    motor_speed: Float[Array, " axles"]
+    motor_speed: PerAxle
     train_speed: Float[Array, ""]
-    slip: Float[Array, " axles"]
-    turned: Float[Array, " axles"]
-    counted: Float[Array, " axles"]
+    slip: PerAxle
+    turned: PerAxle
+    counted: PerAxle

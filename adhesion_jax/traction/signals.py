@@ -2,35 +2,47 @@
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+#: A number of the whole train, one for each axle, and a setting, which is either.
+Number = Float[Array, ""]
+PerAxle = Float[Array, " axles"]
+Setting = float | Float[Array, "..."]
 
-class Measured(NamedTuple):
+
+class Measurement(NamedTuple):
     """The measurements of the sensors of a train."""
 
-    motor_speed: Float[Array, " axles"]  # rad/s
-    train_speed: Float[Array, ""]  # m/s
-    slip: Float[Array, " axles"]  # from both and from the radius as it is known, m/s
-    load: Float[Array, " axles"] | None  # the true one, for an observer that declares it is given
-
-
-class Signals(NamedTuple):
-    """The input of seekers and controllers at a control sample; it contains no true state."""
-
-    time: Float[Array, ""]  # s
-    demand: Float[Array, " axles"]  # the driver's torque, N m
-    motor_speed: Float[Array, " axles"]  # rad/s, measured
-    train_speed: Float[Array, ""]  # m/s, measured
-    slip: Float[Array, " axles"]  # m/s, measured
-    torque: Float[Array, " axles"]  # as the drive reports it, N m
-    load: Float[Array, " axles"]  # of the motor, as observed, N m
-    adhesion: Float[Array, " axles"]  # as observed
-    slip_beside: Float[Array, " axles"]  # m/s, with the same lag as the adhesion observed
-    optimum: Float[Array, " axles"] | None  # m/s, for a seeker that declares it is given
+    motor_speed: PerAxle  # rad/s
+    train_speed: Number  # m/s
+    slip: PerAxle  # from both and from the radius as it is known, m/s
+    load: PerAxle | None  # the true one, for an observer that declares it is given
 
 
 class Reference(NamedTuple):
     """The slip velocity that a seeker asks for, in m/s, and its rate of change in m/s^2."""
 
-    slip: Float[Array, " axles"]
-    rate: Float[Array, " axles"]
+    slip: PerAxle
+    rate: PerAxle
+
+
+class Signals(NamedTuple):
+    """The input of seekers and controllers at a control sample; it contains no true state."""
+
+    time: Number  # s
+    demand: PerAxle  # the driver's torque, N m
+    motor_speed: PerAxle  # rad/s, measured
+    train_speed: Number  # m/s, measured
+    slip: PerAxle  # m/s, measured
+    torque: PerAxle  # as the drive reports it, N m
+    load: PerAxle  # of the motor, as observed, N m
+    adhesion: PerAxle  # as observed
+    slip_beside: PerAxle  # m/s, with the same lag as the adhesion observed
+    optimum: PerAxle | None  # m/s, for a seeker that declares it is given
+    reference: Reference | None = None  # for a controller that follows a slip
+
+    @property
+    def direction(self) -> PerAxle:
+        """1 in traction, -1 in braking: laws are those of traction, in braking all signs turn."""
+        return jnp.where(self.demand < 0, -1.0, 1.0)

@@ -4,14 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Law
-from adhesion_jax.curves.base import SLIP_LIMIT, Peak
+from adhesion_jax.curves import SLIP_LIMIT, Law, Peak
+from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 
 #: Smallest speed in m/s by which a slip velocity is divided: slip ratios diverge at rest.
 _SLOWEST = 0.5
-
-#: Largest slip velocity in m/s at which a peak is searched.
-SLIP_VELOCITY_LIMIT = 5.0
 
 
 class Surface(eqx.Module):

@@ -12,7 +12,7 @@ import numpy as np
 
 from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Measured
+from adhesion_jax.traction.signals import Measurement
 from adhesion_jax.traction.systems.base import Case
 from adhesion_jax.traction.systems.hxd1f import SMES, SYSTEM
 from experiments.claims.claim import (
@@ -67,13 +67,13 @@ def settling(observer: Observer, nominal: Plant, load: float = 3000.0) -> float:
         both: tuple[jax.Array, object], _: jax.Array
     ) -> tuple[tuple[jax.Array, object], jax.Array]:
         speed, state = both
-        measured = Measured(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.full(1, load))
+        measured = Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.full(1, load))
         state = observer.update(state, nominal, measured, jnp.full(1, 5000.0), step)
         speed = speed + step * (5000.0 - load) / nominal.inertia
-        return (speed, state), observer.load(state, nominal)[0]
+        return (speed, state), state.load[0]
 
     speed = jnp.full(1, 50.0)
-    first = observer.init(nominal, Measured(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.zeros(1)))
+    first = observer.init(nominal, Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.zeros(1)))
     _, found = jax.jit(partial(jax.lax.scan, one))((speed, first), jnp.arange(steps))
     means = np.asarray(found).reshape(-1, block).mean(axis=1)
     off = np.nonzero(np.abs(means / load - 1) > 0.02)[0]

@@ -10,15 +10,16 @@ import pandas as pd
 
 from adhesion_jax.discovery.types import FoundEffect
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.plantable import PLANTABLE, names_for
+from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import FORMS, Noise, simulate
+from adhesion_jax.simulation.simulator import FORMS, SetNoise, simulate
 from experiments.discovery_study.judging import (
     blamed,
     columns_of,
     counted,
     is_one_of,
 )
+from experiments.discovery_study.right_names import names_for, seen_in
 from experiments.discovery_study.tasks import make_set, random_tasks
 
 #: What is planted in the simulated sets, in turn; a third of them have nothing hidden.
@@ -53,7 +54,7 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
     """Simulated campaigns: the forms of effects and the designs take turns, noise is drawn."""
     generator = np.random.default_rng((seed, 2))
     for number in range(count):
-        noise = Noise(
+        noise = SetNoise(
             float(generator.choice([0.005, 0.01, 0.02])),
             float(generator.choice([0.0, 0.3, 0.6])),
             float(generator.choice([0.0, 0.005, 0.01])),
@@ -69,7 +70,7 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
         yield PeerSet(
             f"simulated_{number:02d}",
             "+".join(campaign.truth) or "nothing",
-            tuple(Hidden(names_for(name), PLANTABLE[name].seen_in) for name in campaign.truth),
+            tuple(Hidden(names_for(name), seen_in(name)) for name in campaign.truth),
             campaign.train,
             campaign.test,
             campaign.test_rms_noise,
@@ -128,7 +129,7 @@ def right_columns(names: Sequence[str]) -> tuple[str, ...]:
     columns = [
         column
         for name in names
-        for column in (columns_of(name) if name not in PLANTABLE else PLANTABLE[name].seen_in)
+        for column in (seen_in(name) if name in PLANTABLE else columns_of(name))
     ]
     return tuple(dict.fromkeys(columns))
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from adhesion_jax.discovery.types import Findings, FoundEffect
 from adhesion_jax.effects import EFFECTS
-from adhesion_jax.simulation.one_log import LOG_FORMS
-from adhesion_jax.simulation.plantable import PLANTABLE, names_for
 from adhesion_jax.simulation.simulator import SimulatedSet
+from experiments.discovery_study.one_log import LOG_FORMS
+from experiments.discovery_study.right_names import names_for, seen_in
 from experiments.discovery_study.tasks import Task
 
 #: Of a class of more names than this only the first one counts.
@@ -31,7 +31,7 @@ def columns_of(name: str) -> tuple[str, ...]:
     kind, colon, columns = name.partition(":")
     if colon:
         return tuple(columns.replace(",", "*").split("*"))
-    return PLANTABLE[kind].seen_in[:1] if kind in EFFECTS else ()
+    return seen_in(kind)[:1] if kind in EFFECTS else ()
 
 
 def blamed(claim: FoundEffect, names: Sequence[str]) -> frozenset[str]:

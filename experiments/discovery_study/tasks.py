@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from adhesion_jax.effects import family_of
-from adhesion_jax.simulation.one_log import LOG_FORMS, one_log
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.random_effect import ACTS_ON, RandomEffect, draw_random_effect
+from adhesion_jax.simulation.random_effect import ACTS_ON, RANDOM_COLUMNS, RandomEffect
 from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import FORMS, Noise, SimulatedSet, simulate
+from adhesion_jax.simulation.simulator import FORMS, SetNoise, SimulatedSet, simulate
+from experiments.discovery_study.one_log import LOG_FORMS, one_log
 
 #: Effects whose detection is followed over their strength: one or two of each kind.
 FOLLOWED = (
@@ -53,6 +53,12 @@ LOGS = (
 )
 
 
+def draw_random_effect(acts_on: str, count: int, generator: np.random.Generator) -> RandomEffect:
+    """A random effect of `count` columns, all equally likely."""
+    columns = generator.choice(RANDOM_COLUMNS, count, replace=False)
+    return RandomEffect(tuple(str(name) for name in columns), acts_on)
+
+
 class Task(NamedTuple):
     """One set of a study."""
 
@@ -62,7 +68,7 @@ class Task(NamedTuple):
     base: str
     operational: bool
     form: str
-    noise: Noise
+    noise: SetNoise
     visible: float | None  # wanted, in sigma; None for the strength of the simulator's choice
     random: RandomEffect | None = None
     log: Log | None = None
@@ -118,8 +124,8 @@ def study_tasks(
     ]
 
 
-def _drawn_noise(generator: np.random.Generator) -> Noise:
-    return Noise(
+def _drawn_noise(generator: np.random.Generator) -> SetNoise:
+    return SetNoise(
         float(generator.choice([0.005, 0.01, 0.02])),
         float(generator.choice(AUTOCORRELATIONS)),
         float(generator.choice([0.0, 0.005, 0.01])),
@@ -189,7 +195,7 @@ def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
 
     def task(effects: tuple[str, ...], kind: tuple[Log, float]) -> Task:
         log, slow = kind
-        noise = Noise(0.008, slow, 0.0)
+        noise = SetNoise(0.008, slow, 0.0)
         return Task(
             "log", effects, next(numbers), "burckhardt", True, "perturbed", noise, None, log=log
         )
@@ -216,7 +222,7 @@ def make_set(task: Task) -> SimulatedSet:
             points=task.log.points,
         )
 
-    def with_strength(strength: float | None, noise: Noise = task.noise) -> SimulatedSet:
+    def with_strength(strength: float | None, noise: SetNoise = task.noise) -> SimulatedSet:
         return simulate(
             task.effects,
             seed=task.seed,

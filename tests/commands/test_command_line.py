@@ -1,10 +1,12 @@
 """The console command, and what it answers without importing jax."""
 
 import os
+import shlex
 import subprocess
 import sys
 from importlib.metadata import version
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -53,6 +55,26 @@ def test_the_catalogue_is_that_of_the_registries():
     assert answered(script=script).returncode == 0
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_ends_with_examples_whose_options_there_are(name):
+    command = adhesion.get_command(click.Context(adhesion), name)
+    told = CliRunner().invoke(adhesion, [name, "--help"]).output
+    lines = told.split("Examples:\n")[1].splitlines()
+    assert lines
+    for line in lines:
+        program, of, *words = shlex.split(line)
+        assert (program, of) == ("adhesion", name)
+        command.make_context(name, words, resilient_parsing=True)
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "status"])
+def test_the_names_that_options_take_are_listed(name):
+    listed = CliRunner().invoke(adhesion, [name, "--list"])
+    assert listed.exit_code == 0
+    names = {line.split()[0] for line in listed.output.splitlines() if line.startswith("  ")}
+    assert len(names) > 2
+
+
 def test_help_and_lists_import_no_jax():
     catalogue()  # the first command after a change of the source asks the rooms
     for arguments in ([], ["--help"], ["--version"], ["montecarlo", "--list"]):
@@ -92,7 +114,7 @@ REFUSED = {
     ),
     "follower": (["track", "eurosprinter", "--identifiers", "x"], "--identifiers x is not known"),
     "runs": (["discover", "nowhere.csv"], "nowhere.csv does not exist"),
-    "base": (["discover", "eurosprinter", "--base", "x"], "--base x is not known"),
+    "base": (["discover", "eurosprinter", "--curve", "x"], "--curve x is not known"),
     "effect": (["discover", "--simulate", "speed,x"], "--simulate x is not known"),
     "neither": (["discover"], "Name the files of TRAIN"),
     "system": (["traction", "--system", "tgv"], "--system tgv is not known"),

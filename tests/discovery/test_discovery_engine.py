@@ -12,7 +12,7 @@ from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.simulator import Noise, simulate
+from adhesion_jax.simulation.simulator import SetNoise, simulate
 
 
 def more(*seeds):
@@ -348,7 +348,7 @@ def test_a_locomotive_shows_a_fall_as_shape_where_the_curve_has_no_peak(seed):
 @pytest.mark.slow
 def test_a_lag_slower_than_the_slip_is_found_though_a_curve_with_slow_noise_fits_too():
     """At 1.4 sigma the signal hardly follows the slip, and its score at no lag is nothing."""
-    noise = Noise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)
+    noise = SetNoise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)
     campaign = simulate(
         ["lag"], seed=367, base="exponential", noise=noise, strength=0.5, form="exact", **SIZE
     )
@@ -389,10 +389,14 @@ def test_a_cause_in_words_is_found_and_a_column_computed_from_adhesion_is_left_o
 
 
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):
-    with pytest.raises(InputError, match=r"^--base pacejka is not known; name one of .*auto\.$"):
+    with pytest.raises(
+        InputError, match=r"^The curve pacejka is not known; name some of .*auto\.$"
+    ):
         discover(train, base="pacejka")
     bare = runs_of(campaign.train[["run", "slip_ratio", "adhesion"]])
-    with pytest.raises(InputError, match=r"^--base polach-falling needs the column vehicle_speed"):
+    with pytest.raises(
+        InputError, match=r"^The curve polach-falling needs the column vehicle_speed"
+    ):
         discover(bare, base="polach-falling")
 
 
@@ -403,7 +407,7 @@ def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train
 @pytest.mark.parametrize("seed", [2, *more(3)])
 def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     """Polach's curve falls with slip velocity by itself, and alone it fits best."""
-    noise = Noise(sigma=0.005, autocorrelation=0.0, run_scatter=0.0)
+    noise = SetNoise(sigma=0.005, autocorrelation=0.0, run_scatter=0.0)
     campaign = simulate([cause], seed=seed, base="burckhardt", noise=noise, **SIZE)
     found = discover(runs_of(campaign.train))
     assert len(found.effects) == 1

@@ -41,6 +41,18 @@ def test_a_class_gains_as_much_and_changes_the_prediction_alike():
     assert class_of([other, worse, alike, best], best) == ("best", "alike")
 
 
+@pytest.mark.parametrize(("degrees", "is_in"), [(58.9, True), (61.1, False), (121.1, True)])
+def test_members_of_a_class_share_a_quarter_of_what_they_change(degrees, is_in):
+    """What two changes share is the squared cosine between them: a quarter at 60 degrees."""
+    along = FIRST / np.linalg.norm(FIRST)
+    across = SECOND - (SECOND @ along) * along
+    across /= np.linalg.norm(across)
+    angle = np.deg2rad(degrees)
+    turned = score("turned", 0.999, np.cos(angle) * along + np.sin(angle) * across)
+    best = score("best")
+    assert class_of([best, turned], best) == (("best", "turned") if is_in else ("best",))
+
+
 def test_a_class_holds_causes_and_columns_whatever_their_kind():
     """Two columns whose correlation is near one are both named, by either of them."""
     humid = score("covariate:humid", column="humid")

@@ -103,6 +103,28 @@ def loop_of_instruments(slip, adhesion):
     return np.array(course), resets
 
 
+def test_the_first_sample_counts_as_one_with_noise_of_a_twentieth_of_its_adhesion():
+    """By an outside solver: its squared misfit, and that of the start within a tenth of the box."""
+    scenario = build("qian2024-switch", Options(points=200))
+    slip, spread = 0.0004, 0.1 * (UPPER - LOWER)
+    adhesion = 1.06 * instruments(START, slip)[0]
+    # So near to slip 0 the start says about as much of the adhesion as the sample does.
+    surprise = np.linalg.norm(instruments(START, slip)[1] * (1 + START @ [slip, slip**2]) * spread)
+    assert 0.5 < surprise / (0.05 * adhesion) < 2
+    record = flat(scenario.draw(jax.random.key(3)))
+    record = record._replace(slip=record.slip.at[0, 0].set(slip))
+    record = record._replace(adhesion=record.adhesion.at[0, 0].set(adhesion))
+    found = parameters(one_by_one("riv", scenario, record, 1))[0]
+
+    def misfit(x):
+        error = (instruments(x, slip)[0] - adhesion) / (0.05 * adhesion)
+        return np.append((x - START) / spread, error)
+
+    scale = {"x_scale": spread, "xtol": 1e-14, "ftol": 1e-14}
+    best = least_squares(misfit, START, bounds=(LOWER, UPPER), **scale).x
+    np.testing.assert_allclose(found - START, best - START, rtol=0.01)
+
+
 @pytest.fixture(scope="module")
 def switched():
     """A stream with a switch at sample 100 and outliers, and the estimates of `riv`."""

@@ -337,6 +337,13 @@ def test_a_force_in_another_unit_than_its_heading_says_is_asked_about():
     assert '--column "wheel_force=Radkraft [UNIT]"' in str(refused.value)
 
 
+def test_an_adhesion_that_no_contact_has_is_no_answer_though_its_unit_was_said():
+    table, _ = FAULTS["rolling_rows"](0)
+    whole = table.assign(adhesion=100 * table["adhesion"])
+    veto = one_veto(aj.identify(whole, "kiencke", {"adhesion": "adhesion [1]"}), "No contact has")
+    assert "or less in nine of ten rows" in veto
+
+
 @pytest.mark.thorough
 def test_a_file_of_what_is_no_adhesion_over_slip_has_no_peak():
     found = of_file("field/rock_velocity_step.csv")

@@ -5,8 +5,9 @@ import pytest
 from fault_forms import DRY
 from stranger_runs import STRANGERS, autoregression
 
+from adhesion_jax.data.exchanged import exchanged
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.measured.signals import Points, passages, shifted, swapped
+from adhesion_jax.measured.signals import Points, passages, shifted
 
 STEP = 0.1
 
@@ -37,8 +38,8 @@ def as_points(slip, adhesion):
 def test_exchanged_columns_are_told_from_right_ones(name, runs):
     for seed in range(5):
         points, _ = record(np.random.default_rng([seed, 1]), runs, 100, STRANGERS[name])
-        assert not swapped(points)
-        assert swapped(as_points(points.adhesion, points.slip))
+        assert not exchanged(points.slip, points.adhesion)
+        assert exchanged(points.adhesion, points.slip)
 
 
 def test_no_signals_look_exchanged_or_late_where_adhesion_does_not_depend_on_slip():
@@ -46,8 +47,8 @@ def test_no_signals_look_exchanged_or_late_where_adhesion_does_not_depend_on_sli
         rng = np.random.default_rng([seed, 2])
         points, rows = record(rng, 4, 60)
         points = points._replace(adhesion=rng.normal(0.2, 0.03, points.slip.size))
-        assert not swapped(points)
-        assert not swapped(as_points(points.adhesion, points.slip))
+        assert not exchanged(points.slip, points.adhesion)
+        assert not exchanged(points.adhesion, points.slip)
         assert not shifted(points, rows, STEP)
 
 

@@ -18,7 +18,7 @@ from adhesion_jax.measured.initial_slope import initial_slope
 from adhesion_jax.measured.log import to_log
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
-from adhesion_jax.simulation.one_log import one_log
+from experiments.discovery_study.one_log import one_log
 
 ONLINE = ("riv", "qp-qian2024-1", "rls-kiencke")
 

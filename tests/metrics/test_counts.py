@@ -41,6 +41,13 @@ def test_quantiles_of_estimates_are_right_to_half_a_bin(spread):
         assert (np.abs(found - true) <= 1.01 * half).all()
 
 
+def test_the_bins_are_as_wide_as_the_docs_say():
+    """0.005 times the root of bound^2 + d^2 at the distance d from the truth."""
+    middle = middles(np.array(0.8), np.array(0.01))
+    wide = np.diff(edges(0.8, 0.01))
+    np.testing.assert_allclose(wide, 0.005 * np.hypot(0.01, middle - 0.8), rtol=1e-4)
+
+
 def test_what_is_no_number_is_told_apart_and_what_is_too_large_is_in_the_last_bin():
     values = np.array([np.nan, np.inf, -np.inf, 1e300, 0.0])
     bins = bins_of(values, np.array(0.0), np.array(1.0))

@@ -21,7 +21,7 @@ from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.scenarios import Options
-from adhesion_jax.simulation.simulator import Noise, SimulatedSet, simulate
+from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, simulate
 from experiments.discovery_study.judging import judged
 from experiments.discovery_study.tasks import study_tasks
 
@@ -43,7 +43,7 @@ def parameters_of(campaign: SimulatedSet) -> tuple[float, ...]:
 
 
 # A new effect planted on a new curve, by both of its formulas.
-quiet = Noise(1e-9, 0.0, 0.0)
+quiet = SetNoise(1e-9, 0.0, 0.0)
 for form in ("exact", "perturbed"):
     campaign = simulate(["leaves"], seed=1, base="hyperbolic", form=form, noise=quiet, **SIZE)
     table, amount = campaign.train, next(iter(campaign.parameters["leaves"].values()))
@@ -68,7 +68,7 @@ files = [str(out / "train.csv"), "--test", str(out / "test.csv")]
 made = []
 engine.discover = lambda *given, **named: made.append(discover(*given, **named)) or made[-1]
 discover_command.main(
-    [*files, "--base", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
+    [*files, "--curve", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
 )
 (findings,) = made
 law = load_law(out / "report" / "law.json")
@@ -118,6 +118,7 @@ options = ["--curve", "hyperbolic", "--out", str(out / "identified")]
 identify_command.main([str(out / "curve.csv"), *options], standalone_mode=False)
 told["curve"] = CURVE
 (told["identified"],) = pd.read_csv(out / "identified" / "curves.csv").to_dict("records")
+told["parameters"] = pd.read_csv(out / "identified" / "parameters.csv").to_dict("records")
 
 # The method in a campaign beside the exact optimum.
 config = Config("single", ("damped", "ml-exact"), Options(rail="dry"), runs=256)

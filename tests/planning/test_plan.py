@@ -25,6 +25,7 @@ from adhesion_jax.planning.plan import (
     wanted_of,
 )
 from adhesion_jax.planning.truth import Truth, sensitivity_of
+from adhesion_jax.report.plan.words import worth
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
 
@@ -297,3 +298,8 @@ def test_what_a_figure_is_worth_is_told():
         "mu_max 0.2985",
     ):
         assert part in said
+
+
+def test_a_figure_is_rough_where_slip_opt_is_known_to_no_better_than_ten_per_cent():
+    """As docs/plan.md says: up to there small errors have scattered as planned."""
+    assert [worth(0.01, error) for error in (0.098, 0.102)] == ["determined", "rough"]

@@ -129,7 +129,7 @@ def test_only_files_of_its_own(written, name):
         "doubted": {"predictions.csv", "shapes.png"} | of_effects,
     }
     others = {"predictions.csv", "shapes.png"} | of_runs
-    no_log = {"events.png"}
+    no_log = {"metadata.json", "events.png"}
     assert set(DISCOVERY_FILES) - names == left_out.get(name, others) | no_log
 
 

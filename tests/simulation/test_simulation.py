@@ -6,12 +6,10 @@ from scipy.interpolate import CubicSpline
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.base import conditions_of, on_runs
-from adhesion_jax.simulation.one_log import one_log
 from adhesion_jax.simulation.planting import CleanRuns
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
     RandomEffect,
-    draw_random_effect,
     has_peak,
     peak_on_grid,
     random_plan,
@@ -19,7 +17,9 @@ from adhesion_jax.simulation.random_effect import (
     total_effect,
 )
 from adhesion_jax.simulation.runs import draw_curve, draw_runs
-from adhesion_jax.simulation.simulator import Noise, simulate
+from adhesion_jax.simulation.simulator import SetNoise, simulate
+from experiments.discovery_study.one_log import one_log
+from experiments.discovery_study.tasks import draw_random_effect
 
 SMALL = {"runs": 20, "points": 60}
 ONE, TWO = ("temperature_C",), ("relative_humidity_pct", "vehicle_speed_mps")
@@ -116,7 +116,7 @@ def test_the_peak_of_a_law_with_speed_is_found_at_each_point():
 @pytest.mark.parametrize("columns", [ONE, TWO])
 def test_a_random_effect_is_planted_alike_each_time_and_recorded(acts_on, columns):
     effect = RandomEffect(columns, acts_on)
-    quiet = Noise(1e-9, 0.0, 0.0)
+    quiet = SetNoise(1e-9, 0.0, 0.0)
     one, other = (
         simulate(random=effect, seed=3, strength=0.03, noise=quiet, **SMALL) for _ in range(2)
     )

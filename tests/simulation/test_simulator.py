@@ -16,7 +16,7 @@ from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import (
     TABLE_COLUMNS,
-    Noise,
+    SetNoise,
     simulate,
     write_set,
 )
@@ -30,7 +30,7 @@ EXTRA = {
     "periodic": ("groove_depth_um",),
 }
 
-QUIET = Noise(sigma=1e-9, autocorrelation=0.0, run_scatter=0.0)
+QUIET = SetNoise(sigma=1e-9, autocorrelation=0.0, run_scatter=0.0)
 
 
 def base_adhesion(curve, table: pd.DataFrame) -> np.ndarray:
@@ -50,8 +50,8 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_other_ones():
 
 
 def test_weather_excitation_noise_and_split_are_those_of_the_seed_whatever_is_planted():
-    null = simulate(seed=8, noise=Noise(run_scatter=0.0))
-    planted = simulate(["patch"], seed=8, noise=Noise(run_scatter=0.0))
+    null = simulate(seed=8, noise=SetNoise(run_scatter=0.0))
+    planted = simulate(["patch"], seed=8, noise=SetNoise(run_scatter=0.0))
     others = [name for name in TABLE_COLUMNS if name != "adhesion"]
     pd.testing.assert_frame_equal(null.test[others], planted.test[others], check_exact=True)
     np.testing.assert_allclose(
@@ -93,7 +93,7 @@ def test_base_families_take_turns():
 
 @pytest.mark.parametrize("family", BASE_CURVES)
 def test_a_null_set_refitted_by_its_own_base_has_the_stated_noise(family):
-    noise = Noise(sigma=0.01, autocorrelation=0.5, run_scatter=0.02)
+    noise = SetNoise(sigma=0.01, autocorrelation=0.5, run_scatter=0.02)
     campaign = simulate(seed=11, base=family, noise=noise)
     assert campaign.visible < 1e-3
     table, law = campaign.train, campaign.curve
@@ -194,8 +194,8 @@ def test_a_campaign_is_written_and_read(tmp_path):
         ({"remove": ["adhesion"]}, "nothing to discover"),
         ({"remove": ["humidity"]}, "no column 'humidity'"),
         ({"strength": 2.0}, "not between 0 and 1"),
-        ({"noise": Noise(sigma=0.0)}, "sigma above 0"),
-        ({"noise": Noise(autocorrelation=1.0)}, "below 1"),
+        ({"noise": SetNoise(sigma=0.0)}, "sigma above 0"),
+        ({"noise": SetNoise(autocorrelation=1.0)}, "below 1"),
         ({"runs": 3}, "at least 4 runs"),
     ],
 )

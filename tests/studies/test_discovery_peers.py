@@ -7,8 +7,7 @@ from matplotlib.image import imread
 
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.one_log import one_log
-from adhesion_jax.simulation.simulator import Noise, simulate
+from adhesion_jax.simulation.simulator import SetNoise, simulate
 from experiments.discovery_peers.__main__ import compared
 from experiments.discovery_peers.features import fit_base, folds, in_runs, make_problem
 from experiments.discovery_peers.report import draw_peers, peers_text
@@ -23,19 +22,20 @@ from experiments.discovery_peers.sets import (
     stored_sets,
 )
 from experiments.discovery_peers.summary import beaten, summarised
+from experiments.discovery_study.one_log import one_log
 
 SMALL = {"runs": 30, "points": 60}
 
 
 @pytest.fixture(scope="module")
 def campaign():
-    return simulate(["humidity"], seed=1, strength=0.4, noise=Noise(sigma=0.005), **SMALL)
+    return simulate(["humidity"], seed=1, strength=0.4, noise=SetNoise(sigma=0.005), **SMALL)
 
 
 @pytest.mark.slow
 def test_the_base_of_a_null_set_leaves_only_its_noise():
     for seed in (0, 2):
-        null = simulate(seed=seed, noise=Noise(0.01, 0.0, 0.0), **SMALL)
+        null = simulate(seed=seed, noise=SetNoise(0.01, 0.0, 0.0), **SMALL)
         base = fit_base(null.train, null.test)
         left = np.sqrt(np.mean((null.clean - base.test) ** 2))
         assert left < 0.2 * 0.01

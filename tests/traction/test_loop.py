@@ -24,8 +24,8 @@ from adhesion_jax.traction.plants.base import Held, held_by
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS
-from adhesion_jax.traction.sensors import Noise, Sensors
-from adhesion_jax.traction.signals import Measured
+from adhesion_jax.traction.sensors import Sensors, SpeedNoise
+from adhesion_jax.traction.signals import Measurement
 from adhesion_jax.traction.systems import SYSTEMS, fang2018, hxd1f, uyulan2018
 from adhesion_jax.traction.systems.base import built, exponential
 
@@ -126,13 +126,13 @@ def watched(observer, load, seconds, step=1e-4, name="hxd1f"):
     def one(both, time):
         speed, state = both
         loaded = load(time)
-        measured = Measured(speed, jnp.asarray(5.0), jnp.sin(time)[None], jnp.full(1, loaded))
+        measured = Measurement(speed, jnp.asarray(5.0), jnp.sin(time)[None], jnp.full(1, loaded))
         state = observer.update(state, nominal, measured, torque, step)
         speed = speed + step * (torque - loaded) / nominal.inertia
-        return (speed, state), (observer.load(state, nominal)[0], observer.slip(state)[0])
+        return (speed, state), (state.load[0], state.slip[0])
 
     speed = jnp.full(1, 50.0)
-    first = Measured(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.zeros(1))
+    first = Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.zeros(1))
     begin = (speed, observer.init(nominal, first))
     _, (found, slip) = jax.jit(partial(jax.lax.scan, one))(begin, times)
     return np.asarray(times), np.asarray(found), np.asarray(slip)
@@ -182,13 +182,13 @@ def test_a_curve_traced_up_and_down_is_one_curve():
         # The torque that gives this slip: its own account of the motor keeps the observer exact.
         rate = jnp.where(time < 0.3, 1.0, -1.0) * plant.gear_ratio / plant.radius
         torque = plant.load_of(adhesion) + plant.inertia * rate
-        measured = Measured(speed, jnp.asarray(5.0), jnp.full(1, slip), None)
+        measured = Measurement(speed, jnp.asarray(5.0), jnp.full(1, slip), None)
         state = observer.update(state, plant, measured, torque, step)
-        seen = plant.adhesion_of(observer.load(state, plant))
-        return (speed + step * rate, state), (seen[0], observer.slip(state)[0])
+        seen = plant.adhesion_of(state.load)
+        return (speed + step * rate, state), (seen[0], state.slip[0])
 
     speed = jnp.full(1, 50.0)
-    first = Measured(speed, jnp.asarray(5.0), jnp.zeros(1), None)
+    first = Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), None)
     times = jnp.arange(6000) * step
     begin = (speed, observer.init(plant, first))
     _, (adhesion, slip) = jax.jit(partial(jax.lax.scan, one))(begin, times)
@@ -327,7 +327,7 @@ def test_sensors_hold_bias_count_and_mistake_the_radius():
     plant = plant_of("hxd1f")
     speeds = (jnp.full(1, 60.0), jnp.asarray(5.5))
     drawn = jnp.asarray([1.0, -1.0])
-    sensors = Sensors(Noise(0.02, 0.005), train_bias=0.1, radius_error=0.01)
+    sensors = Sensors(SpeedNoise(0.02, 0.005), train_bias=0.1, radius_error=0.01)
     begin = sensors.init(plant, jnp.full(1, 50.0), jnp.asarray(5.0))
     taken = sensors.sample(begin, plant, speeds, jnp.asarray(True), drawn, 1e-3)
     assert float(taken.motor_speed[0]) == pytest.approx(60.02)

@@ -191,6 +191,15 @@ def test_the_fastest_rate_of_hxd1f_is_that_of_its_creep(surface, rate):
     assert abs(beyond - far_below) > far_below
 
 
+def test_the_limit_of_rk4_is_where_its_polynomial_has_the_size_one():
+    """|1 + z + z^2/2 + z^3/6 + z^4/24| = 1 on the negative real axis (Hairer and Wanner 1996)."""
+    roots = np.roots([1 / 24, 1 / 6, 1 / 2, 1, 0])
+    (limit,) = -roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real < -1)]
+    assert pytest.approx(limit, rel=1e-3) == RK4_STABLE
+    moved = [float(rk4(lambda x: -x, jnp.ones(()), share * limit)) for share in (0.999, 1.001)]
+    assert moved[0] < 1 < moved[1]
+
+
 def test_torque_is_limited_by_torque_and_by_power():
     plant = plant_of("hxd1f")
     slow, fast = jnp.full(1, 10.0), jnp.full(1, 400.0)

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from adhesion_jax.metrics.closed_loop import by_segment, figures, whole
+from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.loop import run, timing
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.sensors import Sensors
+from adhesion_jax.traction.signals import Reference, Signals
 from adhesion_jax.traction.systems import SYSTEMS, fang2018, uyulan2018
 from adhesion_jax.traction.systems.base import built, with_parts
 
@@ -124,3 +126,54 @@ def test_parts_take_the_place_of_the_papers():
     assert all(case.seeker is cases[0].seeker for case in found)
     whole_law = with_parts(cases, None, None, "slope-feedback")
     assert all(case.seeker is None for case in whole_law)
+
+
+def test_the_roads_of_fang_have_the_form_that_the_other_papers_print():
+    """b/a of the dry rail of Uyulan et al. 2018, 1.2/.54, and of the surfaces of the HXD1F."""
+    law = fang2018.road(0.2, 6.5).law
+    assert law.b / law.a == pytest.approx(1.2 / 0.54, rel=1e-4)
+    assert law.b / law.a == pytest.approx(7.2592 / 3.2666, rel=1e-4)
+    peak = law.peak({}, 10.0)
+    assert float(peak.adhesion) == pytest.approx(0.2, rel=1e-9)
+    assert 3.6 * float(peak.slip) == pytest.approx(6.5, rel=1e-9)
+
+
+@pytest.mark.parametrize(("kmh", "found"), [(35.5, True), (36.5, False)])
+def test_a_peak_is_looked_for_as_far_as_in_a_log_up_to_a_slip_of_36_km_per_hour(kmh, found):
+    peak = fang2018.road(0.2, kmh).peak(jnp.asarray(20.0))
+    assert bool(peak.found) == found
+
+
+def test_without_adhesion_the_printed_resistance_alone_is_to_be_overcome():
+    """R_0 = 1109.8 N of the paper on its dynamic mass: r kappa = R_0/m_dyn, in m/s^2."""
+    plant = read_plant(shipped()["uyulan2018"]).plant
+    controller = CONTROLLERS["adaptive-robust"]
+    none = jnp.zeros((1, 1))
+    found = float(uyulan2018.lyapunov(controller, plant, none, none, none)[0, 0])
+    effect = 0.31 * 6.92 / 1748.26
+    assert np.sqrt(2 * 19 * effect * found) == pytest.approx(1109.8 / 81357.19, rel=1e-4)
+
+
+def test_beyond_its_barrier_the_controller_of_the_hxd1f_is_stable_from_sample_to_sample():
+    """Its gain is not to exceed 1/period, from where on an error changes its sign in one sample."""
+    plant = read_plant(shipped()["hxd1f"]).plant
+    barrier = dataclasses.replace(CONTROLLERS["barrier"], least=-1e6)
+    none, period = jnp.zeros(1), SYSTEMS["hxd1f"].control_period
+    train = plant.acceleration(none, jnp.asarray(5.0))
+    lever = plant.radius / (plant.gear_ratio * plant.inertia)
+
+    @jax.jit
+    def after(error):
+        signals = Signals(
+            jnp.zeros(()), none + 1.0, none, jnp.asarray(5.0), error, none, none, none, none, None
+        )._replace(reference=Reference(none, none))
+        _, torque = barrier.update((), plant, signals, period)
+        return error + period * (lever * torque - train)
+
+    course = [none + 5 * barrier.above]
+    for _ in range(300):
+        course.append(after(course[-1]))
+    course = np.ravel(course)
+    assert np.all(course > 0)
+    assert np.all(np.diff(course) < 0)
+    assert course[-1] < 0.01 * course[0]

@@ -1,7 +1,7 @@
 """The findings of a finished search: effects with intervals, errors, and cautions."""
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -54,100 +54,114 @@ _NOISE = ("sigma", "autocorrelation", "run_scatter", "slow_level")
 _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")
 
 
-def summarise(
-    *,
-    runs: RunSet,
-    blocks: RunSet,
-    test: RunSet | None,
-    plain: Selection,
-    final: Selection,
-    slip: SlipNoise,
-    line: Torsion | None,
-    warnings: Sequence[str],
-    doubts: Sequence[Doubt],
-    opinion: Opinion | None,
-    correct: bool,
-    seed: int,
-    source: str,
-    citation: str,
-    began: float,
-) -> Findings:
-    """The findings of two states fitted to all runs: without (`plain`) and with effects (`final`).
+class Searched(NamedTuple):
+    """What a search leaves behind: two states fitted to all runs, and what was found beside them.
 
     `runs` are all rows, `blocks` the blocks of them that the states were searched in (the rows, if
-    they are few). `began` is the time at which the search began, by `time.perf_counter`.
+    they are few).
     """
+
+    runs: RunSet
+    blocks: RunSet
+    plain: Selection  # without effects
+    final: Selection  # with them
+    slip: SlipNoise
+    line: Torsion | None
+    doubts: Sequence[Doubt]
+    opinion: Opinion | None
+
+
+def summarise(
+    searched: Searched, test: RunSet | None, warnings: Sequence[str], correct: bool, seed: int
+) -> Findings:
+    """The findings of a search, but for the names of its data and the time that it took."""
+    runs, plain = searched.runs, searched.plain
+    final, unnamed = vetoed(searched.final)
     problem = final.setting.problem
-    final, unnamed = vetoed(final)
     ranges = ranges_of(problem, runs)
     law, bare = law_of(final, ranges), law_of(plain, ranges)
     before, after = predicted(bare, runs), predicted(law, runs)
-    train = _errors(runs, before, after, seed)
     validation = _validation(runs, before, after, plain.fitted, final.fitted, seed)
-    tested = predictions = with_trees = None
-    if test is not None:
-        test_before, test_after = predicted(bare, test), predicted(law, test)
-        tested = _errors(test, test_before, test_after, seed)
-        columns = {"base": test_before, "corrected": test_after}
-        if correct and opinion is not None and opinion.correction is not None:
-            known = columns_of(problem.columns, problem.calendar, test)
-            more = opinion.correction(features_of(problem, test.whole.slip, known))
-            columns["with_trees"] = test_after + np.sign(test.whole.slip) * more
-            with_trees = _errors(test, test_before, columns["with_trees"], seed)
-        predictions = _predictions(test.places, columns)
+    opinion = searched.opinion if correct else None
+    tested, with_trees, predictions = _on_test(test, bare, law, opinion, problem, seed)
     refuted = _refuted(final, validation, tested)
-    given = slip.sigma if slip.given else None
+    given = searched.slip.sigma if searched.slip.given else None
     left = left_by(runs, law, after, final.setting.share, given)
     noise = noise_of(left)
+    outside = extrapolated(final.accepted, problem, law, runs, test)
+    alike = likenesses(final, library_of(problem))
+    effects = _found(final, validation)
+    line = _torsion(searched.line, validation)
+    found = [*_slip_noise(noisy_slip(left), validation), *effects, *line]
+    words = (*shape_words(final), *warnings, *noise_words(final, noise))
+    far = tuple(sentence for _, sentence in outside)
+    return Findings(
+        source="",
+        base=final.base,
+        base_parameters=_base_parameters(plain, final),
+        law=bare if refuted else law,
+        law_before=bare,
+        noise_floor=_noise_floor(runs, noise),
+        noise={name: float(getattr(noise, name)) for name in _NOISE},
+        train=_errors(runs, before, after, seed),
+        validation=validation,
+        test=tested,
+        effects=tuple(effect for effect in found if ":" not in effect.name),
+        unexplained=tuple(effect for effect in found if ":" in effect.name),
+        ranking=final.ranking,
+        confounded=confounded(final, alike),
+        untested=untested(problem, runs),
+        proposals=proposals(final, alike),
+        dependences=dependences(final, seed),
+        warnings=(*refuted, *unnamed, *words, *far, absent(runs)),
+        points=_points(searched.blocks, before, after),
+        predictions=predictions,
+        seconds=0.0,
+        thresholds=final.thresholds,
+        slip=runs.slip,
+        doubts=tuple(searched.doubts),
+        opinion=searched.opinion,
+        levels=None if runs.blocks else _levels(runs, before, after, noise),
+        outside=tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
+        least_p=least_p(problem.runs),
+        with_trees=with_trees,
+    )
+
+
+def _on_test(
+    test: RunSet | None,
+    bare: CorrectedLaw,
+    law: CorrectedLaw,
+    opinion: Opinion | None,
+    problem: Problem,
+    seed: int,
+) -> tuple[Errors | None, Errors | None, pd.DataFrame | None]:
+    """Errors of the law on a test set, and of the trees on top of it; the predictions of its rows.
+
+    The predictions have one line for each row of the test files, in its order.
+    """
+    if test is None:
+        return None, None, None
+    before, after = predicted(bare, test), predicted(law, test)
+    columns, with_trees = {"base": before, "corrected": after}, None
+    if opinion is not None and opinion.correction is not None:
+        known = columns_of(problem.columns, problem.calendar, test)
+        more = opinion.correction(features_of(problem, test.whole.slip, known))
+        columns["with_trees"] = after + np.sign(test.whole.slip) * more
+        with_trees = _errors(test, before, columns["with_trees"], seed)
+    table = pd.DataFrame({"row": test.places, **columns})
+    return (
+        _errors(test, before, after, seed),
+        with_trees,
+        table.sort_values("row", ignore_index=True),
+    )
+
+
+def _noise_floor(runs: RunSet, noise: RunNoise) -> float:
+    """The rms error of a law that misses nothing: its noise, and the levels of runs."""
     level = float(runs.whole.adhesion @ runs.whole.adhesion) / runs.whole.adhesion.size
     slow = noise.run_scatter**2 + noise.slow_level**2
-    floor = float(np.sqrt(noise.sigma**2 + slow * level))
-    outside = extrapolated(final.accepted, problem, law, runs, test)
-    entries = library_of(problem)
-    alike = likenesses(final, entries)
-    effects = _found(final, validation)
-    found = [*_slip_noise(noisy_slip(left), validation), *effects, *_torsion(line, validation)]
-    return Findings(
-        source,
-        final.base,
-        _base_parameters(plain, final),
-        bare if refuted else law,
-        bare,
-        floor,
-        {name: float(getattr(noise, name)) for name in _NOISE},
-        train,
-        validation,
-        tested,
-        tuple(effect for effect in found if ":" not in effect.name),
-        tuple(effect for effect in found if ":" in effect.name),
-        final.ranking,
-        confounded(final, alike),
-        untested(problem, runs),
-        proposals(final, alike),
-        dependences(final, seed),
-        (
-            *refuted,
-            *unnamed,
-            *shape_words(final),
-            *warnings,
-            *noise_words(final, noise),
-            *(sentence for _, sentence in outside),
-            absent(runs),
-        ),
-        _points(blocks, before, after),
-        predictions,
-        time.perf_counter() - began,
-        final.thresholds,
-        runs.slip,
-        citation,
-        tuple(doubts),
-        opinion,
-        None if runs.blocks else _levels(runs, before, after, noise),
-        "",
-        tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
-        least_p(problem.runs),
-        with_trees,
-    )
+    return float(np.sqrt(noise.sigma**2 + slow * level))
 
 
 def ranges_of(problem: Problem, runs: RunSet) -> Ranges:
@@ -225,12 +239,6 @@ def _refuted(final: Selection, validation: Errors, test: Errors | None) -> list[
                 "alone."
             ]
     return []
-
-
-def _predictions(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    """The predictions of the test files, one line for each of their rows, in its order."""
-    table = pd.DataFrame({"row": rows, **columns})
-    return table.sort_values("row", ignore_index=True)
 
 
 def _points(blocks: RunSet, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:

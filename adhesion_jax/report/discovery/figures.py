@@ -28,6 +28,7 @@ from adhesion_jax.report.style import (
     BEFORE,
     MARKS,
     POINT,
+    Shown,
     label_text,
     light_frame,
     one_legend,
@@ -69,7 +70,7 @@ def adhesion_over_slip(findings: Findings) -> Figure:
     """The points, and the law before and after at the median of every column."""
     points = thinned(findings.points)
     low, high = slip_limits(findings)
-    figure = Figure(figsize=(8.5, 5.0), layout="constrained")
+    figure = Shown(figsize=(8.5, 5.0), layout="constrained")
     axis = figure.subplots()
     axis.scatter(
         points["slip"],

@@ -8,7 +8,7 @@ from pathlib import Path
 from adhesion_jax.data.events import Chosen
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Opinion
 from adhesion_jax.effects.saved import FORMAT, save_law
-from adhesion_jax.files import write_metadata, write_table
+from adhesion_jax.files import METADATA, write_metadata, write_table
 from adhesion_jax.report.discovery.content import page
 from adhesion_jax.report.discovery.figures import draw_discovery
 from adhesion_jax.report.discovery.frames import ranking_frame
@@ -40,6 +40,7 @@ DISCOVERY_FILES = (
     "law.json",
     "predictions.csv",
     "ranking.csv",
+    METADATA,
     *FIGURES,
 )
 

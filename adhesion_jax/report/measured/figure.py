@@ -12,7 +12,7 @@ from adhesion_jax.measured.answer import Answer, Estimate, band_of_answer
 from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.residual import Residual, running_mean
 from adhesion_jax.report.measured.words import best_first
-from adhesion_jax.report.style import POINT, light_frame, root_axis
+from adhesion_jax.report.style import POINT, Shown, light_frame, root_axis
 
 #: Colour, line and peak marker by rank: each alone tells the curves apart, in grey as well.
 _STYLES = (
@@ -29,19 +29,18 @@ _STYLES = (
 _OF_ONE_SIZE = 5.0
 
 
-def draw_measured(
-    path: Path,
+def measured_figure(
     title: str,
     fits: Mapping[str, MeasuredFit],
     residuals: Mapping[str, Residual],
     answer: Answer,
     level: Estimate,
     place: Estimate,
-) -> None:
+) -> Figure:
     """The one answer over the points with the curves and, below it, what each curve leaves."""
     ranked = best_first(fits)
     best, left = fits[ranked[0]], residuals[ranked[0]]
-    figure = Figure(figsize=(10, 8), layout="constrained")
+    figure = Shown(figsize=(10, 8), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
 
     _points(above, left, left.adhesion)
@@ -88,7 +87,7 @@ def draw_measured(
     )
     for axes in (above, below):
         light_frame(axes)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
 def _points(axes: Axes, left: Residual, height: np.ndarray) -> None:

@@ -1,7 +1,6 @@
 """The figure of a followed log: estimates with bands and resets over what was measured."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from matplotlib.patches import Patch
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.log import Log
-from adhesion_jax.report.style import POINT, label_text, light_frame, line_styles
+from adhesion_jax.report.style import POINT, Shown, label_text, light_frame, line_styles
 
 #: Most slip events that have a panel of their own: those of the largest slip.
 MOST_EVENTS = 6
@@ -58,10 +57,6 @@ class _Axis(NamedTuple):
     scale: float = 1.0  # seconds per unit
 
 
-def draw_track(path: Path, title: str, log: Log, followed: Mapping[str, Followed]) -> None:
-    track_figure(title, log, followed).savefig(path, dpi=150)
-
-
 def track_figure(title: str, log: Log, followed: Mapping[str, Followed]) -> Figure:
     """Estimates over measured adhesion, the status of each method, slip and speed; then events."""
     top = _HEAD * float(np.quantile(np.abs(log.adhesion), 0.999))
@@ -70,7 +65,7 @@ def track_figure(title: str, log: Log, followed: Mapping[str, Followed]) -> Figu
     heights = [_ESTIMATES, _STATUS * (len(followed) + 1), *[_SIGNAL] * len(signals)]
     rows, overview = -(-len(chosen) // 3), sum(heights) + _GAP * 1.6
     height = overview + rows * (_EVENT + _EVENT_SLIP + 1.5 * _GAP) + (1.6 if rows else 1.3)
-    figure = Figure(figsize=(_WIDTH, height))
+    figure = Shown(figsize=(_WIDTH, height))
     sides, top_gap = {"left": 0.1, "right": 0.985}, 0.4
     above = figure.add_gridspec(
         len(heights),

@@ -3,15 +3,14 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from adhesion_jax.traction.controllers.base import Controller, Scalar, following
+from adhesion_jax.traction.controllers.base import Controller, followed
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.signals import PerAxle, Setting, Signals
 
 
 class AdaptiveRobustState(NamedTuple):
-    bound: Float[Array, " axles"]  # kappa^
+    bound: PerAxle  # kappa^
 
 
 class AdaptiveRobust(Controller):
@@ -22,24 +21,19 @@ class AdaptiveRobust(Controller):
     would grow for ever by the chattering. p and q are not printed.
     """
 
-    gain: Scalar  # k0, N s
-    adaptation: Scalar  # sigma
-    linear: Scalar  # p, s/m
-    square: Scalar  # q, s^2/m^2
-    layer: Scalar  # m/s
+    gain: Setting  # k0, N s
+    adaptation: Setting  # sigma
+    linear: Setting  # p, s/m
+    square: Setting  # q, s^2/m^2
+    layer: Setting  # m/s
 
     def init(self, nominal: Plant, signals: Signals) -> AdaptiveRobustState:
         return AdaptiveRobustState(jnp.zeros_like(signals.slip))
 
     def update(
-        self,
-        state: AdaptiveRobustState,
-        nominal: Plant,
-        signals: Signals,
-        reference: Reference | None,
-        period: float,
-    ) -> tuple[AdaptiveRobustState, Float[Array, " axles"]]:
-        asked = following(reference)
+        self, state: AdaptiveRobustState, nominal: Plant, signals: Signals, period: float
+    ) -> tuple[AdaptiveRobustState, PerAxle]:
+        asked = followed(signals)
         error = signals.slip - asked.slip
         speed = signals.train_speed
         size = 1 + self.linear * jnp.abs(speed) + self.square * speed**2 + jnp.abs(asked.rate)

@@ -1,17 +1,14 @@
 """The controller of the HXD1F paper: an asymmetric barrier Lyapunov function."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.traction.controllers.base import (
     Controller,
-    Scalar,
-    direction,
-    following,
+    followed,
     torque_for,
 )
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.signals import PerAxle, Setting, Signals
 
 #: Largest share of its interval that the error counts as: z/k_z is clipped to it.
 _NEAREST = 0.95
@@ -25,23 +22,15 @@ class Barrier(Controller):
     Transport. 2019, 6270515.
     """
 
-    gain: Scalar  # k, 1/s
-    below: Scalar  # ka, m/s
-    above: Scalar  # kb, m/s
-    least: Scalar  # torque, as a share of the largest
-
-    def init(self, nominal: Plant, signals: Signals) -> tuple[()]:
-        return ()
+    gain: Setting  # k, 1/s
+    below: Setting  # ka, m/s
+    above: Setting  # kb, m/s
+    least: Setting  # torque, as a share of the largest
 
     def update(
-        self,
-        state: tuple[()],
-        nominal: Plant,
-        signals: Signals,
-        reference: Reference | None,
-        period: float,
-    ) -> tuple[tuple[()], Float[Array, " axles"]]:
-        asked, sign = following(reference), direction(signals)
+        self, state: tuple[()], nominal: Plant, signals: Signals, period: float
+    ) -> tuple[tuple[()], PerAxle]:
+        asked, sign = followed(signals), signals.direction
         error = sign * (signals.slip - asked.slip)
         share = error / jnp.where(error > 0, self.above, self.below)
         share = jnp.clip(share, -_NEAREST, _NEAREST)

@@ -4,13 +4,9 @@ from abc import abstractmethod
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Reference, Signals
-
-Scalar = float | Float[Array, "..."]
+from adhesion_jax.traction.signals import PerAxle, Reference, Signals
 
 
 class Controller(eqx.Module):
@@ -22,30 +18,18 @@ class Controller(eqx.Module):
 
     FOLLOWS: ClassVar[bool] = True  # whether it follows the slip that a seeker asks for
 
-    @abstractmethod
     def init(self, nominal: Plant, signals: Signals) -> Any:
-        """The state before the first control sample."""
+        """The state before the first control sample; by default there is none."""
+        return ()
 
     @abstractmethod
     def update(
-        self,
-        state: Any,
-        nominal: Plant,
-        signals: Signals,
-        reference: Reference | None,
-        period: float,
-    ) -> tuple[Any, Float[Array, " axles"]]:
+        self, state: Any, nominal: Plant, signals: Signals, period: float
+    ) -> tuple[Any, PerAxle]:
         """The state and the torques in N m at a control sample, `period` seconds after the last."""
 
 
-def direction(signals: Signals) -> Float[Array, " axles"]:
-    """1 in traction, -1 in braking: laws are written for traction, in braking all signs turn."""
-    return jnp.where(signals.demand < 0, -1.0, 1.0)
-
-
-def torque_for(
-    nominal: Plant, signals: Signals, acceleration: Float[Array, " axles"]
-) -> Float[Array, " axles"]:
+def torque_for(nominal: Plant, signals: Signals, acceleration: PerAxle) -> PerAxle:
     """The torque at which slip changes at a rate in m/s^2: T_L + (i J/r)(dv_s + dV).
 
     dV is the acceleration of the train that the adhesion observed gives it.
@@ -55,8 +39,8 @@ def torque_for(
     return signals.load + turning * (acceleration + train)
 
 
-def following(reference: Reference | None) -> Reference:
+def followed(signals: Signals) -> Reference:
     """The reference of a controller that needs a seeker; the loop makes sure that it has one."""
-    if reference is None:
+    if signals.reference is None:
         raise TypeError("a controller that follows a slip was given no reference")
-    return reference
+    return signals.reference

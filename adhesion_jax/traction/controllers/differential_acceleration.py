@@ -1,24 +1,25 @@
 """Differential acceleration control: the torque drops when a wheel gains on the train."""
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
-from adhesion_jax.traction.controllers.base import Controller, Scalar, direction
+from adhesion_jax.traction.controllers.base import Controller
+from adhesion_jax.traction.filters import lagged
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.signals import PerAxle, Setting, Signals
 
 _RAISING, _UNLOADING, _HOLDING, _RECOVERING = 0, 1, 2, 3
 
 
 class DifferentialAccelerationState(NamedTuple):
     phase: Int[Array, " axles"]
-    torque: Float[Array, " axles"]  # in the driver's direction, N m
-    at_trip: Float[Array, " axles"]  # N m
-    held: Float[Array, " axles"]  # s
-    rim: Float[Array, " axles"]  # speed of the wheel at its rim at the last sample, m/s
-    gaining: Float[Array, " axles"]  # wheel acceleration less that of the train, filtered, m/s^2
+    torque: PerAxle  # in the driver's direction, N m
+    at_trip: PerAxle  # N m
+    held: PerAxle  # s
+    rim: PerAxle  # speed of the wheel at its rim at the last sample, m/s
+    gaining: PerAxle  # wheel acceleration less that of the train, filtered, m/s^2
 
 
 class DifferentialAcceleration(Controller):
@@ -29,18 +30,18 @@ class DifferentialAcceleration(Controller):
     The HXD1F paper compares with this method and gives none of its numbers: all are assumed.
     """
 
-    FOLLOWS: ClassVar[bool] = False
+    FOLLOWS = False
 
-    ramp: Scalar  # N m/s
-    trip: Scalar  # m/s^2
-    released: Scalar  # m/s^2
-    calm: Scalar  # m/s^2
-    unloading: Scalar  # shares of the largest torque in a second
-    hold: Scalar  # s
-    haste: Scalar
-    back: Scalar
-    least: Scalar  # torque, as a share of the largest
-    filter_time: Scalar  # s
+    ramp: Setting  # N m/s
+    trip: Setting  # m/s^2
+    released: Setting  # m/s^2
+    calm: Setting  # m/s^2
+    unloading: Setting  # shares of the largest torque in a second
+    hold: Setting  # s
+    haste: Setting
+    back: Setting
+    least: Setting  # torque, as a share of the largest
+    filter_time: Setting  # s
 
     def init(self, nominal: Plant, signals: Signals) -> DifferentialAccelerationState:
         none = jnp.zeros_like(signals.slip)
@@ -50,19 +51,13 @@ class DifferentialAcceleration(Controller):
         )
 
     def update(
-        self,
-        state: DifferentialAccelerationState,
-        nominal: Plant,
-        signals: Signals,
-        reference: Reference | None,
-        period: float,
-    ) -> tuple[DifferentialAccelerationState, Float[Array, " axles"]]:
-        sign = direction(signals)
+        self, state: DifferentialAccelerationState, nominal: Plant, signals: Signals, period: float
+    ) -> tuple[DifferentialAccelerationState, PerAxle]:
+        sign = signals.direction
         rim = nominal.circumferential(signals.motor_speed)
         train = nominal.acceleration(signals.adhesion, signals.train_speed)
         gaining = sign * ((rim - state.rim) / period - train)
-        share = -jnp.expm1(-period / jnp.asarray(self.filter_time))
-        gaining = state.gaining + share * (gaining - state.gaining)
+        gaining = lagged(state.gaining, gaining, self.filter_time, period)
 
         load = sign * signals.load
         goal = jnp.minimum(self.back * state.at_trip, jnp.maximum(state.torque, load))

@@ -3,21 +3,18 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.traction.controllers.base import (
     Controller,
-    Scalar,
-    direction,
-    following,
+    followed,
     torque_for,
 )
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.signals import PerAxle, Setting, Signals
 
 
 class LinearisedPIState(NamedTuple):
-    integral: Float[Array, " axles"]  # of the error, m
+    integral: PerAxle  # of the error, m
 
 
 class LinearisedPI(Controller):
@@ -26,22 +23,17 @@ class LinearisedPI(Controller):
     The integral stands still while the torque would leave [least, 1] of the largest.
     """
 
-    gain: Scalar  # k, 1/s
-    integral_gain: Scalar  # k_i, 1/s^2
-    least: Scalar  # torque, as a share of the largest
+    gain: Setting  # k, 1/s
+    integral_gain: Setting  # k_i, 1/s^2
+    least: Setting  # torque, as a share of the largest
 
     def init(self, nominal: Plant, signals: Signals) -> LinearisedPIState:
         return LinearisedPIState(jnp.zeros_like(signals.slip))
 
     def update(
-        self,
-        state: LinearisedPIState,
-        nominal: Plant,
-        signals: Signals,
-        reference: Reference | None,
-        period: float,
-    ) -> tuple[LinearisedPIState, Float[Array, " axles"]]:
-        asked, sign = following(reference), direction(signals)
+        self, state: LinearisedPIState, nominal: Plant, signals: Signals, period: float
+    ) -> tuple[LinearisedPIState, PerAxle]:
+        asked, sign = followed(signals), signals.direction
         error = signals.slip - asked.slip
         wanted = asked.rate - self.gain * error - self.integral_gain * state.integral
         torque = sign * torque_for(nominal, signals, wanted)

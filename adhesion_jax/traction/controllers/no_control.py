@@ -1,28 +1,16 @@
 """No control: the driver's demand."""
 
-from typing import ClassVar
-
-from jaxtyping import Array, Float
-
 from adhesion_jax.traction.controllers.base import Controller
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.signals import PerAxle, Signals
 
 
 class NoControl(Controller):
     """T = T*."""
 
-    FOLLOWS: ClassVar[bool] = False
-
-    def init(self, nominal: Plant, signals: Signals) -> tuple[()]:
-        return ()
+    FOLLOWS = False
 
     def update(
-        self,
-        state: tuple[()],
-        nominal: Plant,
-        signals: Signals,
-        reference: Reference | None,
-        period: float,
-    ) -> tuple[tuple[()], Float[Array, " axles"]]:
+        self, state: tuple[()], nominal: Plant, signals: Signals, period: float
+    ) -> tuple[tuple[()], PerAxle]:
         return state, signals.demand

@@ -4,25 +4,27 @@ It computes them from speed and torque at every step of the plant. Its fields ar
 numbers or arrays [axles] that may differ without a new compilation.
 """
 
+import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Measured
-
-Scalar = float | Float[Array, "..."]
+from adhesion_jax.traction.signals import Measurement, PerAxle
 
 
 class Observer(eqx.Module):
-    """J dw = T - T_L at the motor of each axle; adhesion is that of the load T_L."""
+    """J dw = T - T_L at the motor of each axle; adhesion is that of the load T_L.
+
+    A state has the fields `load`, that of each motor in N m, and `slip`, the measured slip in m/s
+    with the lag of the load if that lag is linear.
+    """
 
     TOLD_LOAD: ClassVar[bool] = False  # whether it is given the true load, for comparison
 
     @abstractmethod
-    def init(self, nominal: Plant, measured: Measured) -> Any:
+    def init(self, nominal: Plant, measured: Measurement) -> Any:
         """The state at the first measurement, without load."""
 
     @abstractmethod
@@ -30,20 +32,12 @@ class Observer(eqx.Module):
         self,
         state: Any,
         nominal: Plant,
-        measured: Measured,
-        torque: Float[Array, " axles"],
+        measured: Measurement,
+        torque: PerAxle,
         step: float,
     ) -> Any:
         """The state a step of the plant later, by explicit Euler."""
 
-    @abstractmethod
-    def load(self, state: Any, nominal: Plant) -> Float[Array, " axles"]:
-        """The load of each motor, N m."""
-
-    @abstractmethod
-    def slip(self, state: Any) -> Float[Array, " axles"]:
-        """The measured slip in m/s, with the lag of the load if that lag is linear."""
-
-    @abstractmethod
     def largest_step(self, nominal: Plant) -> float:
-        """The step in seconds beyond which explicit Euler is not stable."""
+        """The step in s beyond which explicit Euler is not stable; by default there is none."""
+        return math.inf

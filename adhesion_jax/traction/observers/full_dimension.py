@@ -4,18 +4,17 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from adhesion_jax.traction.observers.base import Observer, Scalar
+from adhesion_jax.traction.observers.base import Observer
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Measured
+from adhesion_jax.traction.signals import Measurement, PerAxle, Setting
 
 
 class FullDimensionState(NamedTuple):
-    speed: Float[Array, " axles"]  # rad/s
-    load: Float[Array, " axles"]  # N m
-    slip: Float[Array, " axles"]  # m/s, through the same low-pass
-    slip_rate: Float[Array, " axles"]
+    speed: PerAxle  # rad/s
+    load: PerAxle  # N m
+    slip: PerAxle  # m/s, through the same low-pass
+    slip_rate: PerAxle
 
 
 class FullDimension(Observer):
@@ -25,9 +24,9 @@ class FullDimension(Observer):
     passes the same filter.
     """
 
-    pole: Scalar
+    pole: Setting
 
-    def init(self, nominal: Plant, measured: Measured) -> FullDimensionState:
+    def init(self, nominal: Plant, measured: Measurement) -> FullDimensionState:
         none = jnp.zeros_like(measured.motor_speed)
         return FullDimensionState(measured.motor_speed, none, measured.slip, none)
 
@@ -35,8 +34,8 @@ class FullDimension(Observer):
         self,
         state: FullDimensionState,
         nominal: Plant,
-        measured: Measured,
-        torque: Float[Array, " axles"],
+        measured: Measurement,
+        torque: PerAxle,
         step: float,
     ) -> FullDimensionState:
         ahead = state.speed - measured.motor_speed
@@ -49,12 +48,6 @@ class FullDimension(Observer):
             state.slip + step * state.slip_rate,
             state.slip_rate + step * bending,
         )
-
-    def load(self, state: FullDimensionState, nominal: Plant) -> Float[Array, " axles"]:
-        return state.load
-
-    def slip(self, state: FullDimensionState) -> Float[Array, " axles"]:
-        return state.slip
 
     def largest_step(self, nominal: Plant) -> float:
         return 2 / float(np.max(np.abs(self.pole)))

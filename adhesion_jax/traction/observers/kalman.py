@@ -4,23 +4,22 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.traction.observers.base import Observer, Scalar
+from adhesion_jax.traction.observers.base import Observer
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Measured
+from adhesion_jax.traction.signals import Measurement, PerAxle, Setting
 
 
 class KalmanState(NamedTuple):
     """Each axle has a filter of its own, which takes the loads of the others as they are."""
 
-    motor_speed: Float[Array, " axles"]  # rad/s
-    train_speed: Float[Array, " axles"]  # m/s
-    load: Float[Array, " axles"]  # N m
+    motor_speed: PerAxle  # rad/s
+    train_speed: PerAxle  # m/s
+    load: PerAxle  # N m
     covariance: Float[Array, "3 3 axles"]  # of motor speed, train speed, load
-    slip: Float[Array, " axles"]  # m/s, through the filter of the load
-    ahead: Float[Array, " axles"]  # integral of what that has passed less what it was given
+    slip: PerAxle  # m/s, through the filter of the load
+    ahead: PerAxle  # integral of what that has passed less what it was given
 
 
 class Kalman(Observer):
@@ -34,12 +33,12 @@ class Kalman(Observer):
     minus the slip would be observed as that load by a motor with J = 1.
     """
 
-    motor_noise: Scalar
-    train_noise: Scalar
-    load_walk: Scalar
-    period: Scalar
+    motor_noise: Setting
+    train_noise: Setting
+    load_walk: Setting
+    period: Setting
 
-    def init(self, nominal: Plant, measured: Measured) -> KalmanState:
+    def init(self, nominal: Plant, measured: Measurement) -> KalmanState:
         speed = measured.motor_speed
         none = jnp.zeros_like(speed)
         spread = jnp.stack(
@@ -57,8 +56,8 @@ class Kalman(Observer):
         self,
         state: KalmanState,
         nominal: Plant,
-        measured: Measured,
-        torque: Float[Array, " axles"],
+        measured: Measurement,
+        torque: PerAxle,
         step: float,
     ) -> KalmanState:
         held = self.period / step
@@ -74,7 +73,7 @@ class Kalman(Observer):
             one + gain * error for one, gain in zip((speed, train, load), train_gain, strict=True)
         )
 
-        def accelerating(load: Float[Array, " axles"], train: Float[Array, ""]) -> Float[Array, ""]:
+        def accelerating(load: PerAxle, train: Float[Array, ""]) -> Float[Array, ""]:
             return nominal.acceleration(nominal.adhesion_of(load), train)
 
         with_slopes = jax.value_and_grad(accelerating, (0, 1))
@@ -104,18 +103,9 @@ class Kalman(Observer):
             ahead + step * (measured.slip - passed),
         )
 
-    def load(self, state: KalmanState, nominal: Plant) -> Float[Array, " axles"]:
-        return state.load
-
-    def slip(self, state: KalmanState) -> Float[Array, " axles"]:
-        return state.slip
-
-    def largest_step(self, nominal: Plant) -> float:
-        return np.inf
-
 
 def _gain(
-    covariance: Float[Array, "3 3 axles"], which: int, variance: Scalar
+    covariance: Float[Array, "3 3 axles"], which: int, variance: Setting
 ) -> tuple[Float[Array, "3 axles"], Float[Array, "3 3 axles"]]:
     """The gain of a measurement of one state, and the covariance after it."""
     gain = covariance[:, which] / (covariance[which, which] + variance)

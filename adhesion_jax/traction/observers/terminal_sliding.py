@@ -3,18 +3,18 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from adhesion_jax.traction.observers.base import Observer, Scalar
+from adhesion_jax.traction.observers.base import Observer
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import Measured
+from adhesion_jax.traction.signals import Measurement, PerAxle, Setting
 
 
 class TerminalSlidingState(NamedTuple):
-    speed: Float[Array, " axles"]  # rad/s
-    push: Float[Array, " axles"]  # u, rad/s^2
-    error: Float[Array, " axles"]  # at the step before, rad/s
-    slip: Float[Array, " axles"]  # m/s
+    speed: PerAxle  # rad/s
+    push: PerAxle  # u, rad/s^2
+    error: PerAxle  # at the step before, rad/s
+    load: PerAxle  # N m
+    slip: PerAxle  # m/s
 
 
 class TerminalSliding(Observer):
@@ -27,20 +27,20 @@ class TerminalSliding(Observer):
     2019, 6270515.
     """
 
-    surface_gain: Scalar  # lambda, of e
-    rate_gain: Scalar  # beta
-    switching_gain: Scalar  # K, rad/s^3
+    surface_gain: Setting  # lambda, of e
+    rate_gain: Setting  # beta
+    switching_gain: Setting  # K, rad/s^3
 
-    def init(self, nominal: Plant, measured: Measured) -> TerminalSlidingState:
+    def init(self, nominal: Plant, measured: Measurement) -> TerminalSlidingState:
         none = jnp.zeros_like(measured.motor_speed)
-        return TerminalSlidingState(measured.motor_speed, none, none, measured.slip)
+        return TerminalSlidingState(measured.motor_speed, none, none, none, measured.slip)
 
     def update(
         self,
         state: TerminalSlidingState,
         nominal: Plant,
-        measured: Measured,
-        torque: Float[Array, " axles"],
+        measured: Measurement,
+        torque: PerAxle,
         step: float,
     ) -> TerminalSlidingState:
         error = measured.motor_speed - state.speed
@@ -52,13 +52,7 @@ class TerminalSliding(Observer):
         pushing = pushing + self.switching_gain * jnp.sign(surface)
         push = state.push + step * pushing
         speed = state.speed + step * (torque * (1 / nominal.inertia) + push)
-        return TerminalSlidingState(speed, push, error, measured.slip)
-
-    def load(self, state: TerminalSlidingState, nominal: Plant) -> Float[Array, " axles"]:
-        return -nominal.inertia * state.push
-
-    def slip(self, state: TerminalSlidingState) -> Float[Array, " axles"]:
-        return state.slip
+        return TerminalSlidingState(speed, push, error, -nominal.inertia * push, measured.slip)
 
     def largest_step(self, nominal: Plant) -> float:
         return 2e-4  # measured: at twice this step the sliding mode is lost

@@ -1,13 +1,15 @@
 """The contract of a plant: a train on its wheels, driven by the torque of its motors."""
 
+import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from adhesion_jax.traction.signals import Number, PerAxle
 from adhesion_jax.traction.surface import Surface
 
 GRAVITY = 9.81
@@ -15,66 +17,58 @@ GRAVITY = 9.81
 #: Resistance opposes motion; below this speed in m/s it is proportional to it and vanishes at rest.
 _AT_REST = 0.01
 
-S = TypeVar("S")
-
 
 class Quantity(NamedTuple):
-    """A parameter of a plant: unit, bounds and meaning."""
+    """A parameter of a plant: unit, bounds, meaning, and whether it may differ by axle."""
 
     unit: str
     lower: float
     upper: float
     meaning: str
+    per_axle: bool = False
 
 
 class Held(NamedTuple):
     """The inputs of a plant that are constant during a step."""
 
-    command: Float[Array, " axles"]  # torque of each motor in N m
+    command: PerAxle  # torque of each motor in N m
     surface: Surface
-    slope: Float[Array, ""]  # of the track, as an angle in rad; positive uphill
+    slope: Number  # of the track, as an angle in rad; positive uphill
 
 
 class Powers(NamedTuple):
     """Powers of the whole train in W: what the motors put in, and where it goes."""
 
-    motor: Float[Array, ""]
-    slip: Float[Array, ""]
-    gear: Float[Array, ""]
-    shaft: Float[Array, ""]  # dissipated by the damping of an elastic axle
-    resistance: Float[Array, ""]
-    slope: Float[Array, ""]
+    motor: Number
+    slip: Number
+    gear: Number
+    shaft: Number  # dissipated by the damping of an elastic axle
+    resistance: Number
+    slope: Number
 
 
-#: The parameters that every plant has.
-DRIVE: Mapping[str, Quantity] = {
-    "torque_limit": Quantity("N m", 0.0, 1e6, "largest torque of a motor"),
-    "power_limit": Quantity("W", 0.0, 1e8, "largest power of a motor"),
-    "torque_lag": Quantity("s", 0.0, 10.0, "time constant of the torque; 0 for none"),
-    "dead_time": Quantity("s", 0.0, 10.0, "from a command to its first effect"),
-}
+def parameter(unit: str, lower: float, upper: float, meaning: str) -> Any:
+    """The declaration of a parameter of a plant."""
+    return eqx.field(metadata={"quantity": Quantity(unit, lower, upper, meaning)})
 
 
 class Plant(eqx.Module):
-    """The equations of motion of a train; its fields are its parameters, which PARAMETERS describe.
+    """The equations of motion of a train; its fields are its parameters, which `quantities` lists.
 
     Plants are given and give arrays [axles] for what each axle has. A state has the fields
     `train_speed` and `torque`. The model of the train in the control is a plant too: observers and
     controllers use its properties and the methods that take no state.
     """
 
-    PARAMETERS: ClassVar[Mapping[str, Quantity]]
-    PER_AXLE: ClassVar[tuple[str, ...]]  # parameters that may differ from axle to axle
-
-    gear_ratio: eqx.AbstractVar[Float[Array, ""]]
-    axles_alike: eqx.AbstractVar[Float[Array, ""]]
-    torque_limit: eqx.AbstractVar[Float[Array, ""]]
-    power_limit: eqx.AbstractVar[Float[Array, ""]]
-    torque_lag: eqx.AbstractVar[Float[Array, ""]]
-    dead_time: eqx.AbstractVar[Float[Array, ""]]
+    gear_ratio: eqx.AbstractVar[Number]
+    axles_alike: eqx.AbstractVar[Number]
+    torque_limit: Number = parameter("N m", 0.0, 1e6, "largest torque of a motor")
+    power_limit: Number = parameter("W", 0.0, 1e8, "largest power of a motor")
+    torque_lag: Number = parameter("s", 0.0, 10.0, "time constant of the torque; 0 for none")
+    dead_time: Number = parameter("s", 0.0, 10.0, "from a command to its first effect")
 
     @abstractmethod
-    def init(self, motor_speed: Float[Array, " axles"], train_speed: Float[Array, ""]) -> Any:
+    def init(self, motor_speed: PerAxle, train_speed: Number) -> Any:
         """The state at these speeds, in rad/s and m/s, without torque or twist."""
 
     @abstractmethod
@@ -82,7 +76,7 @@ class Plant(eqx.Module):
         """Time derivative of the state, per second."""
 
     @abstractmethod
-    def motor_speed(self, state: Any) -> Float[Array, " axles"]:
+    def motor_speed(self, state: Any) -> PerAxle:
         """Speed of each motor, rad/s."""
 
     @abstractmethod
@@ -94,7 +88,7 @@ class Plant(eqx.Module):
         """Force at the rail in N, for each contact of one axle of those that are alike."""
 
     @abstractmethod
-    def energy(self, state: Any) -> Float[Array, ""]:
+    def energy(self, state: Any) -> Number:
         """Kinetic and elastic energy of the whole train in J."""
 
     @abstractmethod
@@ -103,60 +97,63 @@ class Plant(eqx.Module):
 
     @property
     @abstractmethod
-    def inertia(self) -> Float[Array, " axles"]:
+    def inertia(self) -> PerAxle:
         """J in J dw = T - T_L at the motor of an axle in traction, kg m^2."""
 
     @property
     @abstractmethod
-    def radius(self) -> Float[Array, " axles"]:
+    def radius(self) -> PerAxle:
         """Radius in m of the wheel that the motor drives."""
 
     @abstractmethod
-    def adhesion_of(self, load: Float[Array, " axles"]) -> Float[Array, " axles"]:
+    def adhesion_of(self, load: PerAxle) -> PerAxle:
         """The adhesion at which the rail loads the motor with T_L, in N m; odd."""
 
     @abstractmethod
-    def load_of(self, adhesion: Float[Array, " axles"]) -> Float[Array, " axles"]:
+    def load_of(self, adhesion: PerAxle) -> PerAxle:
         """The inverse of `adhesion_of`."""
 
     @abstractmethod
-    def acceleration(
-        self, adhesion: Float[Array, " axles"], train_speed: Float[Array, ""]
-    ) -> Float[Array, ""]:
+    def acceleration(self, adhesion: PerAxle, train_speed: Number) -> Number:
         """Acceleration of the train on level track, m/s^2."""
 
-    def circumferential(self, motor_speed: Float[Array, " axles"]) -> Float[Array, " axles"]:
+    def circumferential(self, motor_speed: PerAxle) -> PerAxle:
         """Speed of the wheel at its rim in m/s."""
         return self.radius / self.gear_ratio * motor_speed
 
-    def adhesion(self, state: Any, held: Held) -> Float[Array, " axles"]:
+    def adhesion(self, state: Any, held: Held) -> PerAxle:
         """Mean over the contacts of each axle."""
         found = held.surface(self.slip_velocity(state), state.train_speed)
         return jnp.mean(found.reshape(-1, found.shape[-1]), axis=0)
 
 
-def limited(
-    plant: Plant, command: Float[Array, " axles"], motor_speed: Float[Array, " axles"]
-) -> Float[Array, " axles"]:
+def quantities(kind: type[Plant]) -> Mapping[str, Quantity]:
+    """The parameters of a kind of plant, by name; those that every plant has stand last."""
+    shared = {field.name for field in dataclasses.fields(Plant)}
+    return {
+        field.name: field.metadata["quantity"]._replace(per_axle=field.type is PerAxle)
+        for field in sorted(dataclasses.fields(kind), key=lambda field: field.name in shared)
+    }
+
+
+def limited(plant: Plant, command: PerAxle, motor_speed: PerAxle) -> PerAxle:
     """The command within the limits of torque and power: |T| <= min(T_max, P_max/|w|)."""
     by_power = plant.power_limit / jnp.maximum(jnp.abs(motor_speed), 1e-9)
     most = jnp.minimum(plant.torque_limit, by_power)
     return jnp.clip(command, -most, most)
 
 
-def lagging(plant: Plant, torque: Float[Array, " axles"], command: Float[Array, " axles"]) -> Array:
+def lagging(plant: Plant, torque: PerAxle, command: PerAxle) -> Array:
     """dT/dt = (T_cmd - T)/lag; without a lag the torque is the command, which `held_by` sets."""
     lags = plant.torque_lag > 0
     return jnp.where(lags, 1 / jnp.where(lags, plant.torque_lag, 1.0), 0.0) * (command - torque)
 
 
-def held_by(
-    plant: Plant, torque: Float[Array, " axles"], command: Float[Array, " axles"]
-) -> Float[Array, " axles"]:
+def held_by(plant: Plant, torque: PerAxle, command: PerAxle) -> PerAxle:
     """The torque from which a command on begins to act."""
     return jnp.where(plant.torque_lag > 0, torque, command)
 
 
-def against_motion(force: Float[Array, ""], train_speed: Float[Array, ""]) -> Float[Array, ""]:
+def against_motion(force: Number, train_speed: Number) -> Number:
     """A resistance with the sign of the speed, proportional to it near rest."""
     return force * jnp.clip(train_speed * (1 / _AT_REST), -1.0, 1.0)

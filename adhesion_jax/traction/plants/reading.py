@@ -13,7 +13,7 @@ import numpy as np
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.traction.plants import MODELS
-from adhesion_jax.traction.plants.base import Plant, Quantity
+from adhesion_jax.traction.plants.base import Plant, Quantity, quantities
 
 #: The entries of a parameter in a file.
 _KEYS = ("value", "unit", "tag", "source")
@@ -60,7 +60,7 @@ def read_plant(path: Path) -> PlantFile:
     model = str(table.get("model", ""))
     if model not in MODELS:
         raise InputError(f"{path}: the model {model!r} is not known; name {' or '.join(MODELS)}.")
-    kind = MODELS[model]
+    kind, known = MODELS[model], quantities(MODELS[model])
     parameters = table.get("parameters")
     if not isinstance(parameters, dict):
         raise InputError(f"{path} has no [parameters]; give a table for each of {model}.")
@@ -69,19 +69,18 @@ def read_plant(path: Path) -> PlantFile:
             f"{path}: {key} is not known; a plant has model or like, title and parameters."
         )
     for name in parameters:
-        if name not in kind.PARAMETERS:
-            close = get_close_matches(name, kind.PARAMETERS, n=1)
-            meant = f"did you mean {close[0]}" if close else f"{model} has {_listed(kind)}"
+        if name not in known:
+            close = get_close_matches(name, known, n=1)
+            meant = f"did you mean {close[0]}" if close else f"{model} has {', '.join(known)}"
             raise InputError(f"{path}: parameter {name} is not known; {meant}.")
-    for name, quantity in kind.PARAMETERS.items():
+    for name, quantity in known.items():
         if name not in parameters:
             raise InputError(
                 f"{path} lacks the parameter {name} ({quantity.meaning}); give it a value and the "
                 f"unit {quantity.unit}."
             )
     given = {
-        name: _given(path, name, parameters[name], quantity)
-        for name, quantity in kind.PARAMETERS.items()
+        name: _given(path, name, parameters[name], quantity) for name, quantity in known.items()
     }
     return PlantFile(str(table.get("title", path.stem)), _plant(path, kind, given), given)
 
@@ -109,10 +108,6 @@ def _with_what_it_is_like(path: Path, table: Mapping[str, Any]) -> Mapping[str, 
         raise InputError(f"{path} has no [parameters]; give a table for each that differs.")
     rest = {key: value for key, value in table.items() if key not in ("like", "parameters")}
     return {**base, **rest, "parameters": {**base["parameters"], **own}}
-
-
-def _listed(kind: type[Plant]) -> str:
-    return ", ".join(kind.PARAMETERS)
 
 
 def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
@@ -146,15 +141,16 @@ def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
 
 def _plant(path: Path, kind: type[Plant], given: Mapping[str, Given]) -> Plant:
     """The parameters of axles as arrays of the same length, the others as scalars."""
-    axles = math.lcm(1, *(len(given[name].value) for name in kind.PER_AXLE))
+    differ = {name for name, quantity in quantities(kind).items() if quantity.per_axle}
+    axles = math.lcm(1, *(len(given[name].value) for name in differ))
     numbers = {}
     for name, parameter in given.items():
         count = len(parameter.value)
-        if name in kind.PER_AXLE and count in (1, axles):
+        if name in differ and count in (1, axles):
             numbers[name] = jnp.asarray(np.broadcast_to(parameter.value, axles))
-        elif name not in kind.PER_AXLE and count == 1:
+        elif name not in differ and count == 1:
             numbers[name] = jnp.asarray(parameter.value[0])
         else:
-            right = f"one value or {axles}, one per axle" if name in kind.PER_AXLE else "one value"
+            right = f"one value or {axles}, one per axle" if name in differ else "one value"
             raise InputError(f"{path}: parameter {name} has {count} values; give {right}.")
     return kind(**numbers)

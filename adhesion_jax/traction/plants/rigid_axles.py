@@ -1,38 +1,36 @@
 """Axles that do not twist, each with a motor and a gear: the plants of Fang et al. and of HXD1F."""
 
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.traction.plants.base import (
-    DRIVE,
     GRAVITY,
     Held,
     Plant,
     Powers,
-    Quantity,
     against_motion,
     lagging,
+    parameter,
 )
+from adhesion_jax.traction.signals import Number, PerAxle
 
 
 class RigidState(NamedTuple):
     """Speeds in rad/s and m/s, torque in N m."""
 
-    motor_speed: Float[Array, " axles"]
-    train_speed: Float[Array, ""]
-    torque: Float[Array, " axles"]
+    motor_speed: PerAxle
+    train_speed: Number
+    torque: PerAxle
 
 
 class _Motion(NamedTuple):
     """What follows from a state."""
 
-    force: Float[Array, " axles"]  # at the rail, N
-    angular: Float[Array, " axles"]  # acceleration of the motor, rad/s^2
-    wheel_torque: Float[Array, " axles"]  # that the gear hands to the wheelset, N m
-    gear_torque: Float[Array, " axles"]  # that the motor hands to the gear, N m
+    force: PerAxle  # at the rail, N
+    angular: PerAxle  # acceleration of the motor, rad/s^2
+    wheel_torque: PerAxle  # that the gear hands to the wheelset, N m
+    gear_torque: PerAxle  # that the motor hands to the gear, N m
 
 
 class RigidAxles(Plant):
@@ -49,45 +47,21 @@ class RigidAxles(Plant):
     "Optimal Utilization of Adhesion Force ...", J. Adv. Transport. 2019, 6270515.
     """
 
-    wheel_radius: Float[Array, " axles"]
-    axle_load: Float[Array, " axles"]
-    gear_ratio: Float[Array, ""]
-    gear_efficiency: Float[Array, ""]
-    motor_inertia: Float[Array, ""]
-    wheelset_inertia: Float[Array, ""]
-    train_mass: Float[Array, ""]
-    axles_alike: Float[Array, ""]
-    load_transfer: Float[Array, " axles"]
-    axles_in_unit: Float[Array, ""]
-    resistance_a: Float[Array, ""]
-    resistance_b: Float[Array, ""]
-    resistance_c: Float[Array, ""]
-    torque_limit: Float[Array, ""]
-    power_limit: Float[Array, ""]
-    torque_lag: Float[Array, ""]
-    dead_time: Float[Array, ""]
+    wheel_radius: PerAxle = parameter("m", 0.1, 2.0, "radius of the wheels of each axle")
+    axle_load: PerAxle = parameter("kg", 1.0, 1e5, "mass that each axle bears")
+    gear_ratio: Number = parameter("1", 0.1, 100.0, "motor speed over wheel speed")
+    gear_efficiency: Number = parameter("1", 0.1, 1.0, "of the gear")
+    motor_inertia: Number = parameter("kg m^2", 1e-3, 1e5, "of motor and pinion")
+    wheelset_inertia: Number = parameter("kg m^2", 1e-3, 1e5, "of wheels, axle and gear wheel")
+    train_mass: Number = parameter("kg", 1.0, 1e9, "of the train, or of its share of these axles")
+    axles_alike: Number = parameter("1", 1.0, 1000.0, "axles that each axle stands for")
+    load_transfer: PerAxle = parameter("1", -1.0, 1.0, "load an axle loses per force of its unit")
+    axles_in_unit: Number = parameter("1", 1.0, 1000.0, "axles that share a frame, in their order")
+    resistance_a: Number = parameter("N/kg", 0.0, 1.0, "running resistance at rest")
+    resistance_b: Number = parameter("N/kg/(km/h)", 0.0, 1.0, "its growth with speed")
+    resistance_c: Number = parameter("N/kg/(km/h)^2", 0.0, 1.0, "its growth with the squared speed")
 
-    PER_AXLE: ClassVar[tuple[str, ...]] = ("wheel_radius", "axle_load", "load_transfer")
-    PARAMETERS: ClassVar[Mapping[str, Quantity]] = {
-        "wheel_radius": Quantity("m", 0.1, 2.0, "radius of the wheels of each axle"),
-        "axle_load": Quantity("kg", 1.0, 1e5, "mass that each axle bears"),
-        "gear_ratio": Quantity("1", 0.1, 100.0, "motor speed over wheel speed"),
-        "gear_efficiency": Quantity("1", 0.1, 1.0, "of the gear"),
-        "motor_inertia": Quantity("kg m^2", 1e-3, 1e5, "of motor and pinion"),
-        "wheelset_inertia": Quantity("kg m^2", 1e-3, 1e5, "of wheels, axle and wheel of the gear"),
-        "train_mass": Quantity("kg", 1.0, 1e9, "of the train, or of its share of these axles"),
-        "axles_alike": Quantity("1", 1.0, 1000.0, "axles that each axle stands for"),
-        "load_transfer": Quantity("1", -1.0, 1.0, "load an axle loses per force of its unit"),
-        "axles_in_unit": Quantity("1", 1.0, 1000.0, "axles that share a frame, in their order"),
-        "resistance_a": Quantity("N/kg", 0.0, 1.0, "running resistance at rest"),
-        "resistance_b": Quantity("N/kg/(km/h)", 0.0, 1.0, "its growth with speed"),
-        "resistance_c": Quantity("N/kg/(km/h)^2", 0.0, 1.0, "its growth with the squared speed"),
-        **DRIVE,
-    }
-
-    def init(
-        self, motor_speed: Float[Array, " axles"], train_speed: Float[Array, ""]
-    ) -> RigidState:
+    def init(self, motor_speed: PerAxle, train_speed: Number) -> RigidState:
         return RigidState(motor_speed, train_speed, jnp.zeros_like(motor_speed))
 
     def derivative(self, state: RigidState, held: Held) -> RigidState:
@@ -101,13 +75,13 @@ class RigidAxles(Plant):
             lagging(self, state.torque, held.command),
         )
 
-    def motor_speed(self, state: RigidState) -> Float[Array, " axles"]:
+    def motor_speed(self, state: RigidState) -> PerAxle:
         return state.motor_speed
 
-    def slip_velocity(self, state: RigidState) -> Float[Array, " axles"]:
+    def slip_velocity(self, state: RigidState) -> PerAxle:
         return self.wheel_radius / self.gear_ratio * state.motor_speed - state.train_speed
 
-    def force(self, state: RigidState, held: Held) -> Float[Array, " axles"]:
+    def force(self, state: RigidState, held: Held) -> PerAxle:
         adhesion = held.surface(self.slip_velocity(state), state.train_speed)
         at_rest = adhesion * self.axle_load * GRAVITY
         if len(self.axle_load) == 1:
@@ -118,7 +92,7 @@ class RigidAxles(Plant):
         of_unit = of_unit / (1 + jnp.sum(together * adhesion * self.load_transfer, axis=1))
         return at_rest - adhesion * self.load_transfer * of_unit
 
-    def energy(self, state: RigidState) -> Float[Array, ""]:
+    def energy(self, state: RigidState) -> Number:
         inertia = self.motor_inertia + self.wheelset_inertia / self.gear_ratio**2
         turning = 0.5 * inertia * jnp.sum(state.motor_speed**2)
         return self.axles_alike * turning + 0.5 * self.train_mass * state.train_speed**2
@@ -136,27 +110,25 @@ class RigidAxles(Plant):
         )
 
     @property
-    def inertia(self) -> Float[Array, " axles"]:
+    def inertia(self) -> PerAxle:
         wheelset = self.wheelset_inertia / (self.gear_ratio**2 * self.gear_efficiency)
         return jnp.broadcast_to(self.motor_inertia + wheelset, self.axle_load.shape)
 
     @property
-    def radius(self) -> Float[Array, " axles"]:
+    def radius(self) -> PerAxle:
         return self.wheel_radius
 
-    def adhesion_of(self, load: Float[Array, " axles"]) -> Float[Array, " axles"]:
+    def adhesion_of(self, load: PerAxle) -> PerAxle:
         return load / self._load_per_adhesion(load)
 
-    def load_of(self, adhesion: Float[Array, " axles"]) -> Float[Array, " axles"]:
+    def load_of(self, adhesion: PerAxle) -> PerAxle:
         return adhesion * self._load_per_adhesion(adhesion)
 
-    def acceleration(
-        self, adhesion: Float[Array, " axles"], train_speed: Float[Array, ""]
-    ) -> Float[Array, ""]:
+    def acceleration(self, adhesion: PerAxle, train_speed: Number) -> Number:
         pull = self.axles_alike * jnp.sum(adhesion * self.axle_load * GRAVITY)
         return (pull - self._resistance(train_speed)) / self.train_mass
 
-    def _load_per_adhesion(self, sign: Float[Array, " axles"]) -> Float[Array, " axles"]:
+    def _load_per_adhesion(self, sign: PerAxle) -> PerAxle:
         """T_L = r F/(i eta) in traction, r F eta/i in braking."""
         efficiency = jnp.where(sign >= 0, self.gear_efficiency, 1 / self.gear_efficiency)
         return self.wheel_radius * self.axle_load * GRAVITY / (self.gear_ratio * efficiency)
@@ -180,7 +152,7 @@ class RigidAxles(Plant):
         wheel_torque = inertia * angular + load
         return _Motion(force, angular, wheel_torque, wheel_torque * through)
 
-    def _resistance(self, train_speed: Float[Array, ""]) -> Float[Array, ""]:
+    def _resistance(self, train_speed: Number) -> Number:
         speed = 3.6 * jnp.abs(train_speed)
         each = self.resistance_a + speed * (self.resistance_b + speed * self.resistance_c)
         return against_motion(self.train_mass * each, train_speed)

@@ -4,12 +4,9 @@ from abc import abstractmethod
 from typing import Any, ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Reference, Signals
-
-Scalar = float | Float[Array, "..."]
 
 
 class Seeker(eqx.Module):
@@ -17,9 +14,9 @@ class Seeker(eqx.Module):
 
     TOLD_OPTIMUM: ClassVar[bool] = False  # whether it is given the true optimum, for comparison
 
-    @abstractmethod
     def init(self, nominal: Plant, signals: Signals) -> Any:
-        """The state before the first control sample."""
+        """The state before the first control sample; by default there is none."""
+        return ()
 
     @abstractmethod
     def update(

@@ -3,18 +3,17 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.seekers.base import Scalar, Seeker
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.seekers.base import Seeker
+from adhesion_jax.traction.signals import PerAxle, Reference, Setting, Signals
 
 
 class ExtremumState(NamedTuple):
-    level: Float[Array, " axles"]  # g, of adhesion
-    asked: Float[Array, " axles"]  # v*, m/s
-    slip: Float[Array, " axles"]  # behind the tracker, m/s
-    rate: Float[Array, " axles"]  # m/s^2
+    level: PerAxle  # g, of adhesion
+    asked: PerAxle  # v*, m/s
+    slip: PerAxle  # behind the tracker, m/s
+    rate: PerAxle  # m/s^2
 
 
 class SlidingExtremum(Seeker):
@@ -26,13 +25,13 @@ class SlidingExtremum(Seeker):
     Transport. 2019, 6270515.
     """
 
-    speed: Scalar  # k, m/s^2
-    rise: Scalar  # rho, 1/s
-    width: Scalar  # beta, of adhesion
-    start: Scalar  # v*(0), m/s
-    lowest: Scalar  # m/s
-    highest: Scalar  # m/s
-    tracker: Scalar  # rad/s
+    speed: Setting  # k, m/s^2
+    rise: Setting  # rho, 1/s
+    width: Setting  # beta, of adhesion
+    start: Setting  # v*(0), m/s
+    lowest: Setting  # m/s
+    highest: Setting  # m/s
+    tracker: Setting  # rad/s
 
     def init(self, nominal: Plant, signals: Signals) -> ExtremumState:
         start = jnp.broadcast_to(jnp.asarray(self.start, dtype=float), signals.adhesion.shape)
@@ -42,7 +41,7 @@ class SlidingExtremum(Seeker):
         self, state: ExtremumState, nominal: Plant, signals: Signals, period: float
     ) -> tuple[ExtremumState, Reference]:
         # In braking all signs turn.
-        sign = jnp.where(signals.demand < 0, -1.0, 1.0)
+        sign = signals.direction
         error = sign * signals.adhesion - state.level
         # sgn sin(pi s/beta) is the parity of the cell of s, and 0 at the start; it costs no sine.
         parity = jnp.where(jnp.floor(error / self.width) % 2 == 0, 1.0, -1.0)

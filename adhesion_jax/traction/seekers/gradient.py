@@ -5,14 +5,14 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from adhesion_jax.traction.filters import Differentiator
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.seekers.base import Scalar, Seeker
-from adhesion_jax.traction.seekers.differentiation import Differentiator
-from adhesion_jax.traction.signals import Reference, Signals
+from adhesion_jax.traction.seekers.base import Seeker
+from adhesion_jax.traction.signals import PerAxle, Reference, Setting, Signals
 
 
 class PrintedState(NamedTuple):
-    asked: Float[Array, " axles"]  # m/s
+    asked: PerAxle  # m/s
     since: Float[Array, ""]  # the last switch, s
     slip: Differentiator
     adhesion: Differentiator
@@ -26,11 +26,11 @@ class PrintedGradient(Seeker):
     gain 2 r L, L that of the observer.
     """
 
-    gamma: Scalar  # m^2/s^2 per unit of adhesion
-    threshold: Scalar  # eps, m/s^2
-    switch: Scalar  # s
-    start: Scalar  # m/s
-    gain: Scalar  # L, rad/s^3
+    gamma: Setting  # m^2/s^2 per unit of adhesion
+    threshold: Setting  # eps, m/s^2
+    switch: Setting  # s
+    start: Setting  # m/s
+    gain: Setting  # L, rad/s^3
 
     def init(self, nominal: Plant, signals: Signals) -> PrintedState:
         none = jnp.zeros_like(signals.slip)
@@ -59,12 +59,12 @@ class PrintedGradient(Seeker):
 
 
 class RepairedState(NamedTuple):
-    asked: Float[Array, " axles"]  # m/s
-    weight: Float[Array, " axles"]  # forgotten sums over samples
-    slip: Float[Array, " axles"]
-    adhesion: Float[Array, " axles"]
-    slip_slip: Float[Array, " axles"]
-    slip_adhesion: Float[Array, " axles"]
+    asked: PerAxle  # m/s
+    weight: PerAxle  # forgotten sums over samples
+    slip: PerAxle
+    adhesion: PerAxle
+    slip_slip: PerAxle
+    slip_adhesion: PerAxle
 
 
 class RepairedGradient(Seeker):
@@ -75,12 +75,12 @@ class RepairedGradient(Seeker):
     adhesion have the same lag.
     """
 
-    gamma: Scalar  # m^2/s^2
-    memory: Scalar  # s
-    limit: Scalar  # of G, s/m
-    start: Scalar  # m/s
-    lowest: Scalar  # m/s
-    highest: Scalar  # m/s
+    gamma: Setting  # m^2/s^2
+    memory: Setting  # s
+    limit: Setting  # of G, s/m
+    start: Setting  # m/s
+    lowest: Setting  # m/s
+    highest: Setting  # m/s
 
     def init(self, nominal: Plant, signals: Signals) -> RepairedState:
         none = jnp.zeros_like(signals.slip)
@@ -89,7 +89,7 @@ class RepairedGradient(Seeker):
     def update(
         self, state: RepairedState, nominal: Plant, signals: Signals, period: float
     ) -> tuple[RepairedState, Reference]:
-        sign = jnp.where(signals.demand < 0, -1.0, 1.0)
+        sign = signals.direction
         slip, adhesion = sign * signals.slip_beside, sign * signals.adhesion
         kept = jnp.exp(-period / jnp.asarray(self.memory))
         new = (jnp.ones_like(slip), slip, adhesion, slip * slip, slip * adhesion)

@@ -13,7 +13,7 @@ from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
-from adhesion_jax.traction.sensors import Noise, Sensors
+from adhesion_jax.traction.sensors import Sensors, SpeedNoise
 from adhesion_jax.traction.surface import Surface
 
 
@@ -43,7 +43,7 @@ class System(NamedTuple):
     slip: float  # at first, m/s
     slope: float  # of the track, rad
     driver: Driver
-    noise: Noise  # of the runs with noise; assumed, because no paper gives it
+    noise: SpeedNoise  # of the runs with noise; assumed, because no paper gives it
     cases: Callable[[float], Sequence[Case]]  # on a grid of steps in s; the paper's own come first
     repairs: Sequence[str]  # sentences on equations that differ from the printed ones
     assumptions: Sequence[str]  # sentences on what the paper leaves open beside the plant

@@ -9,7 +9,7 @@ from adhesion_jax.traction.controllers.torque_feedback import RateFeedback, Slop
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import BySpeed, stacked
-from adhesion_jax.traction.sensors import Noise
+from adhesion_jax.traction.sensors import SpeedNoise
 from adhesion_jax.traction.surface import Surface
 from adhesion_jax.traction.systems.base import Case, System, exponential
 
@@ -109,7 +109,7 @@ SYSTEM = System(
     slip=0.0,
     slope=0.0,
     driver=Driver(traction=1590.0, until=130 * _KMH, braking=1590.0, down_to=25 * _KMH),
-    noise=Noise(motor=0.02, train=5e-3),
+    noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
     repairs=(
         "The inertia in the integral of Eq. 10 is that of the motor and of the wheelset behind the "

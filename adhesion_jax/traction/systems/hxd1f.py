@@ -7,7 +7,7 @@ from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS
-from adhesion_jax.traction.sensors import Noise
+from adhesion_jax.traction.sensors import SpeedNoise
 from adhesion_jax.traction.systems.base import Case, System, exponential
 
 #: Peaks of .36, .20 and .10 (assumed) at .20 and .08 (printed) and .05 m/s (assumed).
@@ -63,7 +63,7 @@ SYSTEM = System(
     slip=0.0,
     slope=0.0,
     driver=Driver(traction=13e3),
-    noise=Noise(motor=0.02, train=5e-3),
+    noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
     repairs=(
         "The equations of the paper are reconstructed from its text: observer, seeker and "

@@ -9,7 +9,8 @@ import pandas as pd
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.base import misfit, rms
-from adhesion_jax.simulation.simulator import Noise, SimulatedSet, noisy
+from adhesion_jax.simulation.locomotive_log import LogCourse, burckhardt, dry, falling
+from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, noisy
 
 #: Seconds between two points.
 _STEP = 0.1
@@ -22,14 +23,6 @@ _VISIBLE = 1.0
 
 #: Number of points that the longest event needs in a run.
 _ROOM = 100
-
-
-class Course(NamedTuple):
-    """The slip, events and columns of a log, before any adhesion; arrays [runs, points]."""
-
-    slip: np.ndarray  # true
-    event: np.ndarray  # whether the point lies in a slip event
-    columns: Mapping[str, np.ndarray]
 
 
 def one_log(
@@ -68,14 +61,14 @@ def one_log(
         _course(runs, points, events, bends, np.random.default_rng((seed, stream)))
         for stream in (1, 2)
     )
-    noise = Noise(sigma, autocorrelation, 0.0)
+    noise = SetNoise(sigma, autocorrelation, 0.0)
     amounts = {name: _amount(name, train, law, sigma) for name in effects}
 
-    def clean(course: Course) -> np.ndarray:
+    def clean(course: LogCourse) -> np.ndarray:
         factors = [LOG_FORMS[name].factor(amount, course) for name, amount in amounts.items()]
         return burckhardt(law, course.slip) * np.prod([np.ones_like(course.slip), *factors], axis=0)
 
-    def measured(course: Course, stream: int) -> tuple[pd.DataFrame, np.ndarray]:
+    def measured(course: LogCourse, stream: int) -> tuple[pd.DataFrame, np.ndarray]:
         generator = np.random.default_rng((seed, stream))
         speed = course.columns["vehicle_speed_mps"]
         slip = course.slip + wheel_speed_noise * generator.standard_normal(speed.shape) / speed
@@ -100,16 +93,9 @@ def one_log(
     )
 
 
-def burckhardt(law: Burckhardt, slip: np.ndarray) -> np.ndarray:
-    """c1 (1 - exp(-c2 |l|)) - c3 |l|, odd in l."""
-    size = np.abs(slip)
-    rise = -float(law.c1) * np.expm1(-float(law.c2) * size)
-    return np.asarray(np.sign(slip) * (rise - float(law.c3) * size))
-
-
 def _course(
     runs: int, points: int, events: int, bends: np.ndarray, generator: np.random.Generator
-) -> Course:
+) -> LogCourse:
     """Columns and slip of one log; some are drawn for each run, the others drift as over a day."""
     draw = generator.uniform
     clock = _STEP * np.arange(points)
@@ -141,7 +127,7 @@ def _course(
     }
     if runs > 1:
         columns["run"] = np.broadcast_to(np.arange(runs)[:, None], time.shape)
-    return Course(slip, event, columns)
+    return LogCourse(slip, event, columns)
 
 
 def _wave(
@@ -182,12 +168,7 @@ def _events(
     return slip, event, sanding
 
 
-def _dry(amount: float, course: Course) -> np.ndarray:
-    """Adhesion falls with humidity: exp(-a (H - 65 %)/20 %)."""
-    return np.exp(-amount * (course.columns["relative_humidity_pct"] - 65) / 20)
-
-
-def _sanded(amount: float, course: Course) -> np.ndarray:
+def _sanded(amount: float, course: LogCourse) -> np.ndarray:
     """1 + a s, s the share of the contact that has sand: strewn within 1 s, worn off within 4 s."""
     flag = course.columns["sanding"]
     share = np.zeros_like(flag)
@@ -197,28 +178,22 @@ def _sanded(amount: float, course: Course) -> np.ndarray:
     return 1 + amount * share
 
 
-def _falling(amount: float, course: Course) -> np.ndarray:
-    """(1 + w/w0)^-a, w the slip velocity in m/s, w0 = .2 m/s: steep at first, flat later."""
-    velocity = course.slip * course.columns["vehicle_speed_mps"]
-    return (1 + velocity / 0.2) ** -amount
-
-
 class LogForm(NamedTuple):
     """How an effect is planted in a log."""
 
-    factor: Callable[[float, Course], np.ndarray]  # of adhesion, at an amount
+    factor: Callable[[float, LogCourse], np.ndarray]  # of adhesion, at an amount
     limit: float  # largest plausible amount; with it the misfit may stay below the wanted one
     also_right: tuple[str, ...]  # other right names: weather only drifts, speed hardly varies
 
 
 LOG_FORMS: Mapping[str, LogForm] = {
-    "humidity": LogForm(_dry, 1.0, ("drift", "covariate:time_s", "covariate:campaign_time")),
+    "humidity": LogForm(dry, 1.0, ("drift", "covariate:time_s", "covariate:campaign_time")),
     "sanding": LogForm(_sanded, 1.0, ()),
-    "falling_friction": LogForm(_falling, 0.6, ("slip_speed", "contact_heating", "speed")),
+    "falling_friction": LogForm(falling, 0.6, ("slip_speed", "contact_heating", "speed")),
 }
 
 
-def _amount(name: str, course: Course, law: Burckhardt, sigma: float) -> float:
+def _amount(name: str, course: LogCourse, law: Burckhardt, sigma: float) -> float:
     amount = 0.1
     # The misfit is nearly proportional to the amount.
     for _ in range(4):
@@ -228,12 +203,12 @@ def _amount(name: str, course: Course, law: Burckhardt, sigma: float) -> float:
     return amount
 
 
-def _visible(law: Burckhardt, course: Course, clean: np.ndarray) -> float:
+def _visible(law: Burckhardt, course: LogCourse, clean: np.ndarray) -> float:
     """Rms misfit of the base curve over the points of the events, refitted to these points."""
     return misfit(law, course.slip, clean, {}, course.event)
 
 
-def _table(course: Course, slip: np.ndarray, adhesion: np.ndarray) -> pd.DataFrame:
+def _table(course: LogCourse, slip: np.ndarray, adhesion: np.ndarray) -> pd.DataFrame:
     arrays = {
         **course.columns,
         "slip_ratio": slip,
