@@ -68,6 +68,31 @@ def folder() -> Path:
     return _folder[0]
 
 
+def kept(path: Path) -> bytes | None:
+    """What was kept there, if it is whole; None where there is nothing, or something damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    return content[32:] if content[:32] == _checksum(path, content[32:]) else None
+
+
+def keep(path: Path, payload: bytes) -> None:
+    """Keep something whole or not at all: where there is no room, it is made again next time."""
+    partly = path.with_suffix(f".{os.getpid()}")
+    try:
+        partly.touch(0o600)
+        partly.write_bytes(_checksum(path, payload) + payload)
+        partly.replace(path)
+    except OSError:
+        partly.unlink(missing_ok=True)
+
+
+def _checksum(path: Path, payload: bytes) -> bytes:
+    """With the name of the file in it, so that none takes another one's place."""
+    return sha256(path.stem.encode() + payload).digest()
+
+
 def use(path: Path) -> None:
     """Keep programs in the folder that another process of this command has chosen."""
     _folder[:] = [path]

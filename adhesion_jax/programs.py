@@ -9,6 +9,7 @@ import pickle
 import platform
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import cache, wraps
 from hashlib import sha256
 from importlib.metadata import version
@@ -24,6 +25,7 @@ import jax.numpy as jnp
 from filelock import FileLock
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
+from adhesion_jax import keeping
 from adhesion_jax.keeping import folder, is_outside, of_outside, of_package
 from adhesion_jax.runtime import device, is_double
 
@@ -34,7 +36,6 @@ _LIBRARIES = ("jax", "jaxlib", "equinox", "jaxopt", "lineax", "numpy", "optimist
 
 _OF_DEVICES = ("jax_platforms", "jax_default_device")
 
-_Form = Any  # jax.tree_util.PyTreeDef
 _Kind = tuple[tuple[int, ...], Any, bool]
 _Options = Mapping[str, str | bool]
 
@@ -214,18 +215,15 @@ def stable_key(name: object) -> StableKey | None:
 
 def _loaded(path: Path) -> jax.stages.Compiled | None:
     """The program that lies there whole; None where there is none, or a damaged one."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    if content[:32] != _checked(path, content[32:]):
+    payload = keeping.kept(path)
+    if payload is None:
         return None
     # A program that is loaded calls LAPACK where it was found when one was traced: without
     # that it calls address zero.
     _find_lapack()
     try:
         chosen = device()
-        content, inputs, outputs = pickle.loads(content[32:])
+        content, inputs, outputs = pickle.loads(payload)
         found = deserialize_and_load(
             content, inputs, outputs, backend=chosen.client, execution_devices=[chosen]
         )
@@ -233,11 +231,6 @@ def _loaded(path: Path) -> jax.stages.Compiled | None:
     except Exception:  # whatever the error, the program can be made again
         return None
     return found
-
-
-def _checked(path: Path, payload: bytes) -> bytes:
-    """What a whole program begins with: by its own name, so that none takes another one's place."""
-    return sha256(path.stem.encode() + payload).digest()
 
 
 @cache
@@ -251,14 +244,9 @@ def _keep(path: Path, made: jax.stages.Compiled) -> None:
         payload = pickle.dumps(serialize(made))
     except (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError):
         return  # one that calls Python, or a backend that cannot: each process compiles its own
-    partly = path.with_suffix(f".{os.getpid()}")
-    try:
-        partly.touch(0o600)
-        partly.write_bytes(_checked(path, payload) + payload)
-        partly.replace(path)
+    keeping.keep(path, payload)
+    with suppress(OSError):
         _bound(path.parent)
-    except OSError:  # a full disk: the next process compiles the program again
-        partly.unlink(missing_ok=True)
 
 
 def _bound(where: Path) -> None:

@@ -8,11 +8,9 @@ import pickle
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
-from hashlib import sha256
-from pathlib import Path
 from typing import NamedTuple
 
-from adhesion_jax.keeping import folder, of_package
+from adhesion_jax.keeping import folder, keep, kept, of_package
 from adhesion_jax.options import Declared
 
 #: Catalogues of other versions that stay beside the present one.
@@ -48,32 +46,15 @@ class Catalogue(NamedTuple):
 def catalogue() -> Catalogue:
     """The names of the package as it is."""
     path = folder() / f"{of_package()}.names"
-    found = _remembered(path)
-    if found is None:
-        from adhesion_jax.command_line.registries import told
+    remembered = kept(path)
+    if remembered is not None:
+        found: Catalogue = pickle.loads(remembered)
+        return found
+    from adhesion_jax.command_line.registries import told
 
-        found = told()
-        _remember(path, pickle.dumps(found))
-    return found
-
-
-def _remembered(path: Path) -> Catalogue | None:
-    """What lies there whole; None where there is nothing, or something damaged."""
-    try:
-        checksum, _, content = path.read_bytes().partition(b"\n")
-    except OSError:
-        return None
-    if checksum.decode(errors="replace") != sha256(content).hexdigest():
-        return None
-    found: Catalogue = pickle.loads(content)
-    return found
-
-
-def _remember(path: Path, content: bytes) -> None:
-    partly = path.with_suffix(f".{os.getpid()}")
-    with suppress(OSError):  # where there is no room the next command asks the rooms again
-        partly.write_bytes(f"{sha256(content).hexdigest()}\n".encode() + content)
-        partly.replace(path)
-        others = sorted(path.parent.glob("*.names"), key=os.path.getmtime, reverse=True)
-        for old in others[1 + _OTHERS :]:
+    found = told()
+    keep(path, pickle.dumps(found))
+    with suppress(OSError):
+        for old in sorted(path.parent.glob("*.names"), key=os.path.getmtime)[: -1 - _OTHERS]:
             old.unlink(missing_ok=True)
+    return found

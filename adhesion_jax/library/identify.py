@@ -331,8 +331,7 @@ def identify_chosen(
     fits = {name: of_numbers(fit) for name, fit in found.curves.items()}
     answer, step = answered(fits), _step(points)
     best, rows = fits[found.best], found.rows
-    if by is not None:
-        order = np.argsort(grouping.run, kind="stable")
+    order = np.argsort(grouping.run, kind="stable")
     if by == _AUTO:
         splits = {name: column.iloc[order] for name, column in candidates(points).items()}
         by = split_that_predicts(best, rows, splits)
@@ -342,8 +341,7 @@ def identify_chosen(
     if labels is not None and by is not None:
         comparison = compared(best, rows, labels.iloc[order], by)
         groups = each_by_itself(labels, fits, record, grouping.run, velocity, slip_noise, step)
-        table = beside(comparison.table, by, groups)
-        comparison = comparison._replace(table=table)
+        comparison = comparison._replace(table=beside(comparison.table, by, groups))
     branches = branches_of(best, rows)
     identified = Identification(
         points,

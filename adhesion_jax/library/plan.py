@@ -269,11 +269,10 @@ def _grid(
     else:
         slips = _slips(peak.slip_opt, log.largest_slip if log else None, truth.slip_limit)
     if samples is not None:
-        numbers = np.unique(np.asarray(samples, float))
+        numbers = np.asarray(samples, float)
     else:
-        numbers = log.samples * _LONGER if log else _SAMPLES
-    numbers = np.round(numbers if samples is not None else np.maximum(numbers, FEWEST_SAMPLES))
-    numbers = np.unique(numbers)
+        numbers = np.maximum(log.samples * _LONGER if log else _SAMPLES, FEWEST_SAMPLES)
+    numbers = np.unique(np.round(numbers))
     if slips.size < 2 or not np.all((slips > 0) & (slips <= truth.slip_limit)):
         raise InputError(
             f"The largest slips are two or more between 0 and {truth.slip_limit:g}"

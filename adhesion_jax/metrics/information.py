@@ -1,7 +1,6 @@
 """The information of data on a curve: sensitivities, covariance, Cramer-Rao bound."""
 
-from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +11,6 @@ from adhesion_jax.curves import Conditions, Curve, Scalar, free_values, with_fre
 from adhesion_jax.optim.levenberg_marquardt import solved
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Known
-
-C = TypeVar("C", bound=Curve)
 
 
 def quantity_names(curve: Curve) -> tuple[str, ...]:
@@ -39,12 +36,6 @@ def true_quantities(curves: Curve, known: Known) -> Mapping[str, np.ndarray]:
     """`quantities` of stacked curves, by name."""
     values = np.asarray(_quantities_of_many(curves, known))
     return dict(zip(quantity_names(curves), values.T, strict=True))
-
-
-def stacked(curves: Sequence[C]) -> C:
-    """Curves of one kind as one whose parameters have the axis [curves]."""
-    together: C = jax.tree.map(lambda *values: jnp.array(values), *curves)
-    return together
 
 
 def adhesion_and_information(

@@ -16,11 +16,11 @@ from adhesion_jax.metrics.information import (
     cramer_rao_bound,
     quantities,
     quantity_names,
-    stacked,
     true_quantities,
 )
 from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
 from adhesion_jax.scenarios.course import Followed
+from adhesion_jax.scenarios.rail_process import of_many
 from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, QIAN2024, RAILS
 
 SIZES = {
@@ -89,7 +89,7 @@ def test_a_run_has_the_blocks_and_points_that_are_promised(name):
         return
     rails, known = (KIENCKE_RAILS, QIAN2024) if name in RANDOM_SLIP else (RAILS, HE2018)
     if name != "drift":
-        truth = true_quantities(stacked([rails[rail] for rail in scenario.rails]), known)
+        truth = true_quantities(of_many([rails[rail] for rail in scenario.rails], (-1,)), known)
         for quantity, values in scenario.quantities().items():
             np.testing.assert_array_equal(values, truth[quantity])
     told = dataclasses.replace(scenario.known, by_sample=False, asked=known.asked)

@@ -153,18 +153,23 @@ def _dependence(findings: Findings) -> list[Section]:
 
 
 def _levels(findings: Findings) -> list[Section]:
-    shown, differing = level_columns(findings)
-    if not shown:
-        return []
-    left_out = "" if len(shown) == len(differing) else f" {len(shown)} of {len(differing)} columns."
     caption = (
         "The level of each run, measured less law as a share of the law, before (open) and after "
         "(filled), against the mean of every column over the run; bars are two standard errors "
         "from the noise within the run. A trend of the filled points shows a cause that the law "
-        f"still lacks.{left_out}"
+        "still lacks."
     )
     title = "The level of every run, against every column"
-    return [Section(title, [Picture("levels.png", caption)])]
+    return _against_columns(title, "levels.png", caption, level_columns(findings))
+
+
+def _against_columns(
+    title: str, file: str, caption: str, columns: tuple[list[str], list[str]]
+) -> list[Section]:
+    """A section with a picture of some columns, of those and of all that could be shown."""
+    shown, every = columns
+    some = "" if len(shown) == len(every) else f" {len(shown)} of {len(every)} columns."
+    return [Section(title, [Picture(file, f"{caption}{some}")])] if shown else []
 
 
 def _doubts(findings: Findings) -> list[Section]:
@@ -177,16 +182,13 @@ def _doubts(findings: Findings) -> list[Section]:
 
 
 def _residual(findings: Findings) -> list[Section]:
-    shown, varying = residual_columns(findings)
-    if not shown:
-        return []
-    left_out = "" if len(shown) == len(varying) else f" {len(shown)} of {len(varying)} columns."
     caption = (
         "Measured less law: grey points before; means in bins before (open) and after (filled), "
         "with two standard errors from the scatter between runs. The means of a law that lacks "
-        f"nothing are zero within their errors in every panel.{left_out}"
+        "nothing are zero within their errors in every panel."
     )
-    return [Section("The residual, against every column", [Picture("residuals.png", caption)])]
+    title = "The residual, against every column"
+    return _against_columns(title, "residuals.png", caption, residual_columns(findings))
 
 
 def _base(findings: Findings) -> Section:

@@ -23,6 +23,12 @@ _FAR_OFF = 3.0
 #: Errors of the form below this share are not spoken of.
 _NO_FORM = 5e-4
 
+#: Columns of a checkpoint that the summary has of the last one.
+_AT_THE_END = (
+    *("identifier", "mu_max", "mu_max_se", "mu_max_lo", "mu_max_hi", "slip_opt", "slip_opt_se"),
+    *("status", "at_least"),
+)
+
 #: Most resets whose time is told.
 _TOLD = 5
 
@@ -65,28 +71,20 @@ def summary_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
     it), skipped and trusted (shares of these), error_correlation (of consecutive predictions),
     ns_per_sample.
     """
-    rows = []
-    for name, one in followed.items():
-        last, given = as_told(one.estimates.iloc[-1:]).iloc[0], log.used.size
-        half = QUANTILE * last["mu_max_se"]
-        rows.append(
-            {
-                "identifier": name,
-                **last[["mu_max", "mu_max_se"]],
-                "mu_max_lo": last["mu_max"] - half,
-                "mu_max_hi": last["mu_max"] + half,
-                **last[["slip_opt", "slip_opt_se"]],
-                "status": Status(last["status"]).name,
-                "at_least": last["at_least"],
-                "resets": one.resets,
-                "samples": given,
-                "skipped": one.skipped / given,
-                "trusted": one.trusted / given,
-                "error_correlation": one.correlation,
-                "ns_per_sample": 1e9 * one.seconds_per_sample,
-            }
+    last = checkpoint_rows(log, followed).drop_duplicates("identifier", keep="last")
+    methods, given = followed.values(), log.used.size
+    return (
+        last[list(_AT_THE_END)]
+        .assign(
+            resets=[one.resets for one in methods],
+            samples=given,
+            skipped=[one.skipped / given for one in methods],
+            trusted=[one.trusted / given for one in methods],
+            error_correlation=[one.correlation for one in methods],
+            ns_per_sample=[1e9 * one.seconds_per_sample for one in methods],
         )
-    return pd.DataFrame(rows)
+        .reset_index(drop=True)
+    )
 
 
 def printed_summary(summary: pd.DataFrame) -> str:
