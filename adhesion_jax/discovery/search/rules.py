@@ -156,10 +156,6 @@ SAME_HARMONIC = 0.2
 
 # --- Waves ------------------------------------------------------------------------------------
 
-#: A column is searched for waves if the number of its distinct values exceeds this share of the
-#: number of points. By hand: a wave along a few levels means nothing.
-CONTINUOUS_SHARE = 0.5
-
 #: Fewest waves over the range of a column that are searched. By hand.
 FEWEST_WAVES = 3
 

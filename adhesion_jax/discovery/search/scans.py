@@ -83,11 +83,6 @@ def _start(axis: str, effect: str, frequency: float) -> Effect:
     return Periodic(0.01, 0.01, frequency, column=axis)
 
 
-def _many_values(values: np.ndarray) -> bool:
-    """Whether the values [points] of a column are continuous rather than a few levels."""
-    return np.unique(values).size > rules.CONTINUOUS_SHARE * values.size
-
-
 def _coherent(
     problem: Problem, axis: str, pull: np.ndarray, harmonics: bool, seed: Sequence[int]
 ) -> tuple[float, float]:
