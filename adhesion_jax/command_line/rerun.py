@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import Folder
+from adhesion_jax.command_line.command import Folder, examples
 from adhesion_jax.command_line.record import RECORDED
 from adhesion_jax.errors import InputError
 
@@ -22,7 +22,7 @@ _RECORD = "metadata.json"
 _ONCE = {"--resume": 0, "--extend": 1, "--out": 1}
 
 
-@click.command()
+@click.command(epilog=examples("rerun out/identify --out out/again"))
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
     "--out",
