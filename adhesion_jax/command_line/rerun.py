@@ -22,7 +22,7 @@ _RECORD = "metadata.json"
 _ONCE = {"--resume": 0, "--extend": 1, "--out": 1}
 
 
-@click.command(epilog=examples("rerun out/identify --out out/again"))
+@click.command(epilog=examples("rerun out/identify", "rerun out/identify --out out/again"))
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
     "--out",

@@ -21,7 +21,7 @@ CALLS = {
     "plan": ["--rail", "common", "--largest-slips", "0.1:0.4:3", "--samples", "100:1000:2"],
     "simulate": ["--hours", "0.01", "--events", "0", "--out", "first/log.csv"],
     "montecarlo": ["--scenario", "single", "--runs", "130", "--identifiers", "ml-exact"],
-    "discover": ["roller-rig", "--base=auto"],
+    "discover": ["roller-rig", "--curve=auto"],
 }
 
 
