@@ -120,6 +120,8 @@ class Log(File):
         super().__init__(names, WANTED)
 
     def convert(self, value: str, param: Any, ctx: Any) -> str:
+        if "://" in value:
+            raise InputError(f"{value} is an address; download the file and name it here.")
         with suppress(OSError, ValueError):  # a name that is too long, or holds a zero
             if Path(value).is_dir() or (not Path(value).exists() and glob.glob(value)):
                 return value

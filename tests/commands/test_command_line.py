@@ -106,6 +106,7 @@ REFUSED = {
     "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),
     "curve": (["identify", "eurosprinter", "--curve", "pacejka"], "--curve pacejka is not known"),
     "file": (["identify", "nowhere.csv"], "nowhere.csv does not exist"),
+    "address": (["identify", "https://a.org/log.csv"], "is an address; download the file and"),
     "log": (["track", "nowhere.csv"], "nowhere.csv does not exist"),
     "slope": (["track", "eurosprinter", "--initial-slope", "0"], "--initial-slope"),
     "batch": (

@@ -3,6 +3,7 @@
 import base64
 import csv
 import json
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -244,6 +245,18 @@ def test_verdict_says_where_an_effect_acts():
     assert "adhesion is 25.0 % lower where position (m) is 400 than at its median" in verdict(
         findings._replace(dependences=(place, speed))
     )
+
+
+def test_verdict_never_says_that_adhesion_falls_by_more_than_all_of_it():
+    findings = two_effects()
+    humidity, speed = findings.dependences
+    values = np.linspace(0.002, 0.17, 50)
+    near_zero = humidity._replace(
+        column="slip_ratio", unit="1", values=values, factor=1 - 0.0077 / values
+    )
+    told = verdict(findings._replace(dependences=(near_zero, speed)))
+    assert "adhesion has the other sign where slip ratio (1) is 0.002" in told
+    assert not re.search(r"\d{3}\.\d %", told)
 
 
 def test_verdict_says_which_parameter_stands_at_its_bound():

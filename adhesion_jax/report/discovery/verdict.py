@@ -244,6 +244,9 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
         return ""
     most = max(own, key=lambda one: float(np.ptp(one.factor)))
     column, factor = column_label(most.column, most.unit), most.factor
+    turned = np.flatnonzero(factor < 0)
+    if turned.size:  # as next to slip 0, which a bias moves
+        return f"adhesion has the other sign where {column} is {number(most.values[turned[0]])}"
     if abs(factor[-1] - factor[0]) > 0.8 * np.ptp(factor) > 0:
         change = factor[-1] / factor[0] - 1
         return (
