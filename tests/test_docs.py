@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import adhesion_jax
+
 HOME = Path(__file__).resolve().parents[1]
 README = HOME / "README.md"
 DOCS = sorted((HOME / "docs").rglob("*.md"))
@@ -78,6 +80,13 @@ def test_the_site_leads_to_every_page():
     named = Counter(re.findall(r"[\w/]+\.md", navigation))
     pages = [page.relative_to(HOME / "docs").as_posix() for page in DOCS]
     assert named == Counter([*pages, "index.md", *BESIDE])
+
+
+def test_the_public_names_are_those_of_the_package():
+    named = re.findall(
+        r"^::: adhesion_jax\.(\w+)$", text_of(HOME / "docs" / "api.md"), re.MULTILINE
+    )
+    assert sorted(named) == adhesion_jax.__all__
 
 
 def test_pages_are_not_long():
