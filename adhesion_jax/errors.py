@@ -9,5 +9,10 @@ class InputError(ValueError):
     """
 
 
+def cannot_write(folder: object, reason: str | None) -> InputError:
+    """The refusal of a folder for results."""
+    return InputError(f"--out {folder} cannot be written to ({reason}); name a folder that can.")
+
+
 class WorkerError(Exception):
     """A worker process came to an end before its work did; the message is for the user."""

@@ -11,10 +11,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from adhesion_jax.errors import InputError
+from adhesion_jax.errors import InputError, cannot_write
 
 if sys.platform != "win32":
     import fcntl
+
+#: The name of the file that says how the results beside it came about.
+METADATA = "metadata.json"
 
 _CANNOT_WRITE = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
@@ -30,9 +33,7 @@ def output_directory(path: Path) -> Path:
         probe.touch()
         probe.unlink(missing_ok=True)  # another job may try the same
     except OSError as error:
-        raise InputError(
-            f"--out {path} cannot be written to ({error.strerror}); name a folder that can."
-        ) from None
+        raise cannot_write(path, error.strerror) from None
     return path
 
 
@@ -54,10 +55,8 @@ def writing_to(directory: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in _CANNOT_WRITE:
             raise
-        reason = os.strerror(error.errno)  # a library has words of its own in the error
-        raise InputError(
-            f"--out {directory} cannot be written to ({reason}); name a folder that can."
-        ) from None
+        # A library has words of its own in the error.
+        raise cannot_write(directory, os.strerror(error.errno)) from None
 
 
 @contextmanager

@@ -24,6 +24,33 @@ class Option(NamedTuple):
     high_open: bool = False
     is_file: bool = False  # the value is what stands in a file
 
+    def holds(self, number: float) -> bool:
+        """Whether the number lies in the range."""
+        low, high = self.low, self.high
+        above = low is None or number > low or (number == low and not self.low_open)
+        return above and (high is None or number < high or (number == high and not self.high_open))
+
+    def range(self) -> str:
+        """`from 0 to 10`."""
+        ends = (("from", self.low), ("to", self.high))
+        return " ".join(f"{word} {end:g}" for word, end in ends if end is not None)
+
+
+#: What can be stated of the noise of a measurement that is planned.
+NOISE: dict[str, Option] = {
+    "sigma": Option("Standard deviation of the noise of adhesion.", 0, 10, low_open=True),
+    "autocorrelation": Option(
+        "Correlation of that noise from sample to sample.", 0, 1, high_open=True
+    ),
+    "run_scatter": Option(
+        "Standard deviation of the level of a run, as a share of adhesion.", 0, 1
+    ),
+    "slow_level": Option("The same of a level that varies slowly within a run.", 0, 1),
+    "slow_rows": Option(
+        "Samples after which the correlation of the slow level has fallen to 1/e.", 0, 10**9
+    ),
+    "slip_noise": Option("Standard deviation of the noise of the slip.", 0, 10),
+}
 
 Rail = Annotated[str, Option("Rail of a scenario that has one rail.")]
 Sigma = Annotated[float, Option("Noise of the adhesion signal.", 0, 10)]
@@ -61,10 +88,6 @@ class Options(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return f"Options({', '.join(f'{name}={value!r}' for name, value in self.items())})"
-
-
-#: What an argument of a scenario can be, by name.
-KINDS: Mapping[str, type] = {kind.__name__: kind for kind in (int, float, str)}
 
 
 class Declared(NamedTuple):

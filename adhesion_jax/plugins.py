@@ -35,13 +35,22 @@ class Part(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What a part may be: an article and a noun, its class, its registry, what is made of it."""
+    """What a part may be: an article and a noun, its room, its class there, what is made of it."""
 
     what: str
     room: str
     base: str
-    registry: str  # a module and a mapping of it
     made: Callable[[str, Any, "Kind"], Any]
+
+    @property
+    def home(self) -> str:
+        """The class of such parts, as a user imports it."""
+        return f"adhesion_jax.{self.room}.{self.base}"
+
+    @property
+    def registry(self) -> str:
+        """The mapping that has them by name."""
+        return f"adhesion_jax.{self.room}.{self.room.rpartition('.')[2].upper()}"
 
 
 #: The parts of files that were put into a registry, by kind and name.
@@ -163,9 +172,9 @@ def _of(module: ModuleType, name: str, value: object) -> bool:
 
 def _class(asked: str, found: Any, kind: Kind) -> Any:
     """The class, if it is one of the kind and lacks nothing."""
-    base = _named(f"{kind.room}.{kind.base}")
+    base = _named(kind.home)
     if not (inspect.isclass(found) and issubclass(found, base)):
-        raise InputError(f"{asked} is not {kind.what}: derive it from {kind.room}.{kind.base}.")
+        raise InputError(f"{asked} is not {kind.what}: derive it from {kind.home}.")
     places = ("__abstractmethods__", "__abstractclassvars__", "__abstractvars__")
     lacking = sorted({name for place in places for name in getattr(found, place, ())})
     if lacking:
@@ -190,7 +199,7 @@ def _instance(asked: str, found: Any, kind: Kind) -> Any:
 
 def _builder(asked: str, found: Any, kind: Kind) -> Callable[..., Any]:
     """The function, whose arguments become options, and what it builds a scenario."""
-    scenario = _named(f"{kind.room}.{kind.base}")
+    scenario = _named(kind.home)
     if inspect.isclass(found) or not callable(found):
         raise InputError(f"{asked} is not {kind.what}.")
     try:
@@ -212,42 +221,11 @@ def _builder(asked: str, found: Any, kind: Kind) -> Callable[..., Any]:
 
 
 KINDS: dict[str, Kind] = {
-    "identifier": Kind(
-        "an identifier",
-        "adhesion_jax.identifiers",
-        "Identifier",
-        "adhesion_jax.identifiers.IDENTIFIERS",
-        _instance,
-    ),
-    "scenario": Kind(
-        "a function that builds a scenario",
-        "adhesion_jax.scenarios",
-        "Scenario",
-        "adhesion_jax.scenarios.SCENARIOS",
-        _builder,
-    ),
-    "curve": Kind(
-        "a curve",
-        "adhesion_jax.curves",
-        "Curve",
-        "adhesion_jax.curves.CURVES",
-        _instance,
-    ),
-    "effect": Kind(
-        "an effect",
-        "adhesion_jax.effects",
-        "Cause",
-        "adhesion_jax.effects.EFFECTS",
-        _class,
-    ),
-    **{
-        noun: Kind(
-            f"{article} {noun}",
-            f"adhesion_jax.traction.{noun}s",
-            noun.capitalize(),
-            f"adhesion_jax.traction.{noun}s.{noun.upper()}S",
-            _instance,
-        )
-        for article, noun in (("an", "observer"), ("a", "seeker"), ("a", "controller"))
-    },
+    "identifier": Kind("an identifier", "identifiers", "Identifier", _instance),
+    "scenario": Kind("a function that builds a scenario", "scenarios", "Scenario", _builder),
+    "curve": Kind("a curve", "curves", "Curve", _instance),
+    "effect": Kind("an effect", "effects", "Cause", _class),
+    "observer": Kind("an observer", "traction.observers", "Observer", _instance),
+    "seeker": Kind("a seeker", "traction.seekers", "Seeker", _instance),
+    "controller": Kind("a controller", "traction.controllers", "Controller", _instance),
 }

@@ -228,7 +228,7 @@ def main(sets: int, nulls: int, seed: int, workers: int, out: Path) -> None:
         metadata = {"config": config, "wall_seconds": seconds, **runtime.describe()}
         write_metadata(stage / "metadata.json", metadata)
     click.echo(text(table))
-    click.echo(f"\nwritten to {directory} in {seconds:.0f} s")
+    click.echo(f"\nWritten to {directory} in {seconds:.0f} s")
 
 
 if __name__ == "__main__":

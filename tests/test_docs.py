@@ -10,10 +10,13 @@ import pytest
 
 HOME = Path(__file__).resolve().parents[1]
 README = HOME / "README.md"
-DOCS = sorted((HOME / "docs").glob("*.md"))
-PAGES = [README, *DOCS, HOME / "results" / "README.md", HOME / "CHANGELOG.md"]
+DOCS = sorted((HOME / "docs").rglob("*.md"))
+BESIDE = ("results/README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
+PAGES = [README, *DOCS, *(HOME / name for name in BESIDE)]
 
 LINES_OF_README = 150
+
+WORDS_OF_A_PAGE = 2500
 
 #: Indent, language and content of a fenced block.
 BLOCK = re.compile(r"^( *)```(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
@@ -70,9 +73,15 @@ def test_links_and_pictures_lead_somewhere(page):
     assert not wrong
 
 
-def test_the_readme_leads_to_every_page():
-    linked = {path.resolve() for path, _ in links_of(README)}
-    assert [page.name for page in DOCS if page not in linked] == []
+def test_the_site_leads_to_every_page():
+    navigation = (HOME / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
+    named = Counter(re.findall(r"[\w/]+\.md", navigation))
+    pages = [page.relative_to(HOME / "docs").as_posix() for page in DOCS]
+    assert named == Counter([*pages, "index.md", *BESIDE])
+
+
+def test_pages_are_not_long():
+    assert [page.name for page in DOCS if len(text_of(page).split()) > WORDS_OF_A_PAGE] == []
 
 
 @every_page

@@ -200,8 +200,9 @@ def test_the_new_curve_is_identified_by_the_command(told):
     row = told["identified"]
     assert row["curve"] == "hyperbolic"
     assert row["status"].startswith("TRUSTED")
-    for name, true in zip("abc", told["curve"], strict=True):
-        assert row[name] == pytest.approx(true, abs=3.3 * row[f"{name}_se"])
+    for own, name, true in zip(told["parameters"], "abc", told["curve"], strict=True):
+        assert own["parameter"] == name
+        assert own["value"] == pytest.approx(true, abs=3.3 * own["se"])
     a, b, c = told["curve"]
     assert row["slip_opt"] == pytest.approx(
         np.arccosh(np.sqrt(a * b / c)) / b, abs=3.3 * row["slip_opt_se"]

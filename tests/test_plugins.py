@@ -102,10 +102,10 @@ def test_the_options_of_a_scenario_are_in_its_help_and_in_their_range(folder):
 
 def test_a_curve_is_identified(folder):
     out, told = done_in(folder, of("identify"), "curve")
-    assert "Curve: Hyperbolic" in told
-    (row,) = pd.read_csv(out / "curves.csv").to_dict("records")
-    assert row["curve"] == "Hyperbolic"
-    assert 0.25 < row["mu_max"] < 0.35
+    assert "Weights of the curves" in told
+    table = pd.read_csv(out / "curves.csv").set_index("curve")
+    assert {*table.index} == {"Hyperbolic", "kiencke"}
+    assert 0.25 < table.loc["Hyperbolic", "mu_max"] < 0.35
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_an_effect_is_planted_and_found(folder):
 
 @pytest.mark.slow
 def test_a_curve_is_the_base_of_a_search(folder):
-    out, _ = done_in(folder, of("discover", "--base"), "base")
+    out, _ = done_in(folder, of("discover", "--curve"), "base")
     assert "Hyperbolic" in (out / "report.md").read_text()
 
 

@@ -24,7 +24,6 @@ STOREYS = (
     ("campaign", "planning"),
     ("report",),
     ("library",),
-    ("commands",),
     ("command_line",),
     ("__main__",),
 )

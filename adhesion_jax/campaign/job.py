@@ -7,7 +7,6 @@ its number alone.
 """
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -18,6 +17,7 @@ from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
 from adhesion_jax.campaign.tiles import TILE, Tiles, tiles_of
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.scenarios import Group, Options, Scenario
+from adhesion_jax.scenarios.course import switches
 
 #: The method with whose objective every other is compared.
 REFERENCE = "ml-exact"
@@ -93,14 +93,13 @@ class Job(NamedTuple):
     def stretches(self) -> tuple[str, ...]:
         """The rail of each part of a run on one rail."""
         rails = self.scenario.rails
-        return tuple(rail for b, rail in enumerate(rails) if rail != (None, *rails)[b])
+        return tuple(rails[b] for b in (0, *switches(rails)))
 
     @property
     def longest(self) -> int:
         """The number of steps of a method on the longest stretch."""
         scenario = self.scenario
-        starts = [b for b, (old, new) in enumerate(pairwise(scenario.rails), 1) if old != new]
-        blocks = int(np.max(np.diff([0, *starts, len(scenario.rails)])))
+        blocks = int(np.max(np.diff([0, *switches(scenario.rails), len(scenario.rails)])))
         if not scenario.known.by_sample:
             return blocks
         return blocks * int(jax.eval_shape(scenario.draw, jax.random.key(0)).mask.shape[-1])
@@ -114,8 +113,7 @@ class Job(NamedTuple):
         rails = self.scenario.rails
         if self.every_block:
             return np.arange(len(rails))
-        starts = [b for b, (old, new) in enumerate(pairwise(rails), 1) if old != new]
-        near = {b + j for b in starts for j in range(-1, _AFTER_SWITCH)}
+        near = {b + j for b in switches(rails) for j in range(-1, _AFTER_SWITCH)}
         return np.array(sorted(b for b in near | {len(rails) - 1} if b < len(rails)))
 
     @property

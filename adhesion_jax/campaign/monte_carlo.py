@@ -16,6 +16,7 @@ from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.metrics.accuracy import table_rows
 from adhesion_jax.metrics.counts import BINS, edges, middles, quantile, rebinned, share_middles
+from adhesion_jax.metrics.moments import plus
 from adhesion_jax.metrics.tracking import criteria_of, tracking_row
 from adhesion_jax.runtime import CORES
 
@@ -107,7 +108,7 @@ def added(job: Job, parts: Iterable[Reduced]) -> Totals:
     sums = None
     seconds = np.zeros(len(job.methods))
     for part in parts:
-        sums = part.sums if sums is None else sums.plus(part.sums)
+        sums = part.sums if sums is None else plus(sums, part.sums)
         flat[part.places] += part.numbers
         seconds = np.maximum(seconds, part.compile_seconds)
     if sums is None:

@@ -5,7 +5,6 @@ a shard, and in that of the shards afterwards, so that sums are the same bit for
 computed where.
 """
 
-import operator
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -49,10 +48,6 @@ class Sums(NamedTuple):
     tracking: Moments  # of `tracking_statistics`, [names, stretches]
     delays: NDArray[np.int64]  # runs with each delay, [names, stretches, steps]
     seconds: Moments  # of one identification, [methods]; its runs are tiles
-
-    def plus(self, other: "Sums") -> "Sums":
-        added: Sums = jax.tree.map(operator.add, self, other)
-        return added
 
 
 class Reduced(NamedTuple):

@@ -7,8 +7,7 @@ not on how many runs, tiles at a time or workers there are.
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -154,28 +153,18 @@ def content_of(scenario: Scenario) -> tuple[object, ...]:
     return form, *((leaf.dtype.str, leaf.shape, leaf.tobytes()) for leaf in numbers)
 
 
-@dataclass(frozen=True)
-class _Named:
-    """A scenario and its name, equal to another one of the same content."""
+#: The tiles that this process has used last, by the name and the content of the scenario.
+_latest: dict[object, Tiles] = {}
 
-    name: str
-    scenario: Scenario
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Named) and self._told() == other._told()
-
-    def __hash__(self) -> int:
-        return hash(self._told())
-
-    def _told(self) -> tuple[object, ...]:
-        return self.name, *content_of(self.scenario)
+#: As many as a command goes back and forth between.
+_MOST = 8
 
 
 def tiles_of(name: str, scenario: Scenario) -> Tiles:
     """The tiles of a scenario: a process that is given equal ones again and again has one."""
-    return _tiles(_Named(name, scenario))
-
-
-@lru_cache(maxsize=8)
-def _tiles(named: _Named) -> Tiles:
-    return Tiles(named.name, named.scenario)
+    known = name, *content_of(scenario)
+    found = _latest.pop(known, None) or Tiles(name, scenario)
+    _latest[known] = found  # the last in the order
+    if len(_latest) > _MOST:
+        del _latest[next(iter(_latest))]
+    return found

@@ -19,7 +19,7 @@ from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.metrics.closed_loop import FIGURES
-from adhesion_jax.metrics.moments import KnownMoments
+from adhesion_jax.metrics.moments import KnownMoments, plus
 from adhesion_jax.runtime import CORES, silent
 from adhesion_jax.traction.loop import Loop, Timing, Trace, check, first_row, timing
 from adhesion_jax.traction.plants.base import Plant
@@ -260,7 +260,7 @@ def added(parts: Iterable[Arrays]) -> Tally:
             sums = [dict(zip(FIGURES, part[kind][lane], strict=True)) for kind in _SUMS]
             moments = KnownMoments(int(part["summed runs"]), *sums)
             key = case, noise
-            tally[key] = tally[key].plus(moments) if key in tally else moments
+            tally[key] = plus(tally[key], moments) if key in tally else moments
             if leaves:
                 traces[case] = [leaf[lane] for leaf in leaves]
         seconds += float(part["seconds"])

@@ -3,17 +3,17 @@
 They are asked of the rooms once, which takes seconds, and remembered under the source they are of.
 """
 
-import json
 import os
+import pickle
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from adhesion_jax.keeping import folder, of_package
-from adhesion_jax.options import KINDS, Declared, Option
+from adhesion_jax.options import Declared
 
 #: Catalogues of other versions that stay beside the present one.
 _OTHERS = 8
@@ -25,7 +25,7 @@ class Scenario(NamedTuple):
 
 
 class Catalogue(NamedTuple):
-    """Names in the order of the registries; see `commands.names`."""
+    """Names in the order of the registries."""
 
     scenarios: Mapping[str, Scenario]
     main_job: tuple[str, ...]
@@ -48,49 +48,31 @@ class Catalogue(NamedTuple):
 def catalogue() -> Catalogue:
     """The names of the package as it is."""
     path = folder() / f"{of_package()}.names"
-    names = _remembered(path)
-    if names is None:
-        from adhesion_jax.commands.names import names as told
+    found = _remembered(path)
+    if found is None:
+        from adhesion_jax.command_line.registries import told
 
-        names = told()
-        _remember(path, json.dumps(names))
-    return catalogue_of(names)
-
-
-def catalogue_of(names: Mapping[str, Any]) -> Catalogue:
-    """What `commands.names` tells, or what JSON has made of it."""
-    scenarios = {
-        name: Scenario(
-            one["words"],
-            {key: _declared(**option) for key, option in one["options"].items()},
-        )
-        for name, one in names["scenarios"].items()
-    }
-    rest = {name: tuple(value) for name, value in names.items() if isinstance(value, list)}
-    refusals, not_following = names["refusals"], names["not_following"]
-    return Catalogue(scenarios, refusals=refusals, not_following=not_following, **rest)
-
-
-def _declared(kind: str, required: bool, option: Mapping[str, Any]) -> Declared:
-    return Declared(KINDS[kind], Option(**option), required)
-
-
-def _remembered(path: Path) -> Mapping[str, Any] | None:
-    """What lies there whole; None where there is nothing, or something damaged."""
-    try:
-        told, _, text = path.read_bytes().partition(b"\n")
-    except OSError:
-        return None
-    if told.decode(errors="replace") != sha256(text).hexdigest():
-        return None
-    found: Mapping[str, Any] = json.loads(text)
+        found = told()
+        _remember(path, pickle.dumps(found))
     return found
 
 
-def _remember(path: Path, text: str) -> None:
+def _remembered(path: Path) -> Catalogue | None:
+    """What lies there whole; None where there is nothing, or something damaged."""
+    try:
+        checksum, _, content = path.read_bytes().partition(b"\n")
+    except OSError:
+        return None
+    if checksum.decode(errors="replace") != sha256(content).hexdigest():
+        return None
+    found: Catalogue = pickle.loads(content)
+    return found
+
+
+def _remember(path: Path, content: bytes) -> None:
     partly = path.with_suffix(f".{os.getpid()}")
     with suppress(OSError):  # where there is no room the next command asks the rooms again
-        partly.write_text(f"{sha256(text.encode()).hexdigest()}\n{text}")
+        partly.write_bytes(f"{sha256(content).hexdigest()}\n".encode() + content)
         partly.replace(path)
         others = sorted(path.parent.glob("*.names"), key=os.path.getmtime, reverse=True)
         for old in others[1 + _OTHERS :]:

@@ -5,7 +5,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,13 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from adhesion_jax.errors import InputError, WorkerError
+from adhesion_jax.errors import InputError, WorkerError, cannot_write
+from adhesion_jax.options import Option
 from adhesion_jax.plugins import Part, part, use
 from adhesion_jax.wording import listed
+
+#: Where a click context holds the arguments of a recorded command, as they were given.
+ARGUMENTS = f"{__name__}.arguments"
 
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
@@ -52,23 +55,28 @@ def start() -> None:
     programs.share_with_jax()
 
 
-def perform(name: str, /, *beside: Part, **asked: object) -> None:
-    """Do what a command of this name is asked: only now are jax and the rooms imported.
+class Recorded(click.Command):
+    """A command whose arguments are recorded beside its results."""
 
-    Parts of the user's own come first, for some rooms make tables of the registries; what is asked
-    then has their names. Those `beside` are not named in it.
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[ARGUMENTS] = list(args)
+        return super().parse_args(ctx, args)
+
+
+def begin(*asked: Any) -> tuple[Any, ...]:
+    """Import jax, and put parts of the user's own that are asked for into their registries.
+
+    What is asked for is returned with their names. Call it before the rooms are imported, for some
+    of them make tables of the registries.
     """
     start()
-    for own in beside:
-        use(own)
-    known = {option: _used(value) for option, value in asked.items()}
-    import_module(f"adhesion_jax.commands.{name}").main(**known)
+    return tuple(map(_by_name, asked))
 
 
-def _used(value: object) -> object:
+def _by_name(value: object) -> object:
     if isinstance(value, Part):
         return use(value)
-    return tuple(map(_used, value)) if isinstance(value, tuple) else value
+    return tuple(map(_by_name, value)) if isinstance(value, tuple) else value
 
 
 class FiniteRange(click.FloatRange):
@@ -81,6 +89,11 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+def number_in(option: Option) -> FiniteRange:
+    """A number in the range of an option."""
+    return FiniteRange(option.low, option.high, option.low_open, option.high_open)
 
 
 class Folder(click.Path):
@@ -109,9 +122,7 @@ class Folder(click.Path):
             if not there.is_dir() or not os.access(there, os.W_OK):
                 reason = "Permission denied" if there.is_dir() else f"{there} is a file"
         if reason:
-            raise InputError(
-                f"--out {path} cannot be written to ({reason}); name a folder that can."
-            )
+            raise cannot_write(path, reason)
         return path
 
 
@@ -143,8 +154,13 @@ class Cluster(click.ParamType):
         return value
 
 
-def with_cluster(command: Callable[..., None]) -> Callable[..., None]:
-    """A decorator that gives a command the arguments `cluster` and `shared_folder`."""
+def examples(*lines: str) -> str:
+    """What stands under the help of a command, whose name the lines begin with."""
+    return "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in lines)
+
+
+def with_processes(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command the arguments `workers`, `cluster` and `shared_folder`."""
     shared = click.option(
         "--shared-folder",
         is_flag=True,
@@ -155,7 +171,12 @@ def with_cluster(command: Callable[..., None]) -> Callable[..., None]:
         type=Cluster(),
         help="Compute on Dask workers: local:N starts N here, tcp://HOST:PORT joins a scheduler.",
     )
-    return cluster(shared(command))
+    workers = click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help="Processes (one for each core); the results do not depend on their number.",
+    )
+    return workers(cluster(shared(command)))
 
 
 class File(click.ParamType):

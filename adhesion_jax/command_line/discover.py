@@ -1,20 +1,25 @@
 """`adhesion discover`: which physical effect a law lacks in measured data."""
 
+import json
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, Names, perform
-from adhesion_jax.command_line.reading import FILES, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.command import SEED, Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
 KNOWN = catalogue()
 
-_RUNS = File(KNOWN.data, f"name {FILES}")
+_RUNS = Log(KNOWN.data)
 
 
 class Plantable(Names):
@@ -26,7 +31,14 @@ class Plantable(Names):
         return Names((*self.names, *names), self.kind).convert(value, param, ctx)
 
 
-@click.command()
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "discover roller-rig",
+        "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
+        "discover --simulate humidity,patch",
+    ),
+)
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
 @slip_events
@@ -38,13 +50,14 @@ class Plantable(Names):
     help="File of runs for the error before and after.",
 )
 @click.option(
-    "--base",
-    type=Name((*KNOWN.curves, "auto"), "curve"),
+    "--curve",
+    type=Names((*KNOWN.curves, "auto"), "curve"),
     default="auto",
-    help=f"auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME.",
+    help=f"Base curves to choose from: auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME, divided "
+    "by commas.",
     show_default=True,
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option(
     "--effects",
     type=Names((), "effect"),
@@ -59,12 +72,7 @@ class Plantable(Names):
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
-@click.option(
-    "--slip-noise",
-    type=FiniteRange(min=0, min_open=True),
-    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
-    "vehicle speed); by default it is estimated.",
-)
+@slip_noise
 @click.option(
     "--correct",
     is_flag=True,
@@ -77,12 +85,21 @@ class Plantable(Names):
     help="Folder for report.html, report.md, report.json, law.json and figures.",
     show_default=True,
 )
+@listing(data=KNOWN.data, curves=KNOWN.curves, effects=KNOWN.effects)
 def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],
-    planted: tuple[Any, ...] | None,
+    curve: tuple[Any, ...],
+    seed: int,
     effects: tuple[Part, ...] | None,
-    **asked: Any,
+    planted: tuple[Any, ...] | None,
+    slip_noise: float | None,
+    correct: bool,
+    events: bool | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
 
@@ -94,6 +111,42 @@ def main(
         raise InputError("Name the files of TRAIN, or a campaign by --simulate, but not both.")
     if planted is not None and tests:
         raise InputError("--test does not go with --simulate, which draws its own test runs.")
+    _, curves, planted = begin(effects, curve, planted)
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.data.runs import matching, to_runs
+    from adhesion_jax.files import output_directory
+    from adhesion_jax.library.discover import discover_in, sources_of
+    from adhesion_jax.simulation.simulator import simulate, write_set
+
     if planted is not None:
-        planted = tuple(name for name in planted if name not in ("", "none"))
-    perform("discover", *(effects or ()), train=train, tests=tests, planted=planted, **asked)
+        names = tuple(name for name in planted if name not in ("", "none"))
+        write_set(output_directory(out), simulate(names, seed=seed))
+        train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
+        columns, known, dry_run = {}, {}, False
+    measured = read(train, columns, known, for_search=True)
+    judged = read(tests, columns, known, for_search=True) if tests else []
+    if dry_run:
+        return
+    output_directory(out)
+    logs, judging = events_of(measured, events), events_of(judged, events) if judged else []
+    understood = columns_of([*measured, *judged])
+    # Nothing holds the logs while effects are searched in their events.
+    del measured, judged
+    used = " ".join(filter(None, (log.sentence for log in logs)))
+    if used:
+        click.echo(f"{textwrap.fill(used, 96)}\n")
+    with shown() as progress:
+        runs = to_runs([log.points for log in logs])
+        test = matching(runs, to_runs([log.points for log in judging])) if judging else None
+        sources = sources_of(logs, train)
+        # Events alone are drawn in the end: the rows of other logs are held by the runs.
+        del judging
+        logs = [log for log in logs if log.events is not None]
+        found = discover_in(
+            runs, test, logs, sources, curves, seed, slip_noise, correct, progress, out
+        )
+    record(out, understood)
+    click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
+    if planted is not None:
+        truth = json.loads((out / "truth.json").read_text())
+        click.echo(f"Planted: {', '.join(truth['effects']) or 'nothing'}")

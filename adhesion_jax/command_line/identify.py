@@ -1,26 +1,36 @@
 """`adhesion identify`: which adhesion curve measured points follow."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Name, perform
-from adhesion_jax.command_line.reading import FILES, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.command import Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
+from adhesion_jax.command_line.record import columns_of, record
 
 KNOWN = catalogue()
 
 
-@click.command()
-@click.argument("files", type=File(KNOWN.data, f"name {FILES}"), nargs=-1, required=True)
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "identify eurosprinter",
+        'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
+        "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
+    ),
+)
+@click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
-    type=Name((*KNOWN.curves, "all"), "curve"),
+    type=Names((*KNOWN.curves, "all"), "curve"),
     default="all",
-    help=f"{', '.join(KNOWN.curves)}, FILE.py:NAME, or all.",
+    help=f"Some of {', '.join(KNOWN.curves)}, FILE.py:NAME, or all, divided by commas.",
     show_default=True,
 )
 @slip_events
@@ -30,27 +40,51 @@ KNOWN = catalogue()
     help="Compare the groups of rows by this column, text included, by run, or by auto: the column "
     "that predicts best.",
 )
-@click.option(
-    "--slip-noise",
-    type=FiniteRange(min=0),
-    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
-    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
-)
+@slip_noise
 @click.option(
     "--out",
     type=Folder(),
     default=Path("out/identify"),
-    help="Folder for report.html, curves.csv, curves.png, law.json, verdict.txt, of a log "
-    "events.png, and with --by runs.csv and runs.png.",
+    help="Folder for report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, "
+    "of a log events.png, and with --by runs.csv and runs.png.",
     show_default=True,
 )
-def main(**asked: Any) -> None:
+@listing(data=KNOWN.data, curves=KNOWN.curves)
+def main(
+    files: tuple[str, ...],
+    curve: tuple[Any, ...],
+    events: bool | None,
+    by: str | None,
+    slip_noise: float | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
+) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
-    FILES are one or more .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet files of slip (or the
-    speeds of wheel and train) and adhesion (or force and load), in columns that are recognised by
-    their names and units or named by --column; --dry-run shows how they are understood. Or the name
-    of a data set that ships with the package: eurosprinter. (roller-rig has one slip and no curve:
-    adhesion discover.)
+    FILES are tables of text, spreadsheets, .parquet, .mat, .h5, .mf4, .tdms or .feather files, or a
+    folder or a pattern of such as one log, of slip (or the speeds of wheel and train) and adhesion
+    (or force and load), in columns that are recognised by their names and units or named by
+    --column; --dry-run shows how they are understood. Or the name of a data set that ships with the
+    package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
     """
-    perform("identify", **asked)
+    (names,) = begin(curve)
+    from adhesion_jax.data import as_one, check_curve
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.library.identify import identify_chosen, with_groups
+    from adhesion_jax.library.reading import citation_of
+
+    measured = read(files, with_groups(columns, by), known)
+    if dry_run:
+        check_curve(as_one(measured))
+        return
+    # Nothing holds the log while the curves are fitted to its events.
+    logs, understood = events_of(measured, events), columns_of(measured)
+    del measured
+    curves = None if "all" in names else names
+    citation = " ".join(filter(None, map(citation_of, files)))
+    with shown() as progress:
+        found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
+    record(out, understood)
+    click.echo(f"{found}\n\nWritten to {out}")

@@ -10,14 +10,18 @@ import click
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
 from adhesion_jax.command_line.command import (
     SEED,
-    FiniteRange,
     Folder,
     Name,
     Names,
-    perform,
+    Recorded,
+    begin,
+    examples,
+    number_in,
     start,
-    with_cluster,
+    with_processes,
 )
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
@@ -25,21 +29,17 @@ from adhesion_jax.plugins import part, use
 KNOWN = catalogue()
 
 #: What is asked of the job; all other options are those of the scenario.
-_OF_JOB = ("runs", "seed", "out", "keep", "resume", "extend", "cluster", "shared_folder")
-
-
-def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if not wanted or context.resilient_parsing:
-        return
-    width = max(map(len, KNOWN.scenarios)) + 2
-    click.echo("scenarios")
-    for name, scenario in KNOWN.scenarios.items():
-        click.echo(f"  {name:<{width}}{scenario.words}")
-    click.echo("identifiers")
-    for name in KNOWN.identifiers:
-        click.echo(f"  {name}{'  (runs when named)' if name in KNOWN.ablations else ''}")
-    click.echo(f"rails\n  {', '.join(KNOWN.rails)}")
-    context.exit()
+_OF_JOB = (
+    "runs",
+    "seed",
+    "out",
+    "keep",
+    "resume",
+    "extend",
+    "workers",
+    "cluster",
+    "shared_folder",
+)
 
 
 def scenario_options(
@@ -64,7 +64,7 @@ def scenario_options(
     return with_options
 
 
-class WithScenario(click.Command):
+class WithScenario(Recorded):
     """With an option, too, for each argument of a scenario in a file of the user's own."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -97,11 +97,17 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
             int(option.low or 0), None if option.high is None else int(option.high)
         )
     if one.kind is float:
-        return FiniteRange(option.low, option.high, option.low_open, option.high_open)
+        return number_in(option)
     return one.kind
 
 
-@click.command(cls=WithScenario)
+@click.command(
+    cls=WithScenario,
+    epilog=examples(
+        "montecarlo --scenario single --rail common --runs 200",
+        "montecarlo --scenario qian2024-switch --identifiers riv,mine.py:Mine",
+    ),
+)
 @click.option(
     "--scenario",
     type=Name(KNOWN.scenarios, "scenario"),
@@ -130,19 +136,18 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     default=0,
     help="Number of runs to add to the job in the folder.",
 )
-@with_cluster
-@click.option(
-    "--list",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_list,
-    help="Show the names.",
+@with_processes
+@listing(
+    scenarios={name: scenario.words for name, scenario in KNOWN.scenarios.items()},
+    identifiers={
+        name: "(runs when named)" if name in KNOWN.ablations else "" for name in KNOWN.identifiers
+    },
+    rails=KNOWN.rails,
 )
 def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
     job = {name: asked.pop(name) for name in _OF_JOB}
-    options = {
+    options: dict[str, Any] = {
         name: _text(name, value) if isinstance(value, Path) else value
         for name, value in asked.items()
     }
@@ -151,7 +156,19 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
             check_accepted(name, scenario, KNOWN.refusals[scenario].get(name))
     if scenario in KNOWN.scenarios:
         check(scenario, KNOWN.scenarios[scenario].options, Options(**options))
-    perform("montecarlo", scenario=scenario, identifiers=identifiers or (), job=job, **options)
+    scenario, names = begin(scenario, identifiers)
+    from adhesion_jax.library.montecarlo import montecarlo
+    from adhesion_jax.report.montecarlo.tables import told
+    from adhesion_jax.runtime import CORES
+    from adhesion_jax.scenarios import SCENARIOS
+
+    if scenario not in (None, *KNOWN.scenarios):  # one of the user's own, which is known only now
+        check(scenario, declared(SCENARIOS[scenario]), Options(**options))
+    job["workers"] = job["workers"] or CORES
+    found = montecarlo(scenario, names or None, **job, **options)
+    record(job["out"])
+    click.echo(told(found.tables, found.asked.runs, [one.name for one in found.jobs]))
+    click.echo(f"\nWritten to {job['out']} in {found.seconds:.0f} s")
 
 
 def _text(option: str, path: Path) -> str:

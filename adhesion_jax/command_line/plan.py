@@ -1,7 +1,7 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +9,23 @@ import click
 import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, File, FiniteRange, Folder, Name, perform
-from adhesion_jax.command_line.reading import CORRECTIONS, FILES, reading
-from adhesion_jax.command_line.slip_events import slip_events
+from adhesion_jax.command_line.command import (
+    SEED,
+    File,
+    Folder,
+    Name,
+    Names,
+    Recorded,
+    begin,
+    examples,
+    number_in,
+)
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
+from adhesion_jax.options import NOISE
 
 KNOWN = catalogue()
 
@@ -97,8 +110,24 @@ class Condition(click.ParamType):
         return column, found
 
 
-@click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"), required=False)
+def noise(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command an option for all that can be stated of the noise."""
+    for name, option in reversed(NOISE.items()):
+        default = {"sigma": "  [default: 0.01]", "slow_rows": ""}.get(name, "  [default: 0]")
+        flag = f"--{name.replace('_', '-')}"
+        command = click.option(flag, type=number_in(option), help=option.help + default)(command)
+    return command
+
+
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "plan --rail common --want 1%",
+        "plan --curves out/identify/curves.csv",
+        'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
+    ),
+)
+@click.argument("log", type=Log(KNOWN.data), required=False)
 @reading
 @slip_events
 @click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")
@@ -114,8 +143,9 @@ class Condition(click.ParamType):
 )
 @click.option(
     "--curve",
-    type=Name(KNOWN.curves, "curve"),
-    help="The curve of LOG or of --curves that is taken for the truth.",
+    type=Names(KNOWN.curves, "curve"),
+    help="The curves of LOG or of --curves whose best is taken for the truth, FILE.py:NAME among "
+    "them, divided by commas.",
 )
 @click.option(
     "--condition",
@@ -133,36 +163,7 @@ class Condition(click.ParamType):
     type=click.IntRange(2, 10**6),
     help="Samples of a run, in which the slip rises from 0 to the largest.  [default: 200]",
 )
-@click.option(
-    "--sigma",
-    type=FiniteRange(0, 10, min_open=True),
-    help="Standard deviation of the noise of adhesion.  [default: 0.01]",
-)
-@click.option(
-    "--autocorrelation",
-    type=FiniteRange(0, 1, max_open=True),
-    help="Correlation of that noise from sample to sample.  [default: 0]",
-)
-@click.option(
-    "--run-scatter",
-    type=FiniteRange(0, 1),
-    help="Standard deviation of the level of a run, as a share of adhesion.  [default: 0]",
-)
-@click.option(
-    "--slow-level",
-    type=FiniteRange(0, 1),
-    help="The same of a level that varies slowly within a run.  [default: 0]",
-)
-@click.option(
-    "--slow-rows",
-    type=FiniteRange(0, 10**9),
-    help="Samples after which the correlation of the slow level has fallen to 1/e.",
-)
-@click.option(
-    "--slip-noise",
-    type=FiniteRange(0, 10),
-    help="Standard deviation of the noise of the slip.  [default: 0]",
-)
+@noise
 @click.option("--want", type=Share(), help="Relative standard error of mu_max to reach, as 1%.")
 @click.option(
     "--check",
@@ -177,8 +178,17 @@ class Condition(click.ParamType):
     help="Folder for plan.csv, plan.png and plan.txt.",
     show_default=True,
 )
+@listing(data=KNOWN.data, rails=KNOWN.rails, curves=KNOWN.curves)
 def main(
-    log: str | None, rail: str | None, curves: str | None, law: str | None, **asked: Any
+    log: str | None,
+    rail: str | None,
+    curves: str | None,
+    law: str | None,
+    curve: tuple[Any, ...] | None,
+    conditions: tuple[tuple[str, float], ...],
+    seed: int,
+    out: Path,
+    **asked: Any,
 ) -> None:
     """Say how far the slip must go, and how many samples it takes, to know the peak.
 
@@ -194,11 +204,48 @@ def main(
             "Name one of LOG, --rail, --curves and --law"
             + (f", not {' and '.join(named)} together." if named else ".")
         )
-    if asked["curve"] and named[0] not in ("LOG", "--curves"):
+    if curve and named[0] not in ("LOG", "--curves"):
         raise InputError(f"--curve goes with LOG or --curves, not with {named[0]}.")
     _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
-    asked["conditions"] = tuple(asked["conditions"])
-    perform("plan", log=log, rail=rail, curves=curves, law=law, **asked)
+    columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
+    check = asked.pop("check")
+    (names,) = begin(curve)
+    from adhesion_jax.data import as_one, check_curve
+    from adhesion_jax.data.events import events_of
+    from adhesion_jax.effects.saved import load_law
+    from adhesion_jax.files import output_directory, staged, write_table
+    from adhesion_jax.library.identify import identify_chosen
+    from adhesion_jax.library.plan import PLAN_FILES, plan
+    from adhesion_jax.library.reading import citation_of
+    from adhesion_jax.measured.saved import load_curve
+    from adhesion_jax.planning.check import check_plan
+    from adhesion_jax.report.plan.words import checked
+
+    source: Any = rail
+    understood = None
+    if log is not None:
+        measured = read([log], columns, known)
+        if dry_run:
+            check_curve(as_one(measured))
+            return
+        chosen, understood = events_of(measured, events), columns_of(measured)
+        del measured  # nothing holds the log while curves are fitted to its events
+        source = identify_chosen(chosen, names, citation_of(log))
+    elif curves is not None:
+        source = load_curve(Path(curves), names or ())
+    elif law is not None:
+        source = load_law(law)
+    found = plan(source, conditions=dict(conditions), **asked)
+    words = f"{found}"
+    with staged(output_directory(out), PLAN_FILES) as stage:
+        found.write(stage)
+        if check is not None:
+            with shown() as progress:
+                table = check_plan(found.plan, check, seed, progress)
+            write_table(stage / "check.csv", table)
+            words += f"\n\n{checked(table, check)}"
+    record(out, understood)
+    click.echo(f"{words}\n\nWritten to {out}")
 
 
 def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: str) -> None:

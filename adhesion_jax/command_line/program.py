@@ -18,6 +18,7 @@ COMMANDS = {
     "simulate": "Write a simulated log of a locomotive, of which the truth is known.",
     "plan": "Say how many samples, and up to which slip, it takes to know the peak.",
     "traction": "Run a published traction control system on its plant.",
+    "rerun": "Repeat the command that wrote the results in a folder.",
 }
 
 

@@ -1,19 +1,25 @@
-"""The options by which every command that reads measurements is told what their columns are."""
+"""How every command that reads measurements is told what their columns are, and reads them."""
 
+import glob
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from adhesion_jax.command_line.command import FiniteRange
+from adhesion_jax.command_line.command import File, FiniteRange
+from adhesion_jax.command_line.progress import shown
 from adhesion_jax.errors import InputError
 
-#: What can be read, for a refusal.
-FILES = "a .csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet file"
+if TYPE_CHECKING:
+    from adhesion_jax.data import Measured
+
+#: What is said where nothing can be read.
+WANTED = "name a file of measurements, or a folder or a pattern of such files"
 
 #: What of sensors and wheelset the columns do not tell, and the option that says it.
 CORRECTIONS: Mapping[str, str] = {
@@ -24,6 +30,22 @@ CORRECTIONS: Mapping[str, str] = {
     "efficiency": "--efficiency",
     "axles": "--axles",
 }
+
+#: Whether a command shall cut slip events out of a log.
+slip_events = click.option(
+    "--events/--whole",
+    "events",
+    default=None,
+    help="Cut the slip events out of a log, as runs, or use all of its rows. By default events are "
+    "cut out of a table of 10,000 rows or more with a time and without a column run.",
+)
+
+slip_noise = click.option(
+    "--slip-noise",
+    type=FiniteRange(min=0),
+    help="Standard deviation of the noise of the wheel speed in m/s (of slip, where there is no "
+    "vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.",
+)
 
 _OPTIONS = (
     click.option(
@@ -91,6 +113,19 @@ _OPTIONS = (
 )
 
 
+class Log(File):
+    """A file of measurements, a folder or a pattern of such, or the name of a set that ships."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(names, WANTED)
+
+    def convert(self, value: str, param: Any, ctx: Any) -> str:
+        with suppress(OSError, ValueError):  # a name that is too long, or holds a zero
+            if Path(value).is_dir() or (not Path(value).exists() and glob.glob(value)):
+                return value
+        return super().convert(value, param, ctx)
+
+
 def reading(command: Callable[..., None]) -> Callable[..., None]:
     """Adds the options; the command is then called with columns, known and dry_run.
 
@@ -112,40 +147,69 @@ def reading(command: Callable[..., None]) -> Callable[..., None]:
     return told
 
 
+def read(
+    files: Sequence[str],
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    for_search: bool = False,
+) -> "list[Measured]":
+    """The measurements of the files; what was understood of each is printed, refused or not.
+
+    A search for effects is satisfied with columns of which it needs fewer rows.
+    """
+    from adhesion_jax.data.corrections import corrections_of
+    from adhesion_jax.data.gaps import FEW, FEW_OF_A_SEARCH
+    from adhesion_jax.data.reading import NotUnderstoodError
+    from adhesion_jax.library.reading import all_of
+    from adhesion_jax.report.measured.understood import columns_table, understood
+
+    corrections, few = corrections_of(**known), FEW_OF_A_SEARCH if for_search else FEW
+    with shown() as progress:
+        try:
+            found = all_of(files, columns, corrections, progress, few)
+        except NotUnderstoodError as refused:
+            click.echo(f"Columns as understood so far:\n{columns_table(refused.understood)}\n")
+            raise
+    click.echo("\n\n".join(map(understood, found)) + "\n")
+    return found
+
+
 def _delays(named: Sequence[str]) -> dict[str, float]:
     found: dict[str, float] = {}
-    for one in named:
-        name, _, written = (part.strip() for part in one.partition("="))
+    for name, written, one in _pairs("delay", named):
         try:
-            seconds = float(written)
+            found[name] = float(written)
         except ValueError:
-            seconds = math.nan
-        if not name or not math.isfinite(seconds):
+            found[name] = math.nan
+        if not name or not math.isfinite(found[name]):
             raise InputError(
                 f'--delay "{one}" does not say how late a signal is; write NAME=SECONDS, as in '
                 '"vehicle_speed=0.2".'
             )
-        if name in found:
-            raise InputError(f"--delay {name} is given twice; name one delay for it.")
-        found[name] = seconds
     return found
 
 
 def _columns(file: Path | None, named: Sequence[str]) -> Mapping[str, object]:
     columns: dict[str, object] = {} if file is None else _of_file(file)
-    given: set[str] = set()
-    for one in named:
-        quantity, equals, column = (part.strip() for part in one.partition("="))
-        if not (quantity and equals and column):
+    for quantity, column, one in _pairs("column", named):
+        if not (quantity and column):
             raise InputError(
                 f'--column "{one}" does not say what a column is; write QUANTITY=COLUMN [UNIT], '
                 'as in "speed=v [km/h]".'
             )
-        if quantity in given:
-            raise InputError(f"--column {quantity} is given twice; name one column for it.")
-        given.add(quantity)
         columns[quantity] = column
     return columns
+
+
+def _pairs(option: str, named: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """What stands on both sides of the sign of equality, and the whole; each name comes once."""
+    given: set[str] = set()
+    for one in named:
+        name, _, value = (part.strip() for part in one.partition("="))
+        if name in given:
+            raise InputError(f"--{option} {name} is given twice; name one {option} for it.")
+        given.add(name)
+        yield name, value, one
 
 
 def _of_file(path: Path) -> dict[str, object]:

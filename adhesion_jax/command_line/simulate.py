@@ -1,14 +1,24 @@
 """`adhesion simulate`: a whole log of a locomotive, of which the truth is known."""
 
 from pathlib import Path
-from typing import Any
 
 import click
+from tqdm import tqdm
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, Recorded, begin, examples
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.record import record
+from adhesion_jax.errors import InputError
+
+_EFFECTS = ("none", "humidity", "falling_friction")
 
 
-@click.command()
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "simulate --hours 0.3 --events 3 --seed 1 --out log.csv",
+    ),
+)
 @click.option(
     "--hours",
     type=FiniteRange(min=0, min_open=True, max=240),
@@ -25,7 +35,7 @@ from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
 )
 @click.option(
     "--effect",
-    type=Name(("none", "humidity", "falling_friction"), ""),
+    type=Name(_EFFECTS),
     default="none",
     help="What acts on adhesion beside slip: none, humidity or falling_friction.",
     show_default=True,
@@ -38,11 +48,35 @@ from adhesion_jax.command_line.command import SEED, FiniteRange, Name, perform
     help="File for the log, .csv or .parquet.",
     show_default=True,
 )
-def main(**asked: Any) -> None:
+@listing(effects=_EFFECTS)
+def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:
     """Write a simulated log of a locomotive, and the truth behind it.
 
     The log has speed of train and wheel, force and load of an axle, humidity and temperature at
     100 Hz. A .csv file is as a German spreadsheet exports it (semicolons, decimal commas, km/h and
     kN, date and time of day). The truth is written to the same name with the ending .truth.json.
     """
-    perform("simulate", **asked)
+    begin()
+    from adhesion_jax.files import METADATA, output_directory, staged
+    from adhesion_jax.simulation.locomotive_log import (
+        locomotive_log,
+        truth_text,
+        write_csv,
+        write_parquet,
+    )
+
+    writers = {".csv": write_csv, ".parquet": write_parquet}
+    if out.suffix not in writers:
+        raise InputError(f"The ending of --out {out} is not known; name a .csv or .parquet file.")
+    effects = () if effect == "none" else (effect,)
+    drawn = locomotive_log(seed=seed, hours=hours, events=events, effects=effects)
+    truth = out.with_suffix(".truth.json")
+    with (
+        staged(output_directory(out.parent), (out.name, truth.name, METADATA)) as stage,
+        tqdm(total=drawn.rows, unit="row", unit_scale=True, leave=False, disable=None) as bar,
+    ):
+        for rows in writers[out.suffix](stage / out.name, drawn):
+            bar.update(rows)
+        (stage / truth.name).write_text(truth_text(drawn), encoding="utf-8")
+    record(out.parent)
+    click.echo(f"Written to {out}: {drawn.rows:,} rows, {events} slip events; truth in {truth}")

@@ -4,11 +4,14 @@ from pathlib import Path
 
 import click
 
-from adhesion_jax.command_line.command import perform
+from adhesion_jax.command_line.command import begin, examples
 
 
-@click.command()
+@click.command(epilog=examples("status out/montecarlo"))
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("out/montecarlo"))
 def main(folder: Path) -> None:
     """Say how far the job in FOLDER is, and what its finished runs tell."""
-    perform("status", folder=folder)
+    begin()
+    from adhesion_jax.library.status import status
+
+    click.echo(status(folder))

@@ -1,13 +1,24 @@
 """`adhesion track`: a log followed by online methods, sample by sample."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import File, FiniteRange, Folder, Names, perform
-from adhesion_jax.command_line.reading import FILES, reading
+from adhesion_jax.command_line.command import (
+    FiniteRange,
+    Folder,
+    Names,
+    Recorded,
+    begin,
+    examples,
+)
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.reading import Log, read, reading
+from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -15,8 +26,14 @@ KNOWN = catalogue()
 _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
 
 
-@click.command()
-@click.argument("log", type=File(KNOWN.data, f"name {FILES}"))
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "track eurosprinter",
+        'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
+    ),
+)
+@click.argument("log", type=Log(KNOWN.data))
 @reading
 @click.option(
     "--identifiers",
@@ -43,7 +60,17 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     help="Folder for track.csv, track.png and track.txt.",
     show_default=True,
 )
-def main(identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
+@listing(data=KNOWN.data, identifiers=_ONLINE)
+def main(
+    log: str,
+    identifiers: tuple[Any, ...] | None,
+    initial_slope: float | None,
+    events: bool | None,
+    out: Path,
+    columns: Mapping[str, object],
+    known: Mapping[str, Any],
+    dry_run: bool,
+) -> None:
     """Follow LOG sample by sample, and draw what is known of the largest adhesion over time.
 
     LOG is a file that adhesion identify takes, with a time if there is one, or the name of a data
@@ -54,4 +81,22 @@ def main(identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
             raise InputError(
                 f"--identifiers {name} cannot follow a log: {KNOWN.not_following[name]}."
             )
-    perform("track", identifiers=identifiers or (), **asked)
+    (names,) = begin(identifiers)
+    from adhesion_jax.data import check_curve
+    from adhesion_jax.library.track import METHODS, track
+
+    (measured,) = read([log], columns, known)
+    if dry_run:
+        check_curve(measured)
+        return
+    with shown() as progress:
+        found = track(
+            measured,
+            names or METHODS,
+            initial_slope,
+            events=events,
+            report=lambda done, total: progress("following", done / total),
+            out=out,
+        )
+    record(out, columns_of([measured]))
+    click.echo(f"{found}\n\nWritten to {out}")

@@ -12,14 +12,24 @@ from adhesion_jax.command_line.command import (
     FiniteRange,
     Folder,
     Name,
-    perform,
-    with_cluster,
+    Recorded,
+    begin,
+    examples,
+    with_processes,
 )
+from adhesion_jax.command_line.listing import listing
+from adhesion_jax.command_line.record import record
 
 KNOWN = catalogue()
 
 
-@click.command()
+@click.command(
+    cls=Recorded,
+    epilog=examples(
+        "traction --system hxd1f",
+        "traction --system fang2018 --runs 0 --controller rate-feedback --out out/eq8",
+    ),
+)
 @click.option(
     "--system", type=Name(KNOWN.systems), required=True, help=f"{', '.join(KNOWN.systems)}."
 )
@@ -47,12 +57,7 @@ KNOWN = catalogue()
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
 @click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Processes (one for each core); the results do not depend on their number.",
-)
-@with_cluster
+@with_processes
 @click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
 @click.option(
     "--extend",
@@ -60,11 +65,40 @@ KNOWN = catalogue()
     default=0,
     help="Number of runs with noise to add to the job in the folder.",
 )
-@click.option("--out", type=Folder(), help="(out/traction-SYSTEM)")
-def main(system: str, out: Path | None, **asked: Any) -> None:
+@click.option("--out", type=Folder(), default=Path("out/traction"), show_default=True)
+@listing(
+    systems=KNOWN.systems,
+    plants=KNOWN.plants,
+    observers=KNOWN.observers,
+    seekers=KNOWN.seekers,
+    controllers=KNOWN.controllers,
+)
+def main(
+    system: str,
+    observer: Any,
+    seeker: Any,
+    controller: Any,
+    workers: int | None,
+    out: Path,
+    **asked: Any,
+) -> None:
     """Run a published control system on its plant: its table, its figures and its metrics.
 
     Every scenario of the paper runs once without noise and `--runs` times with noise. With an
     observer, a seeker or a controller named, it takes the place of the paper's own.
     """
-    perform("traction", system=system, out=out or Path("out") / f"traction-{system}", **asked)
+    observer, seeker, controller = begin(observer, seeker, controller)
+    from adhesion_jax.library.traction import traction_control
+    from adhesion_jax.runtime import CORES
+
+    found = traction_control(
+        system,
+        observer=observer,
+        seeker=seeker,
+        controller=controller,
+        workers=workers or CORES,
+        out=out,
+        **asked,
+    )
+    record(out)
+    click.echo(f"{found}\n\nWritten to {out} in {found.seconds:.0f} s")

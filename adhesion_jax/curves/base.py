@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from adhesion_jax.curves.peak import Peak, find_peak
+from adhesion_jax.curves.precision import precise_of_numbers
 from adhesion_jax.programs import kept
 
 Scalar = float | Float[Array, ""]
@@ -58,6 +59,7 @@ class Law(eqx.Module):
         or of the shape of `slip`; a law uses those it needs and ignores the others.
         """
 
+    @precise_of_numbers
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         """The largest adhesion for 0 <= slip <= slip_limit, under scalar `conditions`.
 

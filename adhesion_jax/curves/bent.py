@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from adhesion_jax.curves.base import Conditions, Curve, Law, Scalar, Signal
+from adhesion_jax.curves.precision import precise_of_numbers
 
 #: Number of functions that the departure of a single curve is made of: of ten a kink at the peak
 #: was missed, of more than 24 nothing was gained. Below effects, where they must be fitted many
@@ -26,6 +27,7 @@ class Bent(Law):
     largest: Scalar
     braking: Float[Array | np.ndarray, " functions"] | None = None
 
+    @precise_of_numbers
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return self.curve(slip, conditions) * (1 + self.departure(slip))
 

@@ -50,12 +50,16 @@ COLUMNS: Mapping[str, Column] = {
 #: Label of `mode`, in any case of its letters, to the sign of the driving torque.
 MODES: Mapping[str, float] = {"traction": 1.0, "braking": -1.0, "coasting": 0.0}
 
+#: The label of what a comparison goes by.
+GROUP = "group"
+
 #: Known columns whose entries are labels: any text or number will do but for `mode`.
 LABELS: Mapping[str, str] = {
     "run": "number or name of the run",
     "axle": "number or name of the axle",
     "mode": ", ".join(MODES),
-    "group": "what a comparison by a column goes by: any text or number",
+    "file": "name of the file of a folder",
+    GROUP: "what a comparison by a column goes by: any text or number",
 }
 
 #: Names by which columns of labels are recognised, in small letters.

@@ -1,11 +1,13 @@
 """Files as sheets of cells: what is in them at a glance, and their cells block by block."""
 
 import gzip
+import io
 import itertools
 import re
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from io import BufferedIOBase
 from pathlib import Path
 from typing import NamedTuple
@@ -16,14 +18,19 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from adhesion_jax.data.cells import MISSING, is_text
+from adhesion_jax.data.containers import FRAMED, SPREADSHEETS, spreadsheet, zipped
 from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, tidy
 from adhesion_jax.data.encodings import encoding_of
 from adhesion_jax.data.stamps import A_DATE, TIME_OF_DAY, form_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
-ENDINGS = (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc", ".parquet")
+_OF_TEXT = (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc")
+ENDINGS = (*_OF_TEXT, ".zip", *SPREADSHEETS, ".parquet", *FRAMED)
 _KINDS = f"a {listed(ENDINGS, 'or')} file"
+
+#: What is to be named where nothing can be read.
+WANTED = "name a file of measurements, or a folder or a pattern of such files"
 
 #: Names that pandas gives to an index that was saved as a column.
 _SAVED_INDEX = re.compile(r"|Unnamed: \d+|__index_level_\d+__")
@@ -40,6 +47,10 @@ _SHOWN = 200
 
 #: Cells of some rows by the name of their column, all of one length.
 Block = Mapping[str, pyarrow.Array]
+
+
+#: Opens text as bytes, and the file whose place tells how much is read.
+_Opened = Callable[[], AbstractContextManager[tuple[BufferedIOBase, BufferedIOBase]]]
 
 
 class Sheet(NamedTuple):
@@ -64,15 +75,27 @@ def sheet_of_file(path: Path) -> Sheet:
     try:
         if not path.is_file():
             problem = "is not a file" if path.exists() else "does not exist"
-            raise InputError(f"{path} {problem}; name {_KINDS}.")
+            raise InputError(f"{path} {problem}; {WANTED}.")
         name = path.name.lower()
         if not name.endswith(ENDINGS):
             raise InputError(f"the ending of {path} is not known; name {_KINDS}.")
         if not path.stat().st_size:
             raise InputError(f"{path} is empty; it needs a header and one row a point.")
-        return _parquet(path) if name.endswith(".parquet") else _text(path)
+        if name.endswith(".parquet"):
+            return _parquet(path)
+        ending = path.suffix.lower()
+        if ending in FRAMED:
+            frame, said = FRAMED[ending](path)
+            return sheet_of_frame(frame, str(path))._replace(format=said, first_row=1)
+        if ending in SPREADSHEETS:
+            text, sheet = spreadsheet(path)
+            found = _text(path, lambda: _held(text))
+            # Of how the text is written the user wants to know what the sheet has itself.
+            said = ", ".join([f"the sheet {tidy(sheet)}", *found.format.split(", ")[1:]])
+            return found._replace(format=said)
+        return _text(path, lambda: _opened(path))
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); name {_KINDS}.") from None
+        raise InputError(f"{path} cannot be read ({error.strerror}); {WANTED}.") from None
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -147,10 +170,10 @@ def _plain(cells: pyarrow.Array) -> pyarrow.Array:
     return cells.dictionary_decode() if pyarrow.types.is_dictionary(cells.type) else cells
 
 
-def _text(path: Path) -> Sheet:
-    with _opened(path) as (stream, _):
+def _text(path: Path, opened: _Opened) -> Sheet:
+    with opened() as (stream, _):
         encoding = encoding_of(stream, str(path))
-    with _opened(path) as (stream, _):
+    with opened() as (stream, _):
         dialect = dialect_of(stream, encoding, str(path))
     _refuse_duplicates(str(path), dialect.names)
     places = _named(dialect.names)
@@ -166,12 +189,12 @@ def _text(path: Path) -> Sheet:
         dialect.above + 1,
         dialect.mark,
         _format(dialect),
-        lambda: _text_blocks(path, dialect, places),
+        lambda: _text_blocks(path, opened, dialect, places),
     )
 
 
 def _text_blocks(
-    path: Path, dialect: Dialect, places: Mapping[str, int]
+    path: Path, opened: _Opened, dialect: Dialect, places: Mapping[str, int]
 ) -> Iterator[tuple[Block, float]]:
     ragged: list[pyarrow.csv.InvalidRow] = []
 
@@ -183,7 +206,7 @@ def _text_blocks(
     keys = [str(place) for place in range(len(dialect.names))]
     above = dialect.above - dialect.skipped
     size = max(path.stat().st_size, 1)
-    with _opened(path) as (stream, raw):
+    with opened() as (stream, raw):
         try:
             reader = pyarrow.csv.open_csv(
                 pyarrow.PythonFile(stream, "r"),
@@ -268,6 +291,13 @@ def _format(dialect: Dialect) -> str:
 def _opened(path: Path) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
     """The text of a file as bytes, and the file itself, whose place tells how much is read."""
     with path.open("rb") as raw:
+        if path.suffix.lower() == ".zip":
+            with zipped(path, _OF_TEXT) as stream:
+                try:
+                    yield stream, raw
+                except (zlib.error, zipfile.BadZipFile):
+                    raise InputError(f"{path} is not a whole zip file; zip it anew.") from None
+            return
         if not path.name.lower().endswith(".gz"):
             yield raw, raw
             return
@@ -276,6 +306,13 @@ def _opened(path: Path) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
                 yield stream, raw
         except (gzip.BadGzipFile, EOFError, zlib.error):
             raise InputError(f"{path} is not a whole gzip file; compress it anew.") from None
+
+
+@contextmanager
+def _held(text: bytes) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
+    """Text that is in memory, as a file."""
+    stream = io.BytesIO(text)
+    yield stream, stream
 
 
 def _named(names: Sequence[str]) -> dict[str, int]:

@@ -27,7 +27,7 @@ class Grouping(NamedTuple):
 
 
 def group(files: Sequence[Measured]) -> Grouping:
-    """The runs of all files: by the column run, else by gaps in time_s, else a file is a run.
+    """The runs of all tables: by the column run, else by gaps in time_s, else a file is a run.
 
     With a time each axle has runs of its own, for its rows are a signal of their own. No run
     reaches over two files: a name that stands in several of them is named file:name.
@@ -71,8 +71,9 @@ def places(starts: np.ndarray, lengths: np.ndarray, points: int) -> tuple[np.nda
 
 def _runs_of(table: pd.DataFrame) -> tuple[np.ndarray, Sequence[str]]:
     """The number of the run of each row of a table, in the order in which runs begin, and names."""
-    if "run" in table:
-        codes, names = pd.factorize(table["run"])
+    label = next((one for one in ("run", "file") if one in table), "")
+    if label == "run" or (label and "time_s" not in table):
+        codes, names = pd.factorize(table[label])
         return codes, [str(name) for name in names]
     if "time_s" not in table:
         return np.zeros(len(table), dtype=int), ["1"]

@@ -141,13 +141,15 @@ def _reached(values: np.ndarray) -> float:
     return float(np.quantile(np.abs(values), 0.9))
 
 
-def speed_warnings(columns: Mapping[str, np.ndarray], label: str) -> list[str]:
-    """Sentences on the train speed, which is in the column `label`, where its unit must be wrong.
+def speed_warnings(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
+    """Sentences on the train speed where its unit must be wrong.
 
     The first that can be told of: the distance run, by positions; the change of the speed, by an
-    acceleration; how fast the speed changes. A train of constant speed whose log has none of these
-    tells nothing of the unit.
+    acceleration; how fast a speed in m/s changes. A train of constant speed whose log has none of
+    these tells nothing of the unit.
     """
+    own = taken.get("vehicle_speed_mps")
+    label = own.column if own else "vehicle_speed_mps"
     speed, time = (columns.get(name) for name in ("vehicle_speed_mps", "time_s"))
     if speed is None or time is None or speed.size < 2:
         return []
@@ -178,7 +180,8 @@ def speed_warnings(columns: Mapping[str, np.ndarray], label: str) -> list[str]:
     whole = np.isclose(lasted, within * usual, rtol=0.1)
     rate = np.abs(speed[within:] - speed[:-within])[whole] / (within * usual)
     hardest = float(np.quantile(rate, 0.999)) if rate.size else 0.0
-    if hardest <= _HARDEST:
+    # In km/h already it is that of a car, or of a rig.
+    if hardest <= _HARDEST or (own and own.conversion.factor < 1):
         return []
     return [
         f"Check the unit of column {label}: the speed of the train changes by {hardest:.2g} m/s in "

@@ -14,7 +14,8 @@ from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.delays import without_delays
 from adhesion_jax.data.derived import SOURCES, Derived, derive, needed
 from adhesion_jax.data.exchanged import exchanged
-from adhesion_jax.data.files import Sheet, sheet_of_file, sheet_of_frame
+from adhesion_jax.data.files import Sheet, sheet_of_frame
+from adhesion_jax.data.folder import sheet_of
 from adhesion_jax.data.gaps import FEW, bridged, without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
 from adhesion_jax.data.lateness import late_signals
@@ -75,13 +76,13 @@ def read_measured(
 ) -> Measured:
     """A measured table with slip and adhesion from a file; see `to_measured`.
 
-    Read are the files of `files.ENDINGS`. In text, cells are separated by commas,
-    semicolons, tabs or bars, numbers have a decimal point or comma, and a row of units may stand
-    under the header. `known` is what is corrected, and of which sensors the columns do not tell.
-    `progress` is called with words and the share that is read. `few` is the largest share of rows
-    that is left out for the sake of columns that are not needed.
+    Read are the files of `files.ENDINGS`, and folders and patterns of these as one log. In text,
+    cells are separated by commas, semicolons, tabs or bars, numbers have a decimal point or comma,
+    and a row of units may stand under the header. `known` is what is corrected, and of which
+    sensors the columns do not tell. `progress` is called with words and the share that is read.
+    `few` is the largest share of rows that is left out for the sake of columns that are not needed.
     """
-    return _measured(sheet_of_file(path), columns, known, progress, few)
+    return _measured(sheet_of(path), columns, known, progress, few)
 
 
 def to_measured(
@@ -175,7 +176,7 @@ def _used(
     rows = Rows(stacked(read, found.taken, found.copies), sheet.first_row, read.rows)
     numbers = rows.numbers
     side_by_side = stacked_note(found.taken, found.copies, rows.count)
-    notes += rows.in_time(_column_of(taken, "time_s"))
+    notes += rows.in_time(taken["time_s"].column if "time_s" in taken else "time_s")
     notes += rows.labelled()
     there = [name for name in names_needed if name in numbers]
     bridges = bridged(numbers, rows.series, there)
@@ -232,7 +233,7 @@ def _used(
             *unit_notes,
             *beside_notes,
             *filter(None, [exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy())]),
-            *speed_warnings(numbers, _column_of(taken, "vehicle_speed_mps")),
+            *speed_warnings(numbers, taken),
         ),
         (*notes, *bridges, *gaps.notes),
     )
@@ -266,11 +267,6 @@ def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object
             yield one.column, one.quantity, one.stamp or one.unit, *span, missing
 
 
-def _column_of(taken: Mapping[str, Taken], name: str) -> str:
-    """What the file calls a quantity, or its name where it is in no column of the file."""
-    return taken[name].column if name in taken else name
-
-
 def _may_be_late(derived: Derived, known: Corrections) -> bool:
     """Whether to look for a late signal: the slip is that of two speeds, and nothing was said."""
     return "slip_velocity_mps" in derived.sources and not known.delays
@@ -288,7 +284,7 @@ def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
 def _format_notes(
     sheet: Sheet, found: Understanding, origin: str, left_out: Mapping[str, str]
 ) -> list[str]:
-    notes = [f"The file has {sheet.format}."] if sheet.format else []
+    notes = [f"The log has {sheet.format}."] if sheet.format else []
     if origin:
         notes.append(f"The time counts from {origin}.")
     notes += [f"The column {name} is left out: {why}." for name, why in left_out.items()]
@@ -313,10 +309,8 @@ def check_curve(measured: Measured) -> None:
     if len(slip) < POINTS:
         faults: Sequence[str] = [too_few(len(slip))]
     elif different < POINTS // 2:
-        faults = [
-            f"column {slip.name} has only {different} different sizes of slip "
-            f"(a curve needs at least {POINTS // 2})"
-        ]
+        sizes = "slips of one size" if different == 1 else f"slips of {different} sizes"
+        faults = [f"column {slip.name} has {sizes} alone (a curve needs at least {POINTS // 2})"]
     else:
         faults = adhesion_faults(slip, measured.table["adhesion"])
     if faults:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from adhesion_jax.data.columns import COLUMNS, LABELS, REPEATS_BESIDE, SD_AFTER, UNDECIDED
+from adhesion_jax.data.columns import COLUMNS, GROUP, LABELS, REPEATS_BESIDE, SD_AFTER, UNDECIDED
 from adhesion_jax.data.files import Sheet
 from adhesion_jax.data.mapping import Said, said
 from adhesion_jax.data.naming import Guess, guess, named, plain, side_by_side
@@ -75,7 +75,8 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
     guesses = {name: _guess(sheet, name) for name in sheet.columns}
     told = said(sheet.name, sheet.columns, columns)
     guesses = _by_neighbours(guesses, any(one.quantity == "adhesion_sd" for one in told))
-    by_column = {one.column: one for one in told if one.column}
+    # What groups go by may be a quantity as well.
+    by_column = {one.column: one for one in told if one.column and one.quantity != GROUP}
     given = {one.quantity for one in told}
     questions: list[Question] = []
     chosen: dict[str, dict[str, Guess]] = {}
@@ -120,6 +121,7 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
             ours = name in COLUMNS or name in LABELS or name in _OF_RESULTS
             own = f"{name} (as it is)" if ours else name
             taken.append(Taken(name, own, found.unit))
+    taken += [Taken(one.column, GROUP, "") for one in told if one.quantity == GROUP]
     return Understanding(
         tuple(taken),
         {one.quantity: one.constant for one in told if one.constant is not None},

@@ -1,7 +1,7 @@
 """From measured runs to findings: which effects the law lacks, and how far they lower its error."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -53,7 +53,7 @@ def _never_falling(progress: Callable[[str, float], None]) -> Callable[[str, flo
 def discover(
     runs: RunSet,
     test: RunSet | None = None,
-    base: str = "auto",
+    base: str | Sequence[str] = "auto",
     seed: int = 0,
     progress: Callable[[str, float], None] = runtime.silent,
     source: str = "",
@@ -63,12 +63,13 @@ def discover(
 ) -> Findings:
     """The effects that an adhesion curve lacks in the measured runs, with all that is reported.
 
-    `base` names a curve, or is "auto" for a choice by BIC. `test` is predicted, and never used for
-    fitting. `seed` draws the runs that are held out and all resampling. `progress` is called with
-    words and with the share of the whole that is done. `source` and `citation` are passed on to
-    the findings. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s if
-    it is known; otherwise the noise of the slip is estimated. With `correct` the test runs are also
-    predicted by the law with the trees of the second opinion on top, if these predict anything.
+    `base` names curves, or "auto" for those that do not fall with the speed, of which the one that
+    fits best is taken. `test` is predicted, and never used for fitting. `seed` draws the runs that
+    are held out and all resampling. `progress` is called with words and with the share of the whole
+    that is done. `source` and `citation` are passed on to the findings. `slip_noise` is the
+    standard deviation of the noise of the wheel speed in m/s if it is known; otherwise the noise of
+    the slip is estimated. With `correct` the test runs are also predicted by the law with the trees
+    of the second opinion on top, if these predict anything.
 
     Raises InputError for a base curve that is not known, or that needs a column the runs lack, for
     test runs that are training runs, and for a correction without test runs.
@@ -80,7 +81,8 @@ def discover(
         refuse_training_runs(runs, test)
     import_trees()
     progress = _never_falling(progress)
-    bases = _bases(runs, base)
+    asked = (base,) if isinstance(base, str) else tuple(base)
+    bases = _bases(runs, asked)
     blocks = condensed(runs)
     progress("fitting the base curves", 0.02)
     slip = slip_noise_of(blocks, slip_noise)
@@ -89,7 +91,7 @@ def discover(
     same = echoes(plain.fitted)
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
-    falling = _falling(runs) if base == "auto" and len(bases) > 1 else ()
+    falling = _falling(runs) if "auto" in asked and len(bases) > 1 else ()
     plain, final = plainer(plain, final, falling, spread, entries, seed, progress)
     # A wave along the track whose form is inexact leaves lines in the spectrum over time.
     waves = any(isinstance(part, Wave) for part in parts_of(final.accepted))
@@ -168,22 +170,26 @@ def _straightened(plain: Selection, runs: RunSet, blocks: RunSet) -> Rows:
     return blocks.whole._replace(adhesion=blocks.whole.adhesion - bends)
 
 
-def _bases(runs: RunSet, base: str) -> tuple[str, ...]:
-    """The names of the base curves to choose from; InputError if `base` cannot be used."""
+def _bases(runs: RunSet, asked: Sequence[str]) -> tuple[str, ...]:
+    """The names of the base curves to choose from; InputError if one cannot be used."""
     sizes = np.abs(runs.whole.slip)
     if np.ptp(sizes) < _ONE_SLIP * max(float(sizes.max()), 1e-300):
         return ("level",)
-    if base == "auto":
-        # What falls with the speed may be an effect: `_falling` has the curves that would hide it.
-        return tuple(name for name, curve in BASES.items() if curve.AUTOMATIC and not curve.NEEDS)
-    if base not in CURVES:
-        raise InputError(f"--base {base} is not known; name one of {', '.join(CURVES)}, or auto.")
-    missing = [name for name in CURVES[base].NEEDS if name not in runs.whole.conditions]
-    if missing:
-        raise InputError(
-            f"--base {base} needs the column {' and '.join(missing)}; add it or name another curve."
-        )
-    return (base,)
+    for name in asked:
+        if name not in (*CURVES, "auto"):
+            known = ", ".join(CURVES)
+            raise InputError(f"The curve {name} is not known; name some of {known}, or auto.")
+        needed = () if name == "auto" else CURVES[name].NEEDS
+        missing = [column for column in needed if column not in runs.whole.conditions]
+        if missing:
+            raise InputError(
+                f"The curve {name} needs the column {' and '.join(missing)}; add it or name "
+                "another curve."
+            )
+    # What falls with the speed may be an effect: `_falling` has the curves that would hide it.
+    automatic = [name for name, curve in BASES.items() if curve.AUTOMATIC and not curve.NEEDS]
+    chosen = [automatic if name == "auto" else [name] for name in asked]
+    return tuple(dict.fromkeys(name for names in chosen for name in names))
 
 
 def _falling(runs: RunSet) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from adhesion_jax.curves import Conditions, Law, Scalar, Signal
+from adhesion_jax.curves.precision import precise_of_numbers
 from adhesion_jax.effects.base import Effect, Value
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
@@ -30,6 +31,7 @@ class CorrectedLaw(Law):
     ranges: Mapping[str, tuple[Scalar, Scalar]]
     calendar: Calendar = eqx.field(static=True)
 
+    @precise_of_numbers
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         # Conditions that depend on the slip are computed from the expected slip.
         for effect in self.effects:

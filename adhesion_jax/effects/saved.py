@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from adhesion_jax.curves import BASES, Curve, Parameter
+from adhesion_jax.curves import BASES, Curve, Law, Parameter
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects import KINDS, kind_of
 from adhesion_jax.effects.conditions import Calendar
@@ -26,13 +26,19 @@ FORMAT = 2
 _CHANGED = ("covariate", "product", "slip_noise", "spline")
 
 
-def save_law(path: str | PathLike[str], law: CorrectedLaw) -> None:
-    """Write a law as JSON: names and numbers."""
+#: The calendar of a law that does not know of time.
+_NO_TIME = Calendar("run_order", 0.0, 1.0)
+
+
+def save_law(path: str | PathLike[str], law: Law) -> None:
+    """Write a law, or a curve with its departure or without, as JSON: names and numbers."""
     Path(path).write_text(law_text(law), encoding="utf-8")
 
 
-def law_text(law: CorrectedLaw) -> str:
+def law_text(law: Law) -> str:
     """A law as JSON."""
+    if not isinstance(law, CorrectedLaw):
+        law = CorrectedLaw(law, (), {}, _NO_TIME)
     bent = law.curve if isinstance(law.curve, Bent) else None
     curve = law.curve if bent is None else bent.curve
     assert isinstance(curve, Curve)

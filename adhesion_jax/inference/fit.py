@@ -66,6 +66,13 @@ class MeasuredFit(NamedTuple):
     left_out: Float[np.ndarray, " parts"]  # log density of each part, given the others
     converged: bool
 
+    def __repr__(self) -> str:
+        peak = f"{float(self.peak.adhesion):.4f} at slip {float(self.peak.slip):.4g}"
+        return (
+            f"<{type(self.law.curve).__name__} fitted to {self.points} points: largest adhesion "
+            f"{peak}{self.slip_unit}, rms {self.rms:.3g}, {self.status.name}>"
+        )
+
     @property
     def curve(self) -> Curve:
         """The nearest curve alone, without a departure."""

@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax.data import RunSet, matching, to_runs
 from adhesion_jax.data.corrections import corrections_of
@@ -18,10 +19,11 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
 from adhesion_jax.library.results import of_numbers, table_html, text_html, written
 from adhesion_jax.plugins import add
+from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
 from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
-from adhesion_jax.report.discovery.words import verdict
+from adhesion_jax.report.discovery.verdict import verdict
 from adhesion_jax.runtime import as_in_commands, silent
 
 
@@ -81,6 +83,11 @@ class Discovery:
         path.mkdir(parents=True, exist_ok=True)
         as_in_commands(write_discovery)(path, self.findings, self.logs)
 
+    @as_in_commands
+    def plot(self) -> Figure:
+        """The points, and the law before and after, at the median of every column."""
+        return adhesion_over_slip(self.findings)
+
     def __repr__(self) -> str:
         return printed(self.findings)
 
@@ -93,7 +100,7 @@ class Discovery:
 def discover(
     data: Data | Sequence[Data],
     test: Data | Sequence[Data] | None = None,
-    base: str = "auto",
+    curves: str | Sequence[str] = "auto",
     seed: int = 0,
     effects: Sequence[type[Cause]] | Mapping[str, type[Cause]] = (),
     slip_noise: float | None = None,
@@ -113,7 +120,8 @@ def discover(
 
     `data` has the columns that `identify` takes, a column run (or time_s, from whose gaps runs are
     told) and whatever was measured beside them; several tables are taken together. `test` is
-    predicted and never fitted. `base` is a name of CURVES, or auto. `effects` are classes of your
+    predicted and never fitted. The base curve is the best
+    of `curves`, names of CURVES or auto. `effects` are classes of your
     own, which are searched for beside the causes of EFFECTS under their names; they stay there, so
     that what is found can be told, saved and loaded. `seed` draws the runs that are
     held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
@@ -135,7 +143,7 @@ def discover(
         judging = matching(train, to_runs([log.points for log in judged]))
     sources = sources_of(logs, parts_of(data))
     return discover_in(
-        train, judging, logs, sources, base, seed, slip_noise, correct, progress, out
+        train, judging, logs, sources, curves, seed, slip_noise, correct, progress, out
     )
 
 
@@ -151,7 +159,7 @@ def discover_in(
     test: RunSet | None,
     logs: Sequence[Chosen],
     sources: tuple[str, str],
-    base: str,
+    curves: str | Sequence[str],
     seed: int,
     slip_noise: float | None,
     correct: bool,
@@ -166,7 +174,7 @@ def discover_in(
     findings = engine.discover(
         train,
         test,
-        base,
+        curves,
         seed,
         progress,
         source=source,

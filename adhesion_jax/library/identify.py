@@ -4,22 +4,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
+from adhesion_jax.data.columns import GROUP
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
-from adhesion_jax.effects.conditions import Calendar
-from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import write_table
+from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
@@ -27,7 +28,6 @@ from adhesion_jax.library.results import of_numbers, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
 from adhesion_jax.measured.groups import (
-    GROUP,
     Group,
     beside,
     branches_of,
@@ -40,9 +40,15 @@ from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.plugins import add
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
-from adhesion_jax.report.measured.figure import draw_comparison, draw_measured
+from adhesion_jax.report.measured.figure import draw_comparison, measured_figure
 from adhesion_jax.report.measured.page import page_of
-from adhesion_jax.report.measured.tables import answer_lines, curve_rows, printed_table
+from adhesion_jax.report.measured.tables import (
+    answer_lines,
+    curve_rows,
+    parameter_rows,
+    printed_table,
+    short_report,
+)
 from adhesion_jax.report.measured.words import in_lines, verdict
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.runtime import as_in_commands, silent
@@ -51,6 +57,7 @@ from adhesion_jax.wording import listed
 #: The files of an identification.
 IDENTIFY_FILES = (
     "curves.csv",
+    "parameters.csv",
     "law.json",
     "verdict.txt",
     "report.html",
@@ -58,6 +65,7 @@ IDENTIFY_FILES = (
     EVENTS_FIGURE,
     "runs.csv",
     "runs.png",
+    METADATA,
 )
 
 
@@ -67,8 +75,12 @@ MOST_AXLES = 8
 #: The word for the best of all splits.
 _AUTO = "auto"
 
-#: The calendar of a law that does not know of time.
-_NO_TIME = Calendar("run_order", 0.0, 1.0)
+
+class Param(NamedTuple):
+    """A parameter of a fitted curve and its standard error; NaN where it is held."""
+
+    value: float
+    se: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,8 +109,20 @@ class Identification:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row a curve: fit, peak, status, noise, parameters with their standard errors."""
+        """A row a curve: fit, peak, status, weight, noise."""
         return curve_rows(self.fits, self.not_fitted, self.answer)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """A row for each parameter of each curve: value, standard error, unit, meaning."""
+        return parameter_rows(self.fits)
+
+    @property
+    def params(self) -> Mapping[str, Param]:
+        """The parameters of the best curve by their names."""
+        rows = parameter_rows({self.best: self.fit})
+        values = zip(rows["value"], rows["se"], strict=True)
+        return dict(zip(rows["parameter"], map(Param._make, values), strict=True))
 
     @property
     def best(self) -> str:
@@ -118,7 +142,7 @@ class Identification:
     @property
     def curve(self) -> Bent:
         """The best curve with its departure, whose peak the table has: `curve(0.02, {})`."""
-        return self.fit.law.bent
+        return of_numbers(self.fit.law.bent)
 
     @property
     def conditions(self) -> Mapping[str, float]:
@@ -183,12 +207,11 @@ class Identification:
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "curves.csv", self.table)
+        write_table(path / "parameters.csv", self.parameters)
         (path / "verdict.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
-        save_law(path / "law.json", CorrectedLaw(self.curve, (), {}, _NO_TIME))
+        save_law(path / "law.json", self.curve)
         title = Path(self.measured.name).name
-        draw = as_in_commands(draw_measured)
-        level, place = self._level, self._place
-        draw(path / "curves.png", title, self.fits, self.residuals, self.answer, level, place)
+        self.plot().savefig(path / "curves.png", dpi=150)
         draw_events(path, self.logs)
         if self.comparison is not None:
             write_table(path / "runs.csv", self.comparison.table)
@@ -197,6 +220,16 @@ class Identification:
         pictures = {name: (path / name).read_bytes() for name in names if (path / name).exists()}
         page = page_of(title, self._lines, self._sections(), self.table, [*pictures])
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+
+    @as_in_commands
+    def plot(self) -> Figure:
+        """The points, the curves, their peak with its intervals, and what the curves leave."""
+        title, told = Path(self.measured.name).name, (self.answer, self._level, self._place)
+        return measured_figure(title, self.fits, self.residuals, *told)
+
+    def report(self) -> str:
+        """The peak, the best curve and its parameters in a few lines; `verdict` has the rest."""
+        return short_report(self.fits, self.best, self.answer, self.judgement)
 
     @property
     def _lines(self) -> str:

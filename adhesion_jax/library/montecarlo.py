@@ -32,19 +32,19 @@ from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier, Status
 from adhesion_jax.library.methods import methods_named
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.report.montecarlo import figures
-from adhesion_jax.report.montecarlo.tables import accuracy_table
+from adhesion_jax.report.montecarlo.tables import accuracy_table, told
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.scenarios import SCENARIOS, Options, declared
 from adhesion_jax.wording import listed
 
 #: The files of a campaign.
 MONTECARLO_FILES = (
-    *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", "metadata.json"),
+    *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", METADATA),
     *("steady.csv", "tracking.csv", "bands.csv"),
     *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png"),
 )
@@ -97,7 +97,7 @@ class MonteCarlo:
             "wall_seconds": self.seconds,
             **runtime.describe(),
         }
-        write_metadata(path / "metadata.json", metadata)
+        write_metadata(path / METADATA, metadata)
 
     def __repr__(self) -> str:
         return accuracy_table(self.summary, _quantities(self.summary))
@@ -165,7 +165,7 @@ def montecarlo(
         ),
     ):
         compute(content, jobs, folder, partial(suited, pool))
-        found = [campaign_of(job, totals_of(job, folder)) for job in jobs]
+        found = [campaign_of(job, _totals(job, folder)) for job in jobs]
         write_rows(stage / "runs.parquet", folder, jobs)
         seconds = time.perf_counter() - began
         MonteCarlo(asked, keep, jobs, found, stage / "runs.parquet", seconds).write(stage)
@@ -173,9 +173,16 @@ def montecarlo(
     return MonteCarlo(asked, keep, jobs, found, directory / "runs.parquet", seconds)
 
 
-def totals_of(job: Job, folder: Path) -> Totals:
+def _totals(job: Job, folder: Path) -> Totals:
     """What those shards of a job add up to that are there."""
     return added(job, map(reduced_of, read_all(folder, job.name, job.shards)))
+
+
+def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
+    """The tables, for a terminal, of those shards that are there of the job of a record."""
+    job = Job.recorded(record)
+    totals = _totals(job, folder)
+    return told(campaign_of(job, totals).tables, totals.sums.accuracy.runs, [job.name])
 
 
 def _methods(
@@ -216,22 +223,14 @@ def _option(name: str, one: Any, value: object) -> object:
         return _law_text(name, value)
     if one.kind is str:
         return str(value)
-    low, high = one.option.low, one.option.high
     try:
         number = one.kind(value)
-        right = number == value and math.isfinite(number)
+        right = number == value and math.isfinite(number) and one.option.holds(float(number))
     except (TypeError, ValueError, OverflowError):
         right = False
-    above = right and (low is None or number > low or (number == low and not one.option.low_open))
-    below = right and (
-        high is None or number < high or (number == high and not one.option.high_open)
-    )
-    if not (above and below):
+    if not right:
         kind = "a whole number" if one.kind is int else "a number"
-        ends = " ".join(
-            f"{word} {end:g}" for word, end in (("from", low), ("to", high)) if end is not None
-        )
-        raise InputError(f"{name} is {kind} {ends}, not {value!r}.")
+        raise InputError(f"{name} is {kind} {one.option.range()}, not {value!r}.")
     return number
 
 

@@ -10,15 +10,17 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
+from matplotlib.figure import Figure
 
 from adhesion_jax.curves import CURVES, Law
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import write_table
+from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
 from adhesion_jax.library.results import text_html
+from adhesion_jax.options import NOISE
 from adhesion_jax.planning.excitation import Sweeps
 from adhesion_jax.planning.own_log import OwnLog, own_log
 from adhesion_jax.planning.plan import (
@@ -34,7 +36,7 @@ from adhesion_jax.planning.plan import (
     wanted_of,
 )
 from adhesion_jax.planning.truth import Truth, curve_of
-from adhesion_jax.report.plan.figure import draw_plan
+from adhesion_jax.report.plan.figure import plan_figure
 from adhesion_jax.report.plan.words import plan_rows, told, wanted_rows
 from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.scenarios.rail_process import steady
@@ -42,7 +44,7 @@ from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.wording import listed
 
 #: The files of a plan.
-PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv")
+PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv", METADATA)
 
 #: Noise of the adhesion, and samples of a sweep, where neither is stated.
 _SIGMA, _SAMPLES_PER_RUN = 0.01, 200
@@ -56,16 +58,6 @@ _LONGER = 2.0 ** np.arange(-2.0, 6.0)
 
 #: Number of largest slips of the map.
 _MAP = 32
-
-#: Largest values of the noise that can be stated; the autocorrelation is below its own.
-_LARGEST = {
-    "sigma": 10.0,
-    "autocorrelation": 1.0,
-    "run_scatter": 1.0,
-    "slow_level": 1.0,
-    "slow_rows": 1e9,
-    "slip_noise": 10.0,
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,7 +89,11 @@ class Planning:
         if self.wanted is not None:
             write_table(path / "wanted.csv", wanted_rows(self.plan, self.wanted))
         (path / "plan.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
-        draw_plan(path / "plan.png", self.source, self.map, self.present, self.wanted)
+        self.plot().savefig(path / "plan.png", dpi=150)
+
+    def plot(self) -> Figure:
+        """The errors of mu_max and slip_opt over the largest slip and the number of samples."""
+        return plan_figure(self.source, self.map, self.present, self.wanted)
 
     def __repr__(self) -> str:
         return self.verdict
@@ -249,10 +245,8 @@ def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
 def _stated(**asked: float | None) -> dict[str, float]:
     stated = {name: float(value) for name, value in asked.items() if value is not None}
     for name, value in stated.items():
-        low_open, high_open = name == "sigma", name == "autocorrelation"
-        inside = 0 <= value <= _LARGEST[name]
-        if not inside or (low_open and value == 0) or (high_open and value == _LARGEST[name]):
-            raise InputError(f"{name} is a number from 0 to {_LARGEST[name]:g}, not {value:g}.")
+        if not NOISE[name].holds(value):
+            raise InputError(f"{name} is a number {NOISE[name].range()}, not {value:g}.")
     return stated
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from adhesion_jax.data import (
@@ -19,9 +20,9 @@ from adhesion_jax.data.reading import Progress
 from adhesion_jax.errors import InputError
 from adhesion_jax.runtime import silent
 
-#: A table of measured points: a data frame, a file by its path, a set that ships by its name, or
-#: what has been read of one of these.
-Data = pd.DataFrame | str | PathLike[str] | Measured
+#: A table of measured points: a data frame, columns by their names, a file (or a folder or pattern
+#: of files) by its path, a set that ships by its name, or what has been read of one of these.
+Data = pd.DataFrame | Mapping[str, object] | str | PathLike[str] | Measured
 
 #: What is said for a data frame, which has no name.
 _FRAME = "the data frame"
@@ -38,8 +39,8 @@ def measured_of(
     if isinstance(data, Measured):
         return data
     name = name_of(data)
-    if isinstance(data, pd.DataFrame):
-        return to_measured(name, data, columns, known, few)
+    if isinstance(data, (pd.DataFrame, Mapping)):
+        return to_measured(name, _frame(data), columns, known, few)
     found = read_measured(_path(data), columns, known, progress, few)
     return found._replace(name=name)
 
@@ -53,28 +54,40 @@ def all_of(
 ) -> list[Measured]:
     """Several tables; InputError names all that is wrong with any file of them."""
     parts = parts_of(data)
-    files = [_path(part) for part in parts if not isinstance(part, (pd.DataFrame, Measured))]
+    frames = (pd.DataFrame, Mapping)
+    files = [_path(part) for part in parts if not isinstance(part, (*frames, Measured))]
     if len(files) == len(parts):
         return [
             one._replace(name=name_of(part))
             for part, one in zip(parts, read_all(files, columns, known, progress, few), strict=True)
         ]
     tables = [measured_of(part, columns, known, progress, few) for part in parts]
-    if len(tables) > 1 and any(isinstance(part, pd.DataFrame) for part in parts):
+    if len(tables) > 1 and any(isinstance(part, frames) for part in parts):
         # Runs of one name are told apart by that of their table.
         return [table._replace(name=f"table {i}") for i, table in enumerate(tables, 1)]
     return tables
 
 
 def parts_of(data: Data | Sequence[Data]) -> Sequence[Data]:
-    single = isinstance(data, (pd.DataFrame, str, PathLike, Measured))
+    single = isinstance(data, (pd.DataFrame, Mapping, str, PathLike, Measured))
     return [data] if single else data  # type: ignore[list-item, return-value]
 
 
 def name_of(data: Data) -> str:
     if isinstance(data, Measured):
         return data.name
-    return _FRAME if isinstance(data, pd.DataFrame) else str(data)
+    return _FRAME if isinstance(data, (pd.DataFrame, Mapping)) else str(data)
+
+
+def _frame(data: pd.DataFrame | Mapping[str, object]) -> pd.DataFrame:
+    if isinstance(data, pd.DataFrame):
+        return data
+    try:
+        return pd.DataFrame({name: np.asarray(values) for name, values in data.items()})
+    except ValueError as error:
+        raise InputError(
+            f"The columns make no table ({error}); give arrays of one length."
+        ) from None
 
 
 def citation_of(data: Data) -> str:
@@ -85,7 +98,8 @@ def citation_of(data: Data) -> str:
 def _path(data: object) -> Path:
     if not isinstance(data, (str, PathLike)):
         raise InputError(
-            f"Data are a pandas DataFrame or the path of a file, not {type(data).__name__}."
+            "Data are a pandas DataFrame, arrays by the names of their columns, or the path of a "
+            f"file, not {type(data).__name__}."
         )
     name = str(data)
     return SHIPPED[name].path if name in SHIPPED else Path(data)

@@ -43,7 +43,7 @@ def of_numbers(result: T) -> T:
     """
 
     def without_jax(leaf: Any) -> Any:
-        if not isinstance(leaf, jax.Array):
+        if not isinstance(leaf, (jax.Array, np.generic)):
             return leaf
         return np.asarray(leaf) if leaf.ndim else leaf.item()
 

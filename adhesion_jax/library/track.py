@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax.data import check_curve
 from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import write_table
+from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.library.methods import methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
@@ -20,12 +21,12 @@ from adhesion_jax.measured.following import Followed, follow_log, refusal
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.initial_slope import initial_slope as slope_of
 from adhesion_jax.measured.log import Log, to_log
-from adhesion_jax.report.track.figure import draw_track
+from adhesion_jax.report.track.figure import track_figure
 from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, summary_rows, told
 from adhesion_jax.runtime import as_in_commands, silent
 
 #: The files of a followed log.
-TRACK_FILES = ("track.csv", "track.txt", "track.png")
+TRACK_FILES = ("track.csv", "track.txt", "track.png", METADATA)
 
 #: What follows a log where no method is named: one that resets, one that forgets by its error, and
 #: one that forgets evenly.
@@ -62,7 +63,11 @@ class Track:
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "track.csv", self.estimates)
         (path / "track.txt").write_text(f"{self}\n", encoding="utf-8")
-        draw_track(path / "track.png", Path(self.log.name).name, self.log, self.followed)
+        self.plot().savefig(path / "track.png", dpi=150)
+
+    def plot(self) -> Figure:
+        """The estimates over the measured adhesion, the status of each method, slip and speed."""
+        return track_figure(Path(self.log.name).name, self.log, self.followed)
 
     def __repr__(self) -> str:
         return f"{printed_summary(self.summary)}\n\n{self.verdict}"

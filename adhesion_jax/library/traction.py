@@ -5,15 +5,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
 from adhesion_jax.campaign.store import read_all, write_rows
-from adhesion_jax.campaign.traction import Job, Judged, content, job_of, judge, judged
+from adhesion_jax.campaign.traction import (
+    WHOLE,
+    Job,
+    Judged,
+    Named,
+    added,
+    content,
+    job_of,
+    judge,
+    judged,
+    metrics_of,
+)
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.library.results import text_html
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.report.page_html import page_html
@@ -39,9 +51,15 @@ _POINT_CAPTION = "The operating point over the adhesion curves while the surface
 
 #: All that may be written, of whichever system.
 TRACTION_FILES = (
-    *("table.csv", "metrics.csv", "runs.parquet", "metadata.json", "report.html"),
+    *("table.csv", "metrics.csv", "runs.parquet", METADATA, "report.html"),
     *(f"{_POINT}.png", f"{_POINT}.gif"),
     *(f"{name}.png" for subject in SUBJECTS.values() for name in subject.captions),
+)
+
+#: The figures that are told while a job is computed.
+_ON_THE_WAY = (
+    *("utilisation", "utilisation_se", "tracking_rms", "slip_energy_share"),
+    "torque_variation",
 )
 
 #: What is said of parts that are not named.
@@ -91,7 +109,7 @@ class Traction:
         )
         pictures = {picture: (path / picture).read_bytes() for picture in captions}
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
-        write_metadata(path / "metadata.json", self._metadata())
+        write_metadata(path / METADATA, self._metadata())
 
     def _metadata(self) -> Mapping[str, object]:
         asked, found = self.job.asked, self.judged
@@ -118,7 +136,7 @@ class Traction:
         found = self.judged
         rate = found.steps / found.seconds / 1e6
         return (
-            f"{aligned(self.table)}\n\n{found.steps:.3g} plant steps in {found.seconds:.0f} "
+            f"{_aligned(self.table)}\n\n{found.steps:.3g} plant steps in {found.seconds:.0f} "
             f"CPU-seconds ({rate:.1f} million a CPU-second), compiled in "
             f"{found.compile_seconds:.0f} s"
         )
@@ -205,6 +223,15 @@ def traction_control(
     return found
 
 
-def aligned(table: pd.DataFrame) -> str:
+def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
+    """The figures, for a terminal, of those runs that are there of the job of a record."""
+    cases = [Named(**case) for case in record["cases"]]
+    metrics = metrics_of(cases, added(read_all(folder, record["name"], record["shards"])))
+    shown = metrics[metrics["segment"] == WHOLE]
+    columns = ["scenario", "method", "noise", *_ON_THE_WAY, "status"]
+    return f"\nmeans over the finished runs, of the whole run each\n{_aligned(shown[columns])}"
+
+
+def _aligned(table: pd.DataFrame) -> str:
     """A table for a terminal."""
     return table.to_string(index=False, float_format=lambda x: f"{x:.4g}", na_rep="")

@@ -9,6 +9,7 @@ import pandas as pd
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import Measured
+from adhesion_jax.data.columns import GROUP
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
@@ -18,9 +19,6 @@ from adhesion_jax.measured.comparison import MOST_GROUPS, Comparison, compared
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.records import Record
-
-#: The label that a column is read as whose groups are compared.
-GROUP = "group"
 
 #: Most groups that are fitted each by itself, and the fewest rows of one.
 _MOST_FITTED, _FEWEST_ROWS = 8, 30
@@ -72,7 +70,7 @@ def candidates(points: Measured) -> Mapping[str, pd.Series]:
     """The columns of a few labels or levels by which rows may be split."""
     table = points.table
     found = {}
-    for name in ("axle", "mode", "group", *points.covariates):
+    for name in ("axle", "mode", "file", GROUP, *points.covariates):
         if name in table and 2 <= table[name].nunique() <= _MOST_FITTED:
             found[name] = table[name].astype(str)
     return found

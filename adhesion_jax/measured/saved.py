@@ -1,5 +1,6 @@
-"""Curves from the table that an identification has written."""
+"""Curves from the tables that an identification has written."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,34 +8,42 @@ import pandas as pd
 
 from adhesion_jax.curves import CURVES, Curve, with_free_values
 from adhesion_jax.errors import InputError
+from adhesion_jax.wording import listed
 
 
-def load_curve(path: Path, name: str | None = None) -> Curve:
-    """The curve of this name in a curves.csv, or the best by log_density that has a peak there.
+def load_curve(path: Path, names: Sequence[str] = ()) -> Curve:
+    """The best curve by log_density in a curves.csv, of these names or of all that have a peak.
 
-    InputError if the file holds no such curve.
+    Its parameters stand in parameters.csv beside it. InputError if the files hold no such curve.
     """
     try:
         table = pd.read_csv(path)
+        parameters = pd.read_csv(path.with_name("parameters.csv"))
+    except FileNotFoundError as error:
+        raise InputError(f"{error.filename} does not exist; name a curves.csv.") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); name a curves.csv.") from None
     except ValueError:  # no text, or no table
         raise _no_table(path) from None
-    if not {"curve", "log_density", "slip_opt_se"} <= {*table.columns}:
+    told = {"curve", "log_density", "slip_opt_se"} <= {*table.columns}
+    if not told or not {"curve", "parameter", "value"} <= {*parameters.columns}:
         raise _no_table(path)
     rows = table[table["log_density"].notna() & table["curve"].isin(CURVES)]
-    if name is None:
-        rows = rows[np.isfinite(rows["slip_opt_se"])]  # empty where there is no peak
-        if rows.empty:
-            raise InputError(f"{path} has no curve with a peak; identify one from other data.")
-        name = str(rows.loc[rows["log_density"].idxmax(), "curve"])
-    row = rows[rows["curve"] == name]
-    if row.empty:
+    lacking = [name for name in names if name not in {*rows["curve"]}]
+    if lacking:
         fitted = ", ".join(rows["curve"]) or "none"
-        raise InputError(f"{path} has no fitted curve {name}; the curves there are {fitted}.")
+        raise InputError(
+            f"{path} has no fitted curve {listed(lacking)}; the curves there are {fitted}."
+        )
+    # An empty error of the slip says that there is no peak.
+    rows = rows[rows["curve"].isin(names) if names else np.isfinite(rows["slip_opt_se"])]
+    if rows.empty:
+        raise InputError(f"{path} has no curve with a peak; identify one from other data.")
+    name = str(rows.set_index("curve")["log_density"].idxmax())
     known = CURVES[name]
     try:
-        values = row[[*known.free]].iloc[0].to_numpy(float)
+        own = parameters[parameters["curve"] == name].set_index("parameter")["value"]
+        values = own[[*known.free]].to_numpy(float)
     except (KeyError, ValueError):
         raise _no_table(path) from None
     if not np.all(np.isfinite(values)):

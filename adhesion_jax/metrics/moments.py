@@ -1,12 +1,22 @@
 """Means over runs with their Monte Carlo standard errors, summed up part by part."""
 
+import operator
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+T = TypeVar("T")
+
+
+def plus(one: T, other: T) -> T:
+    """What two parts of the runs add up to, moments and other sums alike."""
+    added: T = jax.tree.map(operator.add, one, other)
+    return added
 
 
 class Moments(NamedTuple):
@@ -29,13 +39,6 @@ class Moments(NamedTuple):
             runs,
             {name: np.sum(x, axis=0) for name, x in statistics.items()},
             {name: np.sum(x * x, axis=0) for name, x in statistics.items()},
-        )
-
-    def plus(self, other: "Moments") -> "Moments":
-        return Moments(
-            self.runs + other.runs,
-            {name: self.total[name] + other.total[name] for name in self.total},
-            {name: self.total_square[name] + other.total_square[name] for name in self.total},
         )
 
     def at(self, place: int | tuple[int, ...]) -> "Moments":
@@ -77,14 +80,6 @@ class KnownMoments(NamedTuple):
             {name: np.where(np.isfinite(x), x, 0.0) for name, x in statistics.items()}
         )
         return KnownMoments(values.runs, known.total, values.total, values.total_square)
-
-    def plus(self, other: "KnownMoments") -> "KnownMoments":
-        return KnownMoments(
-            self.runs + other.runs,
-            {name: self.known[name] + other.known[name] for name in self.known},
-            {name: self.total[name] + other.total[name] for name in self.total},
-            {name: self.total_square[name] + other.total_square[name] for name in self.total},
-        )
 
     def mean(self, name: str) -> Array:
         """Mean over the runs in which the statistic is known."""

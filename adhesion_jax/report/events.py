@@ -9,7 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from adhesion_jax.data.events import Chosen, Events
-from adhesion_jax.report.style import AFTER, BEFORE, POINT, light_frame, root_axis, thinned
+from adhesion_jax.report.style import (
+    AFTER,
+    BEFORE,
+    POINT,
+    light_frame,
+    one_legend,
+    root_axis,
+    thinned,
+)
 
 #: Name of the file.
 EVENTS_FIGURE = "events.png"
@@ -88,7 +96,7 @@ def _log(figure: SubFigure, title: str, events: Events) -> None:
         axes[0].set(ylabel="vehicle speed (km/h)", ylim=(0, None))
     axes[-1].fill_between(middle, overview["slip_low"], overview["slip_high"], **_BAND)
     axes[-1].set(
-        ylabel="slip ratio (1)" if events.slip == "slip_ratio" else "slip velocity (m/s)",
+        ylabel=_slip_label(events),
         xlabel=f"time from the beginning of the log ({unit})",
         xlim=(0, span / seconds),
     )
@@ -125,6 +133,10 @@ def _log(figure: SubFigure, title: str, events: Events) -> None:
     )
 
 
+def _slip_label(events: Events) -> str:
+    return "slip ratio (1)" if events.slip == "slip_ratio" else "slip velocity (m/s)"
+
+
 def _panels(
     figure: SubFigure, events: Events, chosen: pd.DataFrame, points: pd.DataFrame, lines: int
 ) -> None:
@@ -145,20 +157,10 @@ def _panels(
         axis.tick_params(labelbottom=True)
     margin = 0.04 * float(np.ptp(adhesion))
     grid[0].set_ylim(min(0.0, adhesion.min() - margin), max(0.0, adhesion.max() + margin))
-    name = "slip ratio (1)" if events.slip == "slip_ratio" else "slip velocity (m/s)"
     some = "" if len(chosen) == len(events.table) else f"; {len(chosen)} of the events"
-    figure.supxlabel(f"{name}, root scale{some}", fontsize=10)
+    figure.supxlabel(f"{_slip_label(events)}, root scale{some}", fontsize=10)
     figure.supylabel("adhesion (1)", fontsize=10)
-    handles, labels = grid[0].get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        loc="outside upper left",
-        ncols=2,
-        frameon=False,
-        fontsize=9,
-        markerscale=2.5,
-    )
+    one_legend(figure, grid[:1], loc="outside upper left", ncols=2, markerscale=2.5)
 
 
 def _event(axis: Axes, events: Events, event: pd.Series, rows: pd.DataFrame) -> None:

@@ -1,9 +1,13 @@
 """Styles that distinguish lines in colour and in grey, and the axis of slip."""
 
+from collections.abc import Iterable, Mapping
+from io import BytesIO
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FixedLocator
 
 #: Okabe and Ito's colours, which colour-blind readers can distinguish, the darkest first.
@@ -66,6 +70,10 @@ def _ticks(end: float, gap: float) -> list[float]:
 #: Colours of a law before effects were added (open, dashed) and after it (filled, solid), and of
 #: points.
 BEFORE, AFTER, POINT = "#D55E00", "#08306B", "#6B6B6B"
+MARKS: Mapping[str, Mapping[str, Any]] = {
+    "before": {"color": BEFORE, "marker": "s", "markerfacecolor": "white"},
+    "after": {"color": AFTER, "marker": "o", "markerfacecolor": AFTER},
+}
 
 #: Largest number of points that are drawn: more make the figure slow and cannot be distinguished.
 _MOST_POINTS = 4000
@@ -76,12 +84,21 @@ def thinned(points: pd.DataFrame) -> pd.DataFrame:
     return points.iloc[:: -(-len(points) // _MOST_POINTS) or 1]
 
 
-def panels(count: int, height: float, columns: int = 3) -> tuple[Figure, list[Axes]]:
-    """Small multiples of one height, `columns` in a row, with room below for a legend of one line.
+class Shown(Figure):
+    """A figure that a notebook shows by itself."""
+
+    def _repr_png_(self) -> bytes:
+        picture = BytesIO()
+        self.savefig(picture, format="png", dpi=80)
+        return picture.getvalue()
+
+
+def panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
+    """Small multiples of one height, three in a row, with room below for a legend of one line.
 
     Their places are set in inches: a layout engine takes longer than to draw them.
     """
-    columns = min(count, columns)
+    columns = min(count, 3)
     lines = -(-count // columns)
     wide, gap, below = 3.0 if columns > 1 else 5.0, 0.75, 0.95
     size = (1.05 + columns * (wide + 0.3), lines * (height + gap) - gap + below + 0.35)
@@ -100,10 +117,12 @@ def panels(count: int, height: float, columns: int = 3) -> tuple[Figure, list[Ax
     return figure, axes[:count]
 
 
-def legend_below(figure: Figure, axis: Axes) -> None:
-    """The legend of one panel, for all, at the foot of a figure of `panels`."""
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=9)
+def one_legend(figure: FigureBase, axes: Iterable[Axes], **how: Any) -> None:
+    """One legend for some panels, each label once; by default below those of `panels`."""
+    found = [axis.get_legend_handles_labels() for axis in axes]
+    entries = {label: handle for pair in found for handle, label in zip(*pair, strict=True)}
+    default = {"loc": "lower center", "ncols": 3, "frameon": False, "fontsize": 9}
+    figure.legend([*entries.values()], [*entries], **{**default, **how})
 
 
 def light_frame(axis: Axes) -> None:

@@ -156,6 +156,6 @@ def corrected(law: Law, sweep: Sweep = Sweep(), noise: Noise = Noise()) -> Scena
     if not bool(_has_peak(scenario.known)):
         raise InputError(
             "the curve of --law has no peak between slip 0 and 1, so that there is no mu_max to "
-            "be identified; discover the law with another --base."
+            "be identified; discover the law with another --curve."
         )
     return scenario

@@ -87,17 +87,22 @@ class Course(eqx.Module):
         """What is drawn over the blocks of a run."""
 
 
-def _of_each_block(
-    sensitivity: Float[Array, "blocks free points"],
-    mask: Bool[Array, "blocks points"],
-    noise: Noise,
-) -> Float[Array, "blocks free free"]:
-    return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
-        sensitivity, mask
-    )
+class EachByItself(Course):
+    """Every block has all the points that an estimate after it can use."""
+
+    def information(
+        self,
+        sensitivity: Float[Array, "blocks free points"],
+        mask: Bool[Array, "blocks points"],
+        noise: Noise,
+        rails: Sequence[str],
+    ) -> Float[Array, "blocks free free"]:
+        return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
+            sensitivity, mask
+        )
 
 
-class Apart(Course):
+class Apart(EachByItself):
     """Blocks that have nothing in common: each is excited by itself, the rail constant in it."""
 
     points: int = eqx.field(static=True)
@@ -120,15 +125,6 @@ class Apart(Course):
     def support(self, rails: Sequence[str]) -> np.ndarray:
         return np.full(self.blocks, self.points)
 
-    def information(
-        self,
-        sensitivity: Float[Array, "blocks free points"],
-        mask: Bool[Array, "blocks points"],
-        noise: Noise,
-        rails: Sequence[str],
-    ) -> Float[Array, "blocks free free"]:
-        return _of_each_block(sensitivity, mask, noise)
-
     def tables(self, rails: Sequence[str]) -> Tables:
         """The first block after a switch has a table of its own, which shows the tracking."""
         starts = switches(rails)
@@ -150,7 +146,7 @@ class Apart(Course):
         return [Figure("tracking")] if self.blocks > 1 else []  # a single block has no course
 
 
-class Growing(Course):
+class Growing(EachByItself):
     """One sequence; a block is the sequence up to a length, so that blocks overlap."""
 
     lengths: tuple[int, ...] = eqx.field(static=True)
@@ -171,15 +167,6 @@ class Growing(Course):
 
     def support(self, rails: Sequence[str]) -> np.ndarray:
         return np.array(self.lengths)
-
-    def information(
-        self,
-        sensitivity: Float[Array, "blocks free points"],
-        mask: Bool[Array, "blocks points"],
-        noise: Noise,
-        rails: Sequence[str],
-    ) -> Float[Array, "blocks free free"]:
-        return _of_each_block(sensitivity, mask, noise)
 
     def tables(self, rails: Sequence[str]) -> Tables:
         """The whole sequence in the summary, every length in a table of checkpoints."""

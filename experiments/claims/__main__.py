@@ -116,7 +116,7 @@ def main(runs: int, seed: int, out: Path) -> None:
         report.factorial(stage / "claims_factorial.png", factorial, FACTORS)
         report.consistency(stage / "claims_consistency.png", sized, consistency_fits(sized))
     click.echo(report.claims_text(table))
-    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 
 if __name__ == "__main__":

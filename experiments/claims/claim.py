@@ -27,6 +27,19 @@ class Claim(NamedTuple):
     remark: str
 
 
+def without_noise(
+    paper: str,
+    claim: str,
+    ours: float,
+    unit: str,
+    verdict: str,
+    remark: str,
+    printed: float = np.nan,
+) -> Claim:
+    """A claim whose number here has no Monte Carlo error."""
+    return Claim(paper, claim, printed, ours, np.nan, unit, verdict, remark)
+
+
 def verdict_below(ours: float, error: float, limit: float) -> str:
     """Whether a number is below a limit by more than `STANDARD_ERRORS` of its errors.
 

@@ -1,6 +1,7 @@
 """Fang et al. 2018: torque feedback of the adhesion observed, in the loop."""
 
 from collections.abc import Callable
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,11 +21,13 @@ from experiments.claims.claim import (
     Claim,
     verdict_if,
     verdict_near,
+    without_noise,
 )
 from experiments.claims.fang2018 import FANG2018
 from experiments.claims.traction import Quiet, plant_of, quiet_runs
 
-_NONE = float("nan")
+_claim = partial(without_noise, FANG2018)
+
 _PAPER_GAIN, _LARGE_GAIN = "Eq. 9, K2 7000", "Eq. 9, K2 18000"
 _SHIFTED = "Eq. 9, K2 18000, best slip 6.4 km/h on road 2"
 _BEYOND = "Eq. 9, 1.02 of critical K2"
@@ -62,47 +65,40 @@ def _slips(quiet: Quiet) -> list[Claim]:
     for road, printed in PRINTED_SLIP_KMH.items():
         ours = _kmh(quiet, _PAPER_GAIN, road)
         found.append(
-            Claim(
-                FANG2018,
+            _claim(
                 f"With K1 = 19000 and K2 = 7000 slip settles on road {road} (Fig. 12, to "
                 f"{READ_OFF:.0%})",
-                printed,
                 ours,
-                _NONE,
                 "km/h",
                 verdict_near(ours, printed, READ_OFF),
                 f"K2 = 18000 N m gives {_kmh(quiet, _LARGE_GAIN, road):.2f} km/h, and with a best "
                 f"slip of road 2 of 6.4 km/h, which is not printed, "
                 f"{_kmh(quiet, _SHIFTED, road):.2f} km/h.",
+                printed=printed,
             )
         )
     return found
 
 
 def _torques() -> Claim:
-    return Claim(
-        FANG2018,
+    return _claim(
         "The torques commanded on roads 2 and 3 are 5.8 and 4.9 N m (Fig. 8)",
-        5.8,
-        _NONE,
-        _NONE,
+        np.nan,
         "N m",
         CANNOT_BE_CHECKED,
         "They are those of a bench of 5.5 kW, whose scale is not printed. Their ratio, 1.18, is "
         "that of the largest adhesion of the two roads, and was used to choose it.",
+        printed=5.8,
     )
 
 
 def _observed(quiet: Quiet) -> Claim:
     largest = max(float(_peak(road).adhesion) for road in SEGMENTS)
     ours = 100 * quiet.figure(_PAPER_GAIN, "adhesion_rms") / largest
-    return Claim(
-        FANG2018,
+    return _claim(
         "The adhesion observed agrees with the actual one in the loop (Fig. 10, RMSE below 5 % of "
         "the largest)",
-        _NONE,
         ours,
-        _NONE,
         "% of the largest adhesion",
         verdict_if(ours < 5.0),
         "Without noise, the whole run from 0 to 130 to 25 km/h: what is left is the lag of the "
@@ -117,22 +113,16 @@ def _rate_feedback(quiet: Quiet) -> list[Claim]:
     second_half = weak_torque[len(weak_torque) // 2 :]
     left = float(second_half.mean())
     return [
-        Claim(
-            FANG2018,
+        _claim(
             "With Eq. 8 a train does not start from rest",
-            _NONE,
             100 * stood,
-            _NONE,
             "% of the run at rest",
             verdict_if(stood == 1.0),
             "At rest adhesion and its rate are zero, and so is the torque, whatever the gains.",
         ),
-        Claim(
-            FANG2018,
+        _claim(
             "With Eq. 8 the torque dies away and the train coasts",
-            _NONE,
             left,
-            _NONE,
             "N m, mean of the second half",
             verdict_if(left < 0.05 * float(SYSTEM.driver.traction)),
             f"K1 = 1000 N m s and K2 = 18000 N m, from 30 km/h on: the train gets to "
@@ -152,16 +142,14 @@ def _recovers(quiet: Quiet) -> Claim:
     first = slip[np.nonzero(segment == SEGMENTS.index("3"))[0][0]]
     best = PRINTED_BEST_SLIP_KMH["3"]
     settled = _kmh(quiet, _SHIFTED, "3")
-    return Claim(
-        FANG2018,
+    return _claim(
         f"On road 3 slip comes back from the unstable side of the peak at {best:g} km/h (Fig. 12)",
-        PRINTED_SLIP_KMH["3"],
         settled,
-        _NONE,
         "km/h",
         verdict_if(first > best and settled < best),
         f"From {first:.1f} km/h, with K2 = 18000 N m and a best slip of road 2 of 6.4 km/h; the "
         "paper's gains never get beyond the peak here.",
+        printed=PRINTED_SLIP_KMH["3"],
     )
 
 
@@ -169,12 +157,9 @@ def _beyond(quiet: Quiet) -> Claim:
     second, third = _kmh(quiet, _BEYOND, "2"), _kmh(quiet, _BEYOND, "3")
     peaks = [3.6 * float(_peak(road).slip) for road in "23"]
     holds = second > peaks[0] and third > peaks[1] and quiet.figure(_BEYOND, "ran_away") == 0
-    return Claim(
-        FANG2018,
+    return _claim(
         "With K2 above K2_TH the wheel runs on the right of the peak (Eq. 18)",
-        _NONE,
         third,
-        _NONE,
         "km/h on road 3",
         verdict_if(holds),
         f"1.02 K2_TH: {second:.2f} km/h on road 2 (peak at {peaks[0]:.3g}) and {third:.2f} on road "
@@ -186,13 +171,10 @@ def _beyond(quiet: Quiet) -> Claim:
 def _near_the_peak(quiet: Quiet) -> Claim:
     used = [quiet.figure(_PAPER_GAIN, "utilisation_settled", road) for road in "23"]
     large = [quiet.figure(_LARGE_GAIN, "utilisation_settled", road) for road in "23"]
-    return Claim(
-        FANG2018,
+    return _claim(
         "With K2 = 7000 the wheel runs near the peak (Fig. 11; at least "
         f"{_NEAR:.0%} of the largest adhesion)",
-        _NONE,
         100 * min(used),
-        _NONE,
         "% of the largest adhesion",
         verdict_if(min(used) >= _NEAR),
         f"{100 * used[0]:.0f} % on road 2 and {100 * used[1]:.0f} % on road 3; K2 = 18000 N m has "

@@ -19,10 +19,12 @@ from experiments.claims.claim import (
     CANNOT_BE_CHECKED,
     Claim,
     verdict_if,
+    without_noise,
 )
 from experiments.claims.traction import Quiet, plant_of, quiet_runs
 
-PAPER = "HXD1F 2019"
+_claim = partial(without_noise, "HXD1F 2019")
+
 _FULL, _DAC = "SMES, full dimension -233, ABLF", "DAC"
 _SIGN, _LAYER, _PI = (
     "SMES, NTSMO, sliding mode",
@@ -36,8 +38,6 @@ _GOOD = 0.9
 #: Lags of the torque in s, and upper ends of the interval of the barrier in m/s; the first pair is
 #: that of the claim.
 _INTERVALS = ((2e-4, 0.05), (1e-2, 0.20), (1e-2, 0.22))
-
-_NONE = float("nan")
 
 
 def hxd1f_claims(progress: Callable[[str], None]) -> list[Claim]:
@@ -85,22 +85,17 @@ def _observers(quiet: Quiet, plant: Plant) -> list[Claim]:
     double = settling(OBSERVERS["full-dimension"], plant)
     wet = [quiet.figure(method, "utilisation", "wet") for method in (SMES, _FULL)]
     return [
-        Claim(
-            PAPER,
+        _claim(
             "The sliding observer tracks adhesion after .025 s (Fig. 10)",
-            0.025,
             sliding,
-            _NONE,
             "s",
             verdict_if(sliding <= 0.025),
             "Within 2 % of a constant load, means over 2 ms, with gains that are assumed.",
+            printed=0.025,
         ),
-        Claim(
-            PAPER,
+        _claim(
             "The sliding observer is faster than the full-dimension one (Fig. 10 and 18)",
-            _NONE,
             sliding,
-            _NONE,
             "s",
             verdict_if(sliding < double),
             f"A double pole at -233 1/s needs {double:.3f} s; one at {-5.83 / sliding:.0f} 1/s "
@@ -118,16 +113,14 @@ def _search_times(quiet: Quiet) -> list[Claim]:
         used = 100 * quiet.figure(SMES, "utilisation", surface)
         held = quiet.figure("the same, speed held 1 ms", "t95", surface)
         found.append(
-            Claim(
-                PAPER,
+            _claim(
                 f"On the {surface} rail the best slip is found after {printed:g} s (Fig. 12)",
-                printed,
                 ours,
-                _NONE,
                 "s",
                 verdict_if(ours <= printed),
                 f"From when on 95 % of the largest adhesion is kept for .3 s; {used:.1f} % is used "
                 f"over the five seconds. With the speed held for 1 ms {held:.2f} s.",
+                printed=printed,
             )
         )
     return found
@@ -135,12 +128,9 @@ def _search_times(quiet: Quiet) -> list[Claim]:
 
 def _snow(quiet: Quiet) -> Claim:
     used = quiet.figure(SMES, "utilisation", "snow")
-    return Claim(
-        PAPER,
+    return _claim(
         f"On snow the search is good too (at least {_GOOD:.0%} of the largest adhesion)",
-        _NONE,
         100 * used,
-        _NONE,
         "% of the largest adhesion",
         verdict_if(used >= _GOOD),
         "It never keeps 95 % for .3 s: the limit cycle around the peak is wider there.",
@@ -156,23 +146,17 @@ def _differential(quiet: Quiet) -> list[Claim]:
     reached = quiet.figure(_DAC, "t95", "dry")
     slow = np.inf if np.isnan(reached) else reached
     return [
-        Claim(
-            PAPER,
+        _claim(
             "Differential acceleration control swings more in slip than the seeker (Fig. 12)",
-            _NONE,
             swings[1] / swings[0],
-            _NONE,
             "times its deviation",
             verdict_if(swings[1] > swings[0]),
             f"Standard deviations of slip from 2 to 5 s on the dry rail, {swings[1]:.3f} and "
             f"{swings[0]:.3f} m/s. All its settings are assumed.",
         ),
-        Claim(
-            PAPER,
+        _claim(
             "Differential acceleration control is slow at the start (Fig. 12)",
-            _NONE,
             slow,
-            _NONE,
             "s",
             verdict_if(slow > quiet.figure(SMES, "t95", "dry")),
             "It never keeps 95 % of the largest adhesion for .3 s on the dry rail, and uses "
@@ -188,12 +172,9 @@ def _smoother(quiet: Quiet) -> Claim:
         method: quiet.figure(method, "torque_variation", "dry")
         for method in (SMES, _SIGN, _LAYER, _PI)
     }
-    return Claim(
-        PAPER,
+    return _claim(
         "The barrier controller has a smoother torque than a sliding mode (Fig. 15)",
-        _NONE,
         varied[_SIGN] / varied[SMES],
-        _NONE,
         "times its variation",
         verdict_if(varied[_SIGN] > varied[SMES]),
         f"On the dry rail {varied[SMES]:.1f} against {varied[_SIGN]:.0f} kN m/s. A sliding mode "
@@ -218,16 +199,14 @@ def _interval(cases: Sequence[Case], plant: Plant, progress: Callable[[str], Non
         f"{above:g} m/s: {error:.3f}"
         for (_, above), error in zip(_INTERVALS[1:], slow, strict=True)
     )
-    return Claim(
-        PAPER,
+    return _claim(
         "The error stays within the interval of the barrier (Theorem 7)",
-        0.05,
         quick,
-        _NONE,
         "m/s",
         verdict_if(quick < 0.05),
         "An interval of .05 m/s and a torque lag of .2 ms. With a lag of 10 ms the largest error "
         f"is, for intervals of {told}: a narrow one is left, since the theorem knows no lag.",
+        printed=0.05,
     )
 
 
@@ -237,13 +216,10 @@ def _no_skid(quiet: Quiet) -> Claim:
     period = float(rows.time[1] - rows.time[0])
     stretches = [len(list(stretch)) for held, stretch in groupby(beyond) if held]
     longest = period * max(stretches, default=0)
-    return Claim(
-        PAPER,
+    return _claim(
         "The wheels do not skid when the rail changes (beyond twice the best slip for less than "
         "the 1 s that a search takes)",
-        _NONE,
         longest,
-        _NONE,
         "s beyond twice the best slip",
         verdict_if(longest < 1.0),
         f"Slip goes {quiet.figure(SMES, 'overshoot'):.2f} m/s beyond the best for a moment when "
@@ -252,12 +228,9 @@ def _no_skid(quiet: Quiet) -> Claim:
 
 
 def _hardware() -> Claim:
-    return Claim(
-        PAPER,
+    return _claim(
         "Hardware in the loop shows the same (Fig. 18 to 21)",
-        _NONE,
-        _NONE,
-        _NONE,
+        np.nan,
         "",
         CANNOT_BE_CHECKED,
         "Its parameters and its figures' numbers are not printed.",

@@ -147,6 +147,7 @@ def factorial(path: Path, table: pd.DataFrame, factors: Mapping[str, tuple[str, 
             xlabel="mean delay after the switch (samples; 500: never tracked)",
             ylabel=r"RMSE of $\mu_{max}$ before the switch (% of truth)",
         )
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8
+    )
     figure.savefig(path, dpi=150)

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,10 +18,12 @@ from experiments.claims.claim import (
     Claim,
     verdict_if,
     verdict_near,
+    without_noise,
 )
 from experiments.claims.traction import Quiet, plant_of, quiet_runs
 
-PAPER = "Uyulan et al. 2018"
+_claim = partial(without_noise, "Uyulan et al. 2018")
+
 _TRUE, _SEEKER = "true optimum", "as printed"
 
 #: Power of a motor of the train, W.
@@ -33,8 +35,6 @@ _VARIED = tuple(
     for factor in (0.8, 1.2)
     for names in (("static_mass", "dynamic_mass", "wheel_load"), ("motor_inertia",))
 )
-
-_NONE = float("nan")
 
 
 @cache
@@ -64,16 +64,14 @@ def _best_slips() -> list[Claim]:
         peak = SURFACES[name].peak(jnp.asarray(10.0))
         ours = float(peak.slip)
         found.append(
-            Claim(
-                PAPER,
+            _claim(
                 f"The best slip on the {name} surface (to {PRINTED:.0%})",
-                printed,
                 ours,
-                _NONE,
                 "m/s",
                 verdict_near(ours, printed, PRINTED),
                 "The peak of the curve with the parameters of Appendix 2, ln(b/a)/(b - a); its "
                 f"adhesion is {float(peak.adhesion):.4f}.",
+                printed=printed,
             )
         )
     return found
@@ -105,15 +103,13 @@ def _table_1(quiet: Quiet) -> list[Claim]:
         ):
             ours = quiet.figure(method, figure, scenario=scenario)
             found.append(
-                Claim(
-                    PAPER,
+                _claim(
                     f"Table 1, RMS {words} error, {scenario} (to {PRINTED:.0%})",
-                    printed,
                     ours,
-                    _NONE,
                     "m/s",
                     verdict_near(ours, printed, PRINTED),
                     remark,
+                    printed=printed,
                 )
             )
     return found
@@ -126,12 +122,9 @@ def _columns(quiet: Quiet) -> Claim:
     }
     best, worst = min(ours, key=ours.__getitem__), max(ours, key=ours.__getitem__)
     printed = [tracking for tracking, _ in uyulan2018.PRINTED.values()]
-    return Claim(
-        PAPER,
+    return _claim(
         "Tracking is best on dry-wet and worst on dry-very low (Table 1)",
-        _NONE,
         ours[worst] / ours[best],
-        _NONE,
         "worst over best (1)",
         verdict_if((best, worst) == ("dry-wet", "dry-very low")),
         f"Best {best}, worst {worst}; the paper's ratio is {max(printed) / min(printed):.4f}.",
@@ -145,16 +138,14 @@ def _saturation(quiet: Quiet) -> Claim:
         if case.method == _TRUE
     )
     limit = float(quiet.plant.torque_limit) / 1e3
-    return Claim(
-        PAPER,
+    return _claim(
         "The torque of the motor saturates at 20 s (Fig. 7)",
-        limit,
         ours,
-        _NONE,
         "kN m",
         verdict_if(ours >= 0.999 * limit),
         "The largest torque from 20 s on, in all six columns: the surface has less to give than "
         "before, and the slip is near its new optimum already.",
+        printed=limit,
     )
 
 
@@ -176,18 +167,16 @@ def _lyapunov(quiet: Quiet, plant: Plant) -> Claim:
         np.abs(np.asarray(error)[:, 0]) > layer
     )[:-1]
     share = 100 * float(rises.mean())
-    return Claim(
-        PAPER,
+    return _claim(
         "The Lyapunov function never rises (Fig. 10)",
-        0.0,
         share,
-        _NONE,
         "% of the time",
         verdict_if(share == 0.0),
         f"It falls from {values[0]:.1f} to {values[-1]:.1f} m²/s². It rises in "
         f"{100 * float(rises[outside].mean()):.2g} % of the time in which the error is larger than "
         f"the layer of {layer:g} m/s, outside of which alone the gain adapts; inside it rises and "
         "falls with the error.",
+        printed=0.0,
     )
 
 
@@ -208,12 +197,9 @@ def _convergence(quiet: Quiet) -> list[Claim]:
         )
         share = 100 * worst / _best()
         found.append(
-            Claim(
-                PAPER,
+            _claim(
                 f"Slip converges to near the best slip {words} (to {READ_OFF:.0%})",
-                _NONE,
                 share,
-                _NONE,
                 "% of the best slip",
                 verdict_if(share <= 100 * READ_OFF),
                 "RMS error from 2 s after a switch on, on the worst surface of the six columns, "
@@ -242,13 +228,10 @@ def _other_parameters(quiet: Quiet, plant: Plant, progress: Callable[[str], None
         seen.append(varied.figure(_TRUE, "tracking_rms_settled", "low"))
     ours = max(seen)
     settled = quiet.figure(_TRUE, "tracking_rms_settled", "low", "dry-low")
-    return Claim(
-        PAPER,
+    return _claim(
         f"The controller needs no exact parameters (settled error within {READ_OFF:.0%} of the "
         "best slip with masses and inertias off by 20 %)",
-        _NONE,
         100 * ours / _best(),
-        _NONE,
         "% of the best slip",
         verdict_if(ours <= READ_OFF * _best()),
         f"The worst of four on the low surface; with the parameters as they are "
@@ -262,16 +245,14 @@ def _power(quiet: Quiet) -> Claim:
     dry = np.asarray(rows.sample.segment) == 0
     power = np.abs(np.asarray(rows.sample.torque * rows.motor_speed))[dry, 0]
     ours = float(power[-1]) / 1e3
-    return Claim(
-        PAPER,
+    return _claim(
         "Motors of 120 kW drive the train as in Fig. 5 to 9",
-        _MOTOR / 1e3,
         ours,
-        _NONE,
         "kW a motor",
         verdict_if(ours <= _MOTOR / 1e3),
         "At the end of the dry rail, 10 s after the start: the best slip there asks for "
         f"{ours / (_MOTOR / 1e3):.1f} times the power of the motors, and for a speed of "
         f"{float(np.asarray(rows.motor_speed)[dry, 0][-1]):.0f} rad/s. The power is not limited "
         "here, as in the paper.",
+        printed=_MOTOR / 1e3,
     )

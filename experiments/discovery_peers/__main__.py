@@ -102,7 +102,7 @@ def main(
         }
         write_metadata(stage / "metadata.json", metadata)
     click.echo(peers_text(table))
-    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 
 def compared(part: PeerSet, methods: Sequence[str], discover: Discover, seed: int) -> Iterator[Row]:

@@ -118,7 +118,7 @@ def study(
         }
         write_metadata(stage / "metadata.json", metadata)
     click.echo(study_text(hits, removed, sets))
-    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
     return hits
 
 

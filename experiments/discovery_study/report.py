@@ -44,8 +44,7 @@ def draw_detection(path: Path, rates: pd.DataFrame) -> None:
     panels[0, 0].minorticks_off()
     figure.supxlabel("misfit left by the refitted base curve, rms (sigma of the noise)")
     figure.supylabel("share of sets, with 95 % intervals (1)")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     figure.savefig(path, dpi=150)
 
 
@@ -122,8 +121,7 @@ def draw_random(path: Path, sets: pd.DataFrame) -> None:
     figure.supylabel(
         "removed of the removable squared error\non held-out runs (1; at the foot: -.1 or less)"
     )
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     figure.savefig(path, dpi=150)
 
 

@@ -63,7 +63,7 @@ def main(sets: int, workers: int, out: Path) -> None:
         }
         write_metadata(stage / "metadata.json", metadata)
     click.echo(coverage_text(rates))
-    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 
 if __name__ == "__main__":

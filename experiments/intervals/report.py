@@ -6,6 +6,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from adhesion_jax.report.style import light_frame
+
 _NAMES = {"mu_max": "largest adhesion, mu_max", "slip_opt": "its slip, slip_opt"}
 _STYLES = {"mu_max": ("#08306b", "o"), "slip_opt": ("#d95f02", "s")}
 
@@ -45,9 +47,7 @@ def draw_coverage(path: Path, rates: pd.DataFrame) -> None:
     right.minorticks_off()
     right.axvline(1.0, color="0.4", linewidth=0.8)
     for axes in (left, right):
-        axes.grid(color="0.9", linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+        light_frame(axes)
     figure.legend(loc="outside upper center", ncols=3, frameon=False)
     figure.savefig(path, dpi=150)
 

@@ -58,14 +58,14 @@ def main(baseline: Path, update: bool, out: Path) -> None:
     if before is None:
         with staged(directory, (baseline.name,)) as stage:
             write_table(stage / baseline.name, fresh)
-        click.echo(f"written to {baseline} in {time.perf_counter() - began:.0f} s")
+        click.echo(f"Written to {baseline} in {time.perf_counter() - began:.0f} s")
         return
     compared = compare(before, fresh)
     with staged(directory, ("regression.csv", "comparison.csv")) as stage:
         write_table(stage / "regression.csv", fresh)
         write_table(stage / "comparison.csv", compared)
     click.echo(moved_text(compared))
-    click.echo(f"\nwritten to {directory} in {time.perf_counter() - began:.0f} s")
+    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
     if compared["verdict"].isin(REGRESSIONS).any():
         sys.exit(1)
 

@@ -43,7 +43,7 @@ def main(repeats: int, seed: int, out: Path) -> None:
         draw_rates(stage / "speed.png", table)
         draw_scaling(stage / "speed_scaling.png", table)
     click.echo(told(table))
-    click.echo(f"\nwritten to {directory}")
+    click.echo(f"\nWritten to {directory}")
 
 
 def _table(

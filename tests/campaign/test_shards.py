@@ -15,11 +15,11 @@ from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, frame_of, run_campaign
 from adhesion_jax.campaign.notes import notes, noting
 from adhesion_jax.campaign.shard import content, reduced_of, scales, shard
-from adhesion_jax.commands import status
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.library.montecarlo import MONTECARLO_FILES
 from adhesion_jax.library.shards import opened_for
+from adhesion_jax.library.status import status
 from adhesion_jax.metrics.counts import WIDTH
 from adhesion_jax.scenarios import Options
 
@@ -247,14 +247,13 @@ def test_a_job_of_another_source_is_not_resumed(tmp_path, monkeypatch):
         pass
 
 
-def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
+def test_what_is_known_of_a_job_is_told(tmp_path):
     with pytest.raises(InputError, match="holds no job"):
-        status.main(tmp_path)
+        status(tmp_path)
     jobs = [Job.of(SMALL)]
     with store.opened(tmp_path, "montecarlo", jobs, resume=False) as folder:
         store.stored(content, jobs[0], 1, folder)  # any shard will do
-        status.main(tmp_path)
-        told = capsys.readouterr().out
+        told = status(tmp_path)
         assert "he2018-blocks: 128 of 300 runs are finished (43%)" in told
         assert "summary: mu_max over 128 runs" in told
         assert "a job is computing" in told
@@ -262,30 +261,26 @@ def test_what_is_known_of_a_job_is_told(tmp_path, capsys):
     other.mkdir()
     with store.opened(other, "of an experiment", jobs, resume=False) as folder:
         store.stored(content, jobs[0], 1, folder)
-    status.main(other)
-    told = capsys.readouterr().out
+    told = status(other)
     assert "he2018-blocks: 128 of 300 runs are finished (43%)\n\nno job is computing" in told
-    status.main(tmp_path)
-    assert "no job is computing in this folder; the same command" in capsys.readouterr().out
+    assert "no job is computing in this folder; the same command" in status(tmp_path)
 
 
-def test_a_job_with_methods_of_the_users_own_is_told(tmp_path, monkeypatch, capsys):
+def test_a_job_with_methods_of_the_users_own_is_told(tmp_path, monkeypatch):
     own = {**IDENTIFIERS, "mine": IDENTIFIERS["ml-exact"]}
     job = Job.of(dataclasses.replace(SMALL, identifiers=("mine",)), own)
     with store.opened(tmp_path, "montecarlo", [job], resume=False) as folder:
         store.stored(content, job, 0, folder)
     monkeypatch.setattr("adhesion_jax.keeping.of_outside", lambda: "not read here")
-    status.main(tmp_path)
-    told = capsys.readouterr().out
+    told = status(tmp_path)
     assert "128 of 300 runs" in told
     assert "mine" in told.split("summary")[1]
 
 
-def test_of_a_job_of_another_version_only_its_progress_is_told(tmp_path, monkeypatch, capsys):
+def test_of_a_job_of_another_version_only_its_progress_is_told(tmp_path, monkeypatch):
     written(tmp_path, SMALL)
     monkeypatch.setattr("adhesion_jax.keeping.of_package", lambda: "other")
-    status.main(tmp_path)
-    told = capsys.readouterr().out
+    told = status(tmp_path)
     assert "300 of 300 runs are finished" in told
     assert "tables cannot be told here: the source of adhesion-jax is another one" in told
     assert "summary" not in told

@@ -9,8 +9,8 @@ import pytest
 from adhesion_jax.campaign import store
 from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.campaign.traction import content, job_of, judge, judged
-from adhesion_jax.commands import status
 from adhesion_jax.errors import InputError
+from adhesion_jax.library.status import status
 from adhesion_jax.metrics.closed_loop import FIGURES, by_segment, figures, whole
 from adhesion_jax.traction.loop import run
 from adhesion_jax.traction.systems import SYSTEMS
@@ -124,7 +124,7 @@ def complete(directory, asked, resume=False, extend=0):
 
 
 @pytest.mark.thorough
-def test_shards_are_resumed_and_extended_bit_for_bit(tmp_path, few, capsys):
+def test_shards_are_resumed_and_extended_bit_for_bit(tmp_path, few):
     for name in ("whole", "resumed"):
         (tmp_path / name).mkdir()
     computed, whole = complete(tmp_path / "whole", job(300))
@@ -135,8 +135,7 @@ def test_shards_are_resumed_and_extended_bit_for_bit(tmp_path, few, capsys):
     stored = [store.read(folder, "hxd1f", number) for number in range(2)]
     pd.testing.assert_frame_equal(judged(job(40), stored).metrics, few.metrics, check_exact=True)
     (folder / "hxd1f-00000.npz").write_bytes(b"damaged")
-    status.main(tmp_path / "resumed")
-    told = capsys.readouterr().out
+    told = status(tmp_path / "resumed")
     assert "hxd1f: 40 of 41 runs are finished" in told
     assert "barrier" in told
     computed, extended = complete(tmp_path / "resumed", job(300), resume=True, extend=260)

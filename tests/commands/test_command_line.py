@@ -1,19 +1,21 @@
 """The console command, and what it answers without importing jax."""
 
-import json
 import os
+import shlex
 import subprocess
 import sys
 from importlib.metadata import version
 
+import click
 import pytest
 from click.testing import CliRunner
 
 from adhesion_jax import keeping
 from adhesion_jax.command_line import catalogue as catalogue_module
-from adhesion_jax.command_line.catalogue import catalogue, catalogue_of
+from adhesion_jax.command_line import registries
+from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.program import COMMANDS, adhesion
-from adhesion_jax.commands.names import names
+from adhesion_jax.command_line.registries import told
 
 #: Runs the console command and says whether jax was imported on the way.
 SPY = """
@@ -45,7 +47,32 @@ def test_the_modules_of_the_commands_and_what_is_said_of_them_are_those_of_the_p
 
 
 def test_the_catalogue_is_that_of_the_registries():
-    assert catalogue() == catalogue_of(names())
+    """In a process of its own: other tests put parts of their own into the registries."""
+    script = (
+        "from adhesion_jax.command_line import catalogue, registries\n"
+        "assert catalogue.catalogue() == registries.told()"
+    )
+    assert answered(script=script).returncode == 0
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_ends_with_examples_whose_options_there_are(name):
+    command = adhesion.get_command(click.Context(adhesion), name)
+    told = CliRunner().invoke(adhesion, [name, "--help"]).output
+    lines = told.split("Examples:\n")[1].splitlines()
+    assert lines
+    for line in lines:
+        program, of, *words = shlex.split(line)
+        assert (program, of) == ("adhesion", name)
+        command.make_context(name, words, resilient_parsing=True)
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "status"])
+def test_the_names_that_options_take_are_listed(name):
+    listed = CliRunner().invoke(adhesion, [name, "--list"])
+    assert listed.exit_code == 0
+    names = {line.split()[0] for line in listed.output.splitlines() if line.startswith("  ")}
+    assert len(names) > 2
 
 
 def test_help_and_lists_import_no_jax():
@@ -87,7 +114,7 @@ REFUSED = {
     ),
     "follower": (["track", "eurosprinter", "--identifiers", "x"], "--identifiers x is not known"),
     "runs": (["discover", "nowhere.csv"], "nowhere.csv does not exist"),
-    "base": (["discover", "eurosprinter", "--base", "x"], "--base x is not known"),
+    "base": (["discover", "eurosprinter", "--curve", "x"], "--curve x is not known"),
     "effect": (["discover", "--simulate", "speed,x"], "--simulate x is not known"),
     "neither": (["discover"], "Name the files of TRAIN"),
     "system": (["traction", "--system", "tgv"], "--system tgv is not known"),
@@ -145,7 +172,7 @@ def test_names_are_completed():
 def test_a_remembered_catalogue_is_read_and_a_damaged_one_made_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(keeping, "_folder", [tmp_path])
     asked = []
-    monkeypatch.setattr("adhesion_jax.commands.names.names", lambda: asked.append(1) or names())
+    monkeypatch.setattr(registries, "told", lambda: asked.append(1) or told())
 
     def found():
         catalogue_module.catalogue.cache_clear()
@@ -155,8 +182,7 @@ def test_a_remembered_catalogue_is_read_and_a_damaged_one_made_anew(tmp_path, mo
     assert found() == first
     assert len(asked) == 1
     (file,) = tmp_path.glob("*.names")
-    assert json.loads(file.read_text().split("\n")[1])["rails"] == [*first.rails]
-    file.write_text(file.read_text()[:-5])
+    file.write_bytes(file.read_bytes()[:-5])
     assert found() == first
     assert len(asked) == 2
     for number in range(20):

@@ -57,7 +57,7 @@ def refusal(arguments, out, capsys, monkeypatch):
         (["--simulate", "humidity", "--test", "TRAIN"], "--test does not go with --simulate"),
         (["--simulate", "patch,patch"], "name each once"),
         (["TRAIN", "--correct"], "--correct is of the predictions of test data; name them by"),
-        (["TRAIN", "--base", "pacejka"], "--base pacejka is not known"),
+        (["TRAIN", "--curve", "auto,pacejka"], "--curve pacejka is not known"),
         (["TRAIN", "--seed", "-1"], "--seed"),
         (["TRAIN", "--seed", "x"], "--seed"),
         (["TRAIN", "--depth", "3"], "--depth"),

@@ -47,7 +47,17 @@ def test_a_dry_run_prints_the_table_and_stops(command, log, monkeypatch, capsys)
     assert any(" ".join(row.split()) == "slip [%] slip_ratio % 0.2 to 12 0 %" for row in rows)
     assert any(" ".join(row.split()) == "F [kN] axle_force_N kN 5.455 to 51.43 0 %" for row in rows)
     assert any("constant" in row and "axle_load_N" in row for row in rows)
-    assert "The file has cells separated by semicolons, decimal commas." in rows
+    assert "The log has cells separated by semicolons, decimal commas." in rows
+
+
+def test_a_dry_run_refuses_what_the_command_would(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "five.csv"
+    path.write_text("slip_ratio,adhesion\n" + "".join(f"0.0{i},0.{i}\n" for i in range(1, 6)))
+    said = answer("identify", path, monkeypatch, capsys, "--dry-run")
+    assert said[0] == 2
+    assert "five.csv: 5 rows are used." in said[1]
+    assert "there are 5 points (at least 10 rows of data are needed)" in said[2]
+    assert said[2] == answer("identify", path, monkeypatch, capsys)[2]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,5 +1,8 @@
 """Curves and laws under the plain transformations of jax."""
 
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -89,3 +92,35 @@ def test_a_family_of_curves_at_once():
     peaks = jax.vmap(lambda values: with_free_values(curve, values).peak({}))(family)
     alone = [with_free_values(curve, values).peak({}).adhesion for values in family]
     np.testing.assert_allclose(peaks.adhesion, alone, rtol=1e-12)
+
+
+_NUMBERS = """
+import adhesion_jax as aj, jax, jax.numpy as jnp, numpy as np
+from adhesion_jax.curves.bent import Bent
+
+assert not jax.config.jax_enable_x64
+curve = aj.Kiencke(a0=40.0, p1=31.3, p2=100.0)
+aj.save_law("law.json", Bent(curve, np.zeros(10), 0.01, 0.2))
+for law in (Bent(curve, np.zeros(10), 0.01, 0.2), aj.load_law("law.json")):
+    # Numbers in, double precision out; the peak too.
+    exact = 40.0 * 0.02 / (1 + 31.3 * 0.02 + 100.0 * 0.02**2)
+    found = law(0.02, {}), law([0.01, 0.02], {})[1], law(np.array([0.02]), {})[0]
+    assert max(abs(one - exact) for one in found) < 1e-15, found
+    assert all(one.dtype == np.float64 for one in found)
+    peak = law.peak({})
+    assert abs(peak.slip - 0.1) < 1e-12 and peak.adhesion.dtype == np.float64
+    # Arrays of jax have the precision of the program, and are traced as ever.
+    assert law(jnp.asarray(0.02), {}).dtype == jnp.float32
+    assert jax.jit(law)(0.02, {}).dtype == jnp.float32
+    inside = jax.jit(lambda scale: scale * law(0.02, {}))(1.0)
+    assert inside.dtype == jnp.float32 and abs(inside - exact) < 1e-6
+    assert abs(jax.grad(law)(0.1, {})) < 1e-5
+assert not jax.config.jax_enable_x64
+"""
+
+
+def test_laws_of_numbers_are_in_double_precision_whatever_jax_is_set_to(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", _NUMBERS], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

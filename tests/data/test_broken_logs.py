@@ -235,7 +235,7 @@ CASES = {
         text(log().assign(gain=1e300)), notes="The column gain is left out: its largest value"
     ),
     "a name of 300 characters": Case("", ("cannot be read (File name too long)",), name=300 * "n"),
-    "an ending that is not known": Case("x", ("the ending of", "is not known"), name="log.xlsx"),
+    "an ending that is not known": Case("x", ("the ending of", "is not known"), name="log.json"),
 }
 
 

@@ -569,3 +569,17 @@ def test_names_that_stand_there_twice_are_told_apart_by_their_group(tmp_path):
     found = read_measured(tmp_path / "a.csv", {"speed": "Radar v"})
     np.testing.assert_allclose(found.table["vehicle_speed_mps"], 10.0)
     assert "GPS v" in found.table
+
+
+def test_a_quantity_may_be_what_groups_go_by():
+    slip = np.linspace(0.002, 0.12, 40)
+    load = np.where(np.arange(40) < 20, 90.0, 100.0)
+    frame = pd.DataFrame(
+        {"slip_ratio": slip, "Radkraft [kN]": load * slip, "Radlast [kN]": load}
+    ).assign(Wetter="trocken")
+    for by in ("Radlast [kN]", "Radlast"):
+        table = to_measured("a", frame, {"group": by}).table
+        assert table["normal_load_N"].tolist() == (1e3 * load).tolist()
+        assert table["group"].astype(float).tolist() == load.tolist()
+    table = to_measured("a", frame, {"group": "Wetter"}).table
+    assert set(table["group"]) == set(table["Wetter"]) == {"trocken"}

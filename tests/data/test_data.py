@@ -178,7 +178,7 @@ FAULTS = {
     "twice": ("slip_ratio,adhesion,adhesion\n0.1,0.3,0.3\n", ["adhesion twice", "own name"]),
     "ragged": (good().to_csv(index=False) + "0.1\n", ["1 cell in row 14", "2 columns"]),
     "open quote": ('slip_ratio,"adhesion\n0.1,0.3\n', ["from row 1 on", "unexpected end of data"]),
-    "constant slip": ("slip_ratio,adhesion\n" + 12 * "0.1,0.3\n", ["1 different sizes of slip"]),
+    "constant slip": ("slip_ratio,adhesion\n" + 12 * "0.1,0.3\n", ["slips of one size alone"]),
     "wrong sign": (
         good().assign(adhesion=-good()["adhesion"]).to_csv(),
         ["adhesion", "other sign", "braking"],
@@ -212,7 +212,8 @@ def test_bad_text_is_refused_in_one_sentence(fault, tmp_path, capsys, monkeypatc
         ("a.csv.gz", gzip.compress(good().to_csv().encode())[:-20], "not a whole gzip file"),
         ("a.parquet", b"PAR1 and no more", "not a whole parquet file"),
         ("a.parquet", b"", "is empty"),
-        ("a.xlsx", b"PK", ".csv, .csv.gz, .txt, .tsv, .dat, .asc or .parquet"),
+        ("a.json", b"{}", "the ending of"),
+        ("a.json", b"{}", ".mdf, .tdms or .feather file."),
     ],
 )
 def test_bad_bytes_are_refused_in_one_sentence(name, content, says, tmp_path, capsys, monkeypatch):
@@ -224,7 +225,7 @@ def test_bad_bytes_are_refused_in_one_sentence(name, content, says, tmp_path, ca
 def test_a_file_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):
     assert "does not exist" in refusal(tmp_path / "none.csv", capsys, monkeypatch)
     (tmp_path / "folder.csv").mkdir()
-    assert "is not a file" in refusal(tmp_path / "folder.csv", capsys, monkeypatch)
+    assert "has no file that can be read" in refusal(tmp_path / "folder.csv", capsys, monkeypatch)
 
 
 def test_all_faults_are_reported_at_once_each_where_it_first_is(tmp_path, capsys, monkeypatch):
@@ -264,7 +265,7 @@ def test_rows_of_a_parquet_file_are_counted_from_one(tmp_path):
 def test_identify_refuses_the_roller_rig_by_its_name(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = refusal("roller-rig", capsys, monkeypatch)
-    assert said.startswith("error: roller-rig cannot be used: column slip_ratio has only 1 ")
+    assert said.startswith("error: roller-rig cannot be used: column slip_ratio has slips of one ")
 
 
 def test_the_known_columns_are_those_promised():
@@ -274,6 +275,6 @@ def test_the_known_columns_are_those_promised():
         "angle_of_attack_deg sanding axle mode acceleration_mps2 wheel_angle_rad "
         "slip_angle_deg lateral_creepage wheel_speed_mps wheel_rotation_radps axle_force_N "
         "axle_load_N locomotive_force_N locomotive_load_N driven_axles adhesion_sd motor_torque_Nm "
-        "group repeats"
+        "file group repeats"
     )
     assert {*COLUMNS, *LABELS} == {*promised.split()}

@@ -165,6 +165,9 @@ def test_a_speed_of_another_unit_is_told_by_distance_acceleration_and_braking():
     assert not checked(hard)
     (said,) = checked(hard.assign(vehicle_speed_mps=3.6 * hard["vehicle_speed_mps"]))
     assert "no train does" in said
+    # A car may, whose speed is in km/h.
+    car = hard.assign(v=3.6**2 * hard["vehicle_speed_mps"]).drop(columns="vehicle_speed_mps")
+    assert not checked(car.rename(columns={"v": "v [km/h]"}))
 
 
 def test_a_radius_of_no_rail_wheel_is_said():

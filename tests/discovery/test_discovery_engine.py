@@ -389,10 +389,14 @@ def test_a_cause_in_words_is_found_and_a_column_computed_from_adhesion_is_left_o
 
 
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):
-    with pytest.raises(InputError, match=r"^--base pacejka is not known; name one of .*auto\.$"):
+    with pytest.raises(
+        InputError, match=r"^The curve pacejka is not known; name some of .*auto\.$"
+    ):
         discover(train, base="pacejka")
     bare = runs_of(campaign.train[["run", "slip_ratio", "adhesion"]])
-    with pytest.raises(InputError, match=r"^--base polach-falling needs the column vehicle_speed"):
+    with pytest.raises(
+        InputError, match=r"^The curve polach-falling needs the column vehicle_speed"
+    ):
         discover(bare, base="polach-falling")
 
 

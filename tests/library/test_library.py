@@ -68,6 +68,54 @@ def test_what_an_identification_tells(found):
     assert "Data: the data frame" in found._repr_html_()
 
 
+def test_the_parameters_of_each_curve_with_their_errors(found):
+    table = found.parameters.set_index(["curve", "parameter"])
+    for name, fit in found.fits.items():
+        for place, parameter in enumerate(fit.curve.free):
+            row = table.loc[(name, parameter)]
+            assert row["value"] == fit.parameters[place]
+            np.testing.assert_equal(row["se"], fit.standard_errors[place])
+            assert row["unit"] == fit.curve.PARAMETERS[parameter].unit
+    assert [*found.params] == ["a0", "p1", "p2"]
+    for name, one in found.params.items():
+        assert tuple(one) == tuple(table.loc[("kiencke", name), ["value", "se"]])
+    # In short: the peak, the best curve, and a line for each of its parameters.
+    told = found.report()
+    assert told.startswith(f"{found._lines}\nkiencke: rms ")
+    assert [line.split()[0] for line in told.splitlines()[-3:]] == ["a0", "p1", "p2"]
+    assert repr(found.fit).startswith("<Kiencke fitted to 163 points: largest adhesion 0.30")
+
+
+def test_the_curve_has_the_peak_of_the_table_and_is_kept(found, tmp_path):
+    row = found.table.set_index("curve").loc[found.best]
+    peak = found.curve.peak(found.conditions)
+    assert peak.adhesion == pytest.approx(row["mu_max"], rel=1e-9)
+    assert peak.slip == pytest.approx(row["slip_opt"], rel=1e-6)
+    assert "np.float64" not in repr(found.curve)
+    for curve in (found.curve, found.fit.curve, aj.Kiencke(a0=40.0, p1=31.3, p2=100.0)):
+        aj.save_law(tmp_path / "law.json", curve)
+        slips = jnp.linspace(-0.1, 0.2, 7)
+        again = aj.load_law(tmp_path / "law.json")(slips, found.conditions)
+        np.testing.assert_array_equal(again, curve(slips, found.conditions))
+
+
+def test_arrays_by_their_names_are_data(found):
+    columns = {name: FRAME[name].to_numpy() for name in FRAME}
+    pd.testing.assert_frame_equal(aj.identify(columns, CURVES).table, found.table)
+    lists = {name: [*values] for name, values in columns.items()}
+    pd.testing.assert_frame_equal(measured_of(lists).table, measured_of(FRAME).table)
+    with pytest.raises(aj.InputError, match=r"The columns make no table .* give arrays of one len"):
+        aj.identify({"slip_ratio": [0.1, 0.2], "adhesion": [0.1]})
+
+
+def test_a_notebook_shows_what_is_drawn(found, missing):
+    followed = aj.track(FRAME, "rls-kiencke")
+    for result in (found, followed, aj.plan("common"), missing):
+        figure = result.plot()
+        assert figure._repr_png_().startswith(b"\x89PNG")
+        assert len(figure.axes) >= 1
+
+
 def test_a_frame_says_what_its_file_says(found):
     from_file = aj.identify(aj.SHIPPED["eurosprinter"].path, CURVES)
     pd.testing.assert_frame_equal(found.table, from_file.table)

@@ -65,10 +65,10 @@ def test_an_effect_that_is_named_after_a_first_search_is_found(tmp_path):
     adhesion = clean * (1 - 0.25 * cover) + 0.004 * draw.standard_normal(slip.size)
     table = pd.DataFrame({"slip_ratio": slip, "adhesion": adhesion, "leaf_cover": cover})
     table["run"] = np.repeat(np.arange(runs), points)
-    before = aj.discover(table, base="burckhardt")
+    before = aj.discover(table, curves="burckhardt")
     assert "covariate:leaf_cover" in {*before.effects["effect"]}
     kind = defined("leaves.py")["Leaves"]
-    found = aj.discover(table, base="burckhardt", effects={"Mine": kind})
+    found = aj.discover(table, curves="burckhardt", effects={"Mine": kind})
     row = found.effects.set_index(["effect", "parameter"]).loc["Mine", "k"]
     assert row["lo"] < 0.25 < row["hi"]
     found.write(tmp_path)

@@ -2,20 +2,19 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from unittest.mock import patch
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 from scipy.optimize import least_squares
 
 import adhesion_jax as aj
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.identify import main
+from adhesion_jax.command_line.reading import WANTED
 from adhesion_jax.curves import CURVES, physical_box
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.data import SHIPPED, read_measured, to_record
@@ -30,11 +29,11 @@ from adhesion_jax.inference.values import Span
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import residual_structure
 from adhesion_jax.records import Record
-from adhesion_jax.report.measured.figure import draw_measured
 from adhesion_jax.report.measured.words import reasons
 
 SPEED = 10.0
-FILES = {"curves.csv", "curves.png", "law.json", "report.html", "verdict.txt"}
+FILES = {"curves.csv", "parameters.csv", "curves.png", "law.json", "metadata.json", "report.html"}
+FILES |= {"verdict.txt"}
 
 #: The curves written afresh, from their sources' equations; slip positive, speed 10 m/s.
 FORMULAS = {
@@ -124,15 +123,15 @@ def test_the_files_and_their_neighbours(told, fits):
     assert {path.name for path in out.iterdir()} == FILES | {"notes.txt"}
     assert (out / "notes.txt").read_text() == "mine"
     table = pd.read_csv(out / "curves.csv")
-    first = "curve rms slip_opt slip_opt_se mu_max mu_max_lo mu_max_hi status c1 c1_se"
-    assert list(table.columns[:10]) == first.split()
+    first = "curve rms slip_opt slip_opt_se mu_max mu_max_lo mu_max_hi status weight"
+    assert list(table.columns[:9]) == first.split()
+    assert table.notna().all(axis=None)
+    parameters = pd.read_csv(out / "parameters.csv").set_index("curve")
+    assert list(parameters) == ["parameter", "value", "se", "unit", "meaning"]
     for name, curve in CURVES.items():
-        row = table.set_index("curve").loc[name]
-        others = [c for c in table.columns[8:-8] if c.removesuffix("_se") not in curve.free]
-        assert row[[*curve.free]].notna().all()
-        errors = row[[f"{p}_se" for p in curve.free]].notna()
-        np.testing.assert_array_equal(errors, ~fits[name].held)
-        assert row[others].isna().all()
+        own = parameters.loc[name]
+        assert tuple(own["parameter"]) == curve.free
+        np.testing.assert_array_equal(own["se"].notna(), ~fits[name].held)
     added = "weight log_density sigma autocorrelation run_scatter slow_level misfit degrees"
     assert list(table.columns[-8:]) == added.split()
     image = imread(out / "curves.png")
@@ -161,11 +160,9 @@ def test_the_verdict(told):
 
 
 def test_the_table_holds_full_precision(told, fits):
-    table = pd.read_csv(told[0] / "curves.csv").set_index("curve")
+    table = pd.read_csv(told[0] / "parameters.csv").set_index("curve")
     for name, fit in fits.items():
-        np.testing.assert_array_equal(
-            table.loc[name, list(fit.curve.free)].astype(float), fit.parameters
-        )
+        np.testing.assert_array_equal(table.loc[name, "value"], fit.parameters)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -299,19 +296,13 @@ def test_a_curve_bends_where_it_misses_the_points(fits, eurosprinter):
 
 
 @pytest.mark.parametrize(("lowest", "words"), [(0.05, "slip ratio (1)"), (0.001, "root scale")])
-def test_the_scale_of_slip_is_even_where_slips_are_of_one_size(lowest, words, tmp_path):
+def test_the_scale_of_slip_is_even_where_slips_are_of_one_size(lowest, words):
     slip = np.linspace(lowest, 0.2, 60)
     record = drawn(CURVES["kiencke"], slip, 0.001, seed=3)
     found = aj.identify(pd.DataFrame({"slip_ratio": slip, "adhesion": record.adhesion}), "kiencke")
-    shown = {}
-    with patch.object(Figure, "savefig", lambda self, *_, **__: shown.update(figure=self)):
-        level = found.answer.mu_max
-        draw_measured(
-            tmp_path / "x.png", "", found.fits, found.residuals, found.answer, level, level
-        )
-    label = shown["figure"].axes[1].get_xlabel()
-    assert label.endswith(words)
-    assert (shown["figure"].axes[0].get_xscale() == "linear") == (words == "slip ratio (1)")
+    above, below = found.plot().axes
+    assert below.get_xlabel().endswith(words)
+    assert (above.get_xscale() == "linear") == (words == "slip ratio (1)")
 
 
 def test_correlation_in_time_is_measured_within_runs():
@@ -426,10 +417,7 @@ def test_a_process_of_its_own_ends_with_status_2_and_no_traceback():
         check=False,
     )
     assert ended.returncode == 2
-    assert ended.stderr == (
-        "error: eurosprinder does not exist; name a .csv, .csv.gz, .txt, .tsv, .dat, .asc or "
-        ".parquet file.\n"
-    )
+    assert ended.stderr == f"error: eurosprinder does not exist; {WANTED}.\n"
 
 
 def a_log(path, events=True):

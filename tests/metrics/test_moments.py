@@ -1,8 +1,10 @@
 """Moments gathered in parts against NumPy over all runs at once."""
 
+from functools import reduce
+
 import numpy as np
 
-from adhesion_jax.metrics.moments import KnownMoments
+from adhesion_jax.metrics.moments import KnownMoments, plus
 
 
 def test_moments_of_known_values_are_those_of_numpy():
@@ -13,7 +15,7 @@ def test_moments_of_known_values_are_those_of_numpy():
     draws[unknown & np.isfinite(draws)] = np.nan
     draws[7, 3] = 5.0  # known in this run alone
     parts = [KnownMoments.of({"x": part}) for part in np.split(draws, [1, 60, 300])]
-    found = parts[0].plus(parts[1]).plus(parts[2]).plus(parts[3])
+    found = reduce(plus, parts)
     assert found.runs == 400
     for column in range(4):
         known = draws[np.isfinite(draws[:, column]), column]

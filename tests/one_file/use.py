@@ -68,7 +68,7 @@ files = [str(out / "train.csv"), "--test", str(out / "test.csv")]
 made = []
 engine.discover = lambda *given, **named: made.append(discover(*given, **named)) or made[-1]
 discover_command.main(
-    [*files, "--base", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
+    [*files, "--curve", "hyperbolic", "--out", str(out / "report")], standalone_mode=False
 )
 (findings,) = made
 law = load_law(out / "report" / "law.json")
@@ -118,6 +118,7 @@ options = ["--curve", "hyperbolic", "--out", str(out / "identified")]
 identify_command.main([str(out / "curve.csv"), *options], standalone_mode=False)
 told["curve"] = CURVE
 (told["identified"],) = pd.read_csv(out / "identified" / "curves.csv").to_dict("records")
+told["parameters"] = pd.read_csv(out / "identified" / "parameters.csv").to_dict("records")
 
 # The method in a campaign beside the exact optimum.
 config = Config("single", ("damped", "ml-exact"), Options(rail="dry"), runs=256)

@@ -122,31 +122,48 @@ def test_the_files(found, tmp_path):
     assert "pre-wrap" in found._repr_html_()
 
 
-CURVES_CSV = """curve,rms,log_density,slip_opt,slip_opt_se,mu_max,status,c1,c2,c3,mu0,stiffness
-polach,0.02,300,1,,0.3,NO_PEAK,,,,0.3,100
-burckhardt,0.03,200,0.175,0.01,0.298,TRUSTED,0.32,25,0.1,,
-kiencke,0.05,100,0.2,0.01,0.3,NOT_FITTED,,,,,
+CURVES_CSV = """curve,rms,log_density,slip_opt,slip_opt_se,mu_max,status
+polach,0.02,300,1,,0.3,NO_PEAK
+burckhardt,0.03,200,0.175,0.01,0.298,TRUSTED
+kiencke,0.05,100,0.2,0.01,0.3,NOT_FITTED
+"""
+PARAMETERS_CSV = """curve,parameter,value
+polach,mu0,0.3
+polach,stiffness,100
+burckhardt,c1,0.32
+burckhardt,c2,25
+burckhardt,c3,0.1
 """
 
 
+def tables(folder):
+    (folder / "curves.csv").write_text(CURVES_CSV)
+    (folder / "parameters.csv").write_text(PARAMETERS_CSV)
+    return folder / "curves.csv"
+
+
 def test_a_curve_is_read_from_the_table_of_an_identification(tmp_path):
-    path = tmp_path / "curves.csv"
-    path.write_text(CURVES_CSV)
+    path = tables(tmp_path)
     curve = load_curve(path)
     assert isinstance(curve, aj.Burckhardt)  # the best has no peak
     assert (float(curve.c1), float(curve.c2), float(curve.c3)) == (0.32, 25.0, 0.1)
     for name, says in (("exponential", "has no fitted curve exponential"), ("kiencke", "is not a")):
         with pytest.raises(InputError, match=says):
-            load_curve(path, name)
+            load_curve(path, [name])
 
 
 @pytest.mark.parametrize(
-    "content", ["", "a,b\n1,2\n", "curve,log_density,slip_opt_se\nburckhardt,1,1\n", "\0\0\0"]
+    "content", ["", "a,b\n1,2\n", "curve,log_density\nburckhardt,1\n", "\0\0\0"]
 )
 def test_what_is_no_table_of_curves_is_refused(content, tmp_path):
-    path = tmp_path / "curves.csv"
-    path.write_text(content)
-    with pytest.raises(InputError, match="is not a table of curves"):
+    path = tables(tmp_path)
+    for changed in (path, tmp_path / "parameters.csv"):
+        changed.write_text(content)
+        with pytest.raises(InputError, match="is not a table of curves"):
+            load_curve(path)
+        tables(tmp_path)
+    (tmp_path / "parameters.csv").unlink()
+    with pytest.raises(InputError, match=r"parameters.csv does not exist; name a curves.csv"):
         load_curve(path)
 
 
@@ -162,8 +179,7 @@ def test_the_command_plans_a_rail_a_table_of_curves_and_a_law(tmp_path):
     rail = pd.read_csv(tmp_path / "rail" / "plan.csv")
     assert sorted(rail["samples"].unique()) == [100, 1000]
     assert "A standard error of 1.0 % of mu_max" in " ".join(told.output.split())
-    (tmp_path / "curves.csv").write_text(CURVES_CSV)
-    told = answer("--curves", tmp_path / "curves.csv", *size, "--out", tmp_path / "curve")
+    told = answer("--curves", tables(tmp_path), *size, "--out", tmp_path / "curve")
     assert told.exit_code == 0, told.output
     curve = pd.read_csv(tmp_path / "curve" / "plan.csv")
     np.testing.assert_allclose(curve["mu_max_relative_se"], rail["mu_max_relative_se"])

@@ -52,6 +52,7 @@ from adhesion_jax.report.discovery.tables import (
     level_columns,
     residual_columns,
 )
+from adhesion_jax.report.discovery.verdict import verdict
 from adhesion_jax.report.discovery.words import (
     acts_on,
     error,
@@ -59,7 +60,6 @@ from adhesion_jax.report.discovery.words import (
     humanised,
     in_brackets,
     percent_in_brackets,
-    verdict,
 )
 from adhesion_jax.wording import p_value, plus_minus
 
@@ -129,7 +129,7 @@ def test_only_files_of_its_own(written, name):
         "doubted": {"predictions.csv", "shapes.png"} | of_effects,
     }
     others = {"predictions.csv", "shapes.png"} | of_runs
-    no_log = {"events.png"}
+    no_log = {"metadata.json", "events.png"}
     assert set(DISCOVERY_FILES) - names == left_out.get(name, others) | no_log
 
 

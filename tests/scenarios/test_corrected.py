@@ -317,7 +317,7 @@ def test_the_metadata_hold_the_law(humid):
 
 
 def test_no_other_job_loads_the_discovery():
-    words = "import sys, adhesion_jax.commands.montecarlo; print(*sys.modules)"
+    words = "import sys, adhesion_jax.library.montecarlo; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", words],
         capture_output=True,

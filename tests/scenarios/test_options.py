@@ -1,6 +1,5 @@
 """Scenarios declare what a user may change, and the command line follows from that."""
 
-import json
 import pickle
 from typing import Annotated
 
@@ -8,9 +7,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from adhesion_jax.command_line.catalogue import catalogue_of
 from adhesion_jax.command_line.montecarlo import scenario_options
-from adhesion_jax.commands.names import names
+from adhesion_jax.command_line.registries import told
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Option, Sigma, built, check, declared
 from adhesion_jax.scenarios import SCENARIOS, Options, build
@@ -81,7 +79,7 @@ def test_what_does_not_go_together_is_said_with_what_would_be_right():
 
 def test_the_command_line_has_the_options_of_a_new_scenario_in_their_ranges(monkeypatch):
     monkeypatch.setitem(SCENARIOS, "hill", hill)
-    known = catalogue_of(json.loads(json.dumps(names())))
+    known = pickle.loads(pickle.dumps(told()))
     assert known.scenarios["hill"].words.startswith("A scenario of its own")
 
     @click.command()

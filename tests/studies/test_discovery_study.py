@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 from scipy.stats import beta
 
-from adhesion_jax.commands import status
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval
 from adhesion_jax.effects import family_of
 from adhesion_jax.errors import InputError
+from adhesion_jax.library.status import status
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.random_effect import RandomEffect
 from adhesion_jax.simulation.runs import BASE_CURVES
@@ -300,7 +300,7 @@ def test_the_quantiles_of_the_shares_are_those_of_numpy():
 
 
 @pytest.mark.slow
-def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_path, capsys):
+def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_path):
     sizes = {"null": 3, "powers": 0, "seed": 6, "random": 1, "log_effects": 1}
 
     def sets(out):
@@ -316,9 +316,7 @@ def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_pa
     before = pd.read_csv(two / "sets.csv")
     (two / "shards" / "study-00001.npz").write_bytes(b"damaged")
     (two / "shards" / "study-00003.parquet").unlink()
-    capsys.readouterr()
-    status.main(two)
-    said = capsys.readouterr().out
+    said = status(two)
     assert f"{len(tasks) - 2} of {len(tasks)} runs are finished" in said
     study(sizes, two, nothing_found, resume=True)
     pd.testing.assert_frame_equal(sets(two), sets(one), check_exact=True)

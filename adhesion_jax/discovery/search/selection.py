@@ -175,15 +175,15 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
     if not entry.generic or len(entry.covariates) > 1:
         return None
     problem = now.fitted.setting.problem
-    others = _columns_of(scores)[: rules.PARTNER_COLUMNS]
-    pairs = surfaces(problem, entry.covariates, others)
-    if not pairs:
-        return None
-    # Tested beside all forms of the column alone: only what both do together counts.
-    own = [name for name in problem.columns if label_of(name, problem.measured) in entry.covariates]
-    forms = [form.starts[0] for name in own for form in forms_of_column(name, problem)]
-    alone = null_of(chosen.fitted, split(forms)[0])
-    scored = [one for one in screen([(alone, pairs)], seed) if one.p <= rules.SCAN_SIGNIFICANT]
+    parts = []
+    for other in _columns_of(scores)[: rules.PARTNER_COLUMNS]:
+        # Tested beside all forms of each column alone: only what both do together counts.
+        both = {*entry.covariates, other}
+        own = [name for name in problem.columns if label_of(name, problem.measured) in both]
+        forms = [form.starts[0] for name in own for form in forms_of_column(name, problem)]
+        if pairs := surfaces(problem, entry.covariates, (other,)):
+            parts.append((null_of(chosen.fitted, split(forms)[0]), pairs))
+    scored = [one for one in screen(parts, seed) if one.p <= rules.SCAN_SIGNIFICANT]
     trials = tried(now.fitted, scored[: rules.TRIED_PAIRS])
     if not trials:
         return None

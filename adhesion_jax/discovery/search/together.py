@@ -62,16 +62,25 @@ def together(state: Selection, null: Null, number: int, seed: int) -> Selection:
     less = refitted(more, parts_of(state.accepted))
     if not is_worth(less, more.fitted, generic=True):
         return state
-    accepted, rows = [*more.accepted], []
-    for place in range(len(state.accepted), len(accepted)):
+    first = len(state.accepted)
+    gains, worth = [], []
+    for place in range(first, len(more.accepted)):
         without = refitted(more, parts_of(all_but(more.accepted, place)))
-        gained = gain(without, more.fitted)
-        accepted[place] = accepted[place]._replace(gain=gained.total)
-        name = f"{accepted[place].name} (linear, beside others)"
-        rows.append(
-            Candidate(number, name, float(z[best]), p, gained.total, gained.error, "accepted")
+        gains.append(gain(without, more.fitted))
+        worth.append(is_worth(without, more.fitted, generic=True))
+    accepted, rows = [*state.accepted], []
+    for effect, gained, own in zip(more.accepted[first:], gains, worth, strict=True):
+        # Beside a line that explains much, any other makes a pair that is significant; of lines
+        # that stand for each other none is worth it alone.
+        kept = own or not any(worth)
+        if kept:
+            accepted.append(effect._replace(gain=gained.total))
+        name, said = (
+            f"{effect.name} (linear, beside others)",
+            "accepted" if kept else "explains less",
         )
-    return more._replace(accepted=tuple(accepted), ranking=(*more.ranking, *rows))
+        rows.append(Candidate(number, name, float(z[best]), p, gained.total, gained.error, said))
+    return settled(more, accepted)._replace(ranking=(*more.ranking, *rows))
 
 
 def _lines(problem: Problem, taken: set[str]) -> list[Entry]:

@@ -15,6 +15,7 @@ from adhesion_jax.report.discovery.tables import (
     shape_columns,
     title,
 )
+from adhesion_jax.report.discovery.verdict import opinion_sentence, verdict
 from adhesion_jax.report.discovery.words import (
     acts_on,
     class_sentence,
@@ -23,8 +24,6 @@ from adhesion_jax.report.discovery.words import (
     humanised,
     kind_of_run,
     one_line,
-    opinion_sentence,
-    verdict,
 )
 from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
 from adhesion_jax.wording import number, plus_minus

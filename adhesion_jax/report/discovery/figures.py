@@ -26,10 +26,12 @@ from adhesion_jax.report.discovery.words import (
 from adhesion_jax.report.style import (
     AFTER,
     BEFORE,
+    MARKS,
     POINT,
+    Shown,
     label_text,
-    legend_below,
     light_frame,
+    one_legend,
     panels,
     root_axis,
     thinned,
@@ -68,7 +70,7 @@ def adhesion_over_slip(findings: Findings) -> Figure:
     """The points, and the law before and after at the median of every column."""
     points = thinned(findings.points)
     low, high = slip_limits(findings)
-    figure = Figure(figsize=(8.5, 5.0), layout="constrained")
+    figure = Shown(figsize=(8.5, 5.0), layout="constrained")
     axis = figure.subplots()
     axis.scatter(
         points["slip"],
@@ -108,7 +110,7 @@ def _dependences(findings: Findings) -> Figure | None:
         _dependence(axis, dependence, findings)
     for axis in axes[::3]:
         axis.set_ylabel("factor on adhesion (1)")
-    legend_below(figure, axes[0])
+    one_legend(figure, axes[:1])
     return figure
 
 
@@ -145,17 +147,14 @@ def _errors(findings: Findings) -> Figure:
     for when in ("before", "after"):
         intervals: list[Interval] = [getattr(errors, when) for errors in rows.values()]
         value, low, high = np.array(intervals, dtype=float).T
-        before = when == "before"
         axis.errorbar(
             value,
-            np.arange(len(rows)) + (-0.13 if before else 0.13),
+            np.arange(len(rows)) + (-0.13 if when == "before" else 0.13),
             xerr=np.nan_to_num([np.maximum(value - low, 0), np.maximum(high - value, 0)]),
-            color=BEFORE if before else AFTER,
-            marker="s" if before else "o",
-            markerfacecolor="white" if before else AFTER,
             linestyle="none",
             capsize=3,
             label=when,
+            **MARKS[when],
         )
     axis.axvline(
         findings.noise_floor,

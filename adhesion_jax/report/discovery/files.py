@@ -8,17 +8,17 @@ from pathlib import Path
 from adhesion_jax.data.events import Chosen
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Opinion
 from adhesion_jax.effects.saved import FORMAT, save_law
-from adhesion_jax.files import write_metadata, write_table
+from adhesion_jax.files import METADATA, write_metadata, write_table
 from adhesion_jax.report.discovery.content import page
 from adhesion_jax.report.discovery.figures import draw_discovery
 from adhesion_jax.report.discovery.frames import ranking_frame
-from adhesion_jax.report.discovery.markdown import aligned, discovery_markdown
+from adhesion_jax.report.discovery.markdown import discovery_markdown
 from adhesion_jax.report.discovery.tables import effects_table, errors_table
-from adhesion_jax.report.discovery.words import candidates, verdict
+from adhesion_jax.report.discovery.verdict import verdict
+from adhesion_jax.report.discovery.words import candidates
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
-from adhesion_jax.report.page import Table
 from adhesion_jax.report.page_html import page_html
-from adhesion_jax.report.text import WIDTH, filled
+from adhesion_jax.report.text import WIDTH, filled, in_columns
 
 #: The names of the files of the figures; a figure without content is not drawn.
 FIGURES = (
@@ -40,6 +40,7 @@ DISCOVERY_FILES = (
     "law.json",
     "predictions.csv",
     "ranking.csv",
+    METADATA,
     *FIGURES,
 )
 
@@ -85,17 +86,13 @@ def printed(findings: Findings) -> str:
     """The verdict, the errors and the effects, for a terminal."""
     parts = [
         textwrap.fill(verdict(findings), WIDTH, break_on_hyphens=False),
-        _lines(errors_table(findings)),
+        in_columns(errors_table(findings)),
     ]
     if findings.effects or findings.unexplained:
-        parts.append(_lines(effects_table(findings)))
+        parts.append(in_columns(effects_table(findings)))
     if findings.warnings:
         parts.append("\n".join(filled(f"Warning: {text}") for text in findings.warnings))
     return "\n\n".join(parts)
-
-
-def _lines(table: Table) -> str:
-    return "\n".join("  ".join(line).rstrip() for line in aligned(table))
 
 
 def _before_after(errors: Errors) -> dict[str, float | None]:

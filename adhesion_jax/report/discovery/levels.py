@@ -6,7 +6,7 @@ from matplotlib.ticker import MaxNLocator
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import level_columns
 from adhesion_jax.report.discovery.words import column_label
-from adhesion_jax.report.style import AFTER, BEFORE, label_text, legend_below, light_frame, panels
+from adhesion_jax.report.style import MARKS, label_text, light_frame, one_legend, panels
 
 
 def level_panels(findings: Findings) -> Figure | None:
@@ -19,19 +19,16 @@ def level_panels(findings: Findings) -> Figure | None:
     for axis, name in zip(axes, names, strict=True):
         axis.axhline(0.0, color="0.4", linewidth=0.8)
         for when in ("before", "after"):
-            before = when == "before"
             axis.errorbar(
                 levels[name],
                 100 * levels[when],
                 200 * levels["error"],
-                color=BEFORE if before else AFTER,
-                marker="s" if before else "o",
                 # A level that does not change shows as a point within a square.
-                markersize=6 if before else 3.5,
-                markerfacecolor="white" if before else AFTER,
+                markersize=6 if when == "before" else 3.5,
                 linestyle="none",
                 elinewidth=0.8,
                 label=f"run {when}, ± 2 standard errors",
+                **MARKS[when],
             )
         label = column_label(findings.slip) if name == "slip" else column_label(name)
         axis.set_xlabel(label_text(label, 40))
@@ -39,5 +36,5 @@ def level_panels(findings: Findings) -> Figure | None:
         light_frame(axis)
     for axis in axes[::3]:
         axis.set_ylabel("measured less law\n(% of the law)")
-    legend_below(figure, axes[0])
+    one_legend(figure, axes[:1])
     return figure

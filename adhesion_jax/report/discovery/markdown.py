@@ -3,6 +3,7 @@
 import re
 
 from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.report.text import aligned
 
 #: What would be taken for markup: names of columns come from the users' files.
 _MARKUP = re.compile(r"([\\`*<>|$#~]|\](?=[(\[]))")
@@ -13,22 +14,6 @@ def discovery_markdown(content: Page) -> str:
     parts = [f"# {_escaped(content.title)}", f"**{_escaped(content.verdict)}**"]
     parts += [_section(section) for section in content.sections]
     return "\n\n".join(parts) + "\n"
-
-
-def aligned(table: Table, escape: bool = False) -> list[list[str]]:
-    """The cells, headings first, each padded to the width of its column."""
-    lines = [list(table.headings), *(list(row) for row in table.rows)]
-    if escape:
-        lines = [[_escaped(cell) for cell in line] for line in lines]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    flush_right = [heading in table.right for heading in table.headings]
-    return [
-        [
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(line, widths, flush_right, strict=True)
-        ]
-        for line in lines
-    ]
 
 
 def _section(section: Section) -> str:
@@ -54,7 +39,7 @@ def _block(block: Block) -> str:
 
 
 def _table(table: Table) -> str:
-    heading, *rows = aligned(table, escape=True)
+    heading, *rows = aligned(table, _escaped)
     rule = [
         "-" * (len(cell) - 1) + (":" if name in table.right else "-")
         for cell, name in zip(heading, table.headings, strict=True)

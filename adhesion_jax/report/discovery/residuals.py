@@ -10,12 +10,11 @@ from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import residual_columns
 from adhesion_jax.report.discovery.words import column_label
 from adhesion_jax.report.style import (
-    AFTER,
-    BEFORE,
+    MARKS,
     POINT,
     label_text,
-    legend_below,
     light_frame,
+    one_legend,
     panels,
     root_axis,
     thinned,
@@ -79,7 +78,7 @@ def residual_panels(findings: Findings) -> Figure | None:
     axes[0].set_ylim(-reach, reach)  # the panels share it
     for axis in axes[::3]:
         axis.set_ylabel("measured less law (1)")
-    legend_below(figure, axes[0])
+    one_legend(figure, axes[:1])
     return figure
 
 
@@ -129,14 +128,12 @@ def _draw(axis: Axes, means: pd.DataFrame, when: str) -> float:
         means["place"],
         means["mean"],
         2 * means["error"],
-        color=BEFORE if before else AFTER,
         linestyle=(0, (3, 2)) if before else "-",
         linewidth=1,
-        marker="s" if before else "o",
-        markerfacecolor="white" if before else AFTER,
         markersize=4.5 if before else 4,
         capsize=2,
         zorder=4 if before else 5,
         label=f"mean {when}, ± 2 standard errors",
+        **MARKS[when],
     )
     return float(1.15 * np.max(np.abs(means["mean"]) + 2 * means["error"]))

@@ -11,7 +11,8 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate, band_of_answer
 from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.residual import Residual, running_mean
-from adhesion_jax.report.style import root_axis
+from adhesion_jax.report.measured.words import best_first
+from adhesion_jax.report.style import POINT, Shown, light_frame, root_axis
 
 #: Colour, line and peak marker by rank: each alone tells the curves apart, in grey as well.
 _STYLES = (
@@ -22,26 +23,24 @@ _STYLES = (
     ("#e7298a", (0, (3, 1, 1, 1, 1, 1)), "v"),
     ("#8c6d1f", (0, (10, 3)), "P"),
 )
-_POINT = "#6b6b6b"
 
 #: The scale of slip is even where the largest tenth begins below this multiple of the end of the
 #: smallest, and a root scale otherwise.
 _OF_ONE_SIZE = 5.0
 
 
-def draw_measured(
-    path: Path,
+def measured_figure(
     title: str,
     fits: Mapping[str, MeasuredFit],
     residuals: Mapping[str, Residual],
     answer: Answer,
     level: Estimate,
     place: Estimate,
-) -> None:
+) -> Figure:
     """The one answer over the points with the curves and, below it, what each curve leaves."""
-    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
+    ranked = best_first(fits)
     best, left = fits[ranked[0]], residuals[ranked[0]]
-    figure = Figure(figsize=(10, 8), layout="constrained")
+    figure = Shown(figsize=(10, 8), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
 
     _points(above, left, left.adhesion)
@@ -87,10 +86,8 @@ def draw_measured(
         loc="left",
     )
     for axes in (above, below):
-        axes.grid(color="0.9", linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=150)
+        light_frame(axes)
+    return figure
 
 
 def _points(axes: Axes, left: Residual, height: np.ndarray) -> None:
@@ -102,8 +99,8 @@ def _points(axes: Axes, left: Residual, height: np.ndarray) -> None:
                 height[chosen],
                 s=size,
                 marker=marker,
-                facecolors="none" if marker == "o" else _POINT,
-                edgecolors=_POINT if marker == "o" else None,
+                facecolors="none" if marker == "o" else POINT,
+                edgecolors=POINT if marker == "o" else None,
                 linewidths=0.8,
                 alpha=alpha,
                 label=f"measured, {label}" if left.braking.any() else "measured",
@@ -228,8 +225,6 @@ def draw_comparison(path: Path, title: str, comparison: Comparison) -> None:
         fontsize=10,
         parse_math=False,
     )
-    axes.grid(color="0.9", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    light_frame(axes)
     axes.legend(frameon=False)
     figure.savefig(path, dpi=150)

@@ -1,7 +1,7 @@
 """The tables of a measured record: the one answer, a row for each curve, the printed table."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -9,9 +9,9 @@ import pandas as pd
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.vetoes import Judgement
-from adhesion_jax.report.measured.words import LEAST_NAMED, reasons
+from adhesion_jax.report.measured.words import best_first, reasons, weights_of
 from adhesion_jax.report.text import WIDTH, flush_left
-from adhesion_jax.wording import listed, plus_minus
+from adhesion_jax.wording import plus_minus
 
 
 def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement) -> str:
@@ -34,12 +34,9 @@ def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement) -> str:
                 *textwrap.wrap(judgement.why, WIDTH, break_on_hyphens=False),
             )
         )
-    weights = {name: w for name, w in answer.weights.items() if w >= LEAST_NAMED}
-    ranked = sorted(weights, key=lambda name: -weights[name])
-    names = listed([f"{name} {weights[name]:.2f}" for name in ranked])
     said = (
         "The peak with its 95 % interval, the choice of the curve included. Weights of the curves "
-        f"by cross-validation: {names}."
+        f"by cross-validation: {weights_of(answer)}."
     )
     return "\n".join(
         (
@@ -63,18 +60,16 @@ def curve_rows(
 ) -> pd.DataFrame:
     """One row for each curve; NaN where a quantity does not apply.
 
-    Columns: curve, rms, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status,
-    each parameter with its standard error (`_se`), then the weight in the answer, log_density (of
-    what was left out, less what the departure costs), the departure (misfit, relative), the
-    degrees of freedom of the interval,
-    and the noise: sigma, autocorrelation, run_scatter and slow_level (both relative). `not_fitted`
-    names the columns that a curve needs and the data lack.
+    Columns: curve, rms, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status, the
+    weight in the answer, log_density (of what was left out, less what the departure costs), the
+    noise (sigma, autocorrelation, run_scatter and slow_level, the last two relative), the departure
+    (misfit, relative), and the degrees of freedom of the interval. `not_fitted` names the columns
+    that a curve needs and the data lack.
     """
     rows: list[dict[str, object]] = []
-    noises: dict[str, dict[str, float]] = {}
     for name, fit in fits.items():
         mu_max, (low, high) = float(fit.peak.adhesion), fit.interval
-        row: dict[str, object] = {
+        one: dict[str, object] = {
             "curve": name,
             "rms": fit.rms,
             "slip_opt": float(fit.peak.slip),
@@ -83,13 +78,6 @@ def curve_rows(
             "mu_max_lo": low,
             "mu_max_hi": high,
             "status": f"{fit.status.name}: {' '.join(reasons(fit))}",
-        }
-        for parameter, value, error in zip(
-            fit.curve.free, fit.parameters, fit.standard_errors, strict=True
-        ):
-            row[parameter] = value
-            row[f"{parameter}_se"] = error
-        noises[name] = {
             "weight": answer.weights[name],
             "log_density": fit.log_density,
             "sigma": fit.noise.sigma,
@@ -99,18 +87,57 @@ def curve_rows(
             "misfit": fit.misfit,
             "degrees": fit.degrees,
         }
-        rows.append(row)
+        rows.append(one)
     rows += [
         {"curve": name, "status": f"NOT_FITTED: it needs the column {' and '.join(columns)}."}
         for name, columns in not_fitted.items()
     ]
-    table, noise = pd.DataFrame(rows), pd.DataFrame.from_dict(noises, orient="index")
-    return table.join(noise, on="curve")
+    return pd.DataFrame(rows)
+
+
+def parameter_rows(fits: Mapping[str, MeasuredFit]) -> pd.DataFrame:
+    """One row for each parameter of each curve: curve, parameter, value, se, unit, meaning.
+
+    The standard error is NaN where the parameter is held, on its bound or without influence.
+    """
+    rows = [
+        (name, parameter, value, error, known.unit, known.meaning)
+        for name, fit in fits.items()
+        for parameter, value, error in _parameters(fit)
+        for known in [fit.curve.PARAMETERS[parameter]]
+    ]
+    return pd.DataFrame(rows, columns=["curve", "parameter", "value", "se", "unit", "meaning"])
+
+
+def _parameters(fit: MeasuredFit) -> Iterator[tuple[str, float, float]]:
+    """The name, the value and the standard error of each."""
+    values, errors = fit.parameters.tolist(), fit.standard_errors.tolist()
+    return zip(fit.curve.free, values, errors, strict=True)
+
+
+def short_report(
+    fits: Mapping[str, MeasuredFit], best: str, answer: Answer, judgement: Judgement
+) -> str:
+    """The answer and, of the best curve, what it is worth and its parameters, for a terminal."""
+    fit = fits[best]
+    lines = [
+        answer_lines(answer, fit, judgement),
+        f"{best}: rms {fit.rms:.3g} over {fit.points} points, {fit.status.name}",
+    ]
+    for parameter, value, error in _parameters(fit):
+        known = fit.curve.PARAMETERS[parameter]
+        told = _with_error(value, error) + (f" {known.unit}" if known.unit != "1" else "")
+        lines.append(f"  {parameter:<12} {told:<24} {known.meaning}")
+    return "\n".join(lines)
+
+
+def _with_error(value: float, error: float) -> str:
+    return plus_minus(value, error) + ("" if np.isfinite(error) else " (held)")
 
 
 def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
     """The curves, the one that predicts best first, aligned for a terminal."""
-    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
+    ranked = best_first(fits)
     most = fits[ranked[0]].log_density
     summary, parameters = [], []
     for name in ranked:
@@ -137,11 +164,8 @@ def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
             {
                 "curve": name,
                 "parameters ± standard errors": "  ".join(
-                    f"{parameter} {plus_minus(value, error)}"
-                    + ("" if np.isfinite(error) else " (held)")
-                    for parameter, value, error in zip(
-                        fit.curve.free, fit.parameters, fit.standard_errors, strict=True
-                    )
+                    f"{parameter} {_with_error(value, error)}"
+                    for parameter, value, error in _parameters(fit)
                 ),
             }
         )

@@ -3,9 +3,9 @@
 import pandas as pd
 
 from adhesion_jax.data import Measured
+from adhesion_jax.report.page import Table
+from adhesion_jax.report.text import in_columns
 from adhesion_jax.wording import number
-
-_HEADINGS = ("column", "taken as", "unit", "range", "missing")
 
 
 def understood(measured: Measured) -> str:
@@ -19,12 +19,8 @@ def columns_table(understood: pd.DataFrame) -> str:
 
     The range is in the unit beside it, which is that of the file.
     """
-    rows = [_HEADINGS]
+    rows = []
     for column, taken_as, unit, lowest, highest, missing in understood.to_numpy():
         span = f"{number(lowest)} to {number(highest)}" if number(lowest) else ""
         rows.append((column, taken_as, unit, span, f"{100 * missing:.3g} %"))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )
+    return in_columns(Table(("column", "taken as", "unit", "range", "missing"), rows))

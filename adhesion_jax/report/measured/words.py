@@ -24,7 +24,7 @@ from adhesion_jax.wording import listed, percent, plus_minus
 _LIKENESS = 2.0
 
 #: Least weight at which a curve is named as part of the answer.
-LEAST_NAMED = 0.005
+_LEAST_NAMED = 0.005
 
 #: Curves are told apart if their log densities differ by this multiple of its standard error.
 _APART = 2.0
@@ -53,7 +53,7 @@ def verdict(
 
     `left` is the residual of the curve with the largest log density.
     """
-    ranked = sorted(fits, key=lambda name: -fits[name].log_density)
+    ranked = best_first(fits)
     best = fits[ranked[0]]
     peak = [] if judgement.vetoes else _peak_sentences(answer, judgement, best, measured)
     sections = [
@@ -67,6 +67,18 @@ def verdict(
         ("Not to be trusted", _doubts(fits, ranked, not_fitted, answer, slip, measured)),
     ]
     return [(title, sentences) for title, sentences in sections if sentences]
+
+
+def best_first(fits: Mapping[str, MeasuredFit]) -> list[str]:
+    """The names of the curves, the one that predicts best first."""
+    return sorted(fits, key=lambda name: -fits[name].log_density)
+
+
+def weights_of(answer: Answer) -> str:
+    """The weights of the curves that are worth a name, the heaviest first."""
+    weights = {name: weight for name, weight in answer.weights.items() if weight >= _LEAST_NAMED}
+    heaviest = sorted(weights, key=lambda name: -weights[name])
+    return listed([f"{name} {weights[name]:.2f}" for name in heaviest])
 
 
 def in_lines(sections: Sections) -> str:
@@ -141,9 +153,6 @@ def _curve_sentences(
     by_part = best.left_out - second.left_out
     gain, error = best.log_density - second.log_density, np.sqrt(by_part.size) * np.std(by_part)
     apart = gain > _APART * error
-    heavy = {name: weight for name, weight in answer.weights.items() if weight >= LEAST_NAMED}
-    by_weight = sorted(heavy, key=lambda name: -heavy[name])
-    weights = listed([f"{name} {heavy[name]:.2f}" for name in by_weight])
     return [
         _departure_sentence(ranked[0], best),
         f"{ranked[0]} predicts best the points that are left out of its fit: their log density, "
@@ -151,7 +160,7 @@ def _curve_sentences(
         f"{plus_minus(gain, float(error))} above that by {ranked[1]} (rms {best.rms:.4f} "
         f"against {second.rms:.4f}), so the points "
         + ("speak for it." if apart else "do not tell these two apart."),
-        f"The weights in the answer by all curves, after the same density: {weights}.",
+        f"The weights in the answer by all curves, after the same density: {weights_of(answer)}.",
     ]
 
 

@@ -1,15 +1,17 @@
 """Figures of a Monte Carlo campaign, drawn from its tables."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
-from adhesion_jax.report.style import line_styles
+from adhesion_jax.report.style import line_styles, one_legend
 
 LABELS = {
     "c1": "$c_1$ (1)",
@@ -26,6 +28,13 @@ _SHORT = {"mu_max": r"$\mu_{max}$ (1)", "forgetting": "forgetting\nfactor (1)"}
 
 #: Dots per inch of a figure of many panels, which is large and takes long to write.
 _MANY_PANELS = 110
+
+_LEGEND: Mapping[str, Any] = {
+    "loc": "outside lower center",
+    "ncols": 5,
+    "fontsize": 8,
+    "frameon": True,
+}
 
 #: A share below this is rounding.
 _NONE_OUTSIDE = 1e-9
@@ -72,10 +81,7 @@ def histogram(path: Path, summary: pd.DataFrame, densities: pd.DataFrame) -> Non
         if beyond[panel]:
             note = "\n".join(["beyond the axis", *beyond[panel]])
             axis.text(0.02, 0.98, note, transform=axis.transAxes, va="top", fontsize=7)
-    found = [axis.get_legend_handles_labels() for axis in axes]
-    legend = {label: handle for pair in found for handle, label in zip(*pair, strict=True)}
-    handles, labels = list(legend.values()), list(legend)
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
+    one_legend(figure, axes, **_LEGEND)
     figure.savefig(path, dpi=150)
 
 
@@ -86,16 +92,8 @@ def tracking(path: Path, truth: pd.DataFrame, bands: pd.DataFrame) -> None:
     has the columns block and quantities.
     """
     names, shown = list(dict.fromkeys(bands["identifier"])), _shown(truth)
-    width, height = 2.4 * len(names) + 1.2, 2.0 * (len(shown) + 1)
-    figure = Figure(figsize=(width, height))
-    axes = figure.subplots(
-        len(shown) + 1,
-        len(names),
-        sharex=True,
-        sharey="row",
-        squeeze=False,
-        gridspec_kw=_margins(width, height),
-    )
+    labels = [*map(_label, shown), r"error of $\mu_{max}$ (%)"]
+    figure, axes = _grid(names, labels, "block (1)")
     block, peak = truth["block"].to_numpy(), truth["mu_max"].to_numpy()
     for name, column in zip(names, axes.T, strict=True):
         for quantity, axis in zip(shown, column[:-1], strict=True):
@@ -105,12 +103,7 @@ def tracking(path: Path, truth: pd.DataFrame, bands: pd.DataFrame) -> None:
         error = (100 * (part / peak - 1) for part in _of(bands, name, "mu_max"))
         _band(column[-1], block, *error)
         column[-1].axhline(0, color="k", linestyle="--", linewidth=1)
-        column[0].set_title(name, fontsize=10)
-        column[-1].set_xlabel("block (1)")
         column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    labels = [*(_label(quantity) for quantity in shown), r"error of $\mu_{max}$ (%)"]
-    for label, axis in zip(labels, axes[:, 0], strict=True):
-        axis.set_ylabel(label)
     axes[0, 0].legend(fontsize=7, loc="upper right")
     figure.savefig(path, dpi=_MANY_PANELS)
 
@@ -138,16 +131,7 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
     """
     names, shown = list(dict.fromkeys(bands["identifier"])), _shown(truth)
     rows = [*shown, "forgetting"]
-    width, height = 2.4 * len(names) + 1.2, 2.0 * len(rows)
-    figure = Figure(figsize=(width, height))
-    axes = figure.subplots(
-        len(rows),
-        len(names),
-        sharex=True,
-        sharey="row",
-        squeeze=False,
-        gridspec_kw=_margins(width, height),
-    )
+    figure, axes = _grid(names, [*map(_label, rows)], "samples (1)")
     seen = step * (truth["block"].to_numpy() + 1)
     for name, column in zip(names, axes.T, strict=True):
         for quantity, axis in zip(rows, column, strict=True):
@@ -159,25 +143,31 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
                 axis.plot(seen, true, "k--", linewidth=1, label="truth", drawstyle="steps")
                 reach = 0.6 * max(np.abs(true).max(), np.ptp(true))
                 axis.set_ylim(min(true.min(), 0) - reach / 4, true.max() + reach)
-        column[0].set_title(name, fontsize=10)
-        column[-1].set_xlabel("samples (1)")
         column[-1].set_ylim(-0.05, 1.05)
-    for quantity, axis in zip(rows, axes[:, 0], strict=True):
-        axis.set_ylabel(_label(quantity))
     axes[0, 0].legend(fontsize=7, loc="upper right")
     figure.savefig(path, dpi=_MANY_PANELS)
 
 
-def _margins(width: float, height: float) -> dict[str, float]:
-    """Margins set in inches, as shares of the figure: a layout engine takes longer than drawing."""
-    return {
-        "left": 0.8 / width,
-        "right": 1 - 0.1 / width,
-        "bottom": 0.5 / height,
-        "top": 1 - 0.35 / height,
-        "wspace": 0.06,
-        "hspace": 0.08,
-    }
+def _grid(
+    names: Sequence[str], labels: Sequence[str], under: str
+) -> tuple[Figure, NDArray[np.object_]]:
+    """Panels with a column for each name and a row for each label.
+
+    Margins are set in inches: a layout engine takes longer than drawing.
+    """
+    width, height = 2.4 * len(names) + 1.2, 2.0 * len(labels)
+    figure = Figure(figsize=(width, height))
+    margins = {"left": 0.8 / width, "right": 1 - 0.1 / width}
+    margins |= {"bottom": 0.5 / height, "top": 1 - 0.35 / height, "wspace": 0.06, "hspace": 0.08}
+    axes: NDArray[np.object_] = figure.subplots(
+        len(labels), len(names), sharex=True, sharey="row", squeeze=False, gridspec_kw=margins
+    )
+    for name, column in zip(names, axes.T, strict=True):
+        column[0].set_title(name, fontsize=10)
+        column[-1].set_xlabel(under)
+    for label, axis in zip(labels, axes[:, 0], strict=True):
+        axis.set_ylabel(label)
+    return figure, axes
 
 
 def convergence(
@@ -229,8 +219,7 @@ def convergence(
         centre, reach = truth[0], 8 * np.median(bound)
         axis.set_ylim(centre - reach, centre + reach)
         axis.set(xlabel=reached_label, ylabel=LABELS[quantity])
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
+    one_legend(figure, axes[:1], **_LEGEND)
     figure.savefig(path, dpi=150)
 
 

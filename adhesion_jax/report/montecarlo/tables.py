@@ -1,5 +1,7 @@
 """The tables of a campaign as text."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -65,6 +67,15 @@ def tracking_text(table: pd.DataFrame) -> str:
             "false resets per 1000": _pairs(table, "false_resets_per_1000"),
         }
     ).to_string(index=False)
+
+
+def told(tables: Mapping[str, pd.DataFrame], runs: int, scenarios: Sequence[str]) -> str:
+    """The tables of a campaign for a terminal."""
+    words = f"mu_max over {runs} runs of {' and '.join(scenarios)}"
+    texts = {"summary": accuracy_table, "switches": accuracy_table, "tracking": tracking_text}
+    return "\n".join(
+        f"\n{name}: {words}\n{text(tables[name])}" for name, text in texts.items() if name in tables
+    )
 
 
 def _pairs(table: pd.DataFrame, column: str) -> list[str]:

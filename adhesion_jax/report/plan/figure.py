@@ -1,18 +1,16 @@
 """The map of a plan: relative standard errors over the number of samples and the largest slip."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from adhesion_jax.planning.plan import Plan, Present, Wanted
 from adhesion_jax.report.plan.words import QUANTITIES
-from adhesion_jax.report.style import label_text
+from adhesion_jax.report.style import Shown, label_text, one_legend
 
 #: Relative standard errors of the contour lines.
 _LEVELS = np.array([1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.3, 1.0])
@@ -28,14 +26,12 @@ _PLACE: dict[str, Any] = {
 }
 
 
-def draw_plan(
-    path: Path, source: str, plan: Plan, present: Present | None, wanted: Wanted | None
-) -> None:
+def plan_figure(source: str, plan: Plan, present: Present | None, wanted: Wanted | None) -> Figure:
     """A panel each for mu_max and slip_opt, with one's own log and what would halve its error.
 
     The plan has enough largest slips for smooth lines.
     """
-    figure = Figure(figsize=(11, 5.6), layout="constrained")
+    figure = Shown(figsize=(11, 5.6), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for place, (axes, name) in enumerate(zip(panels, QUANTITIES, strict=True)):
         _map(axes, plan, plan.errors[..., place])
@@ -50,13 +46,8 @@ def draw_plan(
     unit = plan.planner.truth.slip_unit.strip() or "1"
     panels[0].set_ylabel(f"largest slip ({unit})")
     figure.suptitle(label_text(source, 90), x=0.01, ha="left", fontsize=12)
-    named: dict[str, Artist] = {}
-    for axes in panels:
-        handles, labels = axes.get_legend_handles_labels()
-        named |= dict(zip(labels, handles, strict=True))
-    handles, labels = list(named.values()), list(named)
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
-    figure.savefig(path, dpi=150)
+    one_legend(figure, panels, loc="outside lower center", ncols=5, fontsize=None)
+    return figure
 
 
 def _map(axes: Axes, plan: Plan, errors: Float[np.ndarray, "slips numbers"]) -> None:

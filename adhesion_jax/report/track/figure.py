@@ -1,7 +1,6 @@
 """The figure of a followed log: estimates with bands and resets over what was measured."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,13 +9,14 @@ from jaxtyping import Float, Int
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.log import Log
-from adhesion_jax.report.style import POINT, label_text, light_frame, line_styles
+from adhesion_jax.report.style import POINT, Shown, label_text, light_frame, line_styles
 
 #: Most slip events that have a panel of their own: those of the largest slip.
 MOST_EVENTS = 6
@@ -38,8 +38,14 @@ _USED, _PASSED_OVER = "0.45", "0.78"
 #: Line of the adhesion reached where no fall shows that it is the largest.
 _AT_LEAST: Mapping[str, Any] = {"linewidth": 0.7, "marker": "^", "markersize": 3.5, "alpha": 0.7}
 
-#: Colour, dash and marker of each method.
-Styles = Mapping[str, Mapping[str, Any]]
+
+class _Drawn(NamedTuple):
+    """What is drawn of a log, and how."""
+
+    log: Log
+    followed: Mapping[str, Followed]
+    styles: Mapping[str, Mapping[str, Any]]  # colour, dash and marker of each method
+    top: float  # of the axis of adhesion
 
 
 class _Axis(NamedTuple):
@@ -51,47 +57,64 @@ class _Axis(NamedTuple):
     scale: float = 1.0  # seconds per unit
 
 
-def draw_track(path: Path, title: str, log: Log, followed: Mapping[str, Followed]) -> None:
-    track_figure(title, log, followed).savefig(path, dpi=150)
-
-
 def track_figure(title: str, log: Log, followed: Mapping[str, Followed]) -> Figure:
     """Estimates over measured adhesion, the status of each method, slip and speed; then events."""
-    axis, chosen = _axis(log), _largest(log)
-    styles = line_styles(list(followed))
     top = _HEAD * float(np.quantile(np.abs(log.adhesion), 0.999))
-    signals = _signals(log)
-    rows = -(-len(chosen) // 3)
+    drawn = _Drawn(log, followed, line_styles(list(followed)), top)
+    signals, chosen = _signals(log), _largest(log)
     heights = [_ESTIMATES, _STATUS * (len(followed) + 1), *[_SIGNAL] * len(signals)]
-    overview = sum(heights) + _GAP * 1.6
-    events = rows * (_EVENT + _EVENT_SLIP + 1.5 * _GAP)
-    height = overview + events + (1.6 if rows else 1.3)
-    figure = Figure(figsize=(_WIDTH, height))
-
+    rows, overview = -(-len(chosen) // 3), sum(heights) + _GAP * 1.6
+    height = overview + rows * (_EVENT + _EVENT_SLIP + 1.5 * _GAP) + (1.6 if rows else 1.3)
+    figure = Shown(figsize=(_WIDTH, height))
+    sides, top_gap = {"left": 0.1, "right": 0.985}, 0.4
     above = figure.add_gridspec(
         len(heights),
         1,
         height_ratios=heights,
-        left=0.1,
-        right=0.985,
-        top=1 - 0.4 / height,
-        bottom=1 - (0.4 + overview) / height,
+        top=1 - top_gap / height,
+        bottom=1 - (top_gap + overview) / height,
         hspace=0.12,
+        **sides,
     )
-    estimates = figure.add_subplot(above[0])
+    estimates = _overview(figure, above, drawn, signals, chosen)
     estimates.set_title(
         f"{label_text(title)}: largest adhesion as known after each sample, with 95 % bands",
         loc="left",
         fontsize=11,
     )
+    if chosen.size:
+        below = figure.add_gridspec(
+            rows,
+            min(3, len(chosen)),
+            top=1 - (top_gap + overview + 2 * _GAP) / height,
+            bottom=1.25 / height,
+            hspace=1.2 * _GAP / _EVENT,
+            wspace=0.16,
+            **sides,
+        )
+        _events(figure, below, drawn, chosen)
+    _legend(figure, drawn)
+    return figure
+
+
+def _overview(
+    figure: Figure,
+    grid: GridSpec,
+    drawn: _Drawn,
+    signals: Sequence[tuple[np.ndarray, str]],
+    chosen: Int[np.ndarray, " chosen"],
+) -> Axes:
+    """The whole log, a panel below the other, with the chosen events shaded; the first panel."""
+    log, axis = drawn.log, _axis(drawn.log)
+    estimates = figure.add_subplot(grid[0])
     _measured(estimates, axis, np.abs(log.adhesion))
-    _estimates(estimates, axis, followed, styles, top)
-    estimates.set(ylabel="size of adhesion (1)", ylim=(0.0, top))
-    status = figure.add_subplot(above[1], sharex=estimates)
-    _status(status, axis, followed, styles)
+    _estimates(estimates, axis, drawn)
+    estimates.set(ylabel="size of adhesion (1)", ylim=(0.0, drawn.top))
+    status = figure.add_subplot(grid[1], sharex=estimates)
+    _status(status, axis, drawn)
     panels = [estimates, status]
     for place, (values, label) in enumerate(signals, 2):
-        panel = figure.add_subplot(above[place], sharex=estimates)
+        panel = figure.add_subplot(grid[place], sharex=estimates)
         _measured(panel, axis, values)
         panel.set_ylabel(label)
         panels.append(panel)
@@ -113,31 +136,24 @@ def track_figure(title: str, log: Log, followed: Mapping[str, Followed]) -> Figu
         panel.tick_params(labelbottom=panel is panels[-1])
     panels[-1].set_xlabel(axis.label)
     figure.align_ylabels([estimates, *panels[2:]])
+    return estimates
 
-    if chosen.size:
-        below = figure.add_gridspec(
-            rows,
-            min(3, len(chosen)),
-            left=0.1,
-            right=0.985,
-            top=1 - (0.4 + overview + 2 * _GAP) / height,
-            bottom=1.25 / height,
-            hspace=1.2 * _GAP / _EVENT,
-            wspace=0.16,
+
+def _events(
+    figure: Figure, grid: GridSpec, drawn: _Drawn, chosen: Int[np.ndarray, " chosen"]
+) -> None:
+    """The chosen events, three in a row."""
+    for number, event in enumerate(chosen.tolist()):
+        both = grid[divmod(number, 3)].subgridspec(
+            2, 1, height_ratios=(_EVENT, _EVENT_SLIP), hspace=0.1
         )
-        for number, event in enumerate(chosen.tolist()):
-            both = below[divmod(number, 3)].subgridspec(
-                2, 1, height_ratios=(_EVENT, _EVENT_SLIP), hspace=0.1
-            )
-            upper = figure.add_subplot(both[0])
-            lower = figure.add_subplot(both[1], sharex=upper)
-            _event(upper, lower, log, followed, styles, event, top)
-            upper.set_title(f"slip event {event + 1}", loc="left", fontsize=9)
-            if number % 3 == 0:
-                upper.set_ylabel("adhesion (1)")
-                lower.set_ylabel(f"slip ({log.slip_unit.strip() or '1'})")
-    _legend(figure, log, styles, followed)
-    return figure
+        upper = figure.add_subplot(both[0])
+        lower = figure.add_subplot(both[1], sharex=upper)
+        _event(upper, lower, drawn, event)
+        upper.set_title(f"slip event {event + 1}", loc="left", fontsize=9)
+        if number % 3 == 0:
+            upper.set_ylabel("adhesion (1)")
+            lower.set_ylabel(f"slip ({drawn.log.slip_unit.strip() or '1'})")
 
 
 def _axis(log: Log) -> _Axis:
@@ -188,19 +204,13 @@ def _measured(panel: Axes, axis: _Axis, values: np.ndarray) -> None:
     )
 
 
-def _estimates(
-    panel: Axes,
-    axis: _Axis,
-    followed: Mapping[str, Followed],
-    styles: Styles,
-    top: float,
-) -> None:
+def _estimates(panel: Axes, axis: _Axis, drawn: _Drawn) -> None:
     """Every method as a step line with its band; thin, without a band, where it is not trusted.
 
     Where adhesion does not fall, the adhesion reached is a thin line with triangles that point up.
     """
-    for name, one in followed.items():
-        style = styles[name]
+    for name, one in drawn.followed.items():
+        style = drawn.styles[name]
         place, value, error, bare, trusted = _steps(
             axis, as_told(one.estimates), "mu_max", "mu_max_se", "at_least"
         )
@@ -220,7 +230,7 @@ def _estimates(
             zorder=5,
         )
         # Lines to and from what lies outside the axis would cover what lies inside.
-        seen = untrusted & (value > 0) & (value < top)
+        seen = untrusted & (value > 0) & (value < drawn.top)
         panel.plot(
             place, np.where(seen, value, np.nan), color=style["color"], linestyle=":", linewidth=0.7
         )
@@ -237,17 +247,13 @@ def _steps(axis: _Axis, table: pd.DataFrame, *names: str) -> tuple[np.ndarray, .
     return (np.repeat(place, 2)[1:-1], *(np.repeat(column, 2) for column in columns))
 
 
-def _status(
-    panel: Axes,
-    axis: _Axis,
-    followed: Mapping[str, Followed],
-    styles: Styles,
-) -> None:
+def _status(panel: Axes, axis: _Axis, drawn: _Drawn) -> None:
     """A strip a method: full where it is trusted, hatched where not, a mark at each reset."""
+    followed = drawn.followed
     for row, (name, one) in enumerate(followed.items()):
         place, trusted = _steps(axis, one.estimates)
         for chosen, look in (
-            (trusted, {"facecolor": styles[name]["color"], "alpha": 0.55}),
+            (trusted, {"facecolor": drawn.styles[name]["color"], "alpha": 0.55}),
             (~trusted, {"facecolor": "none", "hatch": "//////", "edgecolor": "0.5"}),
         ):
             panel.fill_between(place, row - 0.33, row + 0.33, where=chosen, linewidth=0, **look)
@@ -257,16 +263,9 @@ def _status(
     panel.set_yticklabels([label_text(name, 14) for name in followed], fontsize=8)
 
 
-def _event(
-    upper: Axes,
-    lower: Axes,
-    log: Log,
-    followed: Mapping[str, Followed],
-    styles: Styles,
-    event: int,
-    top: float,
-) -> None:
+def _event(upper: Axes, lower: Axes, drawn: _Drawn, event: int) -> None:
     """One slip event: estimates over measured adhesion, and slip below; seconds from its begin."""
+    log, _, styles, top = drawn
     assert log.time is not None
     begin, end = log.events[event]
     window = slice(*np.searchsorted(log.time, [begin, end]))
@@ -283,8 +282,8 @@ def _event(
                 zorder=1,
             )
         light_frame(panel)
-    _estimates(upper, axis, followed, styles, top)
-    for name, one in followed.items():
+    _estimates(upper, axis, drawn)
+    for name, one in drawn.followed.items():
         place = axis.place[one.estimates["sample"][one.estimates["reset"]]]
         upper.plot(
             place, np.full(place.size, 0.05 * top), "|", color=styles[name]["color"], markersize=9
@@ -302,12 +301,8 @@ def _reach(log: Log) -> tuple[float, float]:
     return min(0.0, float(slip.min())) - end, max(0.0, float(slip.max())) + end
 
 
-def _legend(
-    figure: Figure,
-    log: Log,
-    styles: Styles,
-    followed: Mapping[str, Followed],
-) -> None:
+def _legend(figure: Figure, drawn: _Drawn) -> None:
+    log, followed, styles, _ = drawn
     entries: dict[str, Artist] = {
         label_text(name): Line2D(
             [], [], color=styles[name]["color"], linestyle=styles[name]["linestyle"], linewidth=1.7

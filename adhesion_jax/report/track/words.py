@@ -104,7 +104,7 @@ def printed_summary(summary: pd.DataFrame) -> str:
             "resets": summary["resets"].astype(str),
             "skipped": [f"{100 * share:.1f} %" for share in summary["skipped"]],
             "trusted": [f"{100 * share:.1f} %" for share in summary["trusted"]],
-            "ns per sample": [f"{time:.0f}" for time in summary["ns_per_sample"]],
+            "µs per sample": [f"{time / 1000:.2g}" for time in summary["ns_per_sample"]],
         }
     )
     return flush_left(cells)

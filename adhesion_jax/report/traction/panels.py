@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from adhesion_jax.report.style import light_frame, line_styles
+from adhesion_jax.report.style import light_frame, line_styles, one_legend
 
 #: The colour of published numbers; in grey print their markers or dots distinguish them.
 _PUBLISHED = "#7A0019"
@@ -55,11 +55,7 @@ def draw(path: Path, panels: Sequence[Panel]) -> None:
         if panel.limits is not None:
             axis.set_ylim(*panel.limits)
         light_frame(axis)
-    found = [axis.get_legend_handles_labels() for axis in axes]
-    legend = {label: handle for pair in found for handle, label in zip(*pair, strict=True)}
-    figure.legend(
-        list(legend.values()), list(legend), loc="outside lower center", ncols=4, fontsize=9
-    )
+    one_legend(figure, axes, loc="outside lower center", ncols=4, frameon=True)
     figure.savefig(path, dpi=110)
 
 

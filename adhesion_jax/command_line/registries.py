@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from adhesion_jax.campaign.config import MAIN_JOB
+from adhesion_jax.command_line.catalogue import Catalogue, Scenario
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import SHIPPED
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS
@@ -19,39 +20,28 @@ from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import NO_SEEKER
 
 
-def names() -> Mapping[str, object]:
-    """The fields of `command_line.catalogue.Catalogue`, in what JSON can hold."""
-    scenarios = {
-        name: {
-            "words": (function.__doc__ or "").partition("\n")[0],
-            "options": {
-                key: {
-                    "kind": one.kind.__name__,
-                    "required": one.required,
-                    "option": one.option._asdict(),
-                }
-                for key, one in declared(function).items()
-            },
-        }
-        for name, function in SCENARIOS.items()
-    }
-    return {
-        "scenarios": scenarios,
-        "main_job": [*MAIN_JOB],
-        "identifiers": [*IDENTIFIERS],
-        "ablations": [*ABLATIONS],
-        "refusals": {name: _refusals(name) for name in SCENARIOS if not needs_options(name)},
-        "not_following": _stated({name: refusal(one) for name, one in IDENTIFIERS.items()}),
-        "rails": [*RAILS],
-        "curves": [*CURVES],
-        "effects": [*PLANTABLE],
-        "data": [*SHIPPED],
-        "systems": [*SYSTEMS],
-        "plants": [*shipped()],
-        "observers": [*OBSERVERS],
-        "seekers": [NO_SEEKER, *SEEKERS],
-        "controllers": [*CONTROLLERS],
-    }
+def told() -> Catalogue:
+    """What the registries have now."""
+    return Catalogue(
+        scenarios={
+            name: Scenario((function.__doc__ or "").partition("\n")[0], dict(declared(function)))
+            for name, function in SCENARIOS.items()
+        },
+        main_job=MAIN_JOB,
+        identifiers=(*IDENTIFIERS,),
+        ablations=(*ABLATIONS,),
+        refusals={name: _refusals(name) for name in SCENARIOS if not needs_options(name)},
+        not_following=_stated({name: refusal(one) for name, one in IDENTIFIERS.items()}),
+        rails=(*RAILS,),
+        curves=(*CURVES,),
+        effects=(*PLANTABLE,),
+        data=(*SHIPPED,),
+        systems=(*SYSTEMS,),
+        plants=(*shipped(),),
+        observers=(*OBSERVERS,),
+        seekers=(NO_SEEKER, *SEEKERS),
+        controllers=(*CONTROLLERS,),
+    )
 
 
 def _refusals(scenario: str) -> Mapping[str, str]:

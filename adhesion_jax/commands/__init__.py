@@ -1,1 +1,0 @@
-"""What each command does, one a file; each only wires the rooms together."""

@@ -1,0 +1,107 @@
+"""A folder of files, or a pattern of their names, is one log."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import adhesion_jax as aj
+from adhesion_jax.command_line import reading
+from adhesion_jax.data import read_measured
+from adhesion_jax.data.files import WANTED
+from adhesion_jax.data.grouping import group
+from adhesion_jax.errors import InputError
+
+ROWS = 240
+TIME = 0.05 * np.arange(ROWS)
+SLIP = 0.05 * (1 - np.cos(2 * TIME))
+LOG = pd.DataFrame(
+    {"t [s]": TIME, "v [km/h]": 36.0, "slip [%]": 100 * SLIP, "mu": 0.3 * SLIP / (0.02 + SLIP)}
+)
+
+
+def parts(folder, names=("run 1.csv", "run 2.csv", "run 10.csv"), change=lambda part, _: part):
+    """The log cut into files; hidden files and those of other kinds are none of it."""
+    folder.mkdir()
+    for place, name in enumerate(names):
+        part = LOG.iloc[place * ROWS // len(names) : (place + 1) * ROWS // len(names)]
+        change(part, place).to_csv(folder / name, index=False)
+    (folder / ".hidden.csv").write_text("x")
+    (folder / "notes.md").write_text("x")
+    return folder
+
+
+@pytest.mark.parametrize("named", ["", "run*.csv"])
+def test_the_files_of_a_folder_or_a_pattern_are_one_log(named, tmp_path):
+    path = parts(tmp_path / "logs") / named
+    found = read_measured(path)
+    np.testing.assert_allclose(found.table["slip_ratio"], SLIP, atol=1e-12)
+    np.testing.assert_allclose(found.table["time_s"], TIME, atol=1e-12)
+    # Run 2 stands before run 10, and the log goes on from one to the next.
+    assert found.table["file"].unique().tolist() == ["run 1.csv", "run 2.csv", "run 10.csv"]
+    assert group([found]).names == ("1",)
+    assert "3 parts, run 1.csv to run 10.csv, whose rows are counted one after" in found.notes[0]
+    assert found.name == str(path)
+
+
+def test_files_that_each_count_from_0_are_runs(tmp_path):
+    folder = parts(
+        tmp_path / "logs", change=lambda part, _: part.assign(**{"t [s]": TIME[: len(part)]})
+    )
+    found = read_measured(folder)
+    assert len(found.table) == ROWS
+    assert [*group([found]).run] == [*np.repeat([0, 1, 2], ROWS // 3)]
+
+
+def test_files_without_a_time_are_runs(tmp_path):
+    folder = parts(tmp_path / "logs", change=lambda part, _: part.drop(columns="t [s]"))
+    found = group([read_measured(folder)])
+    assert found.names == ("run 1.csv", "run 2.csv", "run 10.csv")
+    assert [*found.run] == [*np.repeat([0, 1, 2], ROWS // 3)]
+
+
+def test_columns_of_one_order_or_another(tmp_path):
+    def turned(part, place):
+        return part[part.columns[::-1]] if place else part
+
+    found = read_measured(parts(tmp_path / "logs", change=turned))
+    np.testing.assert_allclose(found.table["slip_ratio"], SLIP, atol=1e-12)
+
+
+def renamed(part, place):
+    return part.rename(columns={"mu": "mue"}) if place == 1 else part
+
+
+def test_columns_that_do_not_agree_are_refused_in_a_sentence(tmp_path):
+    folder = parts(tmp_path / "logs", change=renamed)
+    with pytest.raises(InputError) as refused:
+        read_measured(folder)
+    assert str(refused.value) == (
+        f"{folder} is not one log: the columns of {folder / 'run 1.csv'} and "
+        f"{folder / 'run 2.csv'} do not agree (one of them alone has mu and mue); name files of "
+        "the same columns."
+    )
+    marks = parts(tmp_path / "marks")
+    LOG.to_csv(marks / "run 3.csv", index=False, decimal=",", sep=";")
+    with pytest.raises(InputError, match="one has decimal points and the other decimal commas"):
+        read_measured(marks)
+
+
+def test_a_folder_or_a_pattern_without_a_file_is_refused(tmp_path):
+    (tmp_path / "notes.md").write_text("x")
+    for path in (tmp_path, tmp_path / "*.csv"):
+        with pytest.raises(InputError, match=r"has no file that can be read; name a file"):
+            read_measured(path)
+
+
+def test_the_command_line_says_what_is_said_elsewhere():
+    assert reading.WANTED == WANTED
+
+
+def test_the_files_of_a_folder_are_compared(tmp_path):
+    def wetter(part, place):
+        return part.assign(mu=(0.5 if place == 2 else 1.0) * part["mu"])
+
+    found = aj.identify(parts(tmp_path / "logs", change=wetter), "kiencke", by="file")
+    table = found.comparison.table.set_index("file")
+    assert found.comparison.changed
+    assert table.loc["run 10.csv", "mu_max"] < 0.7 * table.loc["run 1.csv", "mu_max"]

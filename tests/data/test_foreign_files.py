@@ -1,0 +1,123 @@
+"""Spreadsheets, MATLAB, HDF5, MDF, TDMS, feather and zip: the log that the libraries wrote."""
+
+import zipfile
+
+import asammdf
+import numpy as np
+import pytest
+from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, TIME, written
+
+from adhesion_jax.data import read_measured
+from adhesion_jax.data.files import sheet_of_file
+from adhesion_jax.errors import InputError
+
+
+def tell(ending, place, tmp_path):
+    """What is read of it, and what is said."""
+    found = read_measured(written(tmp_path, ending, place))
+    return found.table, " ".join(found.notes)
+
+
+@pytest.mark.parametrize(
+    ("ending", "place"),
+    [(ending, place) for ending in FOREIGN for place in range(len(FOREIGN[ending]))],
+)
+def test_what_the_libraries_wrote_is_read(ending, place, tmp_path):
+    table, notes = tell(ending, place, tmp_path)
+    # The speed rises evenly: a straight line between its samples is exact, up to the last of them.
+    slow = (
+        "with 2 clocks, on the times of those that have most samples: the others by straight lines"
+    )
+    rows = ROWS - 9 if slow in notes else ROWS
+    assert (slow in notes) == (ending in (".mf4", ".tdms") and place >= len(FOREIGN[ending]) - 2)
+    log = LOG[:rows]
+    assert len(table) == rows
+    size = 1e-6 if ending in (".xlsx", ".feather") else 1e-9  # dates, and single precision
+    np.testing.assert_allclose(table["time_s"], log["Zeit [s]"], size, size)
+    np.testing.assert_allclose(table["vehicle_speed_mps"], log["v [km/h]"] / 3.6, size)
+    slip = log["v_Rad [km/h]"] / log["v [km/h]"] - 1
+    np.testing.assert_allclose(table["slip_ratio"], slip, size, size)
+    np.testing.assert_allclose(table["adhesion"], log["mu"], size, size)
+
+
+@pytest.mark.parametrize("ending", [".xlsx", ".ods"])
+def test_of_a_workbook_the_largest_sheet_is_read_and_named(ending, tmp_path):
+    table, notes = tell(ending, 1, tmp_path)
+    said = "The log has the sheet Daten, decimal points, names of columns in row 2, units in row 3."
+    assert said in notes
+    assert table.index[0] == 4
+
+
+def test_vectors_of_other_lengths_are_told(tmp_path):
+    _, notes = tell(".mat", 2, tmp_path)
+    assert "4 vectors of length 200, and 1 of other lengths that are not read: c." in notes
+
+
+@pytest.mark.parametrize("ending", [".mf4", ".tdms"])
+def test_states_have_the_value_before(ending, tmp_path):
+    table, _ = tell(ending, -1, tmp_path)
+    rows = np.arange(len(table)) // 10
+    np.testing.assert_array_equal(table["gear"], GEARS[rows])
+    assert [*table["driver"]] == [DRIVER[row] for row in rows]
+
+
+def test_labels_are_kept(tmp_path):
+    assert "rail" in tell(".feather", 2, tmp_path)[0]
+    assert "rail" in tell(".h5", 1, tmp_path)[0]
+
+
+def test_a_zip_file_with_two_tables_is_refused(tmp_path):
+    path = written(tmp_path, ".zip", 0)
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("two.csv", "x")
+    with pytest.raises(InputError, match=r"one table of text, and has log.csv and two.csv; unpack"):
+        read_measured(path)
+
+
+@pytest.mark.parametrize("ending", FOREIGN)
+@pytest.mark.parametrize("content", [b"PK", b"nothing of the kind", bytes(range(256)) * 20])
+def test_what_is_none_of_them_is_refused_in_a_sentence(ending, content, tmp_path):
+    path = tmp_path / f"log{ending}"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as refused:
+        read_measured(path)
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).startswith((f"{path} is not a whole ", f"{path} has no vectors"))
+
+
+@pytest.mark.parametrize(
+    ("ending", "place", "package"),
+    [(".h5", 0, "h5py"), (".mat", -1, "h5py"), (".mf4", 0, "asammdf"), (".tdms", 0, "nptdms")],
+)
+def test_a_library_that_is_lacking_is_named_with_what_installs_it(
+    ending, place, package, tmp_path, monkeypatch
+):
+    path = written(tmp_path, ending, place)
+    (tmp_path / f"{package}.py").write_text(f"raise ModuleNotFoundError(name='{package}')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(InputError, match=rf"needs the package {package}.*adhesion-jax\[files\]"):
+        read_measured(path)
+
+
+def test_so_is_that_of_spreadsheets(tmp_path, monkeypatch):
+    path = written(tmp_path, ".xlsx", 0)
+    monkeypatch.setattr("adhesion_jax.data.containers.find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"needs the package python-calamine.*\[files\]"):
+        read_measured(path)
+
+
+def test_channels_of_one_name_keep_that_of_their_group(tmp_path):
+    """Two clocks of as many samples, one of them later, and a channel that both have."""
+    file = asammdf.MDF()
+    for late in (0.0, 0.02):
+        time = TIME + late
+        values = {"v": 36.0 + time, "temp": 20 + time} if late else {"temp": 8.0 + 0 * time}
+        signals = [asammdf.Signal(one, time, name=name) for name, one in values.items()]
+        file.append(signals, acq_name="CAN")
+    file.save(tmp_path / "log.mf4")
+    sheet = sheet_of_file(tmp_path / "log.mf4")
+    assert sheet.columns == ("time [s]", "CAN 0/temp", "v", "CAN 1/temp")
+    assert "3 channels with 2 clocks" in sheet.format
+    ((block, _),) = sheet.blocks()
+    assert block["v"][0].as_py() is None
+    assert block["v"][1].as_py() == pytest.approx(36.05)
