@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from adhesion_jax.curves import Conditions, Scalar
 from adhesion_jax.effects.base import Signal
-from adhesion_jax.effects.history import has_history, smoothed
+from adhesion_jax.effects.history import has_history, smoothed, steps
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 
@@ -62,8 +62,7 @@ def completed(
         if has_history(measured):
             smooth = smoothed(speed, conditions["time_s"], _ACCELERATION_WIDTH)
             conditions.setdefault("acceleration_mps2", smooth[1])
-            step = jnp.diff(conditions["time_s"], prepend=conditions["time_s"][:1])
-            rolled = jnp.cumsum(speed * (1 + slip) * step)
+            rolled = jnp.cumsum(speed * (1 + slip) * steps(conditions))
             conditions.setdefault("wheel_angle_rad", rolled / NOMINAL_RADIUS)
     conditions.setdefault("mode", jnp.sign(slip))
     lateral = [jnp.tan(jnp.deg2rad(conditions[name])) for name in ANGLES if name in conditions]

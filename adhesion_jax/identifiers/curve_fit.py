@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import free_values, with_free_values
-from adhesion_jax.identifiers.base import Estimate, Status, as_arrays
+from adhesion_jax.identifiers.base import Estimate, Identifier, Status, as_arrays
 from adhesion_jax.metrics.information import (
     adhesion_and_information,
     inverse_information,
@@ -39,12 +39,20 @@ class FitState(NamedTuple):
     fit: Fit
 
 
-def start(known: Known, key: PRNGKeyArray) -> FitState:
-    parameters = free_values(known.curve)
-    size = parameters.size
-    zero, no = jnp.int32(0), jnp.zeros((), dtype=bool)
-    empty = Fit(parameters, jnp.zeros((size, size)), jnp.zeros(()), zero, no, ~no, zero)
-    return as_arrays(FitState(known, key, empty))
+class OfLastRecord(Identifier):
+    """A method with a curve that uses its last record alone: `update` sets the fit."""
+
+    RESETS = False
+
+    def init(self, known: Known, key: PRNGKeyArray) -> FitState:
+        parameters = free_values(known.curve)
+        size = parameters.size
+        zero, no = jnp.int32(0), jnp.zeros((), dtype=bool)
+        empty = Fit(parameters, jnp.zeros((size, size)), jnp.zeros(()), zero, no, ~no, zero)
+        return as_arrays(FitState(known, key, empty))
+
+    def estimate(self, state: FitState) -> Estimate:
+        return to_estimate(state.known, state.fit, jnp.asarray(jnp.nan), jnp.zeros((), dtype=bool))
 
 
 def residual(known: Known, record: Record, parameters: Float[Array, " free"]) -> Float[Array, " n"]:
@@ -99,11 +107,6 @@ def judge(
         finite,
         jnp.where(finite, 0, points),
     )
-
-
-def without_past(state: FitState) -> Estimate:
-    """The estimate of a method that uses its last record alone."""
-    return to_estimate(state.known, state.fit, jnp.asarray(jnp.nan), jnp.zeros((), dtype=bool))
 
 
 def to_estimate(

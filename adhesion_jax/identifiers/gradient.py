@@ -2,31 +2,26 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import PRNGKeyArray
 
-from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
-from adhesion_jax.identifiers.curve_fit import FitState, judge, residual, start, without_past
+from adhesion_jax.identifiers.base import needs_blocks
+from adhesion_jax.identifiers.curve_fit import FitState, OfLastRecord, judge, residual
 from adhesion_jax.optim.least_squares import Solver
 from adhesion_jax.records import Known, Record
 
 
-class GradientLeastSquares(Identifier):
+class GradientLeastSquares(OfLastRecord):
     """Any curve, by the solver given: from the box centre, on later blocks from the last estimate.
 
     After a block on which the solver did not converge the next one starts from the centre again.
     """
 
     FITS_LAST_RECORD = True
-    RESETS = False
 
     solver: Solver = eqx.field(static=True)
     steps: int = eqx.field(static=True)  # largest number; a batch takes as many as its slowest run
 
     def accepts(self, known: Known) -> str | None:
         return needs_blocks(known)
-
-    def init(self, known: Known, key: PRNGKeyArray) -> FitState:
-        return start(known, key)
 
     def update(self, state: FitState, record: Record) -> FitState:
         known, previous = state.known, state.fit
@@ -48,6 +43,3 @@ class GradientLeastSquares(Identifier):
             found.converged,
         )
         return state._replace(fit=fit)
-
-    def estimate(self, state: FitState) -> Estimate:
-        return without_past(state)

@@ -7,8 +7,9 @@ Source: Qian et al. 2024, Eq. 3 to 6.
 """
 
 import dataclasses
+from abc import abstractmethod
 from functools import partial
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -16,9 +17,9 @@ from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers.base import Estimate
+from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
-from adhesion_jax.identifiers.online import OnlineState, R, Step, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
 from adhesion_jax.records import Known, Record
@@ -138,10 +139,28 @@ def with_residual(
     return normal._replace(g=normal.g + residual**2 * square(sample.u))
 
 
-def after_record(step: Step[R], state: OnlineState, record: Record) -> OnlineState:
-    """The state of an online method, whose recursion holds the estimate `x`, one record on."""
-    state = over_fresh_samples(partial(step, state.known), state, record)
-    return state._replace(objective=_objective(state.known, record, state.recursion.x))
+class OnlineKiencke(Identifier):
+    """An online method, whose recursion holds the estimate `x` of p1 and p2."""
+
+    FITS_LAST_RECORD = False
+
+    def accepts(self, known: Known) -> str | None:
+        return needs_kiencke(known)
+
+    def update(self, state: OnlineState, record: Record) -> OnlineState:
+        state = over_fresh_samples(partial(self.step, state.known), state, record)
+        return state._replace(objective=_objective(state.known, record, state.recursion.x))
+
+    @abstractmethod
+    def step(
+        self,
+        known: Known,
+        recursion: Any,
+        taken: Bool[Array, ""],
+        slip: Float[Array, ""],
+        adhesion: Float[Array, ""],
+    ) -> Any:
+        """The recursion after one more sample, or as it was where this is not `taken`."""
 
 
 def _objective(known: Known, record: Record, x: Vector) -> Float[Array, ""]:

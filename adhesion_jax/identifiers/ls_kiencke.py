@@ -2,10 +2,9 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import PRNGKeyArray
 
-from adhesion_jax.identifiers.base import Estimate, Identifier, needs_blocks
-from adhesion_jax.identifiers.curve_fit import Fit, FitState, residual, start, without_past
+from adhesion_jax.identifiers.base import needs_blocks
+from adhesion_jax.identifiers.curve_fit import Fit, FitState, OfLastRecord, residual
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
     covariance,
@@ -16,20 +15,16 @@ from adhesion_jax.identifiers.pairs import square
 from adhesion_jax.records import Known, Record
 
 
-class LinearLeastSquares(Identifier):
+class LinearLeastSquares(OfLastRecord):
     """x = (sum U U')^-1 sum U Z, without bounds: the basis of every method of Qian et al. 2024.
 
     On a slippery rail p2 may come out negative; there is no peak then, and that is a failure.
     """
 
     FITS_LAST_RECORD = False
-    RESETS = False
 
     def accepts(self, known: Known) -> str | None:
         return needs_blocks(known) or needs_kiencke(known)
-
-    def init(self, known: Known, key: PRNGKeyArray) -> FitState:
-        return start(known, key)
 
     def update(self, state: FitState, record: Record) -> FitState:
         known = state.known
@@ -54,6 +49,3 @@ class LinearLeastSquares(Identifier):
             jnp.where(finite, 0, points),
         )
         return state._replace(fit=fit)
-
-    def estimate(self, state: FitState) -> Estimate:
-        return without_past(state)

@@ -2,12 +2,12 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Scalar
-from adhesion_jax.identifiers.base import Estimate, Flag, Identifier
+from adhesion_jax.identifiers.base import Flag
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
-from adhesion_jax.identifiers.curve_fit import FitState, evaluate, residual, start, without_past
+from adhesion_jax.identifiers.curve_fit import FitState, OfLastRecord, evaluate, residual
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.variable_projection import sum_of_squares
 from adhesion_jax.records import Known, Record
@@ -19,7 +19,7 @@ POPULATION, GENERATIONS, CROSSOVER = 20, 300, 0.6
 _SPREAD = 1e-4
 
 
-class DifferentialEvolutionMaximumLikelihood(Identifier):
+class DifferentialEvolutionMaximumLikelihood(OfLastRecord):
     """The likelihood searched by rand/1/bin over the box.
 
     The initial population has a share `local_share` around the previous estimate theta(k-1)
@@ -30,7 +30,6 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
     """
 
     FITS_LAST_RECORD = True
-    RESETS = False
 
     local_share: Scalar
     radius: Scalar
@@ -41,9 +40,6 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)
-
-    def init(self, known: Known, key: PRNGKeyArray) -> FitState:
-        return start(known, key)
 
     def scale_factor(self, innovation: Float[Array, ""]) -> Float[Array, ""]:
         """F(k) for a mean absolute innovation |e|."""
@@ -84,9 +80,6 @@ class DifferentialEvolutionMaximumLikelihood(Identifier):
         )
         fit = evaluate(known, record, state.fit, found.x, found.evaluations, found.converged)
         return FitState(known, key, fit)
-
-    def estimate(self, state: FitState) -> Estimate:
-        return without_past(state)
 
 
 def _variant(

@@ -1,20 +1,18 @@
 """Exact maximum likelihood for Burckhardt's curve by variable projection."""
 
 import jax.numpy as jnp
-from jaxtyping import PRNGKeyArray
 
-from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.burckhardt_sums import (
     burckhardt_information,
     burckhardt_sums,
     needs_burckhardt,
 )
-from adhesion_jax.identifiers.curve_fit import FitState, judge, start, without_past
+from adhesion_jax.identifiers.curve_fit import FitState, OfLastRecord, judge
 from adhesion_jax.optim import variable_projection
 from adhesion_jax.records import Known, Record
 
 
-class ExactMaximumLikelihood(Identifier):
+class ExactMaximumLikelihood(OfLastRecord):
     """The least squares optimum over the box, which for Gaussian noise is the most likely curve.
 
     Linear in c1 and c3, so a search over c2 alone finds the global optimum. It is the reference:
@@ -23,13 +21,9 @@ class ExactMaximumLikelihood(Identifier):
     """
 
     FITS_LAST_RECORD = True
-    RESETS = False
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)
-
-    def init(self, known: Known, key: PRNGKeyArray) -> FitState:
-        return start(known, key)
 
     def update(self, state: FitState, record: Record) -> FitState:
         known = state.known
@@ -46,6 +40,3 @@ class ExactMaximumLikelihood(Identifier):
             found.converged,
         )
         return state._replace(fit=fit)
-
-    def estimate(self, state: FitState) -> Estimate:
-        return without_past(state)

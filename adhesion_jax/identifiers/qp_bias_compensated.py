@@ -8,14 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
-    after_record,
+    OnlineKiencke,
     covariance,
     discounted,
     forgetting,
-    needs_kiencke,
     no_samples,
     online_estimate,
     powers,
@@ -25,7 +24,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
 #: curvature: after a switch the residuals are larger than noise, and the program must stay convex.
@@ -52,7 +51,7 @@ class CompensatedRecursion(NamedTuple):
     eta: Float[Array, ""]
 
 
-class BiasCompensatedProgram(Identifier):
+class BiasCompensatedProgram(OnlineKiencke):
     """Algorithm 2 of Qian et al. 2024 on (H - s^2 M) x = f + s^2 [sum w l, sum w l^2].
 
     With mu = mu_0 + n, U U' is too large by s^2 [l^2, l^3; l^3, l^4] on average and U Z too small
@@ -60,30 +59,23 @@ class BiasCompensatedProgram(Identifier):
     Source: Söderström 2007, Automatica 43:939-958 (bias-eliminating least squares), for this case.
     """
 
-    FITS_LAST_RECORD = False
     RESETS = False
 
     eta_least: Scalar
     eta_most: Scalar
     gain: Scalar
 
-    def accepts(self, known: Known) -> str | None:
-        return needs_kiencke(known)
-
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         noise, eta = NoiseSums(no_matrix(), *3 * [jnp.zeros(())]), jnp.asarray(self.eta_most)
         recursion = CompensatedRecursion(no_samples(), noise, jnp.int32(0), start_of(known), eta)
         return begin(known, recursion)
-
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
         normal, noise, samples, _, eta = state.recursion
         clear = compensated(normal, noise, variance(normal, noise))
         return online_estimate(state, covariance(clear), samples > 1, eta)
 
-    def _step(
+    def step(
         self,
         known: Known,
         recursion: CompensatedRecursion,

@@ -8,14 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
-from adhesion_jax.identifiers.base import Estimate, Flag, Identifier
+from adhesion_jax.identifiers.base import Estimate, Flag
 from adhesion_jax.identifiers.kiencke_linear import (
     Normal,
-    after_record,
+    OnlineKiencke,
     covariance,
     discounted,
     forgetting,
-    needs_kiencke,
     no_samples,
     online_estimate,
     regression,
@@ -25,7 +24,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known
 
 #: Information matrices before each of the last samples, the latest first.
 History = tuple[Symmetric, ...]
@@ -39,7 +38,7 @@ class ProgramRecursion(NamedTuple):
     eta: Float[Array, ""]
 
 
-class QuadraticProgram(Identifier):
+class QuadraticProgram(OnlineKiencke):
     """H <- eta H + w U U', f <- eta f + w Z U, then the best x in the box, at every sample.
 
     The weight w of the sample is 1 or, where `weight_falls`, (2 - eta)/2 (Eq. 7 and 8, in which
@@ -49,7 +48,6 @@ class QuadraticProgram(Identifier):
     standard deviations where S_1 and S_2 are printed as variances, whose unit is another).
     """
 
-    FITS_LAST_RECORD = False
     RESETS = False
 
     weight_falls: Flag
@@ -60,16 +58,10 @@ class QuadraticProgram(Identifier):
     low: Scalar
     high: Scalar
 
-    def accepts(self, known: Known) -> str | None:
-        return needs_kiencke(known)
-
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         history, eta = 4 * (no_matrix(),), jnp.asarray(self.eta_most)
         x = start_of(known)
         return begin(known, ProgramRecursion(no_samples(), history, jnp.int32(0), x, eta))
-
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
         recursion = state.recursion
@@ -77,7 +69,7 @@ class QuadraticProgram(Identifier):
             state, covariance(recursion.normal), recursion.samples > 1, recursion.eta
         )
 
-    def _step(
+    def step(
         self,
         known: Known,
         recursion: ProgramRecursion,

@@ -8,10 +8,9 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.kiencke_linear import (
-    after_record,
-    needs_kiencke,
+    OnlineKiencke,
     online_estimate,
     regression,
     start_of,
@@ -90,7 +89,7 @@ class InstrumentsRecursion(NamedTuple):
     reset: Bool[Array, ""]  # whether there was one in the last record
 
 
-class RefinedInstruments(Identifier):
+class RefinedInstruments(OnlineKiencke):
     """(sum w zeta U') x = sum w zeta Z with zeta = mu_hat [l, l^2]/D^2, D = 1 + p1 l + p2 l^2.
 
     As Z - U'x = D (mu_hat - mu), the solution that agrees with its own instruments makes
@@ -108,15 +107,11 @@ class RefinedInstruments(Identifier):
     Robust Statistics, sections 7.6 (covariance) and 5.1 (median deviation).
     """
 
-    FITS_LAST_RECORD = False
     RESETS = True
 
     huber: Scalar
     gain: Scalar  # least gain of the scale
     prior: Scalar  # standard deviation of the start, as a share of the box
-
-    def accepts(self, known: Known) -> str | None:
-        return needs_kiencke(known)
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         empty, zero, none = jnp.zeros(LENGTH), jnp.zeros(()), jnp.int32(0)
@@ -127,13 +122,13 @@ class RefinedInstruments(Identifier):
 
     def update(self, state: OnlineState, record: Record) -> OnlineState:
         recursion = state.recursion._replace(reset=jnp.zeros((), dtype=bool))
-        return after_record(self._step, state._replace(recursion=recursion), record)
+        return super().update(state._replace(recursion=recursion), record)
 
     def estimate(self, state: OnlineState) -> Estimate:
         sums, reset = state.recursion.sums, state.recursion.reset
         return online_estimate(state, _covariance(sums), sums.number > 2, jnp.ones(()), reset)
 
-    def _step(
+    def step(
         self,
         known: Known,
         recursion: InstrumentsRecursion,

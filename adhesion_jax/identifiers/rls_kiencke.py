@@ -6,18 +6,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
-from adhesion_jax.identifiers.base import Estimate, Identifier
+from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.kiencke_linear import (
-    after_record,
+    OnlineKiencke,
     forgetting,
-    needs_kiencke,
     online_estimate,
     regression,
     start_of,
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
 _PRIOR = 1e5
@@ -32,37 +31,30 @@ class LeastSquaresRecursion(NamedTuple):
     eta: Float[Array, ""]
 
 
-class RecursiveLeastSquares(Identifier):
+class RecursiveLeastSquares(OnlineKiencke):
     """K = P U/(eta + U'P U), x <- x + K (Z - U'x), P <- (P - K U'P)/eta, without bounds.
 
     With gain 0 the forgetting factor is constant, `eta_most`; else it follows the error.
     Source: Ljung 1999, System Identification, section 11.2; eta as in Qian et al. 2024, Eq. 9.
     """
 
-    FITS_LAST_RECORD = False
     RESETS = False
 
     eta_least: Scalar
     eta_most: Scalar
     gain: Scalar
 
-    def accepts(self, known: Known) -> str | None:
-        return needs_kiencke(known)
-
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         wide, zero = jnp.asarray(_PRIOR**2), jnp.zeros(())
         p, eta = Symmetric(wide, zero, wide), jnp.asarray(self.eta_most)
         return begin(known, LeastSquaresRecursion(start_of(known), p, no_matrix(), eta))
-
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        return after_record(self._step, state, record)
 
     def estimate(self, state: OnlineState) -> Estimate:
         _, p, g, eta = state.recursion
         covariance = p.array() @ g.array() @ p.array()
         return online_estimate(state, covariance, jnp.ones((), dtype=bool), eta)
 
-    def _step(
+    def step(
         self,
         known: Known,
         recursion: LeastSquaresRecursion,

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,12 +11,12 @@ import pandas as pd
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from adhesion_jax.curves import CURVES, Curve
+from adhesion_jax.curves import CURVES, Conditions, Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.simulation.base import conditions_of, misfit, on_runs, rms
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.planting import Bend, CleanRuns, OpenEffect, Planted
+from adhesion_jax.simulation.planting import Bend, CleanRuns, Form, OpenEffect, Planted
 from adhesion_jax.simulation.random_effect import (
     ACTS_ON,
     RANDOM_COLUMNS,
@@ -104,32 +105,20 @@ def simulate(
     extra = _extra_columns(effects, truth, seed)
     truth = truth._replace(columns={**truth.columns, **extra})
     _known("column", remove, (*TABLE_COLUMNS, *extra))
-    law = draw_curve(family, chance[1])
     conditions = conditions_of(truth)
-    curve = on_runs(law, conditions)
-    if random is not None and random.acts_on == "fall" and not has_peak(curve, truth.slip.shape):
-        family, law = "burckhardt", draw_curve("burckhardt", np.random.default_rng((seed, 1)))
-        curve = on_runs(law, conditions)
-    planted: dict[str, Planted] = {}
-    for name in (*effects, *(() if random is None else ("random",))):
-        # Seeded by name, so that an effect does not depend on the others that are planted.
-        own = np.random.default_rng((seed, 9, *name.encode()))
-        wanted = own.uniform(0.15, 0.3) if strength is None else strength
-        clean_runs = CleanRuns(truth.slip, truth.columns, conditions, curve, own)
-        if random is not None and name == "random":
-            plan = random_plan(random, clean_runs)
-        else:
-            plan = _plan(name, form, clean_runs)
-        planted[name] = _of_strength(plan, wanted, truth.slip, curve)
-
+    family, law, curve = _rail(family, random, seed, truth, conditions)
+    clean_runs = CleanRuns(truth.slip, truth.columns, conditions, curve, chance[1])
+    plans: dict[str, Form] = {name: partial(_plan, name, form) for name in effects}
+    if random is not None:
+        plans["random"] = partial(random_plan, random)
+    planted = {name: _planted(of, name, strength, seed, clean_runs) for name, of in plans.items()}
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
     adhesion = noisy(clean, noise, chance[2])
     table = _table(truth, slip, adhesion, chance[3])
     kept = [name for name in (*TABLE_COLUMNS, *extra) if name not in remove]
-    held_out = np.sort(chance[4].permutation(runs)[: max(round(_TEST * runs), 1)])
+    held_out = chance[4].permutation(runs)[: max(round(_TEST * runs), 1)]
     is_test = np.isin(np.arange(runs), held_out)
     rows = np.repeat(is_test, points)
-    bare = curve(slip)
     return SimulatedSet(
         train=table.loc[~rows, kept].reset_index(drop=True),
         test=table.loc[rows, kept].reset_index(drop=True),
@@ -140,7 +129,7 @@ def simulate(
         curve=law,
         visible=misfit(law, slip, clean, conditions, ~is_test) / noise.sigma,
         test_rms_noise=rms((adhesion - clean)[is_test]),
-        test_rms_effect=rms((clean - bare)[is_test]),
+        test_rms_effect=rms((clean - curve(slip))[is_test]),
         clean=clean[is_test].ravel(),
         random=random,
     )
@@ -219,6 +208,25 @@ def _extra_columns(effects: Sequence[str], truth: Runs, seed: int) -> Mapping[st
         own = np.random.default_rng((seed, 10, *name.encode()))
         extra |= PLANTABLE[name].extra(truth.columns, own)
     return extra
+
+
+def _rail(
+    family: str, random: RandomEffect | None, seed: int, truth: Runs, conditions: Conditions
+) -> tuple[str, Curve, Bend]:
+    """The family, the base law and its adhesion; Burckhardt's where a fall is wanted."""
+    law = draw_curve(family, np.random.default_rng((seed, 1)))
+    curve = on_runs(law, conditions)
+    if random is None or random.acts_on != "fall" or has_peak(curve, truth.slip.shape):
+        return family, law, curve
+    law = draw_curve("burckhardt", np.random.default_rng((seed, 1)))
+    return "burckhardt", law, on_runs(law, conditions)
+
+
+def _planted(form: Form, name: str, strength: float | None, seed: int, runs: CleanRuns) -> Planted:
+    """An effect on the runs, seeded by its name, so that it does not depend on the others."""
+    own = np.random.default_rng((seed, 9, *name.encode()))
+    wanted = own.uniform(0.15, 0.3) if strength is None else strength
+    return _of_strength(form(runs._replace(generator=own)), wanted, runs.slip, runs.curve)
 
 
 def _plan(name: str, form: str, runs: CleanRuns) -> OpenEffect:

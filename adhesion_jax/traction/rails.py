@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.errors import InputError
-from adhesion_jax.traction.surface import Surface
+from adhesion_jax.traction.surface import RailSurface
 
 
 class Rails(eqx.Module):
     """Surfaces of the segments of a run, the segments along the first axis of their parameters."""
 
-    surfaces: eqx.AbstractVar[Surface]
+    surfaces: eqx.AbstractVar[RailSurface]
 
     @property
     @abstractmethod
@@ -29,14 +29,14 @@ class Rails(eqx.Module):
     ) -> Int[Array, ""]:
         """Which segment a step of the plant belongs to."""
 
-    def surface(self, segment: Int[Array, ""]) -> Surface:
+    def surface(self, segment: Int[Array, ""]) -> RailSurface:
         return jax.tree.map(lambda numbers: numbers[segment], self.surfaces)
 
 
 class ByTime(Rails):
     """A new surface at each of some steps of the plant, the first of which is 0."""
 
-    surfaces: Surface
+    surfaces: RailSurface
     starts: Int[Array, " segments"]
 
     @property
@@ -52,7 +52,7 @@ class ByTime(Rails):
 class BySpeed(Rails):
     """Surfaces between speeds in m/s: those of traction, rising, then those of braking, falling."""
 
-    surfaces: Surface
+    surfaces: RailSurface
     in_traction: Float[Array, " rising"]
     in_braking: Float[Array, " falling"]
 
@@ -68,12 +68,12 @@ class BySpeed(Rails):
         return jnp.where(braking, first + jnp.sum(train_speed < self.in_braking), driven)
 
 
-def stacked(surfaces: Sequence[Surface]) -> Surface:
+def stacked(surfaces: Sequence[RailSurface]) -> RailSurface:
     """Surfaces of one kind as one whose parameters have the segments along their first axis."""
     return jax.tree.map(lambda *numbers: jnp.stack([*map(jnp.asarray, numbers)]), *surfaces)
 
 
-def by_time(surfaces: Sequence[Surface], starts: Sequence[float], step: float) -> ByTime:
+def by_time(surfaces: Sequence[RailSurface], starts: Sequence[float], step: float) -> ByTime:
     """Surfaces from some moments in seconds on. InputError where one is off the grid of steps."""
     steps = np.round(np.asarray(starts) / step).astype(int)
     for moment, count in zip(starts, steps, strict=True):

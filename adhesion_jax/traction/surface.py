@@ -11,7 +11,7 @@ from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 _SLOWEST = 0.5
 
 
-class Surface(eqx.Module):
+class RailSurface(eqx.Module):
     """Adhesion at a slip velocity in m/s.
 
     The law is evaluated at the slip velocity itself, or at its ratio to the speed of the train. The

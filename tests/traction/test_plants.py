@@ -14,11 +14,11 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.traction.integration import RK4_STABLE, jacobian, rk4
 from adhesion_jax.traction.plants.base import Held, held_by, limited
 from adhesion_jax.traction.plants.reading import TAGS, read_plant, shipped
-from adhesion_jax.traction.surface import Surface
+from adhesion_jax.traction.surface import RailSurface
 
-DRY = Surface(Exponential(3.2666, 7.2592, 1.2580))
-WET = Surface(Exponential(8.1666, 18.1479, 0.6989))
-SNOW = Surface(Exponential(13.0665, 29.0366, 0.3494))
+DRY = RailSurface(Exponential(3.2666, 7.2592, 1.2580))
+WET = RailSurface(Exponential(8.1666, 18.1479, 0.6989))
+SNOW = RailSurface(Exponential(13.0665, 29.0366, 0.3494))
 
 #: Per plant: speed of the train in m/s, slip velocity in m/s at first, torques in N m by turns.
 STARTS = {
@@ -139,7 +139,7 @@ def test_halving_the_step_lowers_the_error_sixteenfold(name):
 
 def test_the_axle_of_uyulan_swings_as_two_inertias_on_a_spring():
     plant, state, _ = started("uyulan2018")
-    free = Surface(Exponential(1.0, 2.0, 0.0))
+    free = RailSurface(Exponential(1.0, 2.0, 0.0))
     found = np.linalg.eigvals(
         jacobian(lambda state: plant.derivative(state, held(0.0, free)), state)
     )
@@ -222,7 +222,7 @@ def test_resistance_opposes_motion_and_vanishes_at_rest():
 
 def test_a_law_in_slip_ratio_is_asked_at_the_ratio():
     law = Polach(0.3, 90.0)
-    surface = Surface(law, in_ratio=True)
+    surface = RailSurface(law, in_ratio=True)
     slip = jnp.asarray([0.1, -0.2])
     for speed, per in ((5.0, 5.0), (0.1, 0.5), (-5.0, 5.0)):
         np.testing.assert_allclose(surface(slip, jnp.asarray(speed)), law(slip / per, {}))

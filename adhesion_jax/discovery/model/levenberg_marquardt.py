@@ -14,7 +14,7 @@ from adhesion_jax.programs import kept
 _STEPS = 400
 
 
-class Solution(NamedTuple):
+class RunsFit(NamedTuple):
     """A model at its least squares, with gradient and Hessian of the loss of each run.
 
     Residuals are in units of their noise, `root` its reciprocal; the loss is half their sum of
@@ -37,7 +37,7 @@ def fit(
     data: Data,
     root: Float[Any, "runs points"],
     near: Float[Any, ""],
-) -> Solution:
+) -> RunsFit:
     """The least squares of a model from its values.
 
     The fit ends where the next step promises to lower the loss by less than the share `near` of it,
@@ -73,7 +73,7 @@ def fit(
     found = 0.5 * (jnp.sum(residual**2, axis=1) + share * (best.x @ pull))
     gradient = jnp.einsum("krt,rt->rk", jacobian, residual)
     hessian = jnp.einsum("krt,lrt->rkl", jacobian, jacobian)
-    return Solution(
+    return RunsFit(
         model.values.at[model.free].set(best.x).at[-1].set(0.0),
         jnp.where(jnp.isfinite(best.local.loss), found, jnp.inf),
         gradient + share[:, None] * pull,

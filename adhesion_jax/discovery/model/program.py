@@ -6,7 +6,7 @@ parameters to a number of columns of the Jacobian; padded parameters do not move
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -221,6 +221,40 @@ def base_curve(base: str, values: np.ndarray, span: np.ndarray) -> Law:
     return Bent(known, factors, reach, largest, braking if np.any(braking) else None)
 
 
+class _Slots(NamedTuple):
+    """The effects of a model, one in each slot, and what they see of one run."""
+
+    parameters: Array
+    kind: Array
+    column: Array
+    conditions: Conditions
+    columns: Array
+
+    def acting(
+        self,
+        names: Sequence[str],
+        slot: Array,
+        acts: Callable[[Any, Conditions, Array], Array],
+        value: Array,
+    ) -> Array:
+        """What the effect in a slot makes of a value, if it is one of these; else the value."""
+
+        def branch(name: str) -> Callable[[Array], Array]:
+            return lambda value: acts(self._effect(name, slot), self._seen(slot), value)
+
+        which = _layout().branches(names)[self.kind[slot]]
+        return jax.lax.switch(which, [lambda value: value, *map(branch, names)], value)
+
+    def _effect(self, name: str, slot: Array) -> Any:
+        named, own = KINDS[name], self.parameters[slot]
+        numbers = {key: own[place] for place, key in enumerate(named.FACTS.parameters)}
+        return named(**numbers, **dict(zip(words_of(named), ("first", "second"), strict=False)))
+
+    def _seen(self, slot: Array) -> Conditions:
+        first, second = (self.columns[self.column[slot, place]] for place in (0, 1))
+        return {**self.conditions, "first": first, "second": second}
+
+
 def _adhesion(
     base: Array,
     values: Array,
@@ -236,50 +270,34 @@ def _adhesion(
     if not kind.size:
         return _curve(base, values, span, slip, conditions)
     layout = _layout()
-    slots = values[layout.base : -1].reshape(kind.size, layout.effect)
-
-    def effect(name: str, parameters: Array) -> Any:
-        named = KINDS[name]
-        numbers = {key: parameters[place] for place, key in enumerate(named.FACTS.parameters)}
-        return named(**numbers, **dict(zip(words_of(named), ("first", "second"), strict=False)))
-
-    def seen(slot: Array) -> Conditions:
-        return {
-            **conditions,
-            "first": columns[column[slot, 0]],
-            "second": columns[column[slot, 1]],
-        }
-
+    slots = _Slots(
+        values[layout.base : -1].reshape(kind.size, layout.effect),
+        kind,
+        column,
+        conditions,
+        columns,
+    )
     # The loops end at the last effect: empty slots take no time.
     used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
 
     def shape(slot: Array, sums: Array) -> Array:
-        branches = [lambda: jnp.zeros_like(slip)] + [
-            partial(lambda name: effect(name, slots[slot]).log_factor(seen(slot)), name=name)
-            for name in layout.shapes
-        ]
-        term = jax.lax.switch(layout.branches(layout.shapes)[kind[slot]], branches)
-        return sums.at[column[slot, 2]].add(term)
+        def term(effect: Any, seen: Conditions, _: Array) -> Array:
+            return effect.log_factor(seen)
+
+        own = slots.acting(layout.shapes, slot, term, jnp.zeros_like(slip))
+        return sums.at[column[slot, 2]].add(own)
 
     def before(turn: Array, bent: Array) -> Array:
-        slot = used - 1 - turn
-        branches = [lambda bent: bent] + [
-            partial(
-                lambda bent, name: effect(name, slots[slot]).before(bent, seen(slot)), name=name
-            )
-            for name in layout.bending
-        ]
-        return jax.lax.switch(layout.branches(layout.bending)[kind[slot]], branches, bent)
+        def bend(effect: Any, seen: Conditions, bent: Array) -> Array:
+            return effect.before(bent, seen)
+
+        return slots.acting(layout.bending, used - 1 - turn, bend, bent)
 
     def after(slot: Array, adhesion: Array) -> Array:
-        branches = [lambda adhesion: adhesion] + [
-            partial(
-                lambda adhesion, name: effect(name, slots[slot]).after(adhesion, slip, seen(slot)),
-                name=name,
-            )
-            for name in layout.causes
-        ]
-        return jax.lax.switch(layout.branches(layout.causes)[kind[slot]], branches, adhesion)
+        def change(effect: Any, seen: Conditions, adhesion: Array) -> Array:
+            return effect.after(adhesion, slip, seen)
+
+        return slots.acting(layout.causes, slot, change, adhesion)
 
     def curve(slip: Array) -> Array:
         return _curve(base, values, span, slip, conditions)

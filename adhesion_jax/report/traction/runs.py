@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from adhesion_jax.report.traction.panels import Line, Mark, Panel
 from adhesion_jax.traction.loop import Trace
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.surface import Surface
+from adhesion_jax.traction.surface import RailSurface
 from adhesion_jax.traction.systems.base import Case
 
 Array = NDArray[np.float64]
@@ -63,9 +63,9 @@ def mean_of_axles(values: ArrayLike) -> Array:
     return np.asarray(values).mean(axis=-1)
 
 
-def surfaces(one: Shown) -> Mapping[str, Surface]:
+def surfaces(one: Shown) -> Mapping[str, RailSurface]:
     """The rails of a case by their names, each once."""
-    found: dict[str, Surface] = {}
+    found: dict[str, RailSurface] = {}
     for number, name in enumerate(one.case.segments):
         surface = one.case.rails.surface(jnp.asarray(number))
         if not any(eqx.tree_equal(surface, known) for known in found.values()):
@@ -74,7 +74,7 @@ def surfaces(one: Shown) -> Mapping[str, Surface]:
 
 
 def curves(
-    found: Mapping[str, Surface], train_speed: float, highest: float, unit: SpeedUnit = MPS
+    found: Mapping[str, RailSurface], train_speed: float, highest: float, unit: SpeedUnit = MPS
 ) -> list[Line]:
     """Adhesion over slip velocities up to the highest, which is in the unit."""
     slips = np.linspace(0.0, highest, 300)
@@ -84,7 +84,7 @@ def curves(
     ]
 
 
-def adhesion(surface: Surface, slips: ArrayLike, train_speed: float) -> Array:
+def adhesion(surface: RailSurface, slips: ArrayLike, train_speed: float) -> Array:
     """Adhesion of the surface at slip velocities in m/s."""
     return np.asarray(surface(jnp.asarray(slips), jnp.asarray(train_speed)))
 

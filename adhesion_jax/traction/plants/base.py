@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.traction.signals import Number, PerAxle
-from adhesion_jax.traction.surface import Surface
+from adhesion_jax.traction.surface import RailSurface
 
 GRAVITY = 9.81
 
@@ -32,7 +32,7 @@ class Held(NamedTuple):
     """The inputs of a plant that are constant during a step."""
 
     command: PerAxle  # torque of each motor in N m
-    surface: Surface
+    surface: RailSurface
     slope: Number  # of the track, as an angle in rad; positive uphill
 
 

@@ -14,7 +14,7 @@ from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.sensors import Sensors, SpeedNoise
-from adhesion_jax.traction.surface import Surface
+from adhesion_jax.traction.surface import RailSurface
 
 
 class Case(NamedTuple):
@@ -96,6 +96,6 @@ def built(system: System, case: Case, plant: Plant, noisy: bool = False) -> Loop
     )
 
 
-def exponential(a: float, b: float, c: float) -> Surface:
+def exponential(a: float, b: float, c: float) -> RailSurface:
     """A surface mu = c (exp(-a v_s) - exp(-b v_s)), v_s in m/s."""
-    return Surface(Exponential(a=a, b=b, c=c))
+    return RailSurface(Exponential(a=a, b=b, c=c))

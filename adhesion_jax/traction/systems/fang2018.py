@@ -10,7 +10,7 @@ from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import BySpeed, stacked
 from adhesion_jax.traction.sensors import SpeedNoise
-from adhesion_jax.traction.surface import Surface
+from adhesion_jax.traction.surface import RailSurface
 from adhesion_jax.traction.systems.base import Case, System, exponential
 
 _KMH = 1 / 3.6
@@ -22,7 +22,7 @@ _RATIO = 2.2222
 CRITICAL = 20345.0
 
 
-def road(largest: float, slip_kmh: float) -> Surface:
+def road(largest: float, slip_kmh: float) -> RailSurface:
     """A road whose largest adhesion lies at a slip velocity in km/h."""
     a = math.log(_RATIO) / (_RATIO - 1) / (slip_kmh * _KMH)
     share = _RATIO ** (-1 / (_RATIO - 1)) - _RATIO ** (-_RATIO / (_RATIO - 1))
