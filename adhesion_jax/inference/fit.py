@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import stdtr, stdtrit
 
 from adhesion_jax.curves import Curve, with_free_values
+from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.inference.departure import Departure, departure_of
@@ -15,7 +16,7 @@ from adhesion_jax.inference.descent import STRAIGHT, Problem, descended, felt, p
 from adhesion_jax.inference.law import FittedLaw, LawPeak, peak_of
 from adhesion_jax.inference.nearest import nearest_to
 from adhesion_jax.inference.noise import RunNoise, described
-from adhesion_jax.inference.posing import SLIP_VELOCITY_LIMIT, chosen_of, from_start, posed
+from adhesion_jax.inference.posing import chosen_of, from_start, posed
 from adhesion_jax.inference.prediction import left_out
 from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from adhesion_jax.curves import SLIP_LIMIT, Curve
+from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.inference.descent import Problem
 from adhesion_jax.inference.grouping import evenly
@@ -12,9 +13,6 @@ from adhesion_jax.inference.law import FittedLaw, peak_of
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.shares import parameters_at
 from adhesion_jax.inference.values import Span
-
-#: Largest slip at which a peak is searched if slip is a velocity, m/s.
-SLIP_VELOCITY_LIMIT = 10.0
 
 #: Share of the largest slip about which a departure is finest, for a curve without a peak; and the
 #: share of the slip of the peak below which its functions are straight.

@@ -7,11 +7,11 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter1d
 
 from adhesion_jax.curves import SLIP_LIMIT
+from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.data import Measured
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.grouping import group
 from adhesion_jax.errors import InputError
-from adhesion_jax.inference.posing import SLIP_VELOCITY_LIMIT
 
 #: Fewest samples of a log whose slip events are cut out without being asked for.
 _FEWEST = 1000
