@@ -15,6 +15,7 @@ FACTS = Facts(
     described={"k": ("1", -1.0, 1.0, "strength")},
     strengths=("k",),
     needs=("warm",),
+    starts=({"k": 0.01},),
     sentence="Warmth acts.",
     formula="mu exp(k w)",
     phrase="warmth",
@@ -28,10 +29,6 @@ class Warmth(Multiplier):
 
     def factor(self, slip, conditions):
         return jnp.exp(self.k * conditions["warm"])
-
-    @classmethod
-    def starts(cls, columns):
-        return [cls(k=0.01)]
 
 
 class Doubled(Warmth):
