@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from importlib import import_module
@@ -109,7 +110,8 @@ def _kept(arguments: Sequence[str]) -> list[str]:
 
 
 def _typed(told: Mapping[str, Any]) -> str:
-    return " ".join(["adhesion", told["command"], *told["arguments"]])
+    """The command as a shell takes it."""
+    return shlex.join(["adhesion", told["command"], *told["arguments"]])
 
 
 def _changed(before: Mapping[str, object]) -> list[str]:

@@ -1,6 +1,7 @@
 """Results repeat from their folder: metadata.json, and the command that reads it."""
 
 import json
+import shlex
 from contextlib import chdir
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_the_results_of_a_command_repeat_from_their_folder(command, work):
         assert row["lowest"] == pytest.approx(36.0)
     # From wherever it is called.
     said = ran("rerun", work / "first", "--out", work / "again")
-    assert f"In {work}: adhesion {command} {' '.join(arguments)}" in said
+    assert f"In {work}: {shlex.join(['adhesion', command, *arguments])}\n" in said
     assert "Versions have changed" not in said
     assert tables(work / "again") == tables(work / "first") != {}
     names = [{one.name for one in (work / where).iterdir()} for where in ("first", "again")]
