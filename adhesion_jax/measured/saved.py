@@ -16,11 +16,16 @@ def load_curve(path: Path, names: Sequence[str] = ()) -> Curve:
 
     Its parameters stand in parameters.csv beside it. InputError if the files hold no such curve.
     """
+    beside = path.with_name("parameters.csv")
     try:
-        table = pd.read_csv(path)
-        parameters = pd.read_csv(path.with_name("parameters.csv"))
-    except FileNotFoundError as error:
-        raise InputError(f"{error.filename} does not exist; name a curves.csv.") from None
+        table, parameters = pd.read_csv(path), pd.read_csv(beside)
+    except FileNotFoundError:
+        if not path.exists():
+            raise InputError(f"{path} does not exist; name a curves.csv.") from None
+        raise InputError(
+            f"{beside} does not exist, which adhesion identify writes beside {path.name} with the "
+            "parameters of the curves; identify anew, or copy both."
+        ) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); name a curves.csv.") from None
     except ValueError:  # no text, or no table

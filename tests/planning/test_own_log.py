@@ -163,7 +163,7 @@ def test_what_is_no_table_of_curves_is_refused(content, tmp_path):
             load_curve(path)
         tables(tmp_path)
     (tmp_path / "parameters.csv").unlink()
-    with pytest.raises(InputError, match=r"parameters.csv does not exist; name a curves.csv"):
+    with pytest.raises(InputError, match=r"parameters.csv does not exist, which adhesion identify"):
         load_curve(path)
 
 
