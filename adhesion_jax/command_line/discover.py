@@ -103,14 +103,17 @@ def main(
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
 
-    TRAIN is one or more files of the columns that adhesion identify
-    takes, with a column run (or time_s, from whose gaps runs are told), or the name of a data set
-    that ships with the package: eurosprinter, roller-rig. Nothing is fitted to the runs of --test.
+    TRAIN is one or more files of the columns that adhesion identify takes, with a column run (or
+    time_s, from whose gaps runs are told), or the name of a data set that ships with the package:
+    eurosprinter, roller-rig. Nothing is fitted to the runs of --test.
     """
     if (planted is None) == (not train):
         raise InputError("Name the files of TRAIN, or a campaign by --simulate, but not both.")
-    if planted is not None and tests:
-        raise InputError("--test does not go with --simulate, which draws its own test runs.")
+    if planted is not None and (tests or columns or known or dry_run):
+        raise InputError(
+            "--test, --dry-run and what columns and sensors are do not go with --simulate, which "
+            "draws runs of its own."
+        )
     _, curves, planted = begin(effects, curve, planted)
     from adhesion_jax.data.events import events_of
     from adhesion_jax.data.runs import matching, to_runs
@@ -122,7 +125,6 @@ def main(
         names = tuple(name for name in planted if name not in ("", "none"))
         write_set(output_directory(out), simulate(names, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
-        columns, known, dry_run = {}, {}, False
     measured = read(train, columns, known, for_search=True)
     judged = read(tests, columns, known, for_search=True) if tests else []
     if dry_run:
