@@ -22,7 +22,7 @@ class Rows:
 
     def __init__(self, read: Gathered, first_row: int, rows_of_file: int) -> None:
         self.numbers: dict[str, np.ndarray] = read.numbers
-        self.labels: Mapping[str, pd.Categorical] = read.labels
+        self.labels: Mapping[str, pd.Categorical] = _within_files(read.labels)
         self.count = read.rows
         self._first_row, self._rows_of_file = first_row, rows_of_file
         self._places: np.ndarray | None = None  # of the rows that are left; all without
@@ -101,6 +101,30 @@ class Rows:
                 )
                 self.keep(~wrong)
         return notes
+
+
+def _within_files(labels: Mapping[str, pd.Categorical]) -> Mapping[str, pd.Categorical]:
+    """The labels, where no run reaches over two files: one named in several is file:run."""
+    if not {"run", "file"} <= {*labels}:
+        return labels
+    run, file = labels["run"], labels["file"]
+    width = len(run.categories)
+    codes, both = pd.factorize(file.codes.astype(np.int64) * width + run.codes)
+    in_files = np.bincount(both % width)
+    names = [
+        f"{of_file}:{name}" if name and count > 1 else name
+        for of_file, name, count in zip(
+            file.categories[both // width],
+            run.categories[both % width],
+            in_files[both % width],
+            strict=True,
+        )
+    ]
+    found, of_names = pd.factorize(np.array(names, dtype=object))
+    return {
+        **labels,
+        "run": pd.Categorical.from_codes(found[codes], pd.Index(of_names, dtype="str")),
+    }
 
 
 def _is_mode(label: str) -> bool:

@@ -59,6 +59,19 @@ def test_files_without_a_time_are_runs(tmp_path):
     assert [*found.run] == [*np.repeat([0, 1, 2], ROWS // 3)]
 
 
+def test_runs_that_each_file_counts_anew_are_told_apart(tmp_path):
+    def counted(part, place):
+        run = np.repeat([1, 2 + place, 0], [ROWS // 6, ROWS // 6 - 1, 1]).astype(str)
+        run[-1] = ""  # whose run is not named
+        return part.assign(run=run, **{"t [s]": TIME[: len(part)]})
+
+    found = read_measured(parts(tmp_path / "logs", change=counted))
+    names = "run 1.csv:1", "2", "run 2.csv:1", "3", "run 10.csv:1", "4"
+    assert group([found]).names == names
+    assert np.bincount(group([found]).run).tolist() == 3 * [ROWS // 6, ROWS // 6 - 1]
+    assert not any("clock" in note for note in found.notes)
+
+
 def test_columns_of_one_order_or_another(tmp_path):
     def turned(part, place):
         return part[part.columns[::-1]] if place else part
