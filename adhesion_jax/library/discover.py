@@ -120,17 +120,16 @@ def discover(
 
     `data` has the columns that `identify` takes, a column run (or time_s, from whose gaps runs are
     told) and whatever was measured beside them; several tables are taken together. `test` is
-    predicted and never fitted. The base curve is the best
-    of `curves`, names of CURVES or auto. `effects` are classes of your
-    own, which are searched for beside the causes of EFFECTS under their names; they stay there, so
-    that what is found can be told, saved and loaded. `seed` draws the runs that are
-    held out. `slip_noise` is the standard deviation of the noise of the wheel speed in m/s, where
-    it is known. With `correct`, the test is also predicted by the law with boosted trees on top, a
-    correction without a formula, where these predict what the law leaves. `progress` is called with
-    words and the share that is done. `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio`,
-    `efficiency` and `axles` are those of `identify`, for `data` and `test`, and so are `events`:
-    each slip event of a long log is a run. `out` is a folder for the files of the command.
-    InputError names all that is wrong with the data.
+    predicted and never fitted. The base curve is the best of `curves`, names of CURVES or auto.
+    `effects` are classes of your own, which are searched for beside the causes of EFFECTS under
+    their names; they stay there, so that what is found can be told, saved and loaded. `seed` draws
+    the runs that are held out. `slip_noise` is the standard deviation of the noise of the wheel
+    speed in m/s, where it is known. With `correct`, the test is also predicted by the law with
+    boosted trees on top, a correction without a formula, where these predict what the law leaves.
+    `progress` is called with words and the share that is done. `columns`, `wheel_radius`, `delays`,
+    `inertia`, `gear_ratio`, `efficiency` and `axles` are those of `identify`, for `data` and
+    `test`, and so are `events`: each slip event of a long log is a run. `out` is a folder for the
+    files of the command. InputError names all that is wrong with the data.
     """
     own = effects if isinstance(effects, Mapping) else {kind.__name__: kind for kind in effects}
     add("effect", own)

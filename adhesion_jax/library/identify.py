@@ -273,15 +273,14 @@ def identify(
     their order. Of a long log only its slip events are used, as runs (`data.events`), unless
     `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
     of your own by name, which stay there, so that their laws can be saved and loaded; by default
-    all of CURVES. `by` is a column whose groups of rows are compared: did the rail change
-    between them? (`run` compares the runs, `auto` the best groups.) `slip_noise` is the
-    standard deviation of the noise of the wheel speed in m/s (of the slip, where there is no
-    vehicle speed), 0 for an exact slip; by default it is estimated where there is time_s.
-    `progress` is called with words and the share done, and `out` is a folder for the files of the
-    command. InputError names all that is wrong with the
-    data. Source: least squares with Huber's loss 1964; covariance by clusters, Bell and McCaffrey
-    2002, and by cosines, Lazarus et al. 2018; the weights of the curves by pseudo Bayesian model
-    averaging, Yao et al. 2018.
+    all of CURVES. `by` is a column whose groups of rows are compared: did the rail change between
+    them? (`run` compares the runs, `auto` the best groups.) `slip_noise` is the standard deviation
+    of the noise of the wheel speed in m/s (of the slip, where there is no vehicle speed), 0 for an
+    exact slip; by default it is estimated where there is time_s. `progress` is called with words
+    and the share done, and `out` is a folder for the files of the command. InputError names all
+    that is wrong with the data. Source: least squares with Huber's loss 1964; covariance by
+    clusters, Bell and McCaffrey 2002, and by cosines, Lazarus et al. 2018; the weights of the
+    curves by pseudo Bayesian model averaging, Yao et al. 2018.
     """
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)

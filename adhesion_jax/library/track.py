@@ -94,13 +94,12 @@ def track(
     """Follow a log by online methods, sample by sample in the order of time.
 
     `data`, `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio` and `efficiency` are as for
-    `identify`. `identifiers` are names of
-    IDENTIFIERS, or methods of your own by name. The initial slope a0 of Kiencke's curve is
-    `initial_slope`, or that of a fit to the log. With `events` slip events alone are used, and
-    where it is False all samples are; by default events are cut out of a log that hardly slips.
-    `report` is told how many steps are done, and of how many, and `out` is a folder for the files
-    of the command. InputError names all that is wrong
-    with the data, and a method that cannot follow a log.
+    `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by name. The initial
+    slope a0 of Kiencke's curve is `initial_slope`, or that of a fit to the log. With `events` slip
+    events alone are used, and where it is False all samples are; by default events are cut out of a
+    log that hardly slips. `report` is told how many steps are done, and of how many, and `out` is a
+    folder for the files of the command. InputError names all that is wrong with the data, and a
+    method that cannot follow a log.
     """
     methods = identifiers if isinstance(identifiers, Mapping) else methods_named(identifiers)
     _refuse(methods)

@@ -25,9 +25,9 @@ _RISE = 0.1
 #: A fall behind the peak is seen if it exceeds this multiple of its standard error.
 _FALL = 2.0
 
-#: A median residual beyond this share of the largest adhesion and three standard
-#: errors is passed by; a smaller share of the points than this are outliers, which a robust fit
-#: leaves. Share of the points that may lie above the interval beyond what noise makes.
+#: A median residual beyond this share of the largest adhesion and three standard errors is passed
+#: by; a smaller share of the points than this are outliers, which a robust fit leaves. Share of the
+#: points that may lie above the interval beyond what noise makes.
 _PASSED, _FEW, _ABOVE = 0.1, 0.02, 0.1
 
 #: About as many rows of whole runs are judged.

@@ -3,8 +3,7 @@
 Slip is positive and every sample is taken, so that nothing is spent on signs and missing samples.
 The arrays are each [runs] and stay in the cache: an array for every intermediate result takes 1.3
 times as long for recursive least squares, and three times for a quadratic program with all the
-edges of the box for every run. Stacked arrays, one call for
-several, would not fit into the cache.
+edges of the box for every run. Stacked arrays, one call for several, would not fit into the cache.
 """
 
 from collections.abc import Sequence

@@ -22,9 +22,8 @@ class TerminalSliding(Observer):
     du/dt = (3/5) lambda beta |de/dt|^(1/3) sgn(de/dt) + K sgn s.
 
     de/dt is the backward difference over a step, and u is taken at its end: w^ by the u before it
-    chatters at the step. The equations are reconstructed: the source's
-    are lost in print. Source: "Optimal Utilization of Adhesion Force ...", J. Adv. Transport.
-    2019, 6270515.
+    chatters at the step. The equations are reconstructed: the source's are lost in print. Source:
+    "Optimal Utilization of Adhesion Force ...", J. Adv. Transport. 2019, 6270515.
     """
 
     surface_gain: Setting  # lambda, of e
