@@ -81,17 +81,21 @@ def _mdf(path: Path) -> Iterator[Vector]:
 
 
 def _tdms(path: Path) -> Iterator[Vector]:
-    """With times where a channel has a step."""
+    """With times where a channel has a step, from where the first of all channels starts."""
     import nptdms
     from nptdms.log import log_manager
 
     log_manager.set_level(logging.ERROR)
-    for group in nptdms.TdmsFile.read(path).groups():
-        for one in group.channels():
-            unit = str(one.properties.get("unit_string", ""))
-            stepped = one.properties.get("wf_increment")
-            times = [one.time_track()] if stepped else []
-            yield Vector(f"{group.name}/{one.name}", unit, np.asarray(one[:]), *times)
+    channels = [one for group in nptdms.TdmsFile.read(path).groups() for one in group.channels()]
+    starts = [one.properties.get("wf_start_time") for one in channels]
+    first = min((start for start in starts if start is not None), default=None)
+    for one, start in zip(channels, starts, strict=True):
+        times = []
+        if one.properties.get("wf_increment"):
+            late = 0.0 if start is None else (start - first) / np.timedelta64(1, "s")
+            times = [one.time_track() + late]
+        unit = str(one.properties.get("unit_string", ""))
+        yield Vector(f"{one.group_name}/{one.name}", unit, np.asarray(one[:]), *times)
 
 
 #: By ending: what reads a file.

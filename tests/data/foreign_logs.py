@@ -148,6 +148,19 @@ def tdms(path, every=1, states=False, steps=True):
         file.write_segment(channels)
 
 
+def tdms_of_two_starts(path):
+    """The speed of the train is measured from sample 20 on, by a task that starts then."""
+    began = np.datetime64("2026-03-18T06:00:00.000000")
+    with nptdms.TdmsWriter(path) as file:
+        for name, (stem, unit) in [*NAMES.items()][1:]:
+            first = 20 if stem == "v" else 0
+            start = began + np.timedelta64(50 * first, "ms")
+            told = {"unit_string": unit, "wf_increment": 0.05, "wf_start_offset": 0.0}
+            told["wf_start_time"] = start
+            values = LOG[name].to_numpy()[first:]
+            file.write_segment([nptdms.ChannelObject(f"from {first}", stem, values, told)])
+
+
 def zipped(path, **content):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for name, text in content.items():

@@ -5,7 +5,7 @@ import zipfile
 import asammdf
 import numpy as np
 import pytest
-from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, TIME, written
+from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, TIME, tdms_of_two_starts, written
 
 from adhesion_jax.data import read_measured
 from adhesion_jax.data.files import sheet_of_file
@@ -59,6 +59,15 @@ def test_states_have_the_value_before(ending, tmp_path):
     rows = np.arange(len(table)) // 10
     np.testing.assert_array_equal(table["gear"], GEARS[rows])
     assert [*table["driver"]] == [DRIVER[row] for row in rows]
+
+
+def test_channels_that_start_later_are_at_their_time(tmp_path):
+    tdms_of_two_starts(tmp_path / "log.tdms")
+    table = read_measured(tmp_path / "log.tdms").table
+    log = LOG[20:]
+    np.testing.assert_allclose(table["time_s"], log["Zeit [s]"], atol=1e-9)
+    np.testing.assert_allclose(table["vehicle_speed_mps"], log["v [km/h]"] / 3.6, 1e-9)
+    np.testing.assert_allclose(table["adhesion"], log["mu"], 1e-9, 1e-9)
 
 
 def test_labels_are_kept(tmp_path):
