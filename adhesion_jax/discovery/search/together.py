@@ -75,10 +75,8 @@ def together(state: Selection, null: Null, number: int, seed: int) -> Selection:
         kept = own or not any(worth)
         if kept:
             accepted.append(effect._replace(gain=gained.total))
-        name, said = (
-            f"{effect.name} (linear, beside others)",
-            "accepted" if kept else "explains less",
-        )
+        name = f"{effect.name} (linear, beside others)"
+        said = "accepted" if kept else "explains less"
         rows.append(Candidate(number, name, float(z[best]), p, gained.total, gained.error, said))
     return settled(more, accepted)._replace(ranking=(*more.ranking, *rows))
 
