@@ -26,11 +26,20 @@ from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, s
 from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
+from adhesion_jax.wording import percent
 
 KNOWN = catalogue()
 
 #: Largest number of values in a range.
 _MOST_VALUES = 50
+
+#: A departure of a curve from its points that is told, relative; and the sentence.
+_SLIGHT = 0.01
+_WITHOUT_DEPARTURE = (
+    "The plan takes the curve alone, without its departure from the points ({} of the adhesion, "
+    "root mean square), so that its peak is not that of the identification; --law with the "
+    "law.json beside the table takes both."
+)
 
 #: Options that belong to a LOG, and those of sweeps, which a log has not; and what they are when
 #: they are not given.
@@ -232,7 +241,9 @@ def main(
         del measured  # nothing holds the log while curves are fitted to its events
         source = identify_chosen(chosen, names, citation_of(log))
     elif curves is not None:
-        source = load_curve(Path(curves), names or ())
+        source, misfit = load_curve(Path(curves), names or ())
+        if misfit > _SLIGHT:
+            click.echo(_WITHOUT_DEPARTURE.format(percent(misfit)) + "\n")
     elif law is not None:
         source = load_law(law)
     found = plan(source, conditions=dict(conditions), **asked)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,14 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
 
-def load_curve(path: Path, names: Sequence[str] = ()) -> Curve:
+class SavedCurve(NamedTuple):
+    """The curve nearest to a fitted law, and how far that law leaves it, relative (rms)."""
+
+    curve: Curve
+    misfit: float
+
+
+def load_curve(path: Path, names: Sequence[str] = ()) -> SavedCurve:
     """The best curve by log_density in a curves.csv, of these names or of all that have a peak.
 
     Its parameters stand in parameters.csv beside it. InputError if the files hold no such curve.
@@ -30,7 +38,7 @@ def load_curve(path: Path, names: Sequence[str] = ()) -> Curve:
         raise InputError(f"{path} cannot be read ({error.strerror}); name a curves.csv.") from None
     except ValueError:  # no text, or no table
         raise _no_table(path) from None
-    told = {"curve", "log_density", "slip_opt_se"} <= {*table.columns}
+    told = {"curve", "log_density", "slip_opt_se", "misfit"} <= {*table.columns}
     if not told or not {"curve", "parameter", "value"} <= {*parameters.columns}:
         raise _no_table(path)
     rows = table[table["log_density"].notna() & table["curve"].isin(CURVES)]
@@ -45,7 +53,7 @@ def load_curve(path: Path, names: Sequence[str] = ()) -> Curve:
     if rows.empty:
         raise InputError(f"{path} has no curve with a peak; identify one from other data.")
     name = str(rows.set_index("curve")["log_density"].idxmax())
-    known = CURVES[name]
+    known, misfit = CURVES[name], rows.set_index("curve")["misfit"].loc[name]
     try:
         own = parameters[parameters["curve"] == name].set_index("parameter")["value"]
         values = own[[*known.free]].to_numpy(float)
@@ -53,7 +61,7 @@ def load_curve(path: Path, names: Sequence[str] = ()) -> Curve:
         raise _no_table(path) from None
     if not np.all(np.isfinite(values)):
         raise _no_table(path)
-    return with_free_values(known, values)
+    return SavedCurve(with_free_values(known, values), float(misfit))
 
 
 def _no_table(path: Path) -> InputError:

@@ -122,10 +122,10 @@ def test_the_files(found, tmp_path):
     assert "pre-wrap" in found._repr_html_()
 
 
-CURVES_CSV = """curve,rms,log_density,slip_opt,slip_opt_se,mu_max,status
-polach,0.02,300,1,,0.3,NO_PEAK
-burckhardt,0.03,200,0.175,0.01,0.298,TRUSTED
-kiencke,0.05,100,0.2,0.01,0.3,NOT_FITTED
+CURVES_CSV = """curve,rms,log_density,slip_opt,slip_opt_se,mu_max,misfit,status
+polach,0.02,300,1,,0.3,0,NO_PEAK
+burckhardt,0.03,200,0.175,0.01,0.298,0.078,TRUSTED
+kiencke,0.05,100,0.2,0.01,0.3,0,NOT_FITTED
 """
 PARAMETERS_CSV = """curve,parameter,value
 polach,mu0,0.3
@@ -144,7 +144,8 @@ def tables(folder):
 
 def test_a_curve_is_read_from_the_table_of_an_identification(tmp_path):
     path = tables(tmp_path)
-    curve = load_curve(path)
+    curve, misfit = load_curve(path)
+    assert misfit == 0.078
     assert isinstance(curve, aj.Burckhardt)  # the best has no peak
     assert (float(curve.c1), float(curve.c2), float(curve.c3)) == (0.32, 25.0, 0.1)
     for name, says in (("exponential", "has no fitted curve exponential"), ("kiencke", "is not a")):
@@ -181,6 +182,7 @@ def test_the_command_plans_a_rail_a_table_of_curves_and_a_law(tmp_path):
     assert "A standard error of 1.0 % of mu_max" in " ".join(told.output.split())
     told = answer("--curves", tables(tmp_path), *size, "--out", tmp_path / "curve")
     assert told.exit_code == 0, told.output
+    assert "without its departure from the points (7.8 % of the" in " ".join(told.output.split())
     curve = pd.read_csv(tmp_path / "curve" / "plan.csv")
     np.testing.assert_allclose(curve["mu_max_relative_se"], rail["mu_max_relative_se"])
     law = CorrectedLaw(RAILS["common"], (), {}, Calendar("time_s", 0.0, 1.0))
