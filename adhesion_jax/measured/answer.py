@@ -10,8 +10,9 @@ from scipy.special import ndtri, stdtr
 
 from adhesion_jax.inference.fit import MeasuredFit
 
-#: Slips at which it is asked whether adhesion falls, in shares of the largest one considered.
-_LEVELS = 1e-4, 1.0, 400
+#: The lowest slip at which it is asked whether adhesion falls, as a share of the largest one
+#: considered; and the number of slips, first over all of them, then about the interval.
+_LOWEST, _SLIPS = 1e-4, 200
 
 #: Curves of less weight are not asked for the peak.
 _LEAST_WEIGHT = 1e-4
@@ -78,13 +79,20 @@ def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
 
 def _turning(peaked: list[tuple[MeasuredFit, float]]) -> Estimate:
     """The slip of the peak, and its 95 % interval, by where the laws turn from rise to fall."""
-    slips = peaked[0][0].slip_limit * np.geomspace(*_LEVELS)
     weight = np.array([weight for _, weight in peaked])
-    falls = weight / weight.sum() @ np.stack([fit.falls(slips) for fit, _ in peaked])
     peaks = np.array([fit.peak.slip for fit, _ in peaked])
     order = np.argsort(peaks)
-    middle = peaks[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]
-    return turned(np.sqrt(slips[1:] * slips[:-1]), falls, float(middle))
+    middle = float(peaks[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())])
+
+    def found(low: float, high: float) -> Estimate:
+        slips = np.geomspace(low, high, _SLIPS)
+        falls = weight / weight.sum() @ np.stack([fit.falls(slips) for fit, _ in peaked])
+        return turned(np.sqrt(slips[1:] * slips[:-1]), falls, middle)
+
+    limit = peaked[0][0].slip_limit
+    step = _LOWEST ** (-1 / (_SLIPS - 1))
+    _, low, high = found(_LOWEST * limit, limit)
+    return found(low / step, min(high * step, limit))
 
 
 def turned(

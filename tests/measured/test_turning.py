@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.special import stdtrit
 from scipy.stats import lognorm
 
+import adhesion_jax as aj
 from adhesion_jax.measured.answer import turned
 
 SLIP = np.geomspace(1e-4, 1.0, 400)
@@ -42,3 +44,22 @@ def test_an_end_that_is_not_seen_is_that_of_the_slips():
     found = turned(SLIP, lognorm.cdf(SLIP, 1.0, scale=0.5), 0.5)
     assert found.high == 1.0
     assert found.low == pytest.approx(lognorm.ppf(0.025, 1.0, scale=0.5), rel=2e-3)
+
+
+def test_of_a_sharp_peak_it_is_the_interval_of_the_delta_method():
+    draw, way = np.random.default_rng(2), np.linspace(0.004, 0.15, 100)
+    slip = np.tile(np.concatenate([way, way[::-1]]), 12)
+    run = np.repeat(np.arange(12), 200)
+    table = {
+        "time_s": 0.1 * np.arange(slip.size) + 30.0 * run,
+        "run": run,
+        "slip_ratio": slip,
+        "adhesion": -0.32 * np.expm1(-60 * slip) - 0.35 * slip + draw.normal(0, 0.003, slip.size),
+    }
+    found = aj.identify(table, "burckhardt", slip_noise=0.0)
+    fit = found.fits["burckhardt"]
+    (error,), (degrees,) = fit.errors(fit.peak.by_slip[None])
+    half = float(stdtrit(degrees, 0.975) * error)
+    low, high = found.slip_opt_interval
+    assert 0.5 * (high - low) == pytest.approx(half, rel=0.03)
+    assert found.slip_opt == pytest.approx(fit.peak.slip, rel=1e-3)
