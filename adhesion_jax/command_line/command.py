@@ -5,6 +5,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from click.shell_completion import CompletionItem
 
 from adhesion_jax.errors import InputError, WorkerError, cannot_write
 from adhesion_jax.options import Option
-from adhesion_jax.plugins import Part, part, use
+from adhesion_jax.plugins import Part, part, use, worded
 from adhesion_jax.wording import listed
 
 #: Where a click context holds the arguments of a recorded command, as they were given.
@@ -27,10 +28,11 @@ SEED = click.IntRange(min=0, max=2**32 - 1)
 def run(command: click.Command) -> None:
     """Run a command to the end of the process: status 0, or one sentence and status 2.
 
-    Status 1 where the machine failed: a worker process that died.
+    That is also for an error that a part of the user's own led to. Status 1 where the machine
+    failed: a worker process that died.
     """
     try:
-        command.main(standalone_mode=False)
+        worded(partial(command.main, standalone_mode=False))
     except click.Abort:
         sys.exit(130)
     except click.ClickException as error:

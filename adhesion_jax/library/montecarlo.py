@@ -33,8 +33,8 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
-from adhesion_jax.identifiers import IDENTIFIERS, Identifier, Status
-from adhesion_jax.library.methods import methods_named
+from adhesion_jax.identifiers import IDENTIFIERS, Status
+from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
@@ -109,7 +109,7 @@ class MonteCarlo:
 @as_in_commands
 def montecarlo(
     scenario: str | None = "single",
-    identifiers: str | Sequence[str] | Mapping[str, Identifier] | None = None,
+    identifiers: Methods | None = None,
     runs: int = 256,
     seed: int = 0,
     workers: int = 1,
@@ -145,10 +145,11 @@ def montecarlo(
     whole = Options(**given) if scenario is None else _options(scenario, given)
     if runs < 1 or workers < 1 or not 0 <= seed < 2**32:
         raise InputError("runs and workers are 1 or more, and a seed is from 0 to 2**32 - 1.")
-    methods, names = _methods(identifiers)
+    named = {} if identifiers is None else methods_named(identifiers)
+    methods = {**IDENTIFIERS, **named}
     if extend and out is not None:
         runs = extended(Path(out), extend)
-    asked = Config("", names, whole, int(runs), int(seed))
+    asked = Config("", tuple(named), whole, int(runs), int(seed))
     parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
     jobs = [Job.of(config, methods, every_block=out is None or keep == "all") for config in parts]
     if out is None:
@@ -183,22 +184,6 @@ def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
     job = Job.recorded(record)
     totals = _totals(job, folder)
     return told(campaign_of(job, totals).tables, totals.sums.accuracy.runs, [job.name])
-
-
-def _methods(
-    identifiers: str | Sequence[str] | Mapping[str, Identifier] | None,
-) -> tuple[Mapping[str, Identifier], tuple[str, ...]]:
-    """Every method that may be run, by its name, and the names of those that are asked for."""
-    if identifiers is None:
-        return IDENTIFIERS, ()
-    if isinstance(identifiers, Mapping):
-        taken = [n for n, own in identifiers.items() if IDENTIFIERS.get(n, own) is not own]
-        if taken:
-            raise InputError(
-                f"{listed(taken)} is the name of a method of the package; name yours otherwise."
-            )
-        return {**IDENTIFIERS, **identifiers}, tuple(identifiers)
-    return IDENTIFIERS, tuple(methods_named(identifiers))
 
 
 def _options(scenario: str, options: Mapping[str, object]) -> Options:

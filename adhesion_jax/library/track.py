@@ -1,6 +1,6 @@
 """`track`: what online methods know of the largest adhesion after each sample of a log."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,7 +14,7 @@ from adhesion_jax.data.corrections import corrections_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.identifiers import Identifier
-from adhesion_jax.library.methods import methods_named
+from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
 from adhesion_jax.library.results import of_numbers, text_html, written
 from adhesion_jax.measured.following import Followed, follow_log, refusal
@@ -79,7 +79,7 @@ class Track:
 @as_in_commands
 def track(
     data: Data,
-    identifiers: str | Sequence[str] | Mapping[str, Identifier] = METHODS,
+    identifiers: Methods = METHODS,
     initial_slope: float | None = None,
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
@@ -101,7 +101,7 @@ def track(
     folder for the files of the command. InputError names all that is wrong with the data, and a
     method that cannot follow a log.
     """
-    methods = identifiers if isinstance(identifiers, Mapping) else methods_named(identifiers)
+    methods = methods_named(identifiers)
     _refuse(methods)
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
     measured = measured_of(data, columns, known)
