@@ -58,10 +58,19 @@ def start() -> None:
 
 
 class Recorded(click.Command):
-    """A command whose arguments are recorded beside its results."""
+    """A command whose arguments are recorded beside its results.
+
+    An option that takes one value is given once: of two click would take the last in silence.
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[ARGUMENTS] = list(args)
+        if not ctx.resilient_parsing:
+            _, _, given = self.make_parser(ctx).parse_args(list(args))
+            for one in given:
+                if given.count(one) > 1 and isinstance(one, click.Option) and not one.multiple:
+                    commas = "; divide its values by commas" if isinstance(one.type, Names) else ""
+                    raise InputError(f"{one.opts[0]} is given more than once{commas}.")
         return super().parse_args(ctx, args)
 
 
