@@ -13,7 +13,7 @@ from adhesion_jax.command_line.command import SEED, Folder, Names, Recorded, beg
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
@@ -119,6 +119,7 @@ def main(
     from adhesion_jax.data.runs import matching, to_runs
     from adhesion_jax.files import output_directory
     from adhesion_jax.library.discover import discover_in, sources_of
+    from adhesion_jax.library.results import columns_of
     from adhesion_jax.simulation.simulator import simulate, write_set
 
     if planted is not None:
@@ -144,10 +145,9 @@ def main(
         # Events alone are drawn in the end: the rows of other logs are held by the runs.
         del judging
         logs = [log for log in logs if log.events is not None]
-        found = discover_in(
-            runs, test, logs, sources, curves, seed, slip_noise, correct, progress, out
-        )
-    record(out, understood)
+        asked = curves, seed, slip_noise, correct, progress, out
+        found = discover_in(runs, test, logs, sources, understood, *asked)
+    record(out)
     click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())

@@ -68,6 +68,10 @@ def _told(folder: Path) -> Mapping[str, Any]:
         ) from None
     except (ValueError, RecursionError):
         told = None
+    if isinstance(told, dict) and "call" in told and "command" not in told:
+        raise InputError(
+            f"{path} tells of results that a program of yours has asked for; run it again."
+        )
     kinds = {"command": str, "arguments": list, "folder": str, "options": dict, "versions": dict}
     whole = isinstance(told, dict) and all(isinstance(told.get(k), v) for k, v in kinds.items())
     if not whole or told["command"] not in RECORDED:

@@ -17,7 +17,15 @@ from adhesion_jax.discovery.types import Findings
 from adhesion_jax.effects import Cause
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
-from adhesion_jax.library.results import of_numbers, table_html, text_html, written
+from adhesion_jax.library.results import (
+    Columns,
+    columns_of,
+    of_numbers,
+    recorded,
+    table_html,
+    text_html,
+    written,
+)
 from adhesion_jax.plugins import add
 from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
@@ -96,6 +104,7 @@ class Discovery:
         return text_html(self.verdict) + "".join(table_html(table) for table in tables)
 
 
+@recorded
 @as_in_commands
 def discover(
     data: Data | Sequence[Data],
@@ -136,14 +145,14 @@ def discover(
     known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])
-    judging = None
+    judging, judged = None, []
     if test is not None:
         judged = events_of(all_of(test, columns, known, few=FEW_OF_A_SEARCH), events)
         judging = matching(train, to_runs([log.points for log in judged]))
     sources = sources_of(logs, parts_of(data))
-    return discover_in(
-        train, judging, logs, sources, curves, seed, slip_noise, correct, progress, out
-    )
+    understood = columns_of([log.points for log in (*logs, *judged)])
+    asked = curves, seed, slip_noise, correct, progress, out
+    return discover_in(train, judging, logs, sources, understood, *asked)
 
 
 def sources_of(logs: Sequence[Chosen], data: Sequence[Data]) -> tuple[str, str]:
@@ -158,6 +167,7 @@ def discover_in(
     test: RunSet | None,
     logs: Sequence[Chosen],
     sources: tuple[str, str],
+    understood: Columns,
     curves: str | Sequence[str],
     seed: int,
     slip_noise: float | None,
@@ -165,7 +175,7 @@ def discover_in(
     progress: Callable[[str, float], None],
     out: str | PathLike[str] | None,
 ) -> Discovery:
-    """The same in runs that were read before, of the tables of `sources_of`.
+    """The same in runs that were read before, of the tables of `sources_of` and `columns_of`.
 
     `logs` are those whose slip events are drawn.
     """
@@ -183,4 +193,5 @@ def discover_in(
     )
     progress("writing the report", 0.97)
     laws = {name: of_numbers(getattr(findings, name)) for name in ("law", "law_before")}
-    return written(Discovery(findings._replace(**laws), tuple(logs)), out, DISCOVERY_FILES)
+    found = Discovery(findings._replace(**laws), tuple(logs))
+    return written(found, out, DISCOVERY_FILES, understood)

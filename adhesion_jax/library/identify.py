@@ -24,7 +24,7 @@ from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
-from adhesion_jax.library.results import of_numbers, text_html, written
+from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
 from adhesion_jax.measured.groups import (
@@ -106,6 +106,7 @@ class Identification:
     comparison: Comparison | None  # of runs, or of groups of rows, if it was asked for
     groups: Mapping[str, Group]  # the peak of each group by itself, where there are a few
     branches: Comparison | None  # of traction and braking, where both were measured
+    in_vain: Sequence[str] | None  # columns that were looked at for groups, of which none predicts
 
     @property
     def table(self) -> pd.DataFrame:
@@ -195,6 +196,7 @@ class Identification:
             len(self.runs),
             [one for one in (self.comparison, self.branches) if one is not None],
             self.groups,
+            self.in_vain,
         )
         warning = self.judgement.warning
         return [("Warning", [warning]), *told] if warning else told
@@ -242,6 +244,7 @@ class Identification:
         return text_html(self._lines) + self.table.to_html(index=False) + text_html(self.verdict)
 
 
+@recorded
 def identify(
     data: Data | Sequence[Data],
     curves: str | Sequence[str] | Mapping[str, Curve] | None = None,
@@ -331,9 +334,11 @@ def identify_chosen(
     answer, step = answered(fits), _step(points)
     best, rows = fits[found.best], found.rows
     order = np.argsort(grouping.run, kind="stable")
+    in_vain: Sequence[str] | None = None
     if by == _AUTO:
         splits = {name: column.iloc[order] for name, column in candidates(points).items()}
         by = split_that_predicts(best, rows, splits)
+        in_vain = [*splits] if by is None else None
         labels = None if by is None else labels_of(points, by, grouping.run)
     comparison = None
     groups: Mapping[str, Group] = {}
@@ -356,8 +361,9 @@ def identify_chosen(
         comparison,
         groups,
         branches,
+        in_vain,
     )
-    return written(identified, out, IDENTIFY_FILES)
+    return written(identified, out, IDENTIFY_FILES, columns_of([log.points for log in logs]))
 
 
 def _step(points: Measured) -> float | None:

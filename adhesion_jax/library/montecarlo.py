@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -14,6 +14,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
@@ -35,6 +36,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Status
 from adhesion_jax.library.methods import Methods, methods_named
+from adhesion_jax.library.results import recorded
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
@@ -84,7 +86,8 @@ class MonteCarlo:
             self.estimates.to_parquet(path / "runs.parquet", index=False)
         for name, table in self.tables.items():
             write_table(path / f"{name}.csv", table)
-        _draw(path, self.jobs, self.campaigns, self.tables)
+        for name, figure in self._figures():
+            figure.savefig(path / f"{name}.png")
         names = [job.config.scenario for job in self.jobs]
         of_campaigns = zip(names, self.campaigns, strict=True)
         metadata = {
@@ -99,6 +102,31 @@ class MonteCarlo:
         }
         write_metadata(path / METADATA, metadata)
 
+    @as_in_commands
+    def plot(self) -> Figure:
+        """The density of mu_max by each method; without mu_max, the estimates over the run."""
+        return next(iter(self._figures()))[1]
+
+    def _figures(self) -> Iterator[tuple[str, Figure]]:
+        """The figures with their names, each drawn when it is asked for."""
+        densities = [found.histogram for found in self.campaigns if len(found.histogram)]
+        if densities:
+            several = pd.concat(densities, ignore_index=True)
+            yield "histogram_mu_max", figures.histogram(self.summary, several)
+        for job, campaign in zip(self.jobs, self.campaigns, strict=True):
+            scenario = job.scenario
+            truth = pd.DataFrame(scenario.quantities())
+            truth.insert(0, "block", np.arange(len(truth)))
+            for name, reached in scenario.figures():
+                if name == "bands":
+                    steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
+                    yield name, figures.bands(truth, campaign.bands, steps)
+                elif name == "tracking":
+                    yield name, figures.tracking(truth, campaign.bands)
+                elif reached is not None:
+                    course = self.tables["checkpoints"], campaign.bands
+                    yield name, figures.convergence(*course, *reached)
+
     def __repr__(self) -> str:
         return accuracy_table(self.summary, _quantities(self.summary))
 
@@ -106,6 +134,7 @@ class MonteCarlo:
         return self.summary.to_html(index=False)
 
 
+@recorded
 @as_in_commands
 def montecarlo(
     scenario: str | None = "single",
@@ -262,28 +291,3 @@ def _joined(campaigns: Sequence[Mapping[str, pd.DataFrame]]) -> dict[str, pd.Dat
         name: pd.concat([tables[name] for tables in campaigns if name in tables], ignore_index=True)
         for name in names
     }
-
-
-def _draw(
-    stage: Path,
-    jobs: Sequence[Job],
-    campaigns: Sequence[Campaign],
-    tables: Mapping[str, pd.DataFrame],
-) -> None:
-    densities = [campaign.histogram for campaign in campaigns if len(campaign.histogram)]
-    if densities:
-        path = stage / "histogram_mu_max.png"
-        figures.histogram(path, tables["summary"], pd.concat(densities, ignore_index=True))
-    for job, campaign in zip(jobs, campaigns, strict=True):
-        scenario = job.scenario
-        truth = pd.DataFrame(scenario.quantities())
-        truth.insert(0, "block", np.arange(len(truth)))
-        for name, reached in scenario.figures():
-            path = stage / f"{name}.png"
-            if name == "bands":
-                steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
-                figures.bands(path, truth, campaign.bands, steps)
-            elif name == "tracking":
-                figures.tracking(path, truth, campaign.bands)
-            elif reached is not None:
-                figures.convergence(path, tables["checkpoints"], campaign.bands, *reached)

@@ -16,7 +16,7 @@ from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
-from adhesion_jax.library.results import of_numbers, text_html, written
+from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.following import Followed, follow_log, refusal
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.initial_slope import initial_slope as slope_of
@@ -76,6 +76,7 @@ class Track:
         return self.summary.to_html(index=False) + text_html(self.verdict)
 
 
+@recorded
 @as_in_commands
 def track(
     data: Data,
@@ -84,7 +85,7 @@ def track(
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
     events: bool | None = None,
-    report: Callable[[int, int], object] = silent,
+    progress: Callable[[str, float], object] = silent,
     delays: Mapping[str, float] | None = None,
     inertia: float | None = None,
     gear_ratio: float | None = None,
@@ -97,9 +98,9 @@ def track(
     `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by name. The initial
     slope a0 of Kiencke's curve is `initial_slope`, or that of a fit to the log. With `events` slip
     events alone are used, and where it is False all samples are; by default events are cut out of a
-    log that hardly slips. `report` is told how many steps are done, and of how many, and `out` is a
-    folder for the files of the command. InputError names all that is wrong with the data, and a
-    method that cannot follow a log.
+    log that hardly slips. `progress` is called with words and the share done, and `out` is a folder
+    for the files of the command. InputError names all that is wrong with the data, and a method
+    that cannot follow a log.
     """
     methods = methods_named(identifiers)
     _refuse(methods)
@@ -114,10 +115,11 @@ def track(
 
     def one_more(count: int) -> None:
         done[0] += count
-        report(done[0], total)
+        progress("following", done[0] / total)
 
     followed = follow_log(methods, log, slope.plausible, slope.form, one_more)
-    return written(Track(log, citation_of(data), slope, followed), out, TRACK_FILES)
+    found = Track(log, citation_of(data), slope, followed)
+    return written(found, out, TRACK_FILES, columns_of([measured]))
 
 
 def _refuse(methods: Mapping[str, Identifier]) -> None:

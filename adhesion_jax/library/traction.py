@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
@@ -26,13 +27,13 @@ from adhesion_jax.campaign.traction import (
 )
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
-from adhesion_jax.library.results import text_html
+from adhesion_jax.library.results import recorded, text_html
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import (
     animate_operating_point,
-    draw_operating_point,
+    operating_point,
 )
 from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
@@ -100,7 +101,7 @@ class Traction:
             if panels:
                 draw(path / f"{figure}.png", panels)
                 captions[f"{figure}.png"] = subject.captions[figure]
-        draw_operating_point(path / f"{_POINT}.png", runs_shown[0])
+        self.plot().savefig(path / f"{_POINT}.png", dpi=130)
         captions[f"{_POINT}.png"] = _POINT_CAPTION
         if animate:
             animate_operating_point(path / f"{_POINT}.gif", runs_shown[0])
@@ -110,6 +111,11 @@ class Traction:
         pictures = {picture: (path / picture).read_bytes() for picture in captions}
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
         write_metadata(path / METADATA, self._metadata())
+
+    @as_in_commands
+    def plot(self) -> Figure:
+        """The operating point over the adhesion curves while the surface changes, first case."""
+        return operating_point(shown(self.cases[0], self.judged.traces[0]))
 
     def _metadata(self) -> Mapping[str, object]:
         asked, found = self.job.asked, self.judged
@@ -145,6 +151,7 @@ class Traction:
         return self.table.to_html(index=False) + text_html(self.system.title)
 
 
+@recorded
 @as_in_commands
 def traction_control(
     system: str,

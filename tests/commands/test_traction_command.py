@@ -57,6 +57,7 @@ def test_the_function_gives_the_numbers_of_the_command(written):
         table = pd.read_csv(out / f"{name}.csv", keep_default_na=False, na_values=[""])
         pd.testing.assert_frame_equal(table, getattr(found, name), check_exact=True)
     assert told.startswith(repr(found).partition("\n\n")[0])
+    assert "dry" in found.plot().axes[0].get_title()
     with pytest.raises(aj.InputError, match="There is no seeker x; name none, "):
         aj.traction_control("hxd1f", seeker="x")
 
