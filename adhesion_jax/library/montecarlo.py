@@ -54,14 +54,23 @@ MONTECARLO_FILES = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MonteCarlo:
-    """How well methods know the truth of a scenario, or of those of the main job, over all runs."""
+    """How well methods know the truth of a scenario, or of those of the main job, over all runs.
+
+    Attributes:
+        asked: what was asked for.
+        keep: whose estimates there are: all, or checkpoints.
+        jobs: the methods and the runs of each scenario.
+        campaigns: the tables of each scenario.
+        rows: the estimates, or the file where they are.
+        seconds: by the clock.
+    """
 
     asked: Config
-    keep: str  # whose estimates there are: all, or checkpoints
-    jobs: Sequence[Job]  # of each scenario
+    keep: str
+    jobs: Sequence[Job]
     campaigns: Sequence[Campaign]
-    rows: pd.DataFrame | Path  # the estimates, or the file where they are
-    seconds: float  # by the clock
+    rows: pd.DataFrame | Path
+    seconds: float
 
     @cached_property
     def tables(self) -> Mapping[str, pd.DataFrame]:
@@ -152,22 +161,30 @@ def montecarlo(
 ) -> MonteCarlo:
     """Identify the same noisy runs of a scenario by several methods.
 
-    `scenario` is a name of SCENARIOS, or None for those of the main job.
-    `options` are its arguments (rail, sigma, points ...; `law` is a law that was found, the path of
-    a saved one, or what stands in it).
-    `identifiers` are names of IDENTIFIERS, or methods of your own by name; without any, all that
-    accept the scenario.
-    `runs` is their number; run r of a `seed` has the same noise whatever else is asked for.
-    `workers` are processes, which a script must start under `if __name__ == "__main__":`; with
-    `cluster` (local:N, or the address of a scheduler of Dask) they are those of a cluster, which
-    see the folder by the same path if it is a `shared_folder`.
-    `out` is a folder for the files of the command. There the runs are computed in shards, so that
-    memory does not grow with them; a job that was interrupted goes on with `resume`, and gets so
-    many more runs with `extend`. `keep` says whose estimates are kept: those of the blocks around a
-    switch and of the last, or of all; without a folder they are those of all.
+    With a folder memory does not grow with the number of runs.
 
-    Returns tables of the accuracy, and the estimates.
-    InputError where a name, a number or an option does not fit.
+    Args:
+        scenario: a name of SCENARIOS, or None for those of the main job of the command.
+        identifiers: names of IDENTIFIERS, or methods of your own by name, functions of the slips
+            and adhesions of a block among them; by default all that accept the scenario.
+        runs: their number; run r of a seed has the same noise whatever else is asked for.
+        seed: of the noise.
+        workers: processes, which a script must start under `if __name__ == "__main__":`.
+        out: a folder for the files of the command; what is finished stays there in shards.
+        keep: whose estimates are kept in a folder: all, or those of the blocks around a switch and
+            of the last.
+        resume: go on with a job that was interrupted.
+        extend: further runs for the job in the folder.
+        cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
+        shared_folder: those workers see the folder by the same path.
+        **options: arguments of the scenario, such as rail, sigma, points; `law` is a law that was
+            found, the path of a saved one, or what stands in it.
+
+    Returns:
+        Tables of the accuracy, and the estimates.
+
+    Raises:
+        InputError: a name, a number or an option does not fit.
     """
     began = time.perf_counter()
     given = {name: value for name, value in options.items() if value is not None}

@@ -35,12 +35,19 @@ METHODS = ("riv", "qp-qian2024-1", "rls-kiencke")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Track:
-    """What online methods made of a log."""
+    """What online methods made of a log.
 
-    log: Log  # the samples in the order in which they were followed
-    citation: str  # of a set that ships
-    initial_slope: InitialSlope  # what all methods were told
-    followed: Mapping[str, Followed]  # by the name of the method
+    Attributes:
+        log: the samples in the order in which they were followed.
+        citation: of a set that ships.
+        initial_slope: what all methods were told.
+        followed: the estimates, by the name of the method.
+    """
+
+    log: Log
+    citation: str
+    initial_slope: InitialSlope
+    followed: Mapping[str, Followed]
 
     @property
     def estimates(self) -> pd.DataFrame:
@@ -94,13 +101,27 @@ def track(
 ) -> Track:
     """Follow a log by online methods, sample by sample in the order of time.
 
-    `data`, `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio` and `efficiency` are as for
-    `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by name. The initial
-    slope a0 of Kiencke's curve is `initial_slope`, or that of a fit to the log. With `events` slip
-    events alone are used, and where it is False all samples are; by default events are cut out of a
-    log that hardly slips. `progress` is called with words and the share done, and `out` is a folder
-    for the files of the command. InputError names all that is wrong with the data, and a method
-    that cannot follow a log.
+    Args:
+        data: one table, as `identify` takes it.
+        identifiers: names of IDENTIFIERS, or methods of your own by name.
+        initial_slope: slope a0 of Kiencke's curve at slip 0, per unit of slip; by default that of a
+            fit to the log.
+        columns: what columns are where names and units do not tell, `{"speed": "v [km/h]"}`; a
+            minus turns a sign, `{"wheel_load": "-FZ"}`, and a number is a constant.
+        wheel_radius: rolling radius, m, for a slip from the rotation of the wheel.
+        events: whether slip events alone are used; by default they are in a log that hardly slips.
+        progress: called with words and the share that is done.
+        delays: how late signals are, s, as in `{"vehicle_speed": 0.2}`.
+        inertia: that of a wheelset with all that turns with it, kg m2, taken off its force.
+        gear_ratio: turns of the motor for one of the wheel, where its torque was measured.
+        efficiency: that of the gear between motor and wheel, a share.
+        out: a folder for the files of the command of the same name.
+
+    Returns:
+        The estimates of each method over time, and what they were told.
+
+    Raises:
+        InputError: the data cannot be used, or a method cannot follow a log.
     """
     methods = methods_named(identifiers)
     _refuse(methods)

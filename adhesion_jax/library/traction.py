@@ -69,7 +69,17 @@ _OF_PAPER = "of the paper"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Traction:
-    """The figures of a control system, without noise and over its runs with noise."""
+    """The figures of a control system, without noise and over its runs with noise.
+
+    Attributes:
+        name: that of the system.
+        system: its parts, and the paper they are of.
+        plant: the parameters of the train.
+        cases: the scenarios and methods that were run.
+        job: how the runs are divided.
+        judged: the course of the runs without noise, and the metrics of all.
+        seconds: by the clock.
+    """
 
     name: str
     system: System
@@ -77,7 +87,7 @@ class Traction:
     cases: Sequence[Case]
     job: Job
     judged: Judged
-    seconds: float  # by the clock
+    seconds: float
 
     @property
     def table(self) -> pd.DataFrame:
@@ -170,22 +180,31 @@ def traction_control(
     cluster: str | None = None,
     shared_folder: bool = False,
 ) -> Traction:
-    """Run a published control system on its plant, without noise and `runs` times with noise.
+    """Run a published control system on its plant, without noise and with it.
 
-    `system` is a name of SYSTEMS.
-    `plant` is a TOML file, or the name of a plant that ships; by default that of the paper.
-    `observer`, `seeker` and `controller` are names of their registries, in the place of the paper's
-    own; one of your own is put there: SEEKERS["mine"] = Mine().
-    `seed` draws the noise, and `step` is that of the plant in s.
-    `workers` are processes, which a script must start under `if __name__ == "__main__":`; with
-    `cluster` (local:N, or the address of a scheduler of Dask) they are those of a cluster, which
-    see the folder by the same path if it is a `shared_folder`.
-    `out` is a folder for all the files of the command; what is finished stays there, so that a job
-    that was interrupted goes on with `resume`, and gets `extend` further runs.
-    `animate` draws the operating point as a moving picture there, too.
+    Args:
+        system: a name of SYSTEMS.
+        plant: a TOML file, or the name of a plant that ships; by default that of the paper.
+        observer: a name of OBSERVERS, in the place of that of the paper.
+        seeker: a name of SEEKERS, in the place of that of the paper, or none. One of your own is
+            put there: `SEEKERS["mine"] = Mine()`.
+        controller: a name of CONTROLLERS, in the place of that of the paper.
+        runs: number of runs with noise.
+        seed: of the noise.
+        step: of the plant, s.
+        workers: processes, which a script must start under `if __name__ == "__main__":`.
+        out: a folder for the files of the command; what is finished stays there in shards.
+        resume: go on with a job that was interrupted.
+        extend: further runs for the job in the folder.
+        animate: draw the operating point as a moving picture there, too.
+        cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
+        shared_folder: those workers see the folder by the same path.
 
-    Returns the table of the paper, the metrics of all parts of the runs, and their course.
-    InputError where a name or a file cannot be used.
+    Returns:
+        The table of the paper, the metrics of all parts of the runs, and their course.
+
+    Raises:
+        InputError: a name or a file cannot be used.
     """
     began = time.perf_counter()
     for kind, given, known in (
