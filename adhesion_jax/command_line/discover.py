@@ -28,7 +28,10 @@ class Plantable(Names):
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         own = ctx.params.get("effects")
         names = [part.name for part in own] if isinstance(own, tuple) else []
-        return Names((*self.names, *names), self.kind).convert(value, param, ctx)
+        asked = Names((*self.names, *names), self.kind).convert(value, param, ctx)
+        if "none" in asked and len(asked) > 1:
+            raise InputError(f"--simulate {value} has none beside others; name one of both.")
+        return asked
 
 
 @click.command(
@@ -68,7 +71,7 @@ class Plantable(Names):
 @click.option(
     "--simulate",
     "planted",
-    type=Plantable((*KNOWN.effects, "none", ""), "effect"),
+    type=Plantable((*KNOWN.effects, "none"), "effect"),
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
@@ -123,7 +126,7 @@ def main(
     from adhesion_jax.simulation.simulator import simulate, write_set
 
     if planted is not None:
-        names = tuple(name for name in planted if name not in ("", "none"))
+        names = tuple(name for name in planted if name != "none")
         write_set(output_directory(out), simulate(names, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
     measured = read(train, columns, known, for_search=True)

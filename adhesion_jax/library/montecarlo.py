@@ -38,6 +38,7 @@ from adhesion_jax.identifiers import IDENTIFIERS, Status
 from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.results import recorded
 from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.options import MOST_RUNS
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
 from adhesion_jax.runtime import as_in_commands, silent
@@ -189,8 +190,11 @@ def montecarlo(
     began = time.perf_counter()
     given = {name: value for name, value in options.items() if value is not None}
     whole = Options(**given) if scenario is None else _options(scenario, given)
-    if runs < 1 or workers < 1 or not 0 <= seed < 2**32:
-        raise InputError("runs and workers are 1 or more, and a seed is from 0 to 2**32 - 1.")
+    if not 1 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
+        raise InputError(
+            f"runs are from 1 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
+            "2**32 - 1."
+        )
     named = {} if identifiers is None else methods_named(identifiers)
     methods = {**IDENTIFIERS, **named}
     if extend and out is not None:

@@ -29,6 +29,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.library.results import recorded, text_html
 from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.options import MOST_RUNS
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import (
@@ -207,6 +208,11 @@ def traction_control(
         InputError: a name or a file cannot be used.
     """
     began = time.perf_counter()
+    if not 0 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
+        raise InputError(
+            f"runs are from 0 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
+            "2**32 - 1."
+        )
     for kind, given, known in (
         ("system", system, [*SYSTEMS]),
         ("observer", observer, [*OBSERVERS]),
