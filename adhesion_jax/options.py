@@ -38,7 +38,7 @@ class Option(NamedTuple):
 
 #: What can be stated of the noise of a measurement that is planned.
 NOISE: dict[str, Option] = {
-    "sigma": Option("Standard deviation of the noise of adhesion.", 0, 10, low_open=True),
+    "sigma": Option("Standard deviation of the noise of adhesion.", 1e-9, 10),
     "autocorrelation": Option(
         "Correlation of that noise from sample to sample.", 0, 1, high_open=True
     ),

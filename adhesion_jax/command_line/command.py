@@ -21,6 +21,9 @@ from adhesion_jax.wording import listed
 #: Where a click context holds the arguments of a recorded command, as they were given.
 ARGUMENTS = f"{__name__}.arguments"
 
+#: Most folders within each other that results may lie in.
+_DEEPEST = 200
+
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
 
@@ -128,6 +131,8 @@ class Folder(click.Path):
         except (OSError, ValueError) as error:  # a name that is too long, or holds a zero
             known = isinstance(error, (FileNotFoundError, NotADirectoryError, PermissionError))
             reason = "" if known else getattr(error, "strerror", None) or "it is no name of a file"
+        if len(path.parts) > _DEEPEST:
+            reason = "it lies too deep"
         if not reason:
             there = next(place for place in (path, *path.absolute().parents) if _exists(place))
             if not there.is_dir() or not os.access(there, os.W_OK):

@@ -141,9 +141,9 @@ def test_what_cannot_be_run_is_refused_in_a_sentence(case, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("value = -1.0\nunit = 'kg'", "axle_load is -1.0; it must be a number from"),
+        ("value = -1.0\nunit = 'kg'", "axle_load is -1.0 kg; it must be a number from"),
         ("value = 25000.0", "axle_load needs a value and a unit"),
-        ("value = 25.0\nunit = 't'", "axle_load is given in 't'; it must be in 'kg'"),
+        ("value = 25.0\nunit = 'm'", "axle_load is given in 'm', which is no unit of it"),
     ],
 )
 def test_a_plant_that_is_none_is_refused_with_its_file(text, words, tmp_path, monkeypatch, capsys):
