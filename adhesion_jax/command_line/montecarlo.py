@@ -23,7 +23,7 @@ from adhesion_jax.command_line.command import (
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import Declared, Options, check, check_accepted, declared
+from adhesion_jax.options import MOST_RUNS, Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
 
 KNOWN = catalogue()
@@ -119,7 +119,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     help="Names, or FILE.py:NAME, divided by commas; by default all that fit.",
 )
 @scenario_options(KNOWN.scenarios)
-@click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
+@click.option("--runs", type=click.IntRange(1, MOST_RUNS), default=1000, show_default=True)
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option("--out", type=Folder(), default=Path("out/montecarlo"), show_default=True)
 @click.option(
@@ -132,7 +132,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
 @click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
 @click.option(
     "--extend",
-    type=click.IntRange(min=0),
+    type=click.IntRange(0, MOST_RUNS),
     default=0,
     help="Number of runs to add to the job in the folder.",
 )

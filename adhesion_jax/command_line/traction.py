@@ -19,6 +19,7 @@ from adhesion_jax.command_line.command import (
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
+from adhesion_jax.options import MOST_RUNS
 
 KNOWN = catalogue()
 
@@ -53,7 +54,7 @@ KNOWN = catalogue()
     type=Name(KNOWN.controllers, "controller"),
     help=f"Instead of the paper's: {', '.join(KNOWN.controllers)}, FILE.py:NAME.",
 )
-@click.option("--runs", type=click.IntRange(min=0), default=32, show_default=True)
+@click.option("--runs", type=click.IntRange(0, MOST_RUNS), default=32, show_default=True)
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
 @click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
@@ -61,7 +62,7 @@ KNOWN = catalogue()
 @click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
 @click.option(
     "--extend",
-    type=click.IntRange(min=0),
+    type=click.IntRange(0, MOST_RUNS),
     default=0,
     help="Number of runs with noise to add to the job in the folder.",
 )
