@@ -198,7 +198,7 @@ def _used(
     rows.keep(derived.used)
     if not rows.count:
         raise InputError(derived.unused)
-    beyond_notes = rows.within(derived.sources)
+    beyond_notes = rows.within(derived.sources) + rows.without_leaps()
     unit_notes = refuse_other_units(numbers, taken)
     table = pd.DataFrame({**numbers, **rows.labels}, index=rows.index, copy=False)
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
