@@ -20,6 +20,7 @@ from adhesion_jax.simulation.simulator import (
     simulate,
     write_set,
 )
+from experiments.discovery_study.otherwise import FORMS, forms_of
 
 #: Columns that a table has only where an effect needs them.
 EXTRA = {
@@ -117,10 +118,11 @@ def test_a_null_set_refitted_by_its_own_base_has_the_stated_noise(family):
 
 @pytest.mark.parametrize(
     ("name", "form"),
-    lanes(itertools.product(PLANTABLE, ["exact", "perturbed"]), always=12, thorough=20),
+    lanes(itertools.product(PLANTABLE, FORMS), always=12, thorough=20),
 )
 def test_an_effect_changes_adhesion_by_its_strength(name, form):
-    campaign = simulate([name], seed=1, form=form, strength=0.2, noise=QUIET, runs=16, points=100)
+    sizes = {"strength": 0.2, "noise": QUIET, "runs": 16, "points": 100}
+    campaign = simulate([name], seed=1, forms=forms_of(form, [name]), **sizes)
     assert campaign.truth == (name,)
     assert tuple(campaign.train) == (*TABLE_COLUMNS, *EXTRA.get(name, ()))
     both = pd.concat([campaign.train, campaign.test])
@@ -190,7 +192,6 @@ def test_a_campaign_is_written_and_read(tmp_path):
         ({"effects": ["humidty"]}, "no way to plant 'humidty'; known are speed, slip_speed"),
         ({"effects": ["speed", "speed"]}, "name each once"),
         ({"base": "pacejka"}, "auto, burckhardt"),
-        ({"form": "vague"}, "exact, perturbed"),
         ({"remove": ["adhesion"]}, "nothing to discover"),
         ({"remove": ["humidity"]}, "no column 'humidity'"),
         ({"strength": 2.0}, "not between 0 and 1"),
