@@ -1,6 +1,7 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -52,71 +53,64 @@ _OF_LOGS: Mapping[str, object] = {
 _OF_SWEEPS = {"samples_per_run": None, "check": None}
 
 
-class Values(click.ParamType):
+class Written(click.ParamType):
+    """A value that is written as text; what is none is one already."""
+
+    wanted: str  # what is said of a text that is none, after "is no"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        try:
+            return self.read(value) if isinstance(value, str) else value
+        except ValueError:
+            raise InputError(f"{param.opts[0]} {value} is no {self.wanted}.") from None
+
+    @abstractmethod
+    def read(self, text: str) -> Any:
+        """The value; ValueError where the text is none."""
+
+
+class Values(Written):
     """LOW:HIGH or LOW:HIGH:COUNT, with equal steps of the logarithm."""
 
     name = "LOW:HIGH[:COUNT]"
+    wanted = (
+        "range; write LOW:HIGH or LOW:HIGH:COUNT, two numbers above 0 in rising order and how many "
+        f"values to take (2 to {_MOST_VALUES})"
+    )
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        try:
-            low, high, count, *_ = [*value.split(":"), "8"]
-            ends, number = (float(low), float(high)), int(count)
-        except ValueError:
-            raise self._refused(value, param) from None
-        inside = all(0 < end < math.inf for end in ends) and ends[0] < ends[1]
-        if not inside or not 2 <= number <= _MOST_VALUES:
-            raise self._refused(value, param)
+    def read(self, text: str) -> tuple[float, ...]:
+        low, high, count, *_ = [*text.split(":"), "8"]
+        ends, number = (float(low), float(high)), int(count)
+        if not (0 < ends[0] < ends[1] < math.inf and 2 <= number <= _MOST_VALUES):
+            raise ValueError
         return tuple(np.geomspace(*ends, number).tolist())
 
-    def _refused(self, value: str, param: Any) -> InputError:
-        return InputError(
-            f"{param.opts[0]} {value} is no range; write LOW:HIGH or LOW:HIGH:COUNT, two numbers "
-            f"above 0 in rising order and how many values to take (2 to {_MOST_VALUES})."
-        )
 
-
-class Share(click.ParamType):
+class Share(Written):
     """A share: 1% or 0.01."""
 
     name = "per cent"
+    wanted = "share; write it as 1% or 0.01, above 0 and below 100 %"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        text = value.strip()
-        try:
-            share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-        except ValueError:
-            share = math.nan
+    def read(self, text: str) -> float:
+        number = text.strip()
+        share = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
         if not 0 < share < 1:
-            raise InputError(
-                f"{param.opts[0]} {value} is no share; write it as 1% or 0.01, above 0 and below "
-                "100 %."
-            )
+            raise ValueError
         return share
 
 
-class Condition(click.ParamType):
+class Condition(Written):
     """A column and its value."""
 
     name = "COLUMN=NUMBER"
+    wanted = "condition; write a column and its value, as vehicle_speed_mps=10"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        column, _, number = value.partition("=")
-        try:
-            found = float(number)
-        except ValueError:
-            found = math.nan
-        if not column or not math.isfinite(found):
-            raise InputError(
-                f"{param.opts[0]} {value} is no condition; write a column and its value, as "
-                "vehicle_speed_mps=10."
-            )
-        return column, found
+    def read(self, text: str) -> tuple[str, float]:
+        column, _, number = text.partition("=")
+        if not column or not math.isfinite(float(number)):
+            raise ValueError
+        return column, float(number)
 
 
 def noise(command: Callable[..., None]) -> Callable[..., None]:

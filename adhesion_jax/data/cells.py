@@ -11,24 +11,8 @@ import pyarrow.compute
 
 #: Spellings of a missing number; any other cell that is no number counts as text.
 MISSING = (
-    "",
-    "-",
-    "--",
-    "NA",
-    "N/A",
-    "n/a",
-    "na",
-    "NaN",
-    "nan",
-    "NAN",
-    "NaT",
-    "None",
-    "none",
-    "null",
-    "NULL",
-    "<NA>",
-    "#NV",
-    "#N/A",
+    *("", "-", "--", "NA", "N/A", "n/a", "na", "NaN", "nan", "NAN", "NaT", "None", "none", "null"),
+    *("NULL", "<NA>", "#NV", "#N/A"),
 )
 
 #: Numbers that can be read in one way only if the mark is a comma, or a point: not 1,234, which
