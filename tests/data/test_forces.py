@@ -1,5 +1,7 @@
 """Force of the motor torque, and inertia of the wheelset: against the motion of a wheelset."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -141,7 +143,7 @@ def test_the_torque_of_the_motor_becomes_the_force_of_the_axle(sign, efficiency)
 def test_a_torque_with_inertia_is_that_of_the_equation_of_motion():
     table, adhesion = event()
     table["motor_torque_Nm"] = table.pop("axle_force_N") * RADIUS / RATIO
-    found = to_measured("log", table, known=KNOWN._replace(gear_ratio=RATIO)).table
+    found = to_measured("log", table, known=replace(KNOWN, gear_ratio=RATIO)).table
     assert (found["adhesion"] - adhesion)[1:-1].abs().max() < 0.001
 
 
