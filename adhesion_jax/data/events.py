@@ -348,10 +348,11 @@ def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
     count, rows = len(events.table), int(events.table["rows"].sum())
     braking = int((events.table["mode"] == "braking").sum())
     seconds = log.time[-1] - log.time[0]
+    lasted = f"{seconds / 3600:.2g} h" if seconds >= 5400 else f"{seconds / 60:.2g} min"
     sides = f" ({count - braking} in traction, {braking} in braking)" if braking else ""
     return (
         f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
-        f"({_duration(seconds)}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
+        f"({lasted}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
         f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event "
         f"begins where the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s "
         f"before and after it belong to it."
@@ -384,7 +385,3 @@ def _no_event(measured: Measured, log: _Averaged, noise: SlipNoise) -> str:
 
 def _short(measured: Measured) -> str:
     return Path(measured.name).name
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds / 3600:.2g} h" if seconds >= 5400 else f"{seconds / 60:.2g} min"

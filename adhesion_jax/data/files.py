@@ -143,6 +143,9 @@ def _parquet(path: Path) -> Sheet:
         first.validate(full=True)
         stamps = {name: _form(first.column(column)) for name, column in written.items()}
 
+    def decoded(cells: pyarrow.Array) -> pyarrow.Array:
+        return cells.dictionary_decode() if pyarrow.types.is_dictionary(cells.type) else cells
+
     def blocks() -> Iterator[tuple[Block, float]]:
         done = 0
         with _whole_parquet(path):
@@ -150,7 +153,7 @@ def _parquet(path: Path) -> Sheet:
                 batch.validate(full=True)
                 done += batch.num_rows
                 yield (
-                    {name: _plain(batch.column(column)) for name, column in written.items()},
+                    {name: decoded(batch.column(column)) for name, column in written.items()},
                     done / max(file.metadata.num_rows, 1),
                 )
 
@@ -163,11 +166,6 @@ def _whole_parquet(path: Path) -> Iterator[None]:
         yield
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError):
         raise InputError(f"{path} is not a whole parquet file; write it anew.") from None
-
-
-def _plain(cells: pyarrow.Array) -> pyarrow.Array:
-    """The cells themselves in place of a dictionary of them."""
-    return cells.dictionary_decode() if pyarrow.types.is_dictionary(cells.type) else cells
 
 
 def _text(path: Path, opened: _Opened) -> Sheet:

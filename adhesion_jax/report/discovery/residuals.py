@@ -62,7 +62,8 @@ def residual_panels(findings: Findings) -> Figure | None:
         for when in ("before", "after"):
             means = _binned(place, left[when], points["run"])
             reach = max(reach, _draw(axis, means, when))
-        axis.set_xlabel(label_text(_label(findings, name), 40))
+        label = column_label(findings.slip if name == "slip" else name)
+        axis.set_xlabel(label_text(label, 40))
         if ticks is not None:
             axis.set_xticks(np.arange(len(ticks)), [label_text(tick, 10) for tick in ticks])
             axis.set_xlim(-0.5, len(ticks) - 0.5)
@@ -80,10 +81,6 @@ def residual_panels(findings: Findings) -> Figure | None:
         axis.set_ylabel("measured less law (1)")
     one_legend(figure, axes[:1])
     return figure
-
-
-def _label(findings: Findings, name: str) -> str:
-    return column_label(findings.slip) if name == "slip" else column_label(name)
 
 
 def _places(column: pd.Series) -> tuple[pd.Series, list[str] | None]:
