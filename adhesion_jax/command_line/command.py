@@ -154,13 +154,22 @@ class Cluster(click.ParamType):
         return value
 
 
-def examples(*lines: str) -> str:
-    """What stands under the help of a command, whose name the lines begin with."""
-    return "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in lines)
+def command(
+    *examples: str, cls: type[click.Command] = Recorded
+) -> Callable[[Callable[..., None]], click.Command]:
+    """A decorator that makes a command, whose name the examples under its help begin with."""
+    epilog = "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in examples)
+    return click.command(cls=cls, epilog=epilog, context_settings={"show_default": True})
 
 
-def with_processes(command: Callable[..., None]) -> Callable[..., None]:
-    """A decorator that gives a command the arguments `workers`, `cluster` and `shared_folder`."""
+def out_folder(name: str, files: str = "") -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator that gives a command the folder `out`, by default of this name, for its files."""
+    words = f"Folder for {files}." if files else None
+    return click.option("--out", type=Folder(), default=Path("out", name), help=words)
+
+
+def in_shards(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command what is asked of a job in shards, and where it computes."""
     shared = click.option(
         "--shared-folder",
         is_flag=True,
@@ -176,7 +185,16 @@ def with_processes(command: Callable[..., None]) -> Callable[..., None]:
         type=click.IntRange(min=1),
         help="Processes (one for each core); the results do not depend on their number.",
     )
-    return workers(cluster(shared(command)))
+    extend = click.option(
+        "--extend",
+        type=click.IntRange(min=0),
+        default=0,
+        help="Number of runs to add to the job in the folder.",
+    )
+    resume = click.option(
+        "--resume", is_flag=True, help="Compute what an interrupted job left over."
+    )
+    return resume(extend(workers(cluster(shared(command)))))
 
 
 class File(click.ParamType):

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.command import SEED, Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
@@ -31,13 +31,10 @@ class Plantable(Names):
         return Names((*self.names, *names), self.kind).convert(value, param, ctx)
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "discover roller-rig",
-        "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
-        "discover --simulate humidity,patch",
-    ),
+@command(
+    "discover roller-rig",
+    "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
+    "discover --simulate humidity,patch",
 )
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
@@ -55,9 +52,8 @@ class Plantable(Names):
     default="auto",
     help=f"Base curves to choose from: auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME, divided "
     "by commas.",
-    show_default=True,
 )
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0)
 @click.option(
     "--effects",
     type=Names((), "effect"),
@@ -78,13 +74,7 @@ class Plantable(Names):
     is_flag=True,
     help="Where boosted trees predict what the law leaves, predict --test with them as well.",
 )
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/discover"),
-    help="Folder for report.html, report.md, report.json, law.json and figures.",
-    show_default=True,
-)
+@out_folder("discover", "report.html, report.md, report.json, law.json and figures")
 @listing(data=KNOWN.data, curves=KNOWN.curves, effects=KNOWN.effects)
 def main(
     train: tuple[str, ...],

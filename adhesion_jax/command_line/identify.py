@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.command import Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
@@ -16,13 +16,10 @@ from adhesion_jax.command_line.record import columns_of, record
 KNOWN = catalogue()
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "identify eurosprinter",
-        'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
-        "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
-    ),
+@command(
+    "identify eurosprinter",
+    'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
+    "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
 )
 @click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
 @reading
@@ -31,7 +28,6 @@ KNOWN = catalogue()
     type=Names((*KNOWN.curves, "all"), "curve"),
     default="all",
     help=f"Some of {', '.join(KNOWN.curves)}, FILE.py:NAME, or all, divided by commas.",
-    show_default=True,
 )
 @slip_events
 @click.option(
@@ -41,13 +37,10 @@ KNOWN = catalogue()
     "that predicts best.",
 )
 @slip_noise
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/identify"),
-    help="Folder for report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, "
-    "of a log events.png, and with --by runs.csv and runs.png.",
-    show_default=True,
+@out_folder(
+    "identify",
+    "report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, of a log "
+    "events.png, and with --by runs.csv and runs.png",
 )
 @listing(data=KNOWN.data, curves=KNOWN.curves)
 def main(

@@ -10,15 +10,15 @@ import click
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
 from adhesion_jax.command_line.command import (
     SEED,
-    Folder,
     Name,
     Names,
     Recorded,
     begin,
-    examples,
+    command,
+    in_shards,
     number_in,
+    out_folder,
     start,
-    with_processes,
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
@@ -101,12 +101,10 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     return one.kind
 
 
-@click.command(
+@command(
+    "montecarlo --scenario single --rail common --runs 200",
+    "montecarlo --scenario qian2024-switch --identifiers riv,mine.py:Mine",
     cls=WithScenario,
-    epilog=examples(
-        "montecarlo --scenario single --rail common --runs 200",
-        "montecarlo --scenario qian2024-switch --identifiers riv,mine.py:Mine",
-    ),
 )
 @click.option(
     "--scenario",
@@ -119,24 +117,16 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     help="Names, or FILE.py:NAME, divided by commas; by default all that fit.",
 )
 @scenario_options(KNOWN.scenarios)
-@click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/montecarlo"), show_default=True)
+@click.option("--runs", type=click.IntRange(min=1), default=1000)
+@click.option("--seed", type=SEED, default=0)
+@out_folder("montecarlo")
 @click.option(
     "--keep",
     type=Name(("checkpoints", "all")),
     default="checkpoints",
-    show_default=True,
     help="The blocks whose estimates runs.parquet has: those around a switch and the last, or all.",
 )
-@click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
-@click.option(
-    "--extend",
-    type=click.IntRange(min=0),
-    default=0,
-    help="Number of runs to add to the job in the folder.",
-)
-@with_processes
+@in_shards
 @listing(
     scenarios={name: scenario.words for name, scenario in KNOWN.scenarios.items()},
     identifiers={

@@ -13,13 +13,12 @@ from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import (
     SEED,
     File,
-    Folder,
     Name,
     Names,
-    Recorded,
     begin,
-    examples,
+    command,
     number_in,
+    out_folder,
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
@@ -122,13 +121,10 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "plan --rail common --want 1%",
-        "plan --curves out/identify/curves.csv",
-        'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
-    ),
+@command(
+    "plan --rail common --want 1%",
+    "plan --curves out/identify/curves.csv",
+    'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
 )
 @click.argument("log", type=Log(KNOWN.data), required=False)
 @reading
@@ -173,14 +169,8 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     type=click.IntRange(100, 10**6),
     help="Simulate six cells of the plan, each with this number of measurements.",
 )
-@click.option("--seed", type=SEED, default=0, help="Of --check.", show_default=True)
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/plan"),
-    help="Folder for plan.csv, plan.png and plan.txt.",
-    show_default=True,
-)
+@click.option("--seed", type=SEED, default=0, help="Of --check.")
+@out_folder("plan", "plan.csv, plan.png and plan.txt")
 @listing(data=KNOWN.data, rails=KNOWN.rails, curves=KNOWN.curves)
 def main(
     log: str | None,

@@ -7,14 +7,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import (
-    FiniteRange,
-    Folder,
-    Names,
-    Recorded,
-    begin,
-    examples,
-)
+from adhesion_jax.command_line.command import FiniteRange, Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading
@@ -26,12 +19,9 @@ KNOWN = catalogue()
 _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "track eurosprinter",
-        'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
-    ),
+@command(
+    "track eurosprinter",
+    'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
 )
 @click.argument("log", type=Log(KNOWN.data))
 @reading
@@ -53,13 +43,7 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     help="Use the slip events of the log alone, or all samples; by default the events are cut out "
     "of a log that hardly slips.",
 )
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/track"),
-    help="Folder for track.csv, track.png and track.txt.",
-    show_default=True,
-)
+@out_folder("track", "track.csv, track.png and track.txt")
 @listing(data=KNOWN.data, identifiers=_ONLINE)
 def main(
     log: str,

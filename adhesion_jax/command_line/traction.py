@@ -10,12 +10,11 @@ from adhesion_jax.command_line.command import (
     SEED,
     File,
     FiniteRange,
-    Folder,
     Name,
-    Recorded,
     begin,
-    examples,
-    with_processes,
+    command,
+    in_shards,
+    out_folder,
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
@@ -23,12 +22,9 @@ from adhesion_jax.command_line.record import record
 KNOWN = catalogue()
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "traction --system hxd1f",
-        "traction --system fang2018 --runs 0 --controller rate-feedback --out out/eq8",
-    ),
+@command(
+    "traction --system hxd1f",
+    "traction --system fang2018 --runs 0 --controller rate-feedback --out out/eq8",
 )
 @click.option(
     "--system", type=Name(KNOWN.systems), required=True, help=f"{', '.join(KNOWN.systems)}."
@@ -53,19 +49,12 @@ KNOWN = catalogue()
     type=Name(KNOWN.controllers, "controller"),
     help=f"Instead of the paper's: {', '.join(KNOWN.controllers)}, FILE.py:NAME.",
 )
-@click.option("--runs", type=click.IntRange(min=0), default=32, show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--runs", type=click.IntRange(min=0), default=32)
+@click.option("--seed", type=SEED, default=0)
 @click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
 @click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
-@with_processes
-@click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
-@click.option(
-    "--extend",
-    type=click.IntRange(min=0),
-    default=0,
-    help="Number of runs with noise to add to the job in the folder.",
-)
-@click.option("--out", type=Folder(), default=Path("out/traction"), show_default=True)
+@in_shards
+@out_folder("traction")
 @listing(
     systems=KNOWN.systems,
     plants=KNOWN.plants,

@@ -98,15 +98,6 @@ def sheet_of_file(path: Path) -> Sheet:
         raise InputError(f"{path} cannot be read ({error.strerror}); {WANTED}.") from None
 
 
-def read_table(path: Path) -> pd.DataFrame:
-    """All cells of a file as they are written; its index holds the row numbers of the file."""
-    sheet = sheet_of_file(path)
-    empty = {name: pyarrow.array([], pyarrow.string()) for name in sheet.columns}
-    blocks = [pyarrow.table(block) for block, _ in sheet.blocks()] or [pyarrow.table(empty)]
-    cells = pyarrow.concat_tables(blocks).to_pandas()
-    return cells.set_axis(range(sheet.first_row, sheet.first_row + len(cells)))
-
-
 def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
     """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
     names = [tidy(str(column)) for column in frame.columns]

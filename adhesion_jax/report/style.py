@@ -86,10 +86,11 @@ class Shown(Figure):
         return picture.getvalue()
 
 
-def panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Small multiples of one height, three in a row, with room below for a legend of one line.
+def panels(count: int, height: float, label: str) -> tuple[Figure, list[Axes]]:
+    """Small multiples of one height and one axis of this label, three in a row.
 
-    Their places are set in inches: a layout engine takes longer than to draw them.
+    There is room below for a legend of one line. Their places are set in inches: a layout engine
+    takes longer than to draw them.
     """
     columns = min(count, 3)
     lines = -(-count // columns)
@@ -105,6 +106,10 @@ def panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
         wspace=0.3 / wide,
         hspace=gap / height,
     )
+    for axis in axes[:count]:
+        light_frame(axis)
+    for axis in axes[:count:3]:
+        axis.set_ylabel(label)
     for axis in axes[count:]:
         axis.set_axis_off()
     return figure, axes[:count]

@@ -13,7 +13,6 @@ from adhesion_jax.report.style import (
     MARKS,
     POINT,
     label_text,
-    light_frame,
     one_legend,
     panels,
     root_axis,
@@ -41,7 +40,7 @@ def residual_panels(findings: Findings) -> Figure | None:
     names, _ = residual_columns(findings)
     if not names:
         return None
-    figure, axes = panels(len(names), height=1.75)
+    figure, axes = panels(len(names), 1.75, "measured less law (1)")
     points = findings.points
     left = {when: points["adhesion"] - points[when] for when in ("before", "after")}
     reach = _REACH * float(np.sqrt(np.mean(left["before"] ** 2)))
@@ -73,12 +72,9 @@ def residual_panels(findings: Findings) -> Figure | None:
             axis.set_xlim(low, high)
         else:
             axis.xaxis.set_major_locator(MaxNLocator(4))
-        light_frame(axis)
     # An empty line, for the points are too small for a legend.
     axes[0].plot([], [], ".", color=POINT, markersize=6, label="points before")
     axes[0].set_ylim(-reach, reach)  # the panels share it
-    for axis in axes[::3]:
-        axis.set_ylabel("measured less law (1)")
     one_legend(figure, axes[:1])
     return figure
 
