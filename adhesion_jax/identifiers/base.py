@@ -11,12 +11,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import content_hash
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.records import Known, Record
 from adhesion_jax.runtime import require_double_precision
 
 S = TypeVar("S")
 
-Flag = bool | Bool[Array, ""]
+Flag = bool | Whether
 State = Any  # each identifier carries its own
 Seen = Any  # each reducer its own
 Carry = tuple[State, Seen]
@@ -117,13 +118,7 @@ class Reducer(Protocol):
     def init(self) -> Seen:
         """The state before the first step."""
 
-    def update(
-        self,
-        seen: Seen,
-        block: Int[Array, ""],
-        values: Mapping[str, Float[Array, ""]],
-        reset: Bool[Array, ""],
-    ) -> Seen:
+    def update(self, seen: Seen, block: Count, values: Mapping[str, Value], reset: Whether) -> Seen:
         """The state after one more step: its block, the values, and whether it brought a reset."""
 
 

@@ -4,7 +4,7 @@ from collections import OrderedDict
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status, as_arrays
@@ -15,6 +15,7 @@ from adhesion_jax.metrics.information import (
     quantity_covariance,
     quantity_names,
 )
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.records import Known, Record
 
@@ -24,11 +25,11 @@ class Fit(NamedTuple):
 
     parameters: Float[Array, " free"]
     covariance: Float[Array, "free free"]
-    objective: Float[Array, ""]  # sum of squared residuals over the record
-    evaluations: Int[Array, ""]
-    converged: Bool[Array, ""]
-    finite: Bool[Array, ""]
-    skipped: Int[Array, ""]  # points of the record left out because they are not finite
+    objective: Value  # sum of squared residuals over the record
+    evaluations: Count
+    converged: Whether
+    finite: Whether
+    skipped: Count  # points of the record left out because they are not finite
 
 
 class FitState(NamedTuple):
@@ -66,8 +67,8 @@ def evaluate(
     record: Record,
     previous: Fit,
     parameters: Float[Array, " free"],
-    evaluations: Int[Array, ""],
-    converged: Bool[Array, ""],
+    evaluations: Count,
+    converged: Whether,
 ) -> Fit:
     """`judge` with the objective and the information taken from the points."""
     curve = with_free_values(known.curve, parameters)
@@ -82,10 +83,10 @@ def judge(
     record: Record,
     previous: Fit,
     parameters: Float[Array, " free"],
-    objective: Float[Array, ""],
+    objective: Value,
     information: Float[Array, "free free"],
-    evaluations: Int[Array, ""],
-    converged: Bool[Array, ""],
+    evaluations: Count,
+    converged: Whether,
 ) -> Fit:
     """The fit of a record for parameters that minimise its sum of squares.
 
@@ -109,9 +110,7 @@ def judge(
     )
 
 
-def to_estimate(
-    known: Known, fit: Fit, forgetting: Float[Array, ""], reset: Bool[Array, ""]
-) -> Estimate:
+def to_estimate(known: Known, fit: Fit, forgetting: Value, reset: Whether) -> Estimate:
     """Values, their covariance and status."""
     curve = with_free_values(known.curve, fit.parameters)
     covariance = quantity_covariance(curve, fit.covariance, known)

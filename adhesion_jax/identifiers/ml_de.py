@@ -2,13 +2,13 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Flag
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
 from adhesion_jax.identifiers.curve_fit import FitState, OfLastRecord, evaluate, residual
 from adhesion_jax.optim import differential_evolution as de
+from adhesion_jax.optim.arrays import Value
 from adhesion_jax.optim.variable_projection import sum_of_squares
 from adhesion_jax.records import Known, Record
 
@@ -41,7 +41,7 @@ class DifferentialEvolutionMaximumLikelihood(OfLastRecord):
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)
 
-    def scale_factor(self, innovation: Float[Array, ""]) -> Float[Array, ""]:
+    def scale_factor(self, innovation: Value) -> Value:
         """F(k) for a mean absolute innovation |e|."""
         logistic = jax.nn.sigmoid(10 * innovation - 2)
         return jnp.maximum(self.scale_low + self.scale_gain * logistic, self.scale_least)

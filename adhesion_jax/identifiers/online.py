@@ -5,9 +5,10 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
 from adhesion_jax.identifiers.base import as_arrays
+from adhesion_jax.optim.arrays import Count, Value
 from adhesion_jax.records import Known, Record
 
 R = TypeVar("R")
@@ -22,9 +23,9 @@ class OnlineState(NamedTuple):
 
     known: Known
     recursion: Any  # the method's own
-    objective: Float[Array, ""]  # sum of squared residuals
-    samples: Int[Array, ""]  # number of samples not seen before
-    skipped: Int[Array, ""]  # number of these that were left out
+    objective: Value  # sum of squared residuals
+    samples: Count  # number of samples not seen before
+    skipped: Count  # number of these that were left out
 
 
 def begin(known: Known, recursion: R) -> OnlineState:
@@ -33,10 +34,7 @@ def begin(known: Known, recursion: R) -> OnlineState:
 
 
 def over_fresh_samples(
-    step: Step[R],
-    state: OnlineState,
-    record: Record,
-    conditions: Sequence[str] = (),
+    step: Step[R], state: OnlineState, record: Record, conditions: Sequence[str] = ()
 ) -> OnlineState:
     """The state after every point of the record that has not been seen before.
 
@@ -46,8 +44,8 @@ def over_fresh_samples(
     """
 
     def one_sample(
-        carry: tuple[R, Float[Array, ""]], sample: tuple[Array, ...]
-    ) -> tuple[tuple[R, Float[Array, ""]], None]:
+        carry: tuple[R, Value], sample: tuple[Array, ...]
+    ) -> tuple[tuple[R, Value], None]:
         (recursion, skipped), (fresh, *columns) = carry, sample
         # The sum of the columns is NaN or infinite as soon as one of them is.
         taken = fresh & jnp.isfinite(sum(columns[1:], columns[0]))

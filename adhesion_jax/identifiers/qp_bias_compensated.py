@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate
@@ -24,6 +24,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.records import Known
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
@@ -38,17 +39,17 @@ class NoiseSums(NamedTuple):
     """
 
     m: Symmetric
-    f1: Float[Array, ""]
-    squares: Float[Array, ""]
-    weights: Float[Array, ""]
+    f1: Value
+    squares: Value
+    weights: Value
 
 
 class CompensatedRecursion(NamedTuple):
     normal: Normal
     noise: NoiseSums
-    samples: Int[Array, ""]
+    samples: Count
     x: Vector
-    eta: Float[Array, ""]
+    eta: Value
 
 
 class BiasCompensatedProgram(OnlineKiencke):
@@ -79,9 +80,9 @@ class BiasCompensatedProgram(OnlineKiencke):
         self,
         known: Known,
         recursion: CompensatedRecursion,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
+        taken: Whether,
+        slip: Value,
+        adhesion: Value,
     ) -> CompensatedRecursion:
         sample, size = regression(known, slip, adhesion), powers(jnp.abs(slip))
         eta = forgetting(
@@ -112,7 +113,7 @@ class BiasCompensatedProgram(OnlineKiencke):
         return CompensatedRecursion(normal, noise, recursion.samples + taken, x, eta)
 
 
-def variance(normal: Normal, noise: NoiseSums) -> Float[Array, ""]:
+def variance(normal: Normal, noise: NoiseSums) -> Value:
     """Noise variance of the adhesion, at most a share of the least s^2 with det(H - s^2 M) = 0."""
     h, m = normal.h, noise.m
     curvature, spread = jnp.maximum(h.determinant(), 0.0), m.determinant()
@@ -124,7 +125,7 @@ def variance(normal: Normal, noise: NoiseSums) -> Float[Array, ""]:
     return jnp.minimum(noise.squares / jnp.maximum(noise.weights, 1.0), _MOST * least)
 
 
-def compensated(normal: Normal, noise: NoiseSums, s2: Float[Array, ""]) -> Normal:
+def compensated(normal: Normal, noise: NoiseSums, s2: Value) -> Normal:
     """The sums as they would be on average if the adhesion in the regressors were exact."""
     h, f = normal.h - s2 * noise.m, normal.f + s2 * Vector(noise.f1, noise.m.a)
     return normal._replace(h=h, f=f)

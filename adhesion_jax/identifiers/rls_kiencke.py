@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate
@@ -16,6 +16,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
 )
 from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
+from adhesion_jax.optim.arrays import Value, Whether
 from adhesion_jax.records import Known
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
@@ -28,7 +29,7 @@ class LeastSquaresRecursion(NamedTuple):
     x: Vector
     p: Symmetric
     g: Symmetric
-    eta: Float[Array, ""]
+    eta: Value
 
 
 class RecursiveLeastSquares(OnlineKiencke):
@@ -58,9 +59,9 @@ class RecursiveLeastSquares(OnlineKiencke):
         self,
         known: Known,
         recursion: LeastSquaresRecursion,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
+        taken: Whether,
+        slip: Value,
+        adhesion: Value,
     ) -> LeastSquaresRecursion:
         x, p, g, last = recursion
         u, z = regression(known, slip, adhesion)

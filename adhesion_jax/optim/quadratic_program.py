@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from adhesion_jax.optim.arrays import Whether
+
 Range = tuple[Array, Array]
 
 
@@ -54,7 +56,7 @@ def bounded_pair_seldom_on_edge(
 
 
 @jax.custom_batching.custom_vmap
-def _of_any(condition: Bool[Array, ""]) -> Bool[Array, ""]:
+def _of_any(condition: Whether) -> Whether:
     """The condition; in a batch, one for all: whether it holds for any of them."""
     return condition
 
