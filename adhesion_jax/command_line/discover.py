@@ -17,9 +17,9 @@ from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
-_RUNS = Log(KNOWN.data)
+_RUNS = Log(NAMES["data"])
 
 
 class Plantable(Names):
@@ -48,10 +48,10 @@ class Plantable(Names):
 )
 @click.option(
     "--curve",
-    type=Names((*KNOWN.curves, "auto"), "curve"),
+    type=Names((*NAMES["curves"], "auto"), "curve"),
     default="auto",
-    help=f"Base curves to choose from: auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME, divided "
-    "by commas.",
+    help=f"Base curves to choose from: auto, {', '.join(NAMES['curves'])}, or FILE.py:NAME, "
+    "divided by commas.",
 )
 @click.option("--seed", type=SEED, default=0)
 @click.option(
@@ -64,7 +64,7 @@ class Plantable(Names):
 @click.option(
     "--simulate",
     "planted",
-    type=Plantable((*KNOWN.effects, "none", ""), "effect"),
+    type=Plantable((*NAMES["effects"], "none", ""), "effect"),
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
@@ -75,7 +75,7 @@ class Plantable(Names):
     help="Where boosted trees predict what the law leaves, predict --test with them as well.",
 )
 @out_folder("discover", "report.html, report.md, report.json, law.json and figures")
-@listing(data=KNOWN.data, curves=KNOWN.curves, effects=KNOWN.effects)
+@listing(data=NAMES["data"], curves=NAMES["curves"], effects=NAMES["effects"])
 def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],

@@ -13,7 +13,7 @@ from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
 from adhesion_jax.command_line.record import columns_of, record
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
 
 @command(
@@ -21,13 +21,13 @@ KNOWN = catalogue()
     'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
     "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
 )
-@click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
+@click.argument("files", type=Log(NAMES["data"]), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
-    type=Names((*KNOWN.curves, "all"), "curve"),
+    type=Names((*NAMES["curves"], "all"), "curve"),
     default="all",
-    help=f"Some of {', '.join(KNOWN.curves)}, FILE.py:NAME, or all, divided by commas.",
+    help=f"Some of {', '.join(NAMES['curves'])}, FILE.py:NAME, or all, divided by commas.",
 )
 @slip_events
 @click.option(
@@ -42,7 +42,7 @@ KNOWN = catalogue()
     "report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, of a log "
     "events.png, and with --by runs.csv and runs.png",
 )
-@listing(data=KNOWN.data, curves=KNOWN.curves)
+@listing(data=NAMES["data"], curves=NAMES["curves"])
 def main(
     files: tuple[str, ...],
     curve: tuple[Any, ...],

@@ -27,6 +27,7 @@ from adhesion_jax.options import Declared, Options, check, check_accepted, decla
 from adhesion_jax.plugins import part, use
 
 KNOWN = catalogue()
+NAMES = KNOWN.names
 
 #: What is asked of the job; all other options are those of the scenario.
 _OF_JOB = (
@@ -89,7 +90,7 @@ class WithScenario(Recorded):
 def _type(name: str, one: Declared) -> click.ParamType | type:
     option = one.option
     if name == "rail":
-        return Name(KNOWN.rails)
+        return Name(NAMES["rails"])
     if option.is_file:
         return click.Path(path_type=Path)
     if one.kind is int:
@@ -109,11 +110,11 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
 @click.option(
     "--scenario",
     type=Name(KNOWN.scenarios, "scenario"),
-    help=f"What is identified (by default {' and '.join(KNOWN.main_job)}), or FILE.py:NAME.",
+    help=f"What is identified (by default {' and '.join(NAMES['main_job'])}), or FILE.py:NAME.",
 )
 @click.option(
     "--identifiers",
-    type=Names(KNOWN.identifiers, "identifier"),
+    type=Names(NAMES["identifiers"], "identifier"),
     help="Names, or FILE.py:NAME, divided by commas; by default all that fit.",
 )
 @scenario_options(KNOWN.scenarios)
@@ -130,9 +131,10 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
 @listing(
     scenarios={name: scenario.words for name, scenario in KNOWN.scenarios.items()},
     identifiers={
-        name: "(runs when named)" if name in KNOWN.ablations else "" for name in KNOWN.identifiers
+        **dict.fromkeys(NAMES["identifiers"], ""),
+        **dict.fromkeys(NAMES["ablations"], "(runs when named)"),
     },
-    rails=KNOWN.rails,
+    rails=NAMES["rails"],
 )
 def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
@@ -142,7 +144,7 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
         for name, value in asked.items()
     }
     for name in identifiers or ():
-        if scenario in KNOWN.refusals and name in KNOWN.identifiers:
+        if scenario in KNOWN.refusals and name in NAMES["identifiers"]:
             check_accepted(name, scenario, KNOWN.refusals[scenario].get(name))
     if scenario in KNOWN.scenarios:
         check(scenario, KNOWN.scenarios[scenario].options, Options(**options))

@@ -28,7 +28,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
 from adhesion_jax.wording import percent
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
 #: Largest number of values in a range.
 _MOST_VALUES = 50
@@ -126,10 +126,10 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     "plan --curves out/identify/curves.csv",
     'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
 )
-@click.argument("log", type=Log(KNOWN.data), required=False)
+@click.argument("log", type=Log(NAMES["data"]), required=False)
 @reading
 @slip_events
-@click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")
+@click.option("--rail", type=Name(NAMES["rails"]), help=f"{', '.join(NAMES['rails'])}.")
 @click.option(
     "--curves",
     type=File((), "name the curves.csv of adhesion identify"),
@@ -142,7 +142,7 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.option(
     "--curve",
-    type=Names(KNOWN.curves, "curve"),
+    type=Names(NAMES["curves"], "curve"),
     help="The curves of LOG or of --curves whose best is taken for the truth, FILE.py:NAME among "
     "them, divided by commas.",
 )
@@ -171,7 +171,7 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.option("--seed", type=SEED, default=0, help="Of --check.")
 @out_folder("plan", "plan.csv, plan.png and plan.txt")
-@listing(data=KNOWN.data, rails=KNOWN.rails, curves=KNOWN.curves)
+@listing(data=NAMES["data"], rails=NAMES["rails"], curves=NAMES["curves"])
 def main(
     log: str | None,
     rail: str | None,

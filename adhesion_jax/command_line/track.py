@@ -15,19 +15,20 @@ from adhesion_jax.command_line.record import columns_of, record
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
+NAMES = KNOWN.names
 
-_ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
+_ONLINE = [name for name in NAMES["identifiers"] if name not in KNOWN.not_following]
 
 
 @command(
     "track eurosprinter",
     'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
 )
-@click.argument("log", type=Log(KNOWN.data))
+@click.argument("log", type=Log(NAMES["data"]))
 @reading
 @click.option(
     "--identifiers",
-    type=Names(KNOWN.identifiers, "identifier"),
+    type=Names(NAMES["identifiers"], "identifier"),
     help=f"Some of {', '.join(_ONLINE)}, or FILE.py:NAME, divided by commas; by default riv, "
     "qp-qian2024-1 and rls-kiencke.",
 )
@@ -44,7 +45,7 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     "of a log that hardly slips.",
 )
 @out_folder("track", "track.csv, track.png and track.txt")
-@listing(data=KNOWN.data, identifiers=_ONLINE)
+@listing(data=NAMES["data"], identifiers=_ONLINE)
 def main(
     log: str,
     identifiers: tuple[Any, ...] | None,

@@ -19,7 +19,7 @@ from adhesion_jax.command_line.command import (
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
 
 @command(
@@ -27,27 +27,27 @@ KNOWN = catalogue()
     "traction --system fang2018 --runs 0 --controller rate-feedback --out out/eq8",
 )
 @click.option(
-    "--system", type=Name(KNOWN.systems), required=True, help=f"{', '.join(KNOWN.systems)}."
+    "--system", type=Name(NAMES["systems"]), required=True, help=f"{', '.join(NAMES['systems'])}."
 )
 @click.option(
     "--plant",
-    type=File(KNOWN.plants, f"name a TOML file or {', '.join(KNOWN.plants)}"),
-    help=f"A TOML file, or a plant that ships: {', '.join(KNOWN.plants)}.",
+    type=File(NAMES["plants"], f"name a TOML file or {', '.join(NAMES['plants'])}"),
+    help=f"A TOML file, or a plant that ships: {', '.join(NAMES['plants'])}.",
 )
 @click.option(
     "--observer",
-    type=Name(KNOWN.observers, "observer"),
-    help=f"Instead of the paper's: {', '.join(KNOWN.observers)}, FILE.py:NAME.",
+    type=Name(NAMES["observers"], "observer"),
+    help=f"Instead of the paper's: {', '.join(NAMES['observers'])}, FILE.py:NAME.",
 )
 @click.option(
     "--seeker",
-    type=Name(KNOWN.seekers, "seeker"),
-    help=f"Instead of the paper's: {', '.join(KNOWN.seekers)}, FILE.py:NAME.",
+    type=Name(NAMES["seekers"], "seeker"),
+    help=f"Instead of the paper's: {', '.join(NAMES['seekers'])}, FILE.py:NAME.",
 )
 @click.option(
     "--controller",
-    type=Name(KNOWN.controllers, "controller"),
-    help=f"Instead of the paper's: {', '.join(KNOWN.controllers)}, FILE.py:NAME.",
+    type=Name(NAMES["controllers"], "controller"),
+    help=f"Instead of the paper's: {', '.join(NAMES['controllers'])}, FILE.py:NAME.",
 )
 @click.option("--runs", type=click.IntRange(min=0), default=32)
 @click.option("--seed", type=SEED, default=0)
@@ -56,11 +56,11 @@ KNOWN = catalogue()
 @in_shards
 @out_folder("traction")
 @listing(
-    systems=KNOWN.systems,
-    plants=KNOWN.plants,
-    observers=KNOWN.observers,
-    seekers=KNOWN.seekers,
-    controllers=KNOWN.controllers,
+    systems=NAMES["systems"],
+    plants=NAMES["plants"],
+    observers=NAMES["observers"],
+    seekers=NAMES["seekers"],
+    controllers=NAMES["controllers"],
 )
 def main(
     system: str,
