@@ -18,7 +18,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
 from adhesion_jax.identifiers.online import OnlineState, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.arrays import Count, Value, Whether
-from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.optim.quadratic_program import Products, bounded_pair
 from adhesion_jax.records import Known, Record
 
 #: Number of latest samples that are kept. Until an estimate rests on this many it is fitted to all
@@ -301,7 +301,7 @@ def _solution(known: Known, sums: InstrumentSums) -> Vector:
     """The solution in the box, as if the sums were those of least squares."""
     h, f = sums.h, sums.f
     ranges = ((known.lower[i], known.upper[i]) for i in (0, 1))
-    return Vector(*bounded_pair(f.a, f.b, h.a, h.c, h.b, *ranges))
+    return Vector(*bounded_pair(Products(f.a, f.b, h.a, h.c, h.b), *ranges))
 
 
 def _inverse(sums: InstrumentSums) -> Symmetric:

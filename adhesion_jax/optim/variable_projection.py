@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial.chebyshev import chebvander
 
 from adhesion_jax.optim.arrays import Count, Value, Whether
-from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.optim.quadratic_program import Products, bounded_pair
 
 #: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13, which
 #: would take 54 terms in nu and 40 in its root.
@@ -211,7 +211,8 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
     series = (sums.y_phi, sums.phi_phi, sums.phi_psi)
 
     def linear_part(y_phi: Array, phi_phi: Array, phi_psi: Array) -> tuple[Array, Array]:
-        return bounded_pair(y_phi, sums.y_psi, phi_phi, sums.psi_psi, phi_psi, a_range, b_range)
+        products = Products(y_phi, sums.y_psi, phi_phi, sums.psi_psi, phi_psi)
+        return bounded_pair(products, a_range, b_range)
 
     on_grid = tuple(jnp.tensordot(jnp.asarray(_TO_GRID), c, 1) for c in series)
     profile = _expand(sums, *linear_part(*on_grid), *on_grid)
