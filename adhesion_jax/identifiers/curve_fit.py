@@ -17,6 +17,7 @@ from adhesion_jax.metrics.information import (
 )
 from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.optim.box import on_bound
+from adhesion_jax.optim.least_squares import Result
 from adhesion_jax.records import Known, Record
 
 
@@ -76,35 +77,29 @@ def evaluate(
         curve, record.slip, record.mask, record.conditions
     )
     objective = jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2)
-    return judge(record, previous, parameters, objective, information, evaluations, converged)
+    found = Result(parameters, objective, information, evaluations, evaluations, converged)
+    return judge(record, previous, found)
 
 
-def judge(
-    record: Record,
-    previous: Fit,
-    parameters: Float[Array, " free"],
-    objective: Value,
-    information: Float[Array, "free free"],
-    evaluations: Count,
-    converged: Whether,
-) -> Fit:
-    """The fit of a record for parameters that minimise its sum of squares.
+def judge(record: Record, previous: Fit, found: Result) -> Fit:
+    """The fit of a record for what minimises its sum of squares.
 
     Their covariance is the inverse information times the noise variance, which is estimated
     from the residual. A record that makes the sum of squares NaN or infinite is left out whole,
     and the previous parameters stay: if single points were masked out, every run of a batch would
     have its own mask, and quantities that runs of equal slips share would be computed in each.
     """
+    parameters, objective = found.x, found.objective
     finite = jnp.isfinite(objective) & jnp.all(jnp.isfinite(parameters))
     points = jnp.sum(record.mask, dtype=jnp.int32)
     variance = objective / jnp.maximum(points - parameters.size, 1)
-    covariance = variance * inverse_information(information)
+    covariance = variance * inverse_information(found.information)
     return Fit(
         jnp.where(finite, parameters, previous.parameters),
         jnp.where(finite, covariance, previous.covariance),
         objective,
-        evaluations.astype(jnp.int32),
-        converged & (points >= parameters.size),
+        found.evaluations.astype(jnp.int32),
+        found.converged & (points >= parameters.size),
         finite,
         jnp.where(finite, 0, points),
     )

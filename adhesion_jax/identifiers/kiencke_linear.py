@@ -19,7 +19,7 @@ from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
-from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, Sample, over_fresh_samples
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.arrays import Value, Whether
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
@@ -140,10 +140,8 @@ class OnlineKiencke(Identifier):
         return state._replace(objective=_objective(state.known, record, state.recursion.x))
 
     @abstractmethod
-    def step(
-        self, known: Known, recursion: Any, taken: Whether, slip: Value, adhesion: Value
-    ) -> Any:
-        """The recursion after one more sample, or as it was where this is not `taken`."""
+    def step(self, known: Known, recursion: Any, sample: Sample) -> Any:
+        """The recursion after one more sample, or as it was where this is not taken."""
 
 
 def _objective(known: Known, record: Record, x: Vector) -> Value:

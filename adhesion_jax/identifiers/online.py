@@ -8,14 +8,23 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from adhesion_jax.identifiers.base import as_arrays
-from adhesion_jax.optim.arrays import Count, Value
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.records import Known, Record
 
 R = TypeVar("R")
 
-#: (recursion, whether the sample is taken, slip, adhesion, conditions asked for) to the recursion
-#: after that sample.
-Step = Callable[..., R]
+
+class Sample(NamedTuple):
+    """What is measured at one moment; where it is not `taken`, all numbers are 0."""
+
+    taken: Whether
+    slip: Value
+    adhesion: Value
+    conditions: tuple[Value, ...]  # those asked for
+
+
+#: The recursion after a sample, from that before it.
+Step = Callable[[R, Sample], R]
 
 
 class OnlineState(NamedTuple):
@@ -49,7 +58,8 @@ def over_fresh_samples(
         (recursion, skipped), (fresh, *columns) = carry, sample
         # The sum of the columns is NaN or infinite as soon as one of them is.
         taken = fresh & jnp.isfinite(sum(columns[1:], columns[0]))
-        after = step(recursion, taken, *(jnp.where(taken, column, 0.0) for column in columns))
+        slip, adhesion, *others = (jnp.where(taken, column, 0.0) for column in columns)
+        after = step(recursion, Sample(taken, slip, adhesion, (*others,)))
         return (after, skipped + jnp.where(fresh & ~taken, 1.0, 0.0)), None
 
     asked_for = (record.conditions[name] for name in conditions)

@@ -22,9 +22,9 @@ from adhesion_jax.identifiers.kiencke_linear import (
     solve_in_box,
     start_of,
 )
-from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
-from adhesion_jax.optim.arrays import Count, Value, Whether
+from adhesion_jax.optim.arrays import Count, Value
 from adhesion_jax.records import Known
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
@@ -77,20 +77,16 @@ class BiasCompensatedProgram(OnlineKiencke):
         return online_estimate(state, covariance(clear), samples > 1, eta)
 
     def step(
-        self,
-        known: Known,
-        recursion: CompensatedRecursion,
-        taken: Whether,
-        slip: Value,
-        adhesion: Value,
+        self, known: Known, recursion: CompensatedRecursion, sample: Sample
     ) -> CompensatedRecursion:
-        sample, size = regression(known, slip, adhesion), powers(jnp.abs(slip))
+        taken, slip, adhesion, _ = sample
+        row, size = regression(known, slip, adhesion), powers(jnp.abs(slip))
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
         # With zeros for the sample, nothing changes as soon as nothing is forgotten.
         factor, one = jnp.where(taken, eta, 1.0), jnp.where(taken, 1.0, 0.0)
-        normal = discounted(recursion.normal, sample, factor, jnp.ones(()))
+        normal = discounted(recursion.normal, row, factor, jnp.ones(()))
         old = recursion.noise
         noise = NoiseSums(
             factor * old.m + square(size),
@@ -105,10 +101,10 @@ class BiasCompensatedProgram(OnlineKiencke):
             (solve_in_box(known, clear), eta),
             (recursion.x, recursion.eta),
         )
-        error, d = sample.z - sample.u.dot(x), 1 + size.dot(x)
+        error, d = row.z - row.u.dot(x), 1 + size.dot(x)
         noise = noise._replace(squares=noise.squares + (error / d) ** 2)
         # What the sample adds to the equation: U e + s^2 D [l, l^2] in place of U e alone.
-        score = error * sample.u + s2 * d * size
+        score = error * row.u + s2 * d * size
         normal = normal._replace(g=normal.g + square(score))
         return CompensatedRecursion(normal, noise, recursion.samples + taken, x, eta)
 

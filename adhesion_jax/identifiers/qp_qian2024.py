@@ -22,7 +22,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     start_of,
     with_residual,
 )
-from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
 from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.records import Known
@@ -70,15 +70,9 @@ class QuadraticProgram(OnlineKiencke):
             state, covariance(recursion.normal), recursion.samples > 1, recursion.eta
         )
 
-    def step(
-        self,
-        known: Known,
-        recursion: ProgramRecursion,
-        taken: Whether,
-        slip: Value,
-        adhesion: Value,
-    ) -> ProgramRecursion:
-        sample = regression(known, slip, adhesion)
+    def step(self, known: Known, recursion: ProgramRecursion, sample: Sample) -> ProgramRecursion:
+        taken, slip, adhesion, _ = sample
+        row = regression(known, slip, adhesion)
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
@@ -86,7 +80,7 @@ class QuadraticProgram(OnlineKiencke):
         past = (old.h, *recursion.history)
 
         def redistributed() -> tuple[Value, History]:
-            calm = _calm(sample.u, past, self.low, self.high) & (recursion.samples >= len(past))
+            calm = _calm(row.u, past, self.low, self.high) & (recursion.samples >= len(past))
             shifted = jax.tree.map(partial(jnp.where, taken), past[:-1], recursion.history)
             return jnp.where(calm, self.eta_most, eta), shifted
 
@@ -97,13 +91,13 @@ class QuadraticProgram(OnlineKiencke):
         # With zeros for the sample, nothing changes as soon as nothing is forgotten.
         factor = jnp.where(taken, eta, 1.0)
         weight = jnp.where(self.weight_falls, (2 - eta) / 2, 1.0)
-        normal = discounted(old, sample, factor, weight)
+        normal = discounted(old, row, factor, weight)
         x, eta = jax.tree.map(
             partial(jnp.where, taken),
             (solve_in_box(known, normal), eta),
             (recursion.x, recursion.eta),
         )
-        normal = with_residual(normal, sample, weight, x)
+        normal = with_residual(normal, row, weight, x)
         return ProgramRecursion(normal, history, recursion.samples + taken, x, eta)
 
 

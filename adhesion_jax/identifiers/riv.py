@@ -15,7 +15,7 @@ from adhesion_jax.identifiers.kiencke_linear import (
     regression,
     start_of,
 )
-from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair
@@ -130,13 +130,9 @@ class RefinedInstruments(OnlineKiencke):
         return online_estimate(state, _covariance(sums), sums.number > 2, jnp.ones(()), reset)
 
     def step(
-        self,
-        known: Known,
-        recursion: InstrumentsRecursion,
-        taken: Whether,
-        slip: Value,
-        adhesion: Value,
+        self, known: Known, recursion: InstrumentsRecursion, sample: Sample
     ) -> InstrumentsRecursion:
+        taken, slip, adhesion, _ = sample
         size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
         last = recursion.kept
         repeats = (size == last.size[0]) & (adhesion == last.adhesion[0])

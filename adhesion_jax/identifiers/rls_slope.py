@@ -9,8 +9,8 @@ from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
-from adhesion_jax.identifiers.online import OnlineState, begin, over_fresh_samples
-from adhesion_jax.optim.arrays import Value, Whether
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
+from adhesion_jax.optim.arrays import Value
 from adhesion_jax.optim.recursive_slope import slope_step
 from adhesion_jax.records import Known, Record
 
@@ -94,15 +94,8 @@ class RecursiveSlope(Identifier):
             state.skipped,
         )
 
-    def _step(
-        self,
-        state: SlopeRecursion,
-        taken: Whether,
-        slip: Value,
-        adhesion: Value,
-        slip_velocity: Value,
-        time: Value,
-    ) -> SlopeRecursion:
+    def _step(self, state: SlopeRecursion, sample: Sample) -> SlopeRecursion:
+        taken, _, adhesion, (slip_velocity, time) = sample
         first = jnp.isnan(state.time)
         span = jnp.where(first, 1.0, time - state.time)
         share = -jnp.expm1(-span / self.time_constant)
