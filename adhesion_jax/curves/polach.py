@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
@@ -55,10 +54,6 @@ class Polach(Curve):
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         return [(1.1 * top, stiffness) for stiffness in (30.0, 100.0, 400.0)]
 
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(mu0=level, stiffness=generator.uniform(80.0, 200.0))
-
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return saturation(slip, self.mu0, self.stiffness, 1.0, 1.0)
 
@@ -89,13 +84,6 @@ class _Falling(Curve):
         """Stiff and soft rises, with little and much reduction in the area of slip."""
         rises = [(stiffness, k_s) for stiffness in (40.0, 150.0) for k_s in (0.3, 0.9)]
         return [(1.4 * top, 0.5, 0.5, stiffness, k_s) for stiffness, k_s in rises]
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        draw = generator.uniform
-        share, decay = draw(0.35, 0.65), draw(0.2, 0.6)
-        stiffness, k_s = draw(80.0, 200.0), draw(0.25, 0.6)
-        return cls(mu0=1.2 * level, a=share, b=decay, stiffness=stiffness, k_s=k_s)
 
     def left(self, slip: Signal, conditions: Conditions) -> Signal:
         """The share of friction that is left."""

@@ -12,7 +12,7 @@ import pandas as pd
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from adhesion_jax.curves import CURVES, Curve
+from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.simulation.base import conditions_of, misfit, on_runs, rms
@@ -20,6 +20,7 @@ from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.planting import Bend, CleanRuns, Form, OpenEffect, Planted
 from adhesion_jax.simulation.runs import (
     BASE_CURVES,
+    DRAWN,
     Runs,
     draw_curve,
     draw_runs,
@@ -156,7 +157,7 @@ def _check(
 ) -> None:
     for what, asked, known in (
         ("way to plant", effects, PLANTABLE),
-        ("base curve", (base,), ("auto", *CURVES)),
+        ("base curve", (base,), ("auto", *DRAWN)),
     ):
         _known(what, asked, known)
     if len(set(effects)) < len(effects):

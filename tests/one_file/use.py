@@ -10,6 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from adhesion_jax.curves.hyperbolic import Hyperbolic  # of the copy alone
 
 import adhesion_jax
 from adhesion_jax.campaign.config import Config
@@ -22,6 +23,7 @@ from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.scenarios import Options
 from adhesion_jax.simulation.planting import CleanRuns, OpenEffect
+from adhesion_jax.simulation.runs import DRAWN
 from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, simulate
 from experiments.discovery_study.judging import judged
 from experiments.discovery_study.otherwise import by_factor
@@ -45,6 +47,7 @@ def parameters_of(campaign: SimulatedSet) -> tuple[float, ...]:
 
 
 # A new effect planted on a new curve, by both of its formulas.
+DRAWN["hyperbolic"] = lambda level, _, draw: Hyperbolic(level, draw(30.0, 80.0), level)
 quiet = SetNoise(1e-9, 0.0, 0.0)
 
 

@@ -13,7 +13,7 @@ from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import with_effects
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.runs import BASE_CURVES
+from adhesion_jax.simulation.runs import BASE_CURVES, DRAWN
 from adhesion_jax.simulation.simulator import (
     TABLE_COLUMNS,
     SetNoise,
@@ -90,6 +90,18 @@ def test_tables_have_the_columns_the_runs_and_sane_values(operational):
 
 def test_base_families_take_turns():
     assert [simulate(seed=seed).base for seed in range(4)] == [*BASE_CURVES]
+
+
+@pytest.mark.parametrize("family", BASE_CURVES)
+def test_a_random_curve_has_about_the_level_and_the_peak_asked_for(family):
+    curve = DRAWN[family](0.3, 0.03, np.random.default_rng(4).uniform)
+    slips = np.linspace(0.0, 0.5, 5001)
+    speed = {"vehicle_speed_mps": jnp.full(slips.size, 15.0)}
+    along = np.asarray(curve(jnp.asarray(slips), speed))
+    assert 0.7 * 0.3 < along.max() < 1.3 * 0.3
+    if family == "kiencke":  # the others have their peak where it falls
+        assert along.max() == pytest.approx(0.3, rel=1e-6)
+        assert slips[along.argmax()] == pytest.approx(0.03, abs=1e-4)
 
 
 @pytest.mark.parametrize("family", BASE_CURVES)
