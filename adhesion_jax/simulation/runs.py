@@ -104,11 +104,6 @@ def draw_runs(runs: int, points: int, operational: bool, generator: np.random.Ge
     return Runs(slip, columns)
 
 
-def measured_speed(speed: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """The measured vehicle speed, with noise of a thousandth."""
-    return speed * (1 + 1e-3 * generator.standard_normal(speed.shape))
-
-
 def _speed(clock: np.ndarray, runs: int, generator: np.random.Generator) -> np.ndarray:
     mean = generator.uniform(7.0, 23.0, (runs, 1))
     swing = generator.uniform(-0.25, 0.25, (runs, 1)) * mean
