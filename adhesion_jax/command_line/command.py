@@ -5,6 +5,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,15 @@ import click
 from click.shell_completion import CompletionItem
 
 from adhesion_jax.errors import InputError, WorkerError, cannot_write
-from adhesion_jax.options import Option
-from adhesion_jax.plugins import Part, part, use
+from adhesion_jax.options import MOST_RUNS, Option
+from adhesion_jax.plugins import Part, part, use, worded
 from adhesion_jax.wording import listed
 
 #: Where a click context holds the arguments of a recorded command, as they were given.
 ARGUMENTS = f"{__name__}.arguments"
+
+#: Most folders within each other that results may lie in.
+_DEEPEST = 200
 
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
@@ -27,10 +31,11 @@ SEED = click.IntRange(min=0, max=2**32 - 1)
 def run(command: click.Command) -> None:
     """Run a command to the end of the process: status 0, or one sentence and status 2.
 
-    Status 1 where the machine failed: a worker process that died.
+    That is also for an error that a part of the user's own led to. Status 1 where the machine
+    failed: a worker process that died.
     """
     try:
-        command.main(standalone_mode=False)
+        worded(partial(command.main, standalone_mode=False))
     except click.Abort:
         sys.exit(130)
     except click.ClickException as error:
@@ -56,10 +61,19 @@ def start() -> None:
 
 
 class Recorded(click.Command):
-    """A command whose arguments are recorded beside its results."""
+    """A command whose arguments are recorded beside its results.
+
+    An option that takes one value is given once: of two click would take the last in silence.
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[ARGUMENTS] = list(args)
+        if not ctx.resilient_parsing:
+            _, _, given = self.make_parser(ctx).parse_args(list(args))
+            for one in given:
+                if given.count(one) > 1 and isinstance(one, click.Option) and not one.multiple:
+                    commas = "; divide its values by commas" if isinstance(one.type, Names) else ""
+                    raise InputError(f"{one.opts[0]} is given more than once{commas}.")
         return super().parse_args(ctx, args)
 
 
@@ -117,6 +131,8 @@ class Folder(click.Path):
         except (OSError, ValueError) as error:  # a name that is too long, or holds a zero
             known = isinstance(error, (FileNotFoundError, NotADirectoryError, PermissionError))
             reason = "" if known else getattr(error, "strerror", None) or "it is no name of a file"
+        if len(path.parts) > _DEEPEST:
+            reason = "it lies too deep"
         if not reason:
             there = next(place for place in (path, *path.absolute().parents) if _exists(place))
             if not there.is_dir() or not os.access(there, os.W_OK):
@@ -187,7 +203,7 @@ def in_shards(command: Callable[..., None]) -> Callable[..., None]:
     )
     extend = click.option(
         "--extend",
-        type=click.IntRange(min=0),
+        type=click.IntRange(0, MOST_RUNS),
         default=0,
         help="Number of runs to add to the job in the folder.",
     )

@@ -13,7 +13,7 @@ from adhesion_jax.command_line.command import SEED, Names, begin, command, out_f
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
@@ -28,7 +28,10 @@ class Plantable(Names):
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         own = ctx.params.get("effects")
         names = [part.name for part in own] if isinstance(own, tuple) else []
-        return Names((*self.names, *names), self.kind).convert(value, param, ctx)
+        asked = Names((*self.names, *names), self.kind).convert(value, param, ctx)
+        if "none" in asked and len(asked) > 1:
+            raise InputError(f"--simulate {value} has none beside others; name one of both.")
+        return asked
 
 
 @command(
@@ -64,7 +67,7 @@ class Plantable(Names):
 @click.option(
     "--simulate",
     "planted",
-    type=Plantable((*NAMES["effects"], "none", ""), "effect"),
+    type=Plantable((*NAMES["effects"], "none"), "effect"),
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
@@ -109,10 +112,11 @@ def main(
     from adhesion_jax.data.runs import matching, to_runs
     from adhesion_jax.files import output_directory
     from adhesion_jax.library.discover import discover_in, sources_of
+    from adhesion_jax.library.results import columns_of
     from adhesion_jax.simulation.simulator import simulate, write_set
 
     if planted is not None:
-        names = tuple(name for name in planted if name not in ("", "none"))
+        names = tuple(name for name in planted if name != "none")
         write_set(output_directory(out), simulate(names, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
     measured = read(train, columns, known, for_search=True)
@@ -134,10 +138,9 @@ def main(
         # Events alone are drawn in the end: the rows of other logs are held by the runs.
         del judging
         logs = [log for log in logs if log.events is not None]
-        found = discover_in(
-            runs, test, logs, sources, curves, seed, slip_noise, correct, progress, out
-        )
-    record(out, understood)
+        asked = curves, seed, slip_noise, correct, progress, out
+        found = discover_in(runs, test, logs, sources, understood, *asked)
+    record(out)
     click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())

@@ -11,7 +11,7 @@ from adhesion_jax.command_line.command import Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 
 NAMES = catalogue().names
 
@@ -73,11 +73,11 @@ def main(
         check_curve(as_one(measured))
         return
     # Nothing holds the log while the curves are fitted to its events.
-    logs, understood = events_of(measured, events), columns_of(measured)
+    logs = events_of(measured, events)
     del measured
     curves = None if "all" in names else names
     citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
         found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
-    record(out, understood)
+    record(out)
     click.echo(f"{found}\n\nWritten to {out}")

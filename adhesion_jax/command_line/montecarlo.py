@@ -23,7 +23,7 @@ from adhesion_jax.command_line.command import (
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import Declared, Options, check, check_accepted, declared
+from adhesion_jax.options import MOST_RUNS, Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
 
 KNOWN = catalogue()
@@ -118,7 +118,7 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     help="Names, or FILE.py:NAME, divided by commas; by default all that fit.",
 )
 @scenario_options(KNOWN.scenarios)
-@click.option("--runs", type=click.IntRange(min=1), default=1000)
+@click.option("--runs", type=click.IntRange(1, MOST_RUNS), default=1000)
 @click.option("--seed", type=SEED, default=0)
 @out_folder("montecarlo")
 @click.option(

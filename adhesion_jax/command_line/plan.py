@@ -23,7 +23,7 @@ from adhesion_jax.command_line.command import (
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
 from adhesion_jax.wording import percent
@@ -210,6 +210,7 @@ def main(
     from adhesion_jax.library.identify import identify_chosen
     from adhesion_jax.library.plan import PLAN_FILES, plan
     from adhesion_jax.library.reading import citation_of
+    from adhesion_jax.library.results import columns_of
     from adhesion_jax.measured.saved import load_curve
     from adhesion_jax.planning.check import check_plan
     from adhesion_jax.report.plan.words import checked

@@ -11,7 +11,7 @@ from adhesion_jax.command_line.command import FiniteRange, Names, begin, command
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -80,8 +80,8 @@ def main(
             names or METHODS,
             initial_slope,
             events=events,
-            report=lambda done, total: progress("following", done / total),
+            progress=progress,
             out=out,
         )
-    record(out, columns_of([measured]))
+    record(out)
     click.echo(f"{found}\n\nWritten to {out}")

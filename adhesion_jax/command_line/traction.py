@@ -18,6 +18,7 @@ from adhesion_jax.command_line.command import (
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
+from adhesion_jax.options import MOST_RUNS
 
 NAMES = catalogue().names
 
@@ -49,7 +50,7 @@ NAMES = catalogue().names
     type=Name(NAMES["controllers"], "controller"),
     help=f"Instead of the paper's: {', '.join(NAMES['controllers'])}, FILE.py:NAME.",
 )
-@click.option("--runs", type=click.IntRange(min=0), default=32)
+@click.option("--runs", type=click.IntRange(0, MOST_RUNS), default=32)
 @click.option("--seed", type=SEED, default=0)
 @click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
 @click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")

@@ -71,9 +71,11 @@ class Law(eqx.Module):
 class Curve(Law):
     """A law whose fields are its parameters.
 
-    PARAMETERS describes every field; `free` names those that are identified, the others are
-    known. NEEDS names the conditions without which the curve cannot be evaluated. AUTOMATIC says
-    whether a discovery considers the curve in its own choice.
+    Attributes:
+        PARAMETERS: unit, bounds, meaning and source of every field.
+        NEEDS: the conditions without which the curve cannot be evaluated.
+        AUTOMATIC: whether a discovery considers the curve in its own choice.
+        free: the names of the parameters that are identified; the others are known.
     """
 
     PARAMETERS: eqx.AbstractClassVar[Mapping[str, Parameter]]

@@ -17,6 +17,12 @@ class Burckhardt(Curve):
     Peak at l_m = ln(c1 c2 / c3) / c2, mu_m = c1 - (c3/c2)(1 + ln(c1 c2 / c3)); there is none
     where the curve falls from the start (c1 c2 <= c3) or rises beyond the largest slip.
     Source: He et al. 2018, Eq. 5 and 6.
+
+    Attributes:
+        c1: level of the plateau.
+        c2: steepness of the rise.
+        c3: fall beyond the peak.
+        free: the names of the parameters that are fitted.
     """
 
     c1: Scalar

@@ -18,6 +18,12 @@ class Kiencke(Curve):
     for l_m to lie in the range, or where the denominator has a root (p1 <= -2 sqrt(p2)).
     The initial slope a0 is known in Qian et al. 2024; free it where it is not.
     Source: Qian et al. 2024, Eq. 1 and 2 (whose radicals are lost in some prints).
+
+    Attributes:
+        a0: initial slope.
+        p1: bend of the rise.
+        p2: inverse square of the slip at the peak.
+        free: the names of the parameters that are fitted.
     """
 
     a0: Scalar

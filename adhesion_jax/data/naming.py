@@ -106,6 +106,13 @@ def goes(unit: str, quantity: str) -> bool:
     return conversion(unit, COLUMNS[quantity].unit) is not None
 
 
+def instead(unit: str, quantity: str, column: str) -> str:
+    """What to write where a column is said to be a quantity that has no such unit."""
+    if quantity == "slip_ratio" and goes(unit, "slip_angle_deg"):
+        return f'name it slip_angle, as by --column "slip_angle={column} [{unit}]"'
+    return f"write one such as {COLUMNS[quantity].unit}"
+
+
 def plain(name: str) -> str:
     """A name in small letters, with spaces in the place of other divisions."""
     return " ".join(re.sub(r"[\s_.,;:/-]+", " ", name).casefold().split())

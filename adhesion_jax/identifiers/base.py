@@ -58,21 +58,29 @@ _SENTENCES = {
 class Estimate(NamedTuple):
     """What every method reports.
 
-    `values` are named scalars (c1, c2, c3, mu_max, slip_opt, or slope); metrics read these, so
-    a method without a curve fits in. `covariance` is that of the values, in their order. Under
-    `jax.jit` only what is used of an estimate is computed: a controller that reads slip_opt at
-    every sample does not pay for the covariance.
+    Under `jax.jit` only what is used of an estimate is computed: a controller that reads slip_opt
+    at every sample does not pay for the covariance.
+
+    Attributes:
+        values: named scalars (c1, c2, c3, mu_max, slip_opt, or slope); metrics read these, so that
+            a method without a curve fits in.
+        covariance: that of the values, in their order.
+        status: a Status, why the estimate may not be trusted.
+        objective: sum of squared residuals over the last record.
+        reset: whether earlier data were discarded within the last record.
+        forgetting: factor by which earlier data were last discounted; NaN for a method without.
+        evaluations: of the model on the whole record, for this update.
+        skipped: points of the last record that were left out because they are not finite.
     """
 
     values: Mapping[str, Float[Array, "..."]]
     covariance: Float[Array, "... values values"]
-    status: Int[Array, "..."]  # a Status
-    objective: Float[Array, "..."]  # sum of squared residuals over the last record
-    reset: Bool[Array, "..."]  # whether earlier data were discarded within the last record
-    #: The factor by which earlier data were last discounted; NaN for a method without earlier data.
+    status: Int[Array, "..."]
+    objective: Float[Array, "..."]
+    reset: Bool[Array, "..."]
     forgetting: Float[Array, "..."]
-    evaluations: Int[Array, "..."]  # of the model on the whole record, for this update
-    skipped: Int[Array, "..."]  # points of the last record left out because they are not finite
+    evaluations: Int[Array, "..."]
+    skipped: Int[Array, "..."]
 
 
 class Identifier(eqx.Module):

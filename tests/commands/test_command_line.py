@@ -103,6 +103,11 @@ REFUSED = {
     "law": (["montecarlo", "--scenario", "corrected", "--law", "no.json"], "cannot be read"),
     "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),
     "curve": (["identify", "eurosprinter", "--curve", "pacejka"], "--curve pacejka is not known"),
+    "curve twice": (
+        ["identify", "eurosprinter", "--curve", "kiencke", "--curve", "burckhardt"],
+        "--curve is given more than once; divide its values by commas",
+    ),
+    "both": (["identify", "eurosprinter", "--events", "--whole"], "--events is given more than"),
     "file": (["identify", "nowhere.csv"], "nowhere.csv does not exist"),
     "address": (["identify", "https://a.org/log.csv"], "is an address; download the file and"),
     "log": (["track", "nowhere.csv"], "nowhere.csv does not exist"),

@@ -190,7 +190,8 @@ def test_data_that_cannot_be_used_are_refused_in_a_sentence(data, says):
         ({"identifiers": "nothing"}, "There is no identifier nothing"),
         ({"identifiers": {"riv": Mine(2.0, 0.02, 0.1)}}, "riv is the name of a method of"),
         ({"identifiers": ["riv"]}, "riv cannot be run on single: it is written for Kiencke"),
-        ({"runs": 0}, "runs and workers are 1 or more"),
+        ({"runs": 0}, "runs are from 1 to 1,000,000,000"),
+        ({"runs": 10**20}, "runs are from 1 to"),
         ({"seed": -1}, "a seed is from 0"),
         ({"colour": "red"}, "single takes rail, points.* sigma, .* but not colour"),
         ({"rail": "icy"}, "icy is unknown; the rails are dry"),
@@ -223,6 +224,7 @@ def test_a_method_of_ones_own_among_others():
     assert "<table" in result._repr_html_()
     assert "mine" in repr(result)
     assert len(result.tables["checkpoints"]) > len(result.summary) / 2
+    assert [axis.get_title() for axis in result.plot().axes] == ["dry rail"]
 
 
 @pytest.mark.thorough
