@@ -9,6 +9,7 @@ import pandas as pd
 import scipy
 
 from adhesion_jax.data.reading import Measured
+from adhesion_jax.data.stretches import GAP_S, GAP_STEPS
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, percent
 
@@ -34,9 +35,6 @@ HOLD_S, HOLD_ROWS = 0.3, 3
 #: because the curve rises there; events that are closer than twice this time are one.
 LEAD_S = 2.0
 
-#: A step in time is a gap if it exceeds this multiple of the median step and this time.
-GAP_STEPS, GAP_S = 10.0, 1.0
-
 #: Time over which the change of slip tells its noise.
 LAG_S = 1.0
 
@@ -54,14 +52,8 @@ _NORMAL = 1.4826
 #: The number of the event, its times, traction or braking, the largest slip and adhesion (averaged,
 #: with their sign), and the number of its rows.
 _TABLE = (
-    "run",
-    "start_s",
-    "end_s",
-    "duration_s",
-    "mode",
-    "largest_slip",
-    "largest_adhesion",
-    "rows",
+    *("run", "start_s", "end_s", "duration_s", "mode"),
+    *("largest_slip", "largest_adhesion", "rows"),
 )
 
 
