@@ -6,7 +6,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -161,11 +160,6 @@ class Cluster(click.ParamType):
             raise InputError(
                 f"--cluster {value} is no cluster; give local:N for N workers on this machine, or "
                 "the address of a scheduler as tcp://HOST:PORT."
-            )
-        if find_spec("distributed") is None:
-            raise InputError(
-                "--cluster needs the package distributed, which is not installed; install it by "
-                "pip install 'adhesion-jax[cluster]'."
             )
         return value
 
