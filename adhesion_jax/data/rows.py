@@ -72,7 +72,8 @@ class Rows:
                 continue
             used = np.asarray(self.labels[name] != "")
             if name == "mode":
-                strange = [one for one in self.labels[name].categories if not _is_mode(one)]
+                known = {"", *MODES}
+                strange = [one for one in self.labels[name].categories if one.lower() not in known]
                 if strange:
                     own = "mode (as it is)"
                     self.labels = {
@@ -140,7 +141,3 @@ def _within_files(labels: Mapping[str, pd.Categorical]) -> Mapping[str, pd.Categ
         **labels,
         "run": pd.Categorical.from_codes(found[codes], pd.Index(of_names, dtype="str")),
     }
-
-
-def _is_mode(label: str) -> bool:
-    return label.lower() in ("", *MODES)

@@ -64,10 +64,11 @@ def set_aside(
                 row = first_row + int(infinite.argmax())
                 said = f"row {row} of column {source.column}"
                 found.append((int(infinite.sum()), "infinite", said))
-            notes += [
-                f"{_are(count)} {what} and not used: {said}{', and others' if count > 1 else ''}."
-                for count, what, said in found
-            ]
+            for count, what, said in found:
+                if count == 1:
+                    notes.append(f"1 value is {what} and not used: {said}.")
+                else:
+                    notes.append(f"{count:,} values are {what} and not used: {said}, and others.")
             if infinite.any() or outside.any():
                 read.numbers[name] = np.where(infinite | outside, np.nan, values)
     if faults:
@@ -128,7 +129,3 @@ def _said(values: np.ndarray, outside: np.ndarray, source: Taken, first_row: int
             "%", " %"
         )
     return f"{where}, outside {column.span} ({column.advice})"
-
-
-def _are(count: int) -> str:
-    return "1 value is" if count == 1 else f"{count:,} values are"
