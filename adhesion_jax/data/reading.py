@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.corrections import NOTHING, Corrections
@@ -336,7 +337,7 @@ def to_record(measured: Measured) -> Record:
     conditions = {
         name: jnp.asarray(table[name].to_numpy(float))
         for name in table.columns.astype(str)
-        if not isinstance(table[name].dtype, pd.CategoricalDtype)
+        if is_numeric_dtype(table[name].dtype)
     }
     if measured.slip == "slip_velocity_mps":
         # Falling friction multiplies the slip by the vehicle speed to get the slip velocity. Here

@@ -49,7 +49,7 @@ from adhesion_jax.report.measured.tables import (
     printed_table,
     short_report,
 )
-from adhesion_jax.report.measured.words import in_lines, verdict
+from adhesion_jax.report.measured.words import in_lines, mixed_sentence, verdict
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
@@ -107,6 +107,7 @@ class Identification:
         groups: the peak of each group by itself, where there are a few.
         branches: traction and braking compared, where both were measured.
         in_vain: columns that were looked at for groups, of which none predicts.
+        mixed: the levels by a column that nobody named and that predicts them.
     """
 
     measured: Measured
@@ -123,6 +124,7 @@ class Identification:
     groups: Mapping[str, Group]
     branches: Comparison | None
     in_vain: Sequence[str] | None
+    mixed: Comparison | None
 
     @property
     def table(self) -> pd.DataFrame:
@@ -214,8 +216,9 @@ class Identification:
             self.groups,
             self.in_vain,
         )
-        warning = self.judgement.warning
-        return [("Warning", [warning]), *told] if warning else told
+        mixed = "" if self.mixed is None else mixed_sentence(self.mixed)
+        warnings = [*filter(None, [mixed, self.judgement.warning])]
+        return [("Warning", warnings), *told] if warnings else told
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them; those of runs if compared.
@@ -360,12 +363,15 @@ def identify_chosen(
     answer, step = answered(fits), _step(points)
     best, rows = fits[found.best], found.rows
     order = np.argsort(grouping.run, kind="stable")
-    in_vain: Sequence[str] | None = None
+    splits = {name: column.iloc[order] for name, column in candidates(points).items()}
+    likeliest = split_that_predicts(best, rows, splits) if labels is None or by == "axle" else None
+    in_vain = [*splits] if by == _AUTO and likeliest is None else None
     if by == _AUTO:
-        splits = {name: column.iloc[order] for name, column in candidates(points).items()}
-        by = split_that_predicts(best, rows, splits)
-        in_vain = [*splits] if by is None else None
+        by = likeliest
         labels = None if by is None else labels_of(points, by, grouping.run)
+    mixed = None
+    if likeliest is not None and likeliest != by:
+        mixed = compared(best, rows, splits[likeliest], likeliest)
     comparison = None
     groups: Mapping[str, Group] = {}
     if labels is not None and by is not None:
@@ -388,6 +394,7 @@ def identify_chosen(
         groups,
         branches,
         in_vain,
+        mixed,
     )
     return written(identified, out, IDENTIFY_FILES, columns_of([log.points for log in logs]))
 

@@ -138,7 +138,7 @@ def _data_sentences(measured: Measured, citation: str) -> list[str]:
             f"In {apart} of them slip and adhesion have opposite signs, as noise makes near zero."
         )
     if measured.covariates:
-        sentences.append(f"Further numeric columns: {', '.join(measured.covariates)}.")
+        sentences.append(f"Further columns: {', '.join(measured.covariates)}.")
     if measured.left_out:
         sentences.append(
             f"Columns left out because a cell is no finite number: {', '.join(measured.left_out)}."
@@ -300,6 +300,17 @@ def _group_sentences(comparison: Comparison, groups: Mapping[str, Group]) -> lis
             + (f", each fitted by itself: {'; '.join(each)}." if each else ".")
         )
     return sentences
+
+
+def mixed_sentence(comparison: Comparison) -> str:
+    """What is said where the groups of a column that nobody named predict the levels of rows."""
+    table, by = comparison.table, comparison.by
+    return (
+        f"The rows are of different rails: their level differs by {by} (p = {comparison.p:.1g}), "
+        f"so that under one curve the largest adhesion is from {table['mu_max'].min():.4f} to "
+        f"{table['mu_max'].max():.4f}, and one peak for all is a mean of these; the peak of each "
+        f'is told by --by "{by}".'
+    )
 
 
 def _no_groups(looked_at: Sequence[str]) -> str:
