@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from adhesion_jax.errors import InputError, WorkerError, cannot_write
-from adhesion_jax.options import Option
+from adhesion_jax.options import MOST_RUNS, Option
 from adhesion_jax.plugins import Part, part, use, worded
 from adhesion_jax.wording import listed
 
@@ -184,21 +183,25 @@ class Cluster(click.ParamType):
                 f"--cluster {value} is no cluster; give local:N for N workers on this machine, or "
                 "the address of a scheduler as tcp://HOST:PORT."
             )
-        if find_spec("distributed") is None:
-            raise InputError(
-                "--cluster needs the package distributed, which is not installed; install it by "
-                "pip install 'adhesion-jax[cluster]'."
-            )
         return value
 
 
-def examples(*lines: str) -> str:
-    """What stands under the help of a command, whose name the lines begin with."""
-    return "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in lines)
+def command(
+    *examples: str, cls: type[click.Command] = Recorded
+) -> Callable[[Callable[..., None]], click.Command]:
+    """A decorator that makes a command, whose name the examples under its help begin with."""
+    epilog = "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in examples)
+    return click.command(cls=cls, epilog=epilog, context_settings={"show_default": True})
 
 
-def with_processes(command: Callable[..., None]) -> Callable[..., None]:
-    """A decorator that gives a command the arguments `workers`, `cluster` and `shared_folder`."""
+def out_folder(name: str, files: str = "") -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator that gives a command the folder `out`, by default of this name, for its files."""
+    words = f"Folder for {files}." if files else None
+    return click.option("--out", type=Folder(), default=Path("out", name), help=words)
+
+
+def in_shards(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command what is asked of a job in shards, and where it computes."""
     shared = click.option(
         "--shared-folder",
         is_flag=True,
@@ -214,7 +217,16 @@ def with_processes(command: Callable[..., None]) -> Callable[..., None]:
         type=click.IntRange(min=1),
         help="Processes (one for each core); the results do not depend on their number.",
     )
-    return workers(cluster(shared(command)))
+    extend = click.option(
+        "--extend",
+        type=click.IntRange(0, MOST_RUNS),
+        default=0,
+        help="Number of runs to add to the job in the folder.",
+    )
+    resume = click.option(
+        "--resume", is_flag=True, help="Compute what an interrupted job left over."
+    )
+    return resume(extend(workers(cluster(shared(command)))))
 
 
 class File(click.ParamType):

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.command import SEED, Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
@@ -17,9 +17,9 @@ from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
-_RUNS = Log(KNOWN.data)
+_RUNS = Log(NAMES["data"])
 
 
 class Plantable(Names):
@@ -34,13 +34,10 @@ class Plantable(Names):
         return asked
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "discover roller-rig",
-        "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
-        "discover --simulate humidity,patch",
-    ),
+@command(
+    "discover roller-rig",
+    "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
+    "discover --simulate humidity,patch",
 )
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
@@ -54,13 +51,12 @@ class Plantable(Names):
 )
 @click.option(
     "--curve",
-    type=Names((*KNOWN.curves, "auto"), "curve"),
+    type=Names((*NAMES["curves"], "auto"), "curve"),
     default="auto",
-    help=f"Base curves to choose from: auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME, divided "
-    "by commas.",
-    show_default=True,
+    help=f"Base curves to choose from: auto, {', '.join(NAMES['curves'])}, or FILE.py:NAME, "
+    "divided by commas.",
 )
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0)
 @click.option(
     "--effects",
     type=Names((), "effect"),
@@ -71,7 +67,7 @@ class Plantable(Names):
 @click.option(
     "--simulate",
     "planted",
-    type=Plantable((*KNOWN.effects, "none"), "effect"),
+    type=Plantable((*NAMES["effects"], "none"), "effect"),
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
@@ -81,14 +77,8 @@ class Plantable(Names):
     is_flag=True,
     help="Where boosted trees predict what the law leaves, predict --test with them as well.",
 )
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/discover"),
-    help="Folder for report.html, report.md, report.json, law.json and figures.",
-    show_default=True,
-)
-@listing(data=KNOWN.data, curves=KNOWN.curves, effects=KNOWN.effects)
+@out_folder("discover", "report.html, report.md, report.json, law.json and figures")
+@listing(data=NAMES["data"], curves=NAMES["curves"], effects=NAMES["effects"])
 def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],

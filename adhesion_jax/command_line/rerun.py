@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import Folder, examples
+from adhesion_jax.command_line.command import command, out_folder
 from adhesion_jax.command_line.record import RECORDED
 from adhesion_jax.errors import InputError
 
@@ -23,15 +23,9 @@ _RECORD = "metadata.json"
 _ONCE = {"--resume": 0, "--extend": 1, "--out": 1}
 
 
-@click.command(epilog=examples("rerun out/identify", "rerun out/identify --out out/again"))
+@command("rerun out/identify", "rerun out/identify --out out/again", cls=click.Command)
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/rerun"),
-    help="Folder for the results.",
-    show_default=True,
-)
+@out_folder("rerun", "the results")
 def main(folder: Path, out: Path) -> None:
     """Repeat the command that wrote the results in FOLDER, by its metadata.json.
 

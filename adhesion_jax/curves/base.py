@@ -88,11 +88,6 @@ class Curve(Law):
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         """Free parameters to start a fit from, for data whose largest adhesion is about `top`."""
 
-    @classmethod
-    @abstractmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> "Curve":
-        """A random curve of about this largest adhesion, at about this slip ratio if possible."""
-
 
 C = TypeVar("C", bound=Curve)
 

@@ -9,7 +9,7 @@ from adhesion_jax.data.clock import with_clock
 from adhesion_jax.data.columns import LABELS, MODES
 from adhesion_jax.data.gaps import of_rows
 from adhesion_jax.data.gathering import Gathered
-from adhesion_jax.data.sizes import beyond
+from adhesion_jax.data.sizes import beyond, leaps
 from adhesion_jax.data.stretches import longest_step, series_of
 from adhesion_jax.wording import listed, number
 
@@ -74,7 +74,8 @@ class Rows:
                 continue
             used = np.asarray(self.labels[name] != "")
             if name == "mode":
-                strange = [one for one in self.labels[name].categories if not _is_mode(one)]
+                known = {"", *MODES}
+                strange = [one for one in self.labels[name].categories if one.lower() not in known]
                 if strange:
                     own = "mode (as it is)"
                     self.labels = {
@@ -103,6 +104,21 @@ class Rows:
                 )
                 self.keep(~wrong)
         return notes
+
+    def without_leaps(self) -> list[str]:
+        """Keeps the rows in which the speed of the wheel does not leap for one row; sentences."""
+        if not {"slip_velocity_mps", "time_s"} <= {*self.numbers}:
+            return []
+        wrong = leaps(self.numbers["slip_velocity_mps"], self.numbers["time_s"], self.series)
+        if not wrong.any():
+            return []
+        place = int(wrong.argmax())
+        index, slip = self.index[place], float(self.numbers["slip_velocity_mps"][place])
+        self.keep(~wrong)
+        return [
+            f"{of_rows(wrong)} the slip velocity leaps, for this row alone, further than a wheel "
+            f"can be accelerated; the first is row {index}, with {number(slip)} m/s."
+        ]
 
 
 def _within_files(
@@ -152,7 +168,3 @@ def _going_on(runs: np.ndarray, part: np.ndarray, time: np.ndarray | None) -> np
             first[one] = first[before[run]]
         before[run] = one
     return first
-
-
-def _is_mode(label: str) -> bool:
-    return label.lower() in ("", *MODES)

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from adhesion_jax.data import RunSet, matching, to_runs
-from adhesion_jax.data.corrections import corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.discovery import engine
@@ -162,7 +162,7 @@ def discover(
     """
     own = effects if isinstance(effects, Mapping) else {kind.__name__: kind for kind in effects}
     add("effect", own)
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
+    known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])
     judging, judged = None, []

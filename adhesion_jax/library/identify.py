@@ -14,7 +14,7 @@ from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
 from adhesion_jax.data.columns import GROUP
-from adhesion_jax.data.corrections import corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
@@ -311,7 +311,7 @@ def identify(
     Raises:
         InputError: something cannot be used; the sentence names all that is wrong with the data.
     """
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
+    known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)
     citation = " ".join(filter(None, map(citation_of, parts_of(data))))
     return identify_chosen(logs, curves, citation, by, slip_noise, progress, out)

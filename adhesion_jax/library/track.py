@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from adhesion_jax.data import check_curve
-from adhesion_jax.data.corrections import corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.identifiers import Identifier
@@ -125,7 +125,7 @@ def track(
     """
     methods = methods_named(identifiers)
     _refuse(methods)
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
+    known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency)
     measured = measured_of(data, columns, known)
     check_curve(measured)
     log = to_log(measured, events)

@@ -13,10 +13,8 @@ from click.testing import CliRunner
 
 from adhesion_jax import keeping
 from adhesion_jax.command_line import catalogue as catalogue_module
-from adhesion_jax.command_line import registries
-from adhesion_jax.command_line.catalogue import catalogue
+from adhesion_jax.command_line.catalogue import catalogue, told
 from adhesion_jax.command_line.program import COMMANDS, adhesion
-from adhesion_jax.command_line.registries import told
 
 HOME = Path(__file__).parents[2]
 
@@ -52,8 +50,8 @@ def test_the_modules_of_the_commands_and_what_is_said_of_them_are_those_of_the_p
 def test_the_catalogue_is_that_of_the_registries():
     """In a process of its own: other tests put parts of their own into the registries."""
     script = (
-        "from adhesion_jax.command_line import catalogue, registries\n"
-        "assert catalogue.catalogue() == registries.told()"
+        "from adhesion_jax.command_line import catalogue\n"
+        "assert catalogue.catalogue() == catalogue.told()"
     )
     assert answered(script=script).returncode == 0
 
@@ -228,7 +226,7 @@ def test_names_are_completed():
 def test_a_remembered_catalogue_is_read_and_a_damaged_one_made_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(keeping, "_folder", [tmp_path])
     asked = []
-    monkeypatch.setattr(registries, "told", lambda: asked.append(1) or told())
+    monkeypatch.setattr(catalogue_module, "told", lambda: asked.append(1) or told())
 
     def found():
         catalogue_module.catalogue.cache_clear()

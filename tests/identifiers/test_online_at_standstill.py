@@ -73,12 +73,12 @@ def streams(name):
     noise = SIGMA * rng.normal(size=(RUNS, TOTAL))
     if name == "rls-slope":
         # The course goes on after the disturbance where it was before.
-        time = np.asarray(SLOPE.time()).ravel()
+        time = SAMPLING * np.arange(BEFORE + AFTER)
         course = np.r_[:BEFORE, np.full(DURING, BEFORE - 1), BEFORE : BEFORE + AFTER]
-        slip = np.asarray(SLOPE.slip(jnp.asarray(time)))[course]
-        true = float(jax.grad(lambda slip: SLOPE.truth[0](slip, {}))(slip[-1])) / SPEED
+        slip = np.asarray(SLOPE.excitation.slip(jnp.asarray(time)))[course]
+        true = float(jax.grad(lambda slip: SLOPE.rail.law(slip, {}))(slip[-1])) / SPEED
         slip = slip + 0.005 / SPEED * rng.normal(size=(RUNS, TOTAL))
-        law = SLOPE.truth[0]
+        law = SLOPE.rail.law
     else:
         slip, true, law = rng.uniform(0.0, 0.2, (RUNS, TOTAL)), MU_MAX, TRUTH
     columns = [
