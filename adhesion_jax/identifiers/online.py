@@ -52,8 +52,8 @@ def over_fresh_samples(
     """The state after every point of the record that has not been seen before.
 
     A sample that is not finite, or whose adhesion no contact has, is left out and counted, because
-    it would stay in the sums. To the step it comes, like one that is not fresh, with zeros for its columns, and as not taken; the
-    recursion must then stay as it is.
+    it would stay in the sums. To the step it comes, like one that is not fresh, with zeros for its
+    columns, and as not taken; the recursion must then stay as it is.
     """
 
     def one_sample(
