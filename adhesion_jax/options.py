@@ -49,7 +49,12 @@ NOISE: dict[str, Option] = {
     "slow_rows": Option(
         "Samples after which the correlation of the slow level has fallen to 1/e.", 0, 10**9
     ),
-    "slip_noise": Option("Standard deviation of the noise of the slip.", 0, 10),
+    "slip_noise": Option(
+        "Standard deviation of the noise of the slip, or of the wheel speed in m/s of a LOG with a "
+        "vehicle speed.",
+        0,
+        10,
+    ),
 }
 
 #: Most runs of a job, and most blocks of a run: with more a job would not end, or not fit a memory.

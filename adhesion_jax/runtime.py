@@ -58,7 +58,11 @@ def start() -> None:
     given = os.environ.get("XLA_FLAGS", "")
     added = (f"{name}={value}" for name, value in _FLAGS.items() if name not in given)
     os.environ["XLA_FLAGS"] = " ".join([given, *added]).strip()
+    os.environ["MPLBACKEND"] = "agg"  # figures are files, whatever shows them elsewhere
     jax.config.update("jax_enable_x64", True)
+    # Set for a search for errors in another program, these let no compiled program run.
+    jax.config.update("jax_disable_jit", False)
+    jax.config.update("jax_transfer_guard", "allow")
     jax.config.update("jax_platforms", "cpu")
     # Where jax has opened its devices before, it has all of them.
     jax.config.update("jax_default_device", "cpu")

@@ -1,5 +1,6 @@
 """How every command speaks: options by click, and one sentence for what cannot be used."""
 
+import errno
 import math
 import os
 import re
@@ -23,6 +24,9 @@ ARGUMENTS = f"{__name__}.arguments"
 #: Most folders within each other that results may lie in.
 _DEEPEST = 200
 
+#: What a standard output is refused with.
+_OF_STREAMS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
 
@@ -31,8 +35,9 @@ def run(command: click.Command) -> None:
     """Run a command to the end of the process: status 0, or one sentence and status 2.
 
     That is also for an error that a part of the user's own led to. Status 1 where the machine
-    failed: a worker process that died.
+    failed: a worker process that died, or a standard output that takes no more.
     """
+    _open_streams()
     try:
         worded(partial(command.main, standalone_mode=False))
     except click.Abort:
@@ -44,6 +49,23 @@ def run(command: click.Command) -> None:
     except WorkerError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(1)
+    except OSError as error:
+        if error.filename is not None or error.errno not in _OF_STREAMS:
+            raise
+        sys.stdout = None  # it is not tried once more at the end
+        click.echo(f"error: the output cannot be written ({error.strerror}).", err=True)
+        sys.exit(1)
+
+
+def _open_streams() -> None:
+    """Open the standard streams that are closed: the next file would take the place of one."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # which takes the lowest number that is free
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
 
 
 def _refuse(sentence: str) -> None:

@@ -70,7 +70,7 @@ class Estimate(NamedTuple):
         reset: whether earlier data were discarded within the last record.
         forgetting: factor by which earlier data were last discounted; NaN for a method without.
         evaluations: of the model on the whole record, for this update.
-        skipped: points of the last record that were left out because they are not finite.
+        skipped: points of the last record left out as not finite, or as no adhesion of a contact.
     """
 
     values: Mapping[str, Float[Array, "..."]]

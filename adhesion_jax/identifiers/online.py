@@ -37,6 +37,10 @@ class OnlineState(NamedTuple):
     skipped: Count  # number of these that were left out
 
 
+#: The largest adhesion that is believed: three times that of a racing tyre.
+LARGEST = 10.0
+
+
 def begin(known: Known, recursion: R) -> OnlineState:
     """The state before any data."""
     return as_arrays(OnlineState(known, recursion, jnp.zeros(()), jnp.int32(0), jnp.int32(0)))
@@ -47,9 +51,9 @@ def over_fresh_samples(
 ) -> OnlineState:
     """The state after every point of the record that has not been seen before.
 
-    A sample that is not finite is left out and counted, because it would stay in the sums. To the
-    step it comes, like one that is not fresh, with zeros for its columns, and as not taken; the
-    recursion must then stay as it is.
+    A sample that is not finite, or whose adhesion no contact has, is left out and counted, because
+    it would stay in the sums. To the step it comes, like one that is not fresh, with zeros for its
+    columns, and as not taken; the recursion must then stay as it is.
     """
 
     def one_sample(
@@ -57,7 +61,8 @@ def over_fresh_samples(
     ) -> tuple[tuple[R, Value], None]:
         (recursion, skipped), (fresh, *columns) = carry, sample
         # The sum of the columns is NaN or infinite as soon as one of them is.
-        taken = fresh & jnp.isfinite(sum(columns[1:], columns[0]))
+        possible = jnp.isfinite(sum(columns[1:], columns[0])) & (jnp.abs(columns[1]) <= LARGEST)
+        taken = fresh & possible
         slip, adhesion, *others = (jnp.where(taken, column, 0.0) for column in columns)
         after = step(recursion, Sample(taken, slip, adhesion, (*others,)))
         return (after, skipped + jnp.where(fresh & ~taken, 1.0, 0.0)), None

@@ -149,7 +149,8 @@ def plan(
         run_scatter: standard deviation of the level of a run, as a share of the adhesion.
         slow_level: the same of a level that varies slowly within a run.
         slow_rows: samples after which the correlation of that level has fallen to 1/e.
-        slip_noise: standard deviation of the noise of the slip, in its unit.
+        slip_noise: standard deviation of the noise of the slip, in its unit; where `source` has a
+            vehicle speed that of the wheel speed, m/s.
         conditions: those of the peak, by column, in SI units.
         want: a relative standard error of mu_max, for which the fewest samples are searched.
 

@@ -5,6 +5,7 @@ import shlex
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import click
 import pytest
@@ -14,6 +15,8 @@ from adhesion_jax import keeping
 from adhesion_jax.command_line import catalogue as catalogue_module
 from adhesion_jax.command_line.catalogue import catalogue, told
 from adhesion_jax.command_line.program import COMMANDS, adhesion
+
+HOME = Path(__file__).parents[2]
 
 #: Runs the console command and says whether jax was imported on the way.
 SPY = """
@@ -138,6 +141,53 @@ def test_a_refusal_is_one_sentence_and_imports_no_jax(case):
     assert sentence.startswith("error: ")
     assert words in sentence
     assert jax == "none"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is full")
+@pytest.mark.parametrize(
+    ("streams", "code", "says"),
+    [
+        ("> /dev/full", 1, "error: the output cannot be written (No space left on device).\n"),
+        (">&-", 0, ""),
+        ("2>&-", 0, ""),
+        (">&- 2>&- <&-", 0, ""),
+    ],
+)
+def test_streams_that_are_full_or_closed(streams, code, says, tmp_path):
+    command = (
+        f"{sys.executable} -m adhesion_jax simulate --hours 0.2 --events 1 --out log.csv {streams}"
+    )
+    done = subprocess.run(
+        command,
+        shell=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(HOME)},
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (code, says)
+    assert (tmp_path / "log.csv").stat().st_size > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "setting", ["JAX_DISABLE_JIT=1", "JAX_TRANSFER_GUARD=disallow", "MPLBACKEND=bogus"]
+)
+def test_settings_of_another_program_stop_no_command(setting, tmp_path):
+    name, value = setting.split("=")
+    command = "identify eurosprinter --curve kiencke --out out"
+    done = subprocess.run(
+        [sys.executable, "-m", "adhesion_jax", *command.split()],
+        cwd=tmp_path,
+        env={**os.environ, name: value, "PYTHONPATH": str(HOME)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_file_in_the_place_of_a_folder_is_refused_before_any_work(tmp_path):
