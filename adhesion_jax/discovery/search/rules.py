@@ -24,10 +24,6 @@ MOST_ROUNDS = 6
 #: model's Jacobian. By hand, from a prototype of the search.
 LEAST_SHARE_LEFT = 0.03
 
-#: Of fewer runs than this what varies within them is also tested by stretches of them. By hand: the
-#: signs of 20 runs have enough patterns, and show any effect as well.
-FEW_RUNS = 20
-
 #: Two columns form no pair if the size of their correlation exceeds this. By hand.
 SAME_COLUMN_CORRELATION = 0.98
 

@@ -78,13 +78,12 @@ def search(
 
 
 def _nulls(state: Selection, entries: Sequence[Entry]) -> list[Null]:
-    """What is given in a test between runs; of few runs also what is given in one within them.
+    """What is given in a test between runs, and in one within them.
 
-    Signs of few runs cannot show how sure it is what moves within each of them.
+    Signs of runs cannot show how sure it is what moves within each of them.
     """
-    given, problem = beside(state, entries), state.setting.problem
-    few = problem.runs < rules.FEW_RUNS and not problem.blocks
-    return [null_of(state.fitted, given, within=within) for within in (False, True)[: 1 + few]]
+    given, whole = beside(state, entries), not state.setting.problem.blocks
+    return [null_of(state.fitted, given, within=within) for within in (False, True)[: 1 + whole]]
 
 
 def _parts(
