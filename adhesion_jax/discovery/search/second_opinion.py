@@ -223,6 +223,6 @@ def _named(rise: np.ndarray, candidates: Sequence[int]) -> Sequence[int]:
     """The candidates whose exchange raises the error (t test over runs), the largest rise first."""
     mean = rise.mean(axis=1)
     spread = rise.std(axis=1, ddof=1) / np.sqrt(rise.shape[1])
-    needed = scipy.stats.t.ppf(1 - rules.OPINION_NAMED / max(len(candidates), 1), rise.shape[1] - 1)
+    needed = scipy.stats.t.ppf(1 - rules.SIGNIFICANT / max(len(candidates), 1), rise.shape[1] - 1)
     kept = [place for place in candidates if mean[place] > needed * spread[place] > 0]
     return sorted(kept, key=lambda place: -mean[place])
