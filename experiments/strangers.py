@@ -19,7 +19,7 @@ from tqdm import tqdm
 from adhesion_jax import runtime
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.command_line.command import SEED, Folder, run, start
-from adhesion_jax.discovery.types import Findings, FoundEffect
+from adhesion_jax.discovery.types import Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, staged, write_metadata, write_table
 from adhesion_jax.library.discover import discover
@@ -34,10 +34,20 @@ _PLAIN = ["slip", "before"]
 #: The methods of which the share removed is told, and their columns.
 METHODS = {
     "discovery": "share",
+    "corrected": "share corrected",
     "trees": "share of trees",
     "least squares": "share of lines",
 }
-QUANTITIES = ("claimed", "named", "wrong beside", "made worse", "behind trees")
+QUANTITIES = (
+    "claimed",
+    "named",
+    "wrong beside",
+    "made worse",
+    "behind trees",
+    "behind trees, untold",
+    "error foretold",
+)
+OF_NULLS = ("claimed", "made worse", "error foretold")
 
 
 @threadpool_limits.wrap(limits=1)
@@ -45,7 +55,7 @@ def one_set(seed: int, number: int, null: bool) -> dict[str, object]:
     """What is hidden in a campaign, what is reported, the errors on its test, and the seconds."""
     made = stranger(seed, number, null)
     began, cpu = time.perf_counter(), time.process_time()
-    found = discover(made.train, made.test, seed=number).findings
+    found = discover(made.train, made.test, seed=number, correct=True).findings
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu
     assert found.test is not None
     reported = (*found.effects, *found.unexplained)
@@ -56,8 +66,11 @@ def one_set(seed: int, number: int, null: bool) -> dict[str, object]:
     # An excess below two per cent of the noise is chance, and so is the share of it.
     scale = 1 / excess if made.causes and excess > 0.02 * made.test_noise**2 else np.nan
     by_trees, by_lines = _peers_rms(made, found)
-    errors = (after, by_trees, by_lines)
-    share, share_trees, share_lines = ((before**2 - error**2) * scale for error in errors)
+    corrected = found.with_trees.after.value if found.with_trees else after
+    errors = (after, corrected, by_trees, by_lines)
+    shares_of = ((before**2 - error**2) * scale for error in errors)
+    share, share_corrected, share_trees, share_lines = shares_of
+    behind = share < share_trees - BEHIND
     told_of = ("base", "layout", "noise", "effect", "sigma", "run_scatter", "strength")
     return {name: getattr(made, name) for name in (*told_of, "test_gap", "test_noise")} | {
         "number": number,
@@ -69,16 +82,29 @@ def one_set(seed: int, number: int, null: bool) -> dict[str, object]:
         "named": sum(any({*cause} & names for names in told) for cause in made.causes),
         "wrong beside": any(not names & right for names in told),
         "made worse": after > WORSE * before,
-        "behind trees": share < share_trees - BEHIND,
+        "behind trees": behind,
+        "behind trees, untold": behind and found.opinion is None,
+        "error foretold": _foretold(found.validation.after, found.test.after),
         "before": before,
         "after": after,
         "trees": by_trees,
         "share": share,
+        "share corrected": share_corrected,
         "share of trees": share_trees,
         "share of lines": share_lines,
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
     }
+
+
+def _foretold(validation: Interval, test: Interval) -> bool:
+    """Whether the errors on runs left out and on the test differ by no more than their intervals.
+
+    Both are independent, so that their distances to the ends that face each other add in squares.
+    """
+    first, other = sorted((validation, test))
+    least = np.hypot(first.high - first.value, other.value - other.low)
+    return bool(other.value - first.value <= least)
 
 
 def names_of(effect: FoundEffect) -> Set[str]:
@@ -130,7 +156,7 @@ def rates(sets: pd.DataFrame) -> pd.DataFrame:
     """Shares of sets, or of causes for `named`, with their 95 % intervals by Wilson 1927."""
     rows = []
     for part, group, own in _groups(sets):
-        for name in QUANTITIES[::3] if part == "nothing" else QUANTITIES[1:]:
+        for name in OF_NULLS if part == "nothing" else QUANTITIES[1:]:
             count = int(own["causes"].sum()) if name == "named" else len(own)
             hits = int(own[name].sum())
             low, high = binomtest(hits, count).proportion_ci(method="wilson")
@@ -186,7 +212,7 @@ def draw(path: Path, sets: pd.DataFrame) -> None:
     left.axvline(0.02, color="0.5", linestyle="--", label=".02")
     left.set(xlabel="share of the sets with nothing hidden\nin which a cause is claimed (1)")
     left.invert_yaxis()
-    for (method, column), style in zip(METHODS.items(), ("k-", "C1--", "C0:"), strict=True):
+    for (method, column), style in zip(METHODS.items(), ("k-", "k-.", "C1--", "C0:"), strict=True):
         ordered = np.sort(caused[column].dropna()).clip(-0.3, None)
         below = (np.arange(ordered.size) + 0.5) / max(ordered.size, 1)
         right.plot(ordered, below, style, label=method)

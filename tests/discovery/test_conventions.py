@@ -13,8 +13,7 @@ from adhesion_jax.report.plan import words
     [
         (rules.SURE_ERRORS, 1 - 2 * 0.10),  # one-sided 90 %
         (rules.SURE_ERRORS_OF_COLUMN, 1 - 2 * 0.05),  # one-sided 95 %
-        (rules.COLUMN_ERRORS, 0.9545),  # two-sided 95 %, as two errors are said to be
-        (rules.CLASS_ERRORS, 0.9545),
+        (rules.AHEAD_ERRORS, 0.9545),  # two-sided 95 %, as two errors are said to be
         (following.QUANTILE, 0.95),
         (words._QUANTILE, 0.95),
     ],

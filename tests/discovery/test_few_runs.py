@@ -1,4 +1,4 @@
-"""Of few runs what moves within them is tested by stretches of them."""
+"""What acts within runs is tested by stretches of them as well as by their signs."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def measured(table, draw, factor=1.0, correlation=0.8):
 
 def test_what_moves_within_ten_runs_is_found_and_is_surer_than_their_signs_alone_show_it(table):
     draw = np.random.default_rng(4)
-    whole = table.assign(adhesion=measured(table, draw, np.exp(0.02 * table["gust"])))
+    whole = table.assign(adhesion=measured(table, draw, np.exp(0.03 * table["gust"])))
     state = state_of(whole)
     entries = library_of(state.setting.problem)
     (effect,) = search(state, entries, 0, lambda *_: None).accepted
@@ -54,8 +54,8 @@ def test_a_stretch_is_three_times_as_long_as_the_noise_remembers(table):
         firsts = stretches(null_of(alone(whole)))
         assert {*range(0, RUNS * POINTS, POINTS)} <= {*firsts.tolist()}
         lengths[correlation] = POINTS * RUNS / firsts.size
-    # Forty stretches of ten runs are four a run.
-    assert lengths[0.0] == 25
+    # 160 stretches of ten runs are sixteen a run.
+    assert lengths[0.0] == 6.25
     assert 3 * 9 <= lengths[0.8] <= 2 * 3 * 9
     assert lengths[0.97] == POINTS
 
@@ -87,3 +87,39 @@ def test_where_nothing_moves_adhesion_within_runs_p_is_as_rarely_small_as_it_say
         found.append(min(score.p for score in scores))
     for level in (0.01, 0.05, 0.2):
         assert np.sum(np.array(found) <= level) <= stats.binom.isf(1e-3, 200, level)
+
+
+def largest(fitted, columns, kind, acts_on):
+    """The largest z of a form of each of the columns, by runs and by stretches of them."""
+    problem = fitted.setting.problem
+    entries = [
+        entry
+        for column in columns
+        for entry in column_entries(kind, column, problem)
+        if entry.acts_on == acts_on
+    ]
+    nulls = [null_of(fitted, within=within) for within in (False, True)]
+    return [screen([(null, entries)], 0)[0] for null in nulls]
+
+
+def test_a_shift_by_a_column_that_stands_still_within_runs_is_surer_by_stretches():
+    draw = np.random.default_rng(8)
+    whole = campaign(draw)
+    shift = 0.004 * np.sin(4 * whole["warm"])
+    made = curve(whole["slip_ratio"] + shift) * levels(draw, whole, 0.01)
+    fitted = alone(whole.assign(adhesion=made + noise(draw, correlation=0.3)))
+    by_runs, by_stretches = largest(fitted, ("warm",), Spline, "shift")
+    assert by_stretches.z > by_runs.z + 0.5
+    assert by_stretches.p <= rules.SIGNIFICANT
+
+
+def test_runs_that_differ_in_more_than_their_level_make_stretches_no_surer():
+    """Each run has a slip scale of its own that no column tells."""
+    for seed in (5, 6):
+        draw = np.random.default_rng(seed)
+        whole = campaign(draw)
+        scale = np.exp(0.2 * draw.normal(size=whole["run"].nunique()))[whole["run"]]
+        made = curve(whole["slip_ratio"] * scale) + noise(draw, correlation=0.3)
+        columns = ("warm", "old", "gust", "load")
+        for one in largest(alone(whole.assign(adhesion=made)), columns, Spline, "slip"):
+            assert one.p > rules.SIGNIFICANT

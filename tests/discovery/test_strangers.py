@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from scipy.interpolate import make_lsq_spline
 
-from adhesion_jax.discovery.types import Findings, FoundEffect
+from adhesion_jax.discovery.types import Findings, FoundEffect, Interval
 from experiments import stranger_sets, strangers
 from experiments.stranger_sets import (
     ACTING,
@@ -156,8 +156,8 @@ def effect_of(name, covariates=(), candidates=()):
 def reported(monkeypatch, *effects):
     """The row of set 0 where exactly these effects are reported, and half of the error removed."""
 
-    def discover(train, test, seed):
-        assert seed == 0
+    def discover(train, test, seed, correct):
+        assert (seed, correct) == (0, True)
         points = pd.DataFrame({"slip": train["slip_ratio"], "before": 0.2})
         findings = Mock(
             spec=Findings,
@@ -165,7 +165,10 @@ def reported(monkeypatch, *effects):
             unexplained=[],
             points=points,
             predictions=pd.DataFrame({"base": np.full(len(test), 0.2)}),
-            test=Bare(before=Bare(value=0.05), after=Bare(value=0.05 / np.sqrt(2))),
+            validation=Bare(after=Interval(0.03, 0.028, 0.032)),
+            test=Bare(before=Bare(value=0.05), after=Interval(0.05 / 2**0.5, 0.033, 0.038)),
+            with_trees=None,
+            opinion=None,
         )
         return Bare(findings=findings)
 
@@ -189,6 +192,11 @@ def test_a_claim_is_right_where_it_names_the_column_alone_or_in_a_product(monkey
     noise = made(0).test_noise
     assert none["share"] == pytest.approx(0.5 * 0.05**2 / (0.05**2 - noise**2))
     assert not none["made worse"]
+    # .0354 is .0054 above .0300: more than the root of .0020^2 + .0024^2.
+    assert not none["error foretold"]
+    assert strangers._foretold(Interval(0.03, 0.025, 0.035), Interval(0.0354, 0.033, 0.038))
+    assert none["share corrected"] == none["share"]
+    assert none["behind trees, untold"] == none["behind trees"]
 
 
 def test_rates_and_shares_of_sets_counted_by_hand(monkeypatch):

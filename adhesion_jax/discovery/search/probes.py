@@ -28,9 +28,9 @@ _KNOTS, _POINTS_A_KNOT = 16, 20
 #: Neighbours before and after a point by whose mean its slip may be smoothed.
 _NEIGHBOURS = 4
 
-#: About this number of stretches take the place of few runs, each of them at least this number of
+#: About this number of stretches take the place of the runs, each of them at least this number of
 #: times as long as the noise remembers.
-_STRETCHES, _MEMORIES = 40, 3.0
+_STRETCHES, _MEMORIES = 160, 3.0
 
 #: Directions shorter than this, beside those before them, are none of their own.
 _OWN = 1e-6

@@ -54,13 +54,13 @@ def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
         for score in screen([(null_of(state.fitted), entries)], seed)
         if score.p <= rules.SIGNIFICANT
     ]
-    trials = tried(state.fitted, scores[: rules.TRIED_PARTS])
+    trials = tried(state.fitted, scores[: rules.TRIED_FORMS])
     if not trials:
         return None
     chosen = min(trials, key=lambda trial: trial.loss)
     gained = gain(state.fitted, chosen.fitted)
     least = least_gain(state.fitted, rules.PART_SHARE_OF_LOSS)
-    if gained.total <= max(rules.PART_ERRORS * gained.error, least):
+    if gained.total <= max(gained.error, least):
         return None
     return chosen
 

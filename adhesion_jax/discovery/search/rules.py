@@ -24,10 +24,6 @@ MOST_ROUNDS = 6
 #: model's Jacobian. By hand, from a prototype of the search.
 LEAST_SHARE_LEFT = 0.03
 
-#: Of fewer runs than this what varies within them is also tested by stretches of them. By hand: the
-#: signs of 20 runs have enough patterns, and show any effect as well.
-FEW_RUNS = 20
-
 #: Two columns form no pair if the size of their correlation exceeds this. By hand.
 SAME_COLUMN_CORRELATION = 0.98
 
@@ -49,8 +45,9 @@ PAIRED_COLUMNS = 12
 #: Number of columns that are combined with a chosen column, those of largest score. By hand.
 PARTNER_COLUMNS = 20
 
-#: Number of pairs of columns that are refitted, those of largest score. By hand.
-TRIED_PAIRS = 3
+#: Number of pairs of columns, or of refinements of an effect, that are refitted, those of largest
+#: score. By hand.
+TRIED_FORMS = 3
 
 #: A part of the model is kept without a trial if leaving it out would raise half the deviance by
 #: more than this, to second order. By hand: such a rise is far from any limit of acceptance.
@@ -93,11 +90,12 @@ STRETCH_BLOCKS = 3
 
 # --- Which candidate is named -----------------------------------------------------------------
 
-#: A plain column is preferred to a physical cause, and a pair of columns to a single one, only if
-#: it is ahead by more than this number of standard errors. Convention: two-sided 95 %.
-COLUMN_ERRORS = 2.0
+#: One candidate is ahead of another only by more than this number of standard errors: so a plain
+#: column is preferred to a physical cause, and a pair of columns to a single one. What is behind by
+#: less is in the class of the chosen one. Convention: two-sided 95 %.
+AHEAD_ERRORS = 2.0
 
-#: It must also be ahead by more than this share of the loss. By hand, from a prototype of the
+#: A column must also be ahead by more than this share of the loss. By hand, from a prototype of the
 #: search.
 COLUMN_SHARE_OF_LOSS = 0.01
 
@@ -109,11 +107,8 @@ COLUMN_SHARE_OF_GAIN = 0.15
 #: gain exceeds this share of the column's: its formula is inexact, not its column. By hand.
 SAME_CAUSE_SHARE = 0.5
 
-#: A candidate is in the class of the chosen one, from which the data do not separate it, only if it
-#: is behind by at most this number of standard errors. Convention: two-sided 95 %.
-CLASS_ERRORS = 2.0
-
-#: It must also be behind by at most this share of the gain of the chosen one. By hand.
+#: A candidate in the class of the chosen one, from which the data do not separate it, must also be
+#: behind by at most this share of its gain. By hand.
 CLASS_SHARE = 0.10
 
 #: The same share for a candidate of the same family. By hand: formulas of one cause differ less.
@@ -139,15 +134,8 @@ REFINING_SHARE = 0.05
 #: Largest number of parts of an effect, itself included. By hand.
 MOST_PARTS = 4
 
-#: Number of refinements of an effect that are refitted to choose one, those of largest score. By
-#: hand.
-TRIED_PARTS = 3
-
-#: A refinement is accepted only if it gains more than this number of standard errors. By hand: it
-#: is no claim of its own.
-PART_ERRORS = 1.0
-
-#: A refinement is accepted only if it gains more than this share of the loss. By hand.
+#: A refinement is accepted only if it gains more than its standard error and than this share of the
+#: loss. By hand: it is no claim of its own.
 PART_SHARE_OF_LOSS = 0.001
 
 #: A harmonic of a wave is not tried if the effect has a harmonic whose number differs by less than
@@ -185,24 +173,17 @@ EVEN_STEPS = 0.01
 
 # --- Doubts -----------------------------------------------------------------------------------
 
-#: If a candidate of a log was not accepted although its gain exceeds this number of standard
-#: errors, the doubt says that it rests on one stretch of the log. Convention: one-sided 95 %.
-SURE_BUT_FOR_A_STRETCH = 1.645
-
 #: Boosted trees are not asked if there are fewer runs. By hand: two in each of four folds.
 FEWEST_RUNS_OF_OPINION = 8
 
 #: Factor by which the products of residual and prediction are taken to scatter wider than
-#: independent ones. Measured: of 3,000 simulated sets of 28 runs with nothing to find (white noise,
-#: AR(1) of .3 to .95, levels that scatter by up to twice the noise) 4 had p <= .002 and 27 p <= .01
-#: with it, 23 and 64 without it.
-OPINION_WIDENING = 1.2
+#: independent ones. Measured: of 900 simulated sets of 28 runs with nothing to find (white noise,
+#: AR(1) of .5 to .95, levels that scatter by up to twice the noise) 2 had p <= .002 and 6 p <= .01
+#: with it, 10 and 32 without it.
+OPINION_WIDENING = 1.3
 
-#: What the trees predict is reported if its p is at most this. Measured: 4 of the 3,000 sets above.
+#: What the trees predict is reported if its p is at most this. Measured: 2 of the 900 sets above.
 OPINION_SIGNIFICANT = 0.002
-
-#: The trees name a column if its p, adjusted for all columns, is at most this. Convention: 1 %.
-OPINION_NAMED = 0.01
 
 # --- What is reported beside the effects ------------------------------------------------------
 

@@ -106,6 +106,9 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     of freedom as the runs that carry the probe allow, scaled so that .5 % of the z of each start
     are beyond 2.58 under random signs of the residuals of the runs, all of a run alike. p is by the
     largest z of all starts under the same signs (Romano and Wolf 2005, Econometrica 73, 1237-1282).
+
+    Where stretches of the runs take their place, the variance of the data is that by whole runs if
+    that is larger: if runs differ in more than their levels, stretches of one do not err alone.
     """
     largest = np.full(FLIPS, -np.inf)
     tested: list[_Tested] = []
@@ -195,7 +198,8 @@ def signed(
     Returns z [blocks]; the share of random signs under which the z of a block reaches it [blocks];
     and the largest z of any block under each choice of signs [FLIPS].
     """
-    ends = null.firsts
+    ends, whole_runs = null.firsts, firsts_of_runs(null.inside)
+    of_runs = np.searchsorted(ends, whole_runs)
     first = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
     x = np.concatenate(blocks, axis=1)
     b = null.residual @ x
@@ -203,35 +207,49 @@ def signed(
     u = np.add.reduceat(x * null.residual[:, None], ends, axis=0)
     given = _given(null.basis, x, ends) / np.maximum(g, 1e-300)
     u /= np.sqrt(np.maximum(1 - given, _LEAST_LEFT))
-    clusters = ends.size
     count = np.diff(first, append=x.shape[1])
     ranges = [slice(at, at + k) for at, k in zip(first, count, strict=True)]
-    crosses, squares = [], []
+    crosses, squares, left = [], [], []
     for block, some in zip(blocks, ranges, strict=True):
         products = np.add.reduceat(block[:, :, None] * block[:, None, :], ends, axis=0)
         crosses.append(np.einsum("rkl,rl->rk", products, u[:, some]))
         squares.append(np.einsum("rkl,rlm->km", products, products))
+        of_run = np.add.reduceat(u[:, some] - products @ b[some], of_runs, axis=0)
+        left.append(float(np.sum(of_run**2)))
     crossed_runs = np.concatenate(crosses, axis=1)
-    carrying = np.add.reduceat(1 / (g**2).sum(axis=0), first) / count
-    freedom = np.maximum(carrying - 1, 1.0) * np.sqrt(count)
 
-    def deviates(b: np.ndarray, crossed: np.ndarray) -> np.ndarray:
-        """Z of sums b [directions, choices]; `crossed` are those of X'X u with the same signs."""
+    def variances(b: np.ndarray, crossed: np.ndarray) -> np.ndarray:
+        """Those of sums b [directions, choices]; `crossed` are those of X'X u with their signs."""
         whole = np.add.reduceat((u**2).sum(axis=0)[:, None] - 2 * b * crossed, first, axis=0)
         made = [
             np.sum(b[some] * (s @ b[some]), axis=0) for s, some in zip(squares, ranges, strict=True)
         ]
-        over = np.maximum(whole + np.stack(made), 1e-300) * clusters / (clusters - 1)
-        statistic = np.add.reduceat(b**2, first, axis=0) / over
+        return np.maximum(whole + np.stack(made), 1e-300) * ends.size / (ends.size - 1)
+
+    def deviates(b: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+        """Z of sums b by their variances [blocks, choices], known with that freedom [blocks]."""
+        statistic = np.add.reduceat(b**2, first, axis=0) / variance
         z = np.empty_like(statistic)
         for place, (k, nu) in enumerate(zip(count, freedom, strict=True)):
             tail = np.clip(fdtrc(k, nu, _GRID), 1e-300, 1 - 1e-12)
             z[place] = np.interp(statistic[place], _GRID, -ndtri(tail))
         return z
 
-    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(clusters, FLIPS))
-    observed = deviates(b[:, None], crossed_runs.sum(axis=0)[:, None])
-    flipped = deviates(u.T @ signs, crossed_runs.T @ signs)
+    def freedom_of(shares: np.ndarray) -> np.ndarray:
+        """The freedom of a variance by clusters with these shares of the directions, [blocks]."""
+        carrying = np.add.reduceat(1 / (shares**2).sum(axis=0), first) / count
+        return np.maximum(carrying - 1, 1.0) * np.sqrt(count)
+
+    freedom = freedom_of(g)
+    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(ends.size, FLIPS))
+    flipped = u.T @ signs
+    flipped = deviates(flipped, variances(flipped, crossed_runs.T @ signs), freedom)
+    # What whole runs scatter beyond their stretches is a variance of its own: Satterthwaite 1946,
+    # Biometrics Bulletin 2, 110-114.
+    variance = variances(b[:, None], crossed_runs.sum(axis=0)[:, None])[:, 0]
+    more = np.maximum(np.array(left) * whole_runs.size / (whole_runs.size - 1) - variance, 0.0)
+    unsure = variance**2 / freedom + more**2 / freedom_of(np.add.reduceat(g, of_runs, axis=0))
+    observed = deviates(b[:, None], (variance + more)[:, None], (variance + more) ** 2 / unsure)
     # Starts of few runs or many probes have other tails: all are brought to that of a normal one.
     tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
     scale = -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)

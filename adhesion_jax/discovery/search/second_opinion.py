@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
+from adhesion_jax.discovery.model.fitting import TUNING
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.types import Opinion
@@ -20,8 +21,8 @@ from adhesion_jax.discovery.types import Opinion
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-#: Folds of the cross-validation over runs.
-_FOLDS = 4
+#: Largest number of folds of the cross-validation over runs, each of two runs at least.
+_FOLDS = 8
 
 #: Largest number of points that the trees are fitted to; of more points as many are drawn.
 _POINTS = 4000
@@ -62,18 +63,17 @@ def second_opinion(
     measured less predicted adhesion, in any unit, its sign that of traction; `runs` [points] is the
     run of each point. Columns in `own` belong to the slip: they are used but not named.
 
-    The runs of each of four folds are predicted by trees fitted to the other runs. With e the
-    residual and f the prediction, the products u_r = mean of e f over run r have mean zero if the
-    columns are unrelated to e, whatever the noise within a run, as long as the runs are
-    independent. Each pair of runs of different folds enters twice, so that the sum of u_r scatters
-    wider than independent products would, at most sqrt(2) times: p is that of Student's t divided
-    by `rules.OPINION_WIDENING`, and 1 if the squared error does not fall.
+    The runs of each fold are predicted by trees fitted to the other runs. With e the residual, cut
+    at `TUNING` standard deviations as in every fit of a law, and f the prediction, the products
+    u_r = mean of e f over run r have mean zero if the columns are unrelated to e, whatever the
+    noise within a run, as long as the runs are independent. Each pair of runs of different folds
+    enters twice, so that the sum of u_r scatters wider than independent products would, at most
+    sqrt(2) times: p is that of Student's t divided by `rules.OPINION_WIDENING`, and 1 if the
+    squared error does not fall.
 
     This is done for the residual, and for the residual less its mean over each run: if the levels
     of the runs scatter, structure within the runs shows only in the second. p is adjusted for both.
     """
-    if not np.any(residual):
-        return None
     generator = np.random.default_rng([seed, 23])
     rows = np.arange(residual.size)
     if rows.size > _POINTS:
@@ -82,12 +82,14 @@ def second_opinion(
     names = [name for name, column in features.items() if np.ptp(column[rows]) > 0]
     _, run = np.unique(runs[rows], return_inverse=True)
     count = int(run.max()) + 1
-    if count < rules.FEWEST_RUNS_OF_OPINION or not names:
+    far = TUNING * 1.4826 * float(np.median(np.abs(residual[rows])))
+    if count < rules.FEWEST_RUNS_OF_OPINION or not names or far == 0:
         return None
     columns = np.column_stack([features[name][rows] for name in names])
-    unit = float(np.sqrt(np.mean(residual[rows] ** 2)))
-    error = residual[rows] / unit
-    fold = (generator.permutation(count) % _FOLDS)[run]
+    error = np.clip(residual[rows], -far, far)
+    unit = float(np.sqrt(np.mean(error**2)))
+    error = error / unit
+    fold = (generator.permutation(count) % min(_FOLDS, count // 2))[run]
 
     trials = [
         _trial(columns, left, run, fold, _TREES)
@@ -139,7 +141,8 @@ def _trial(
     columns: np.ndarray, left: np.ndarray, run: np.ndarray, fold: np.ndarray, trees: int
 ) -> _Trial:
     leaf = _leaf(left.size)
-    models = [_fitted(columns[fold != k], left[fold != k], trees, leaf) for k in range(_FOLDS)]
+    folds = range(int(fold.max()) + 1)
+    models = [_fitted(columns[fold != k], left[fold != k], trees, leaf) for k in folds]
     predicted = _predicted(models, columns, fold)
     squared = (left - predicted) ** 2
     gain = _mean_by_run(left**2 - squared, run)
@@ -204,7 +207,7 @@ def _rise(
     rise = np.zeros((columns.shape[1], len(places)))
     for _ in range(_EXCHANGES):
         source = np.empty(run.size, dtype=int)
-        for k in range(_FOLDS):
+        for k in range(len(trial.models)):
             order = generator.permutation(np.unique(run[fold == k]))
             for here, there in zip(order, np.roll(order, 1), strict=True):
                 source[places[here]] = np.resize(places[there], places[here].size)
@@ -220,6 +223,6 @@ def _named(rise: np.ndarray, candidates: Sequence[int]) -> Sequence[int]:
     """The candidates whose exchange raises the error (t test over runs), the largest rise first."""
     mean = rise.mean(axis=1)
     spread = rise.std(axis=1, ddof=1) / np.sqrt(rise.shape[1])
-    needed = scipy.stats.t.ppf(1 - rules.OPINION_NAMED / max(len(candidates), 1), rise.shape[1] - 1)
+    needed = scipy.stats.t.ppf(1 - rules.SIGNIFICANT / max(len(candidates), 1), rise.shape[1] - 1)
     kept = [place for place in candidates if mean[place] > needed * spread[place] > 0]
     return sorted(kept, key=lambda place: -mean[place])

@@ -78,13 +78,9 @@ def search(
 
 
 def _nulls(state: Selection, entries: Sequence[Entry]) -> list[Null]:
-    """What is given in a test between runs; of few runs also what is given in one within them.
-
-    Signs of few runs cannot show how sure it is what moves within each of them.
-    """
-    given, problem = beside(state, entries), state.setting.problem
-    few = problem.runs < rules.FEW_RUNS and not problem.blocks
-    return [null_of(state.fitted, given, within=within) for within in (False, True)[: 1 + few]]
+    """What is given in a test by signs of the runs, and in one of what acts within them."""
+    given, whole = beside(state, entries), not state.setting.problem.blocks
+    return [null_of(state.fitted, given, within=within) for within in (False, True)[: 1 + whole]]
 
 
 def _parts(
@@ -184,7 +180,7 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
         if pairs := surfaces(problem, entry.covariates, (other,)):
             parts.append((null_of(chosen.fitted, split(forms)[0]), pairs))
     scored = [one for one in screen(parts, seed) if one.p <= rules.SCAN_SIGNIFICANT]
-    trials = tried(now.fitted, scored[: rules.TRIED_PAIRS])
+    trials = tried(now.fitted, scored[: rules.TRIED_FORMS])
     if not trials:
         return None
     best = min(trials, key=lambda trial: trial.loss)
@@ -298,7 +294,7 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
     name = row.name.split(" (")[0]
     p = p_is(row.p_adjusted, least_p(state.setting.problem.runs))
     seen = f"{row.name} stands out in the residual (adjusted {p}), but"
-    if state.fitted.log and row.gain > rules.SURE_BUT_FOR_A_STRETCH * row.gain_se:
+    if state.fitted.log and row.gain > rules.SURE_ERRORS_OF_COLUMN * row.gain_se:
         why = (
             f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "
             "effect. A single event agrees with every column that was different there; a second "

@@ -117,7 +117,7 @@ def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
         least_gain(other.fitted, rules.COLUMN_SHARE_OF_LOSS),
         rules.COLUMN_SHARE_OF_GAIN * (now.loss - other.loss),
     )
-    return ahead.total > least and ahead.deviate > rules.COLUMN_ERRORS
+    return ahead.total > least and ahead.deviate > rules.AHEAD_ERRORS
 
 
 def class_of(scores: Sequence[Score], chosen: Score) -> tuple[str, ...]:
@@ -163,7 +163,7 @@ def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
 
 def tied(behind: Gain) -> bool:
     """Whether the data leave open which of two models is better; `behind` is the gain of one."""
-    return behind.total <= rules.UNDECIDED_GAIN or behind.deviate <= rules.CLASS_ERRORS
+    return behind.total <= rules.UNDECIDED_GAIN or behind.deviate <= rules.AHEAD_ERRORS
 
 
 def ranked(
