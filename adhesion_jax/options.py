@@ -38,7 +38,7 @@ class Option(NamedTuple):
 
 #: What can be stated of the noise of a measurement that is planned.
 NOISE: dict[str, Option] = {
-    "sigma": Option("Standard deviation of the noise of adhesion.", 0, 10, low_open=True),
+    "sigma": Option("Standard deviation of the noise of adhesion.", 1e-9, 10),
     "autocorrelation": Option(
         "Correlation of that noise from sample to sample.", 0, 1, high_open=True
     ),
@@ -49,8 +49,16 @@ NOISE: dict[str, Option] = {
     "slow_rows": Option(
         "Samples after which the correlation of the slow level has fallen to 1/e.", 0, 10**9
     ),
-    "slip_noise": Option("Standard deviation of the noise of the slip.", 0, 10),
+    "slip_noise": Option(
+        "Standard deviation of the noise of the slip, or of the wheel speed in m/s of a LOG with a "
+        "vehicle speed.",
+        0,
+        10,
+    ),
 }
+
+#: Most runs of a job, and most blocks of a run: with more a job would not end, or not fit a memory.
+MOST_RUNS, _MOST_BLOCKS = 10**9, 1000
 
 Rail = Annotated[str, Option("Rail of a scenario that has one rail.")]
 Sigma = Annotated[float, Option("Noise of the adhesion signal.", 0, 10)]
@@ -62,7 +70,7 @@ Outliers = Annotated[
 Autocorrelation = Annotated[
     float, Option("Correlation of the noise from sample to sample.", 0, 1, high_open=True)
 ]
-BlockCount = Annotated[int, Option("Blocks of a run.", 1)]
+BlockCount = Annotated[int, Option("Blocks of a run.", 1, _MOST_BLOCKS)]
 Law = Annotated[
     str, Option("The law.json of adhesion discover that the truth follows.", is_file=True)
 ]

@@ -8,18 +8,21 @@ text, for only that of the part is imported, and reading a file needs none.
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import wraps
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
+from traceback import walk_tb
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from adhesion_jax import keeping
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import declared
 from adhesion_jax.wording import listed
+
+T = TypeVar("T")
 
 
 class Part(NamedTuple):
@@ -32,6 +35,14 @@ class Part(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.path}:{self.name}"
+
+
+#: What is said where a part calls NumPy with what jax traces.
+_TRACED = (
+    "; what jax traces is computed by jax.numpy. NumPy and SciPy are called through "
+    "jax.pure_callback; as a method, a function of slip and adhesion that they compute can be "
+    "named in the place of a class"
+)
 
 
 class Kind(NamedTuple):
@@ -110,11 +121,19 @@ def add(kind: str, own: Mapping[str, object]) -> None:
 
 
 def _put(kind: str, name: str, found: object, told: str) -> None:
-    made, registry = KINDS[kind].made(told, found, KINDS[kind]), _named(KINDS[kind].registry)
+    own, registry = made(kind, told, found), _named(KINDS[kind].registry)
     if name in registry and (kind, name) not in _own:
         raise InputError(f"{told} has the name of another part; give it a name of its own.")
-    registry[name] = made
+    registry[name] = own
     _own.add((kind, name))
+
+
+def made(kind: str, told: str, found: object) -> Any:
+    """The part that a class, an object or a function is; InputError where it is none of the kind.
+
+    It is named as `told` there.
+    """
+    return KINDS[kind].made(told, found, KINDS[kind])
 
 
 def used() -> tuple[Part, ...]:
@@ -142,18 +161,37 @@ def _module(asked: Part) -> ModuleType:
         exec(compile(asked.source, asked.path, "exec"), module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        line, trace = 0, error.__traceback__
-        while trace is not None:
-            line = trace.tb_lineno if trace.tb_frame.f_code.co_filename == asked.path else line
-            trace = trace.tb_next
-        words = " ".join(str(error).split()).rstrip(".")
-        raise InputError(
-            f"{asked.path} cannot be run, line {line}: {type(error).__name__}: {words}."
-        ) from None
+        raise InputError(f"{asked.path} cannot be run, {_fault(error, [asked.path])}.") from None
     keeping.outside(Path(f"{name}.py"), asked.source)
     for other in {*sys.modules} - known - {name}:
         _keep_in_mind(sys.modules[other], path.parent)
     return module
+
+
+def worded(function: Callable[..., T], *arguments: Any) -> T:
+    """The function of these arguments; an error that a file of the user's own led to in words.
+
+    That is an InputError with the file and the line. It comes from one process to another, which an
+    error of jax does not.
+    """
+    try:
+        return function(*arguments)
+    except Exception as error:
+        fault = _fault(error, [part.path for part in _used.values()])
+        if fault is None or isinstance(error, InputError):
+            raise
+        traced = any(kind.__name__ == "JAXTypeError" for kind in type(error).__mro__)
+        raise InputError(f"{fault}{_TRACED if traced else ''}.") from error
+
+
+def _fault(error: BaseException, paths: Collection[str]) -> str | None:
+    """The last line of one of these files that led to an error, and what the error is."""
+    lines = [line for line in walk_tb(error.__traceback__) if line[0].f_code.co_filename in paths]
+    if not lines:
+        return None
+    frame, line = lines[-1]
+    words = str(error).strip().partition("\n")[0].rstrip(".")
+    return f"{frame.f_code.co_filename}, line {line}: {type(error).__name__}: {words}"
 
 
 def _keep_in_mind(module: ModuleType, folder: Path) -> None:
@@ -197,6 +235,13 @@ def _instance(asked: str, found: Any, kind: Kind) -> Any:
         ) from None
 
 
+def _method(asked: str, found: Any, kind: Kind) -> Any:
+    """The same, or the method that a function of slip and adhesion is."""
+    if inspect.isfunction(found):
+        return _named("adhesion_jax.identifiers.of_function.of_function")(asked, found)
+    return _instance(asked, found, kind)
+
+
 def _builder(asked: str, found: Any, kind: Kind) -> Callable[..., Any]:
     """The function, whose arguments become options, and what it builds a scenario."""
     scenario = _named(kind.home)
@@ -221,7 +266,7 @@ def _builder(asked: str, found: Any, kind: Kind) -> Callable[..., Any]:
 
 
 KINDS: dict[str, Kind] = {
-    "identifier": Kind("an identifier", "identifiers", "Identifier", _instance),
+    "identifier": Kind("an identifier", "identifiers", "Identifier", _method),
     "scenario": Kind("a function that builds a scenario", "scenarios", "Scenario", _builder),
     "curve": Kind("a curve", "curves", "Curve", _instance),
     "effect": Kind("an effect", "effects", "Cause", _class),

@@ -15,7 +15,6 @@ from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
-from threading import local
 from types import MappingProxyType
 from typing import Any, NamedTuple
 from uuid import uuid4
@@ -119,7 +118,7 @@ def program(
     """
     stable = stable_key(name)
     if stable is None:
-        return _made(function, argument, compiler)[0]
+        return _made(function, argument, compiler)
     content = digest().encode() + stable.content
     if stable.outside:
         content += jax.jit(function).lower(argument).as_text().encode()
@@ -128,49 +127,19 @@ def program(
     with FileLock(folder() / "locks" / f"{key[:3]}.lock"):
         found = _loaded(path)
         if found is None:
-            found, whole = _made(function, argument, compiler)
-            if not whole:
-                again = _named(function, f"{function.__name__}_{uuid4().hex}")
-                found, _ = _made(again, argument, compiler)
+            # What jax takes from its own cache cannot be kept once more: it would lack parts when
+            # it is loaded ("Function ... not found", jax 0.10). No other program has this name.
+            def anew(argument: Any) -> Any:
+                return function(argument)
+
+            anew.__name__ = f"{function.__name__}_{uuid4().hex}"
+            found = _made(anew, argument, compiler)
             _keep(path, found)
     return found
 
 
-def _made(
-    function: Callable[[Any], Any], argument: Any, compiler: _Options
-) -> tuple[jax.stages.Compiled, bool]:
-    """The program, and whether it was compiled: one that jax has kept cannot be kept once more.
-
-    It would lack parts when it is loaded ("Function ... not found", jax 0.10).
-    """
-    _hits_are_counted()
-    lowered = jax.jit(function).lower(argument)  # which may compile small programs on its way
-    _of_thread.hits = 0
-    made = lowered.compile(dict(compiler))
-    return made, _of_thread.hits == 0
-
-
-_of_thread = local()
-
-
-def _count_hits(event: str, **_: object) -> None:
-    if event == "/jax/compilation_cache/cache_hits":
-        _of_thread.hits = getattr(_of_thread, "hits", 0) + 1
-
-
-@cache
-def _hits_are_counted() -> None:
-    jax.monitoring.register_event_listener(_count_hits)
-
-
-def _named(function: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
-    """The function by another name, which jax takes for another program."""
-
-    def other(argument: Any) -> Any:
-        return function(argument)
-
-    other.__name__ = name
-    return other
+def _made(function: Callable[[Any], Any], argument: Any, compiler: _Options) -> jax.stages.Compiled:
+    return jax.jit(function).lower(argument).compile(dict(compiler))
 
 
 class _StablePickler(pickle.Pickler):

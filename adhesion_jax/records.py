@@ -11,12 +11,20 @@ from adhesion_jax.curves import SLIP_LIMIT, Conditions, Curve, Scalar
 
 
 class Record(NamedTuple):
-    """One block of one run; with a leading axis, all the blocks of it."""
+    """One block of one run; with a leading axis, all the blocks of it.
+
+    Attributes:
+        slip: a ratio.
+        adhesion: force over load.
+        mask: false for padding.
+        fresh: false for points that were seen before and for padding.
+        conditions: columns in SI units, by name.
+    """
 
     slip: Float[Array, "*blocks points"]
     adhesion: Float[Array, "*blocks points"]
-    mask: Bool[Array, "*blocks points"]  # false for padding
-    fresh: Bool[Array, "*blocks points"]  # false for points seen before and for padding
+    mask: Bool[Array, "*blocks points"]
+    fresh: Bool[Array, "*blocks points"]
     conditions: Mapping[str, Float[Array, "*blocks points"]]
 
 
@@ -47,10 +55,15 @@ def _precise(bounds: Any) -> Any:
 class Known(eqx.Module):
     """What an identifier is told: the form of the curve, where to start, the box, what is asked.
 
-    The free parameters of `curve` hold the start; the others are known. `lower` and `upper`
-    bound the free parameters, in their order. The peak is asked under `conditions` (a scalar for
-    each column that the curve needs) and between slip 0 and `slip_limit`; where slip is a
-    velocity, so is that limit.
+    Attributes:
+        curve: its free parameters hold the start, the others are known.
+        lower: bounds of the free parameters, in their order.
+        upper: the same from above.
+        conditions: those of the peak, a scalar for each column that the curve needs.
+        slip_limit: up to which the peak is asked; a velocity where slip is one.
+        by_sample: whether a method is given one sample at a time and followed at each of them; a
+            block of a run is then what lies between two reports.
+        asked: the quantities; the parameters of the curve come with those of its peak.
     """
 
     curve: Curve
@@ -58,8 +71,5 @@ class Known(eqx.Module):
     upper: Float[_Bounds, " free"] = eqx.field(converter=_precise)
     conditions: Conditions = eqx.field(default_factory=dict)
     slip_limit: Scalar = SLIP_LIMIT
-    #: Whether a method is given one sample at a time and followed at each of them; a block of a
-    #: run is then what lies between two reports.
     by_sample: bool = eqx.field(default=False, static=True)
-    #: The quantities asked for; the parameters of the curve come with those of its peak.
     asked: tuple[str, ...] = eqx.field(default=("mu_max", "slip_opt"), static=True)

@@ -18,7 +18,7 @@ import adhesion_jax
 from adhesion_jax.effects.cause import Facts, Multiplier
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.planting import Planting, chosen
+from adhesion_jax.simulation.planting import chosen
 from adhesion_jax.simulation.simulator import simulate
 
 pytestmark = pytest.mark.thorough  # all rest on one process that imports and compiles anew
@@ -92,8 +92,8 @@ def told(tmp_path_factory):
     )
     (package / "simulation" / "leaves.py").write_text(planting)
     lines_added(
-        package / "simulation" / "planted_surroundings.py",
-        "SURROUNDINGS",
+        package / "simulation" / "plantable.py",
+        "PLANTABLE",
         '"leaves": LEAVES,',
         "from adhesion_jax.simulation.leaves import LEAVES",
     )
@@ -291,14 +291,6 @@ def test_an_effect_without_facts_is_not_read_and_cannot_be_made():
         type("Bare", (Multiplier,), {"factor": None})()
 
 
-def test_a_planting_that_forgets_its_other_formula_cannot_be_made():
-    page_without()
-    parts = PLANTABLE["Leaves"]._asdict()
-    del parts["otherwise"]
-    with pytest.raises(TypeError, match="otherwise"):
-        Planting(**parts)
-
-
 def test_an_effect_that_declares_no_starts_is_refused_where_it_is_first_tried():
     effect = page_without()["Leaves"]
     bare = type("Bare", (effect,), {"FACTS": replace(effect.FACTS, starts=())})
@@ -306,12 +298,11 @@ def test_an_effect_that_declares_no_starts_is_refused_where_it_is_first_tried():
         bare.starts({})
 
 
-@pytest.mark.parametrize("form", ["exact", "perturbed"])
-def test_an_effect_that_forgets_how_it_is_planted_is_never_planted_as_nothing(monkeypatch, form):
+def test_an_effect_that_forgets_how_it_is_planted_is_never_planted_as_nothing(monkeypatch):
+    sizes = {"seed": 0, "runs": 6, "points": 20}
     with pytest.raises(InputError, match="no way to plant 'forgotten'"):
-        simulate(["forgotten"], seed=0, form=form, runs=6, points=20)
+        simulate(["forgotten"], **sizes)
     page_without()
-    sizes = {"seed": 0, "form": form, "runs": 6, "points": 20}
     assert simulate(["Leaves"], **sizes).truth == ("Leaves",)
     monkeypatch.setitem(PLANTABLE, "Leaves", PLANTABLE["Leaves"]._replace(extra=chosen()))
     with pytest.raises(KeyError, match="leaf_cover"):

@@ -54,14 +54,14 @@ def done_in(folder, command, out):
 
 
 def test_the_page_shows_a_file_of_each_kind_and_a_command_for_each():
-    assert len(COMMANDS) == 6
+    assert len(COMMANDS) == 7
     named = {name for command in COMMANDS for name in re.findall(r"(\w+\.py):", command)}
     assert named == {*FILES}
 
 
-def mu_max(out):
+def mu_max(out, identifier="DampedGaussNewton"):
     table = pd.read_csv(out / "summary.csv").set_index(["identifier", "quantity"])
-    return table.loc["DampedGaussNewton", "mu_max"]
+    return table.loc[identifier, "mu_max"]
 
 
 @pytest.mark.slow
@@ -77,6 +77,14 @@ def test_an_identifier_is_compared_and_one_that_was_edited_gives_new_numbers(fol
     own.write_text(FILES["damped.py"])
     again = mu_max(done_in(folder, asked, "again")[0])
     assert again["rmse"] == whole["rmse"]
+
+
+@pytest.mark.slow
+def test_a_function_of_scipy_is_compared(folder):
+    out, _ = done_in(folder, of("montecarlo", "by_scipy.py"), "scipy")
+    row = mu_max(out, "least_squares")
+    assert row["rmse"] == pytest.approx(mu_max(out, "ml-exact")["rmse"], rel=1e-3)
+    assert row["failure_share"] == 0
 
 
 @pytest.mark.thorough

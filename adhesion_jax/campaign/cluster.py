@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -181,14 +181,14 @@ class _Cluster:
     @contextmanager
     def stored(self, function: Callable[..., T], work: Work, folder: Path) -> Iterator[Iterator[T]]:
         name, numbers = f"unit-{uuid4().hex}", count()
-        begun = WeakSet[Any]()
+        begun, called = WeakSet[Any](), partial(plugins.worded, function)
         place = folder / f"{PARTIAL}{name}" if self.shared else None
         if place is not None:
             place.mkdir()
 
         def submit(*unit: Any) -> Any:
             # As bytes, which Dask does not look into. Units of one name wait at the scheduler.
-            call, key = pickle.dumps((function, unit)), (name, next(numbers))
+            call, key = pickle.dumps((called, unit)), (name, next(numbers))
             begun.add(future := self.client.submit(_done, self.setting, call, place, key=key))
             return future
 

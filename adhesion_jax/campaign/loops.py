@@ -44,7 +44,8 @@ def computed(
     stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
     began = time.perf_counter()
     form = jax.tree.structure((stacked, keys))
-    compiled = _compiled(form, _kinds((stacked, keys)), grid, drawn)
+    kinds = tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in jax.tree.leaves((stacked, keys)))
+    compiled = _compiled(form, kinds, grid, drawn)
     compile_seconds = time.perf_counter() - began
     began = time.process_time()
     found = jax.block_until_ready(compiled(jax.tree.leaves((stacked, keys))))
@@ -56,10 +57,6 @@ def computed(
 def form_of(loop: Loop) -> object:
     """The key of a loop: loops of equal keys are run by one program."""
     return jax.tree.structure(loop), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(loop))
-
-
-def _kinds(tree: Any) -> tuple[jax.ShapeDtypeStruct, ...]:
-    return tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree))
 
 
 @cache

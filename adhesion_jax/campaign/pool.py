@@ -91,7 +91,8 @@ class Processes:
         while left:
             try:
                 with _started(workers) as executor:
-                    for number, future in finished(partial(executor.submit, function), left):
+                    begin = partial(executor.submit, plugins.worded, function)
+                    for number, future in finished(begin, left):
                         result = future.result()
                         del left[number]
                         yield number, result

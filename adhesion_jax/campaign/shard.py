@@ -189,14 +189,15 @@ def _accuracy(job: Job, found: Mapping[str, Found], truth: Truth, pool: Truth) -
 def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequence[str]) -> Outcome:
     one = found[name]
     # A gap to the exact optimum is a failure only if the optimum is known and minimised.
-    optimum = found.get(REFERENCE, one) if job.methods[name].FITS_LAST_RECORD else one
+    fits, none = job.methods[name].FITS_LAST_RECORD, np.zeros_like(one.objective)
+    optimum = found.get(REFERENCE, one) if fits else one
     return Outcome(
         values=np.stack([one.values[q] for q in quantities], axis=-1),
         standard_errors=np.stack([one.standard_errors[q] for q in quantities], axis=-1),
         on_box=one.on_box,
         unusable=np.isin(one.status, _UNUSABLE),
-        objective=one.objective,
-        optimum=optimum.objective,
+        objective=one.objective if fits else none,
+        optimum=optimum.objective if fits else none,
         optimum_on_box=optimum.on_box,
         evaluations=one.evaluations,
         delay=np.asarray(one.tracking.delay),

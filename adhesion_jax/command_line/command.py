@@ -1,11 +1,12 @@
 """How every command speaks: options by click, and one sentence for what cannot be used."""
 
+import errno
 import math
 import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from importlib.util import find_spec
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,18 @@ import click
 from click.shell_completion import CompletionItem
 
 from adhesion_jax.errors import InputError, WorkerError, cannot_write
-from adhesion_jax.options import Option
-from adhesion_jax.plugins import Part, part, use
+from adhesion_jax.options import MOST_RUNS, Option
+from adhesion_jax.plugins import Part, part, use, worded
 from adhesion_jax.wording import listed
 
 #: Where a click context holds the arguments of a recorded command, as they were given.
 ARGUMENTS = f"{__name__}.arguments"
+
+#: Most folders within each other that results may lie in.
+_DEEPEST = 200
+
+#: What a standard output is refused with.
+_OF_STREAMS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 #: Seeds of noise are numbers of 32 bits.
 SEED = click.IntRange(min=0, max=2**32 - 1)
@@ -27,10 +34,12 @@ SEED = click.IntRange(min=0, max=2**32 - 1)
 def run(command: click.Command) -> None:
     """Run a command to the end of the process: status 0, or one sentence and status 2.
 
-    Status 1 where the machine failed: a worker process that died.
+    That is also for an error that a part of the user's own led to. Status 1 where the machine
+    failed: a worker process that died, or a standard output that takes no more.
     """
+    _open_streams()
     try:
-        command.main(standalone_mode=False)
+        worded(partial(command.main, standalone_mode=False))
     except click.Abort:
         sys.exit(130)
     except click.ClickException as error:
@@ -40,6 +49,23 @@ def run(command: click.Command) -> None:
     except WorkerError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(1)
+    except OSError as error:
+        if error.filename is not None or error.errno not in _OF_STREAMS:
+            raise
+        sys.stdout = None  # it is not tried once more at the end
+        click.echo(f"error: the output cannot be written ({error.strerror}).", err=True)
+        sys.exit(1)
+
+
+def _open_streams() -> None:
+    """Open the standard streams that are closed: the next file would take the place of one."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # which takes the lowest number that is free
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
 
 
 def _refuse(sentence: str) -> None:
@@ -56,10 +82,19 @@ def start() -> None:
 
 
 class Recorded(click.Command):
-    """A command whose arguments are recorded beside its results."""
+    """A command whose arguments are recorded beside its results.
+
+    An option that takes one value is given once: of two click would take the last in silence.
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[ARGUMENTS] = list(args)
+        if not ctx.resilient_parsing:
+            _, _, given = self.make_parser(ctx).parse_args(list(args))
+            for one in given:
+                if given.count(one) > 1 and isinstance(one, click.Option) and not one.multiple:
+                    commas = "; divide its values by commas" if isinstance(one.type, Names) else ""
+                    raise InputError(f"{one.opts[0]} is given more than once{commas}.")
         return super().parse_args(ctx, args)
 
 
@@ -117,6 +152,8 @@ class Folder(click.Path):
         except (OSError, ValueError) as error:  # a name that is too long, or holds a zero
             known = isinstance(error, (FileNotFoundError, NotADirectoryError, PermissionError))
             reason = "" if known else getattr(error, "strerror", None) or "it is no name of a file"
+        if len(path.parts) > _DEEPEST:
+            reason = "it lies too deep"
         if not reason:
             there = next(place for place in (path, *path.absolute().parents) if _exists(place))
             if not there.is_dir() or not os.access(there, os.W_OK):
@@ -146,21 +183,25 @@ class Cluster(click.ParamType):
                 f"--cluster {value} is no cluster; give local:N for N workers on this machine, or "
                 "the address of a scheduler as tcp://HOST:PORT."
             )
-        if find_spec("distributed") is None:
-            raise InputError(
-                "--cluster needs the package distributed, which is not installed; install it by "
-                "pip install 'adhesion-jax[cluster]'."
-            )
         return value
 
 
-def examples(*lines: str) -> str:
-    """What stands under the help of a command, whose name the lines begin with."""
-    return "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in lines)
+def command(
+    *examples: str, cls: type[click.Command] = Recorded
+) -> Callable[[Callable[..., None]], click.Command]:
+    """A decorator that makes a command, whose name the examples under its help begin with."""
+    epilog = "\b\nExamples:\n" + "\n".join(f"  adhesion {line}" for line in examples)
+    return click.command(cls=cls, epilog=epilog, context_settings={"show_default": True})
 
 
-def with_processes(command: Callable[..., None]) -> Callable[..., None]:
-    """A decorator that gives a command the arguments `workers`, `cluster` and `shared_folder`."""
+def out_folder(name: str, files: str = "") -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator that gives a command the folder `out`, by default of this name, for its files."""
+    words = f"Folder for {files}." if files else None
+    return click.option("--out", type=Folder(), default=Path("out", name), help=words)
+
+
+def in_shards(command: Callable[..., None]) -> Callable[..., None]:
+    """A decorator that gives a command what is asked of a job in shards, and where it computes."""
     shared = click.option(
         "--shared-folder",
         is_flag=True,
@@ -176,7 +217,16 @@ def with_processes(command: Callable[..., None]) -> Callable[..., None]:
         type=click.IntRange(min=1),
         help="Processes (one for each core); the results do not depend on their number.",
     )
-    return workers(cluster(shared(command)))
+    extend = click.option(
+        "--extend",
+        type=click.IntRange(0, MOST_RUNS),
+        default=0,
+        help="Number of runs to add to the job in the folder.",
+    )
+    resume = click.option(
+        "--resume", is_flag=True, help="Compute what an interrupted job left over."
+    )
+    return resume(extend(workers(cluster(shared(command)))))
 
 
 class File(click.ParamType):

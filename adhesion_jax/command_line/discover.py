@@ -9,17 +9,17 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.command import SEED, Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
-_RUNS = Log(KNOWN.data)
+_RUNS = Log(NAMES["data"])
 
 
 class Plantable(Names):
@@ -28,16 +28,16 @@ class Plantable(Names):
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         own = ctx.params.get("effects")
         names = [part.name for part in own] if isinstance(own, tuple) else []
-        return Names((*self.names, *names), self.kind).convert(value, param, ctx)
+        asked = Names((*self.names, *names), self.kind).convert(value, param, ctx)
+        if "none" in asked and len(asked) > 1:
+            raise InputError(f"--simulate {value} has none beside others; name one of both.")
+        return asked
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "discover roller-rig",
-        "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
-        "discover --simulate humidity,patch",
-    ),
+@command(
+    "discover roller-rig",
+    "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
+    "discover --simulate humidity,patch",
 )
 @click.argument("train", type=_RUNS, nargs=-1)
 @reading
@@ -51,13 +51,12 @@ class Plantable(Names):
 )
 @click.option(
     "--curve",
-    type=Names((*KNOWN.curves, "auto"), "curve"),
+    type=Names((*NAMES["curves"], "auto"), "curve"),
     default="auto",
-    help=f"Base curves to choose from: auto, {', '.join(KNOWN.curves)}, or FILE.py:NAME, divided "
-    "by commas.",
-    show_default=True,
+    help=f"Base curves to choose from: auto, {', '.join(NAMES['curves'])}, or FILE.py:NAME, "
+    "divided by commas.",
 )
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0)
 @click.option(
     "--effects",
     type=Names((), "effect"),
@@ -68,7 +67,7 @@ class Plantable(Names):
 @click.option(
     "--simulate",
     "planted",
-    type=Plantable((*KNOWN.effects, "none", ""), "effect"),
+    type=Plantable((*NAMES["effects"], "none"), "effect"),
     metavar="EFFECTS",
     help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
@@ -78,14 +77,8 @@ class Plantable(Names):
     is_flag=True,
     help="Where boosted trees predict what the law leaves, predict --test with them as well.",
 )
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/discover"),
-    help="Folder for report.html, report.md, report.json, law.json and figures.",
-    show_default=True,
-)
-@listing(data=KNOWN.data, curves=KNOWN.curves, effects=KNOWN.effects)
+@out_folder("discover", "report.html, report.md, report.json, law.json and figures")
+@listing(data=NAMES["data"], curves=NAMES["curves"], effects=NAMES["effects"])
 def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],
@@ -119,10 +112,11 @@ def main(
     from adhesion_jax.data.runs import matching, to_runs
     from adhesion_jax.files import output_directory
     from adhesion_jax.library.discover import discover_in, sources_of
+    from adhesion_jax.library.results import columns_of
     from adhesion_jax.simulation.simulator import simulate, write_set
 
     if planted is not None:
-        names = tuple(name for name in planted if name not in ("", "none"))
+        names = tuple(name for name in planted if name != "none")
         write_set(output_directory(out), simulate(names, seed=seed))
         train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
     measured = read(train, columns, known, for_search=True)
@@ -144,10 +138,9 @@ def main(
         # Events alone are drawn in the end: the rows of other logs are held by the runs.
         del judging
         logs = [log for log in logs if log.events is not None]
-        found = discover_in(
-            runs, test, logs, sources, curves, seed, slip_noise, correct, progress, out
-        )
-    record(out, understood)
+        asked = curves, seed, slip_noise, correct, progress, out
+        found = discover_in(runs, test, logs, sources, understood, *asked)
+    record(out)
     click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
     if planted is not None:
         truth = json.loads((out / "truth.json").read_text())

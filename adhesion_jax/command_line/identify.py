@@ -7,31 +7,27 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import Folder, Names, Recorded, begin, examples
+from adhesion_jax.command_line.command import Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "identify eurosprinter",
-        'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
-        "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
-    ),
+@command(
+    "identify eurosprinter",
+    'identify log.csv --column "axle_force=Zugkraft [kN]" --dry-run',
+    "identify log.csv --curve kiencke,burckhardt,mine.py:Mine --out out/mine",
 )
-@click.argument("files", type=Log(KNOWN.data), nargs=-1, required=True)
+@click.argument("files", type=Log(NAMES["data"]), nargs=-1, required=True)
 @reading
 @click.option(
     "--curve",
-    type=Names((*KNOWN.curves, "all"), "curve"),
+    type=Names((*NAMES["curves"], "all"), "curve"),
     default="all",
-    help=f"Some of {', '.join(KNOWN.curves)}, FILE.py:NAME, or all, divided by commas.",
-    show_default=True,
+    help=f"Some of {', '.join(NAMES['curves'])}, FILE.py:NAME, or all, divided by commas.",
 )
 @slip_events
 @click.option(
@@ -41,15 +37,12 @@ KNOWN = catalogue()
     "that predicts best.",
 )
 @slip_noise
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/identify"),
-    help="Folder for report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, "
-    "of a log events.png, and with --by runs.csv and runs.png.",
-    show_default=True,
+@out_folder(
+    "identify",
+    "report.html, curves.csv, parameters.csv, curves.png, law.json, verdict.txt, of a log "
+    "events.png, and with --by runs.csv and runs.png",
 )
-@listing(data=KNOWN.data, curves=KNOWN.curves)
+@listing(data=NAMES["data"], curves=NAMES["curves"])
 def main(
     files: tuple[str, ...],
     curve: tuple[Any, ...],
@@ -80,11 +73,11 @@ def main(
         check_curve(as_one(measured))
         return
     # Nothing holds the log while the curves are fitted to its events.
-    logs, understood = events_of(measured, events), columns_of(measured)
+    logs = events_of(measured, events)
     del measured
     curves = None if "all" in names else names
     citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
         found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
-    record(out, understood)
+    record(out)
     click.echo(f"{found}\n\nWritten to {out}")

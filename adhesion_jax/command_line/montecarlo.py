@@ -10,23 +10,24 @@ import click
 from adhesion_jax.command_line.catalogue import Scenario, catalogue
 from adhesion_jax.command_line.command import (
     SEED,
-    Folder,
     Name,
     Names,
     Recorded,
     begin,
-    examples,
+    command,
+    in_shards,
     number_in,
+    out_folder,
     start,
-    with_processes,
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import Declared, Options, check, check_accepted, declared
+from adhesion_jax.options import MOST_RUNS, Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
 
 KNOWN = catalogue()
+NAMES = KNOWN.names
 
 #: What is asked of the job; all other options are those of the scenario.
 _OF_JOB = (
@@ -89,7 +90,7 @@ class WithScenario(Recorded):
 def _type(name: str, one: Declared) -> click.ParamType | type:
     option = one.option
     if name == "rail":
-        return Name(KNOWN.rails)
+        return Name(NAMES["rails"])
     if option.is_file:
         return click.Path(path_type=Path)
     if one.kind is int:
@@ -101,48 +102,39 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     return one.kind
 
 
-@click.command(
+@command(
+    "montecarlo --scenario single --rail common --runs 200",
+    "montecarlo --scenario qian2024-switch --identifiers riv,mine.py:Mine",
     cls=WithScenario,
-    epilog=examples(
-        "montecarlo --scenario single --rail common --runs 200",
-        "montecarlo --scenario qian2024-switch --identifiers riv,mine.py:Mine",
-    ),
 )
 @click.option(
     "--scenario",
     type=Name(KNOWN.scenarios, "scenario"),
-    help=f"What is identified (by default {' and '.join(KNOWN.main_job)}), or FILE.py:NAME.",
+    help=f"What is identified (by default {' and '.join(NAMES['main_job'])}), or FILE.py:NAME.",
 )
 @click.option(
     "--identifiers",
-    type=Names(KNOWN.identifiers, "identifier"),
+    type=Names(NAMES["identifiers"], "identifier"),
     help="Names, or FILE.py:NAME, divided by commas; by default all that fit.",
 )
 @scenario_options(KNOWN.scenarios)
-@click.option("--runs", type=click.IntRange(min=1), default=1000, show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/montecarlo"), show_default=True)
+@click.option("--runs", type=click.IntRange(1, MOST_RUNS), default=1000)
+@click.option("--seed", type=SEED, default=0)
+@out_folder("montecarlo")
 @click.option(
     "--keep",
     type=Name(("checkpoints", "all")),
     default="checkpoints",
-    show_default=True,
     help="The blocks whose estimates runs.parquet has: those around a switch and the last, or all.",
 )
-@click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
-@click.option(
-    "--extend",
-    type=click.IntRange(min=0),
-    default=0,
-    help="Number of runs to add to the job in the folder.",
-)
-@with_processes
+@in_shards
 @listing(
     scenarios={name: scenario.words for name, scenario in KNOWN.scenarios.items()},
     identifiers={
-        name: "(runs when named)" if name in KNOWN.ablations else "" for name in KNOWN.identifiers
+        **dict.fromkeys(NAMES["identifiers"], ""),
+        **dict.fromkeys(NAMES["ablations"], "(runs when named)"),
     },
-    rails=KNOWN.rails,
+    rails=NAMES["rails"],
 )
 def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
@@ -152,7 +144,7 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
         for name, value in asked.items()
     }
     for name in identifiers or ():
-        if scenario in KNOWN.refusals and name in KNOWN.identifiers:
+        if scenario in KNOWN.refusals and name in NAMES["identifiers"]:
             check_accepted(name, scenario, KNOWN.refusals[scenario].get(name))
     if scenario in KNOWN.scenarios:
         check(scenario, KNOWN.scenarios[scenario].options, Options(**options))

@@ -1,6 +1,7 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,23 +13,22 @@ from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import (
     SEED,
     File,
-    Folder,
     Name,
     Names,
-    Recorded,
     begin,
-    examples,
+    command,
     number_in,
+    out_folder,
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
 from adhesion_jax.wording import percent
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
 #: Largest number of values in a range.
 _MOST_VALUES = 50
@@ -52,71 +52,64 @@ _OF_LOGS: Mapping[str, object] = {
 _OF_SWEEPS = {"samples_per_run": None, "check": None}
 
 
-class Values(click.ParamType):
+class Written(click.ParamType):
+    """A value that is written as text; what is none is one already."""
+
+    wanted: str  # what is said of a text that is none, after "is no"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        try:
+            return self.read(value) if isinstance(value, str) else value
+        except ValueError:
+            raise InputError(f"{param.opts[0]} {value} is no {self.wanted}.") from None
+
+    @abstractmethod
+    def read(self, text: str) -> Any:
+        """The value; ValueError where the text is none."""
+
+
+class Values(Written):
     """LOW:HIGH or LOW:HIGH:COUNT, with equal steps of the logarithm."""
 
     name = "LOW:HIGH[:COUNT]"
+    wanted = (
+        "range; write LOW:HIGH or LOW:HIGH:COUNT, two numbers above 0 in rising order and how many "
+        f"values to take (2 to {_MOST_VALUES})"
+    )
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        try:
-            low, high, count, *_ = [*value.split(":"), "8"]
-            ends, number = (float(low), float(high)), int(count)
-        except ValueError:
-            raise self._refused(value, param) from None
-        inside = all(0 < end < math.inf for end in ends) and ends[0] < ends[1]
-        if not inside or not 2 <= number <= _MOST_VALUES:
-            raise self._refused(value, param)
+    def read(self, text: str) -> tuple[float, ...]:
+        low, high, count, *_ = [*text.split(":"), "8"]
+        ends, number = (float(low), float(high)), int(count)
+        if not (0 < ends[0] < ends[1] < math.inf and 2 <= number <= _MOST_VALUES):
+            raise ValueError
         return tuple(np.geomspace(*ends, number).tolist())
 
-    def _refused(self, value: str, param: Any) -> InputError:
-        return InputError(
-            f"{param.opts[0]} {value} is no range; write LOW:HIGH or LOW:HIGH:COUNT, two numbers "
-            f"above 0 in rising order and how many values to take (2 to {_MOST_VALUES})."
-        )
 
-
-class Share(click.ParamType):
+class Share(Written):
     """A share: 1% or 0.01."""
 
     name = "per cent"
+    wanted = "share; write it as 1% or 0.01, above 0 and below 100 %"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        text = value.strip()
-        try:
-            share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-        except ValueError:
-            share = math.nan
+    def read(self, text: str) -> float:
+        number = text.strip()
+        share = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
         if not 0 < share < 1:
-            raise InputError(
-                f"{param.opts[0]} {value} is no share; write it as 1% or 0.01, above 0 and below "
-                "100 %."
-            )
+            raise ValueError
         return share
 
 
-class Condition(click.ParamType):
+class Condition(Written):
     """A column and its value."""
 
     name = "COLUMN=NUMBER"
+    wanted = "condition; write a column and its value, as vehicle_speed_mps=10"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        column, _, number = value.partition("=")
-        try:
-            found = float(number)
-        except ValueError:
-            found = math.nan
-        if not column or not math.isfinite(found):
-            raise InputError(
-                f"{param.opts[0]} {value} is no condition; write a column and its value, as "
-                "vehicle_speed_mps=10."
-            )
-        return column, found
+    def read(self, text: str) -> tuple[str, float]:
+        column, _, number = text.partition("=")
+        if not column or not math.isfinite(float(number)):
+            raise ValueError
+        return column, float(number)
 
 
 def noise(command: Callable[..., None]) -> Callable[..., None]:
@@ -128,18 +121,15 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "plan --rail common --want 1%",
-        "plan --curves out/identify/curves.csv",
-        'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
-    ),
+@command(
+    "plan --rail common --want 1%",
+    "plan --curves out/identify/curves.csv",
+    'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
 )
-@click.argument("log", type=Log(KNOWN.data), required=False)
+@click.argument("log", type=Log(NAMES["data"]), required=False)
 @reading
 @slip_events
-@click.option("--rail", type=Name(KNOWN.rails), help=f"{', '.join(KNOWN.rails)}.")
+@click.option("--rail", type=Name(NAMES["rails"]), help=f"{', '.join(NAMES['rails'])}.")
 @click.option(
     "--curves",
     type=File((), "name the curves.csv of adhesion identify"),
@@ -152,7 +142,7 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.option(
     "--curve",
-    type=Names(KNOWN.curves, "curve"),
+    type=Names(NAMES["curves"], "curve"),
     help="The curves of LOG or of --curves whose best is taken for the truth, FILE.py:NAME among "
     "them, divided by commas.",
 )
@@ -179,15 +169,9 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
     type=click.IntRange(100, 10**6),
     help="Simulate six cells of the plan, each with this number of measurements.",
 )
-@click.option("--seed", type=SEED, default=0, help="Of --check.", show_default=True)
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/plan"),
-    help="Folder for plan.csv, plan.png and plan.txt.",
-    show_default=True,
-)
-@listing(data=KNOWN.data, rails=KNOWN.rails, curves=KNOWN.curves)
+@click.option("--seed", type=SEED, default=0, help="Of --check.")
+@out_folder("plan", "plan.csv, plan.png and plan.txt")
+@listing(data=NAMES["data"], rails=NAMES["rails"], curves=NAMES["curves"])
 def main(
     log: str | None,
     rail: str | None,
@@ -226,6 +210,7 @@ def main(
     from adhesion_jax.library.identify import identify_chosen
     from adhesion_jax.library.plan import PLAN_FILES, plan
     from adhesion_jax.library.reading import citation_of
+    from adhesion_jax.library.results import columns_of
     from adhesion_jax.measured.saved import load_curve
     from adhesion_jax.planning.check import check_plan
     from adhesion_jax.report.plan.words import checked

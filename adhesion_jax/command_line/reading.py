@@ -159,13 +159,13 @@ def read(
 
     A search for effects is satisfied with columns of which it needs fewer rows.
     """
-    from adhesion_jax.data.corrections import corrections_of
+    from adhesion_jax.data.corrections import Corrections
     from adhesion_jax.data.gaps import FEW, FEW_OF_A_SEARCH
     from adhesion_jax.data.reading import NotUnderstoodError
     from adhesion_jax.library.reading import all_of
     from adhesion_jax.report.measured.understood import columns_table, understood
 
-    corrections, few = corrections_of(**known), FEW_OF_A_SEARCH if for_search else FEW
+    corrections, few = Corrections(**known), FEW_OF_A_SEARCH if for_search else FEW
     with shown() as progress:
         try:
             found = all_of(files, columns, corrections, progress, few)

@@ -2,37 +2,29 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from adhesion_jax.command_line.command import ARGUMENTS
 from adhesion_jax.plugins import Part
 
-if TYPE_CHECKING:
-    from adhesion_jax.data import Measured
-
 #: The commands that write results.
 RECORDED = ("montecarlo", "identify", "track", "discover", "simulate", "plan", "traction")
-
-
-def columns_of(files: "Sequence[Measured]") -> Mapping[str, object]:
-    """The columns of each file as they were understood, for JSON, which has null for NaN."""
-    return {one.name: json.loads(one.understood.to_json(orient="records")) for one in files}
 
 
 def record(folder: Path, columns: Mapping[str, object] | None = None) -> None:
     """Write metadata.json: what was asked, how columns were understood, versions and machine.
 
-    What a result has written there before stays.
+    What a result has written there before stays, but for the call of the function that made it.
     """
     from adhesion_jax import runtime
     from adhesion_jax.files import METADATA, staged, write_metadata
 
     path = folder / METADATA
     told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else runtime.describe()
+    told.pop("call", None)
     understood = {"columns": columns} if columns else {}
     with staged(folder, [METADATA]) as stage:
         write_metadata(stage / METADATA, {**_asked(), **understood, **told})

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import Folder, examples
+from adhesion_jax.command_line.command import command, out_folder
 from adhesion_jax.command_line.record import RECORDED
 from adhesion_jax.errors import InputError
 
@@ -23,15 +23,9 @@ _RECORD = "metadata.json"
 _ONCE = {"--resume": 0, "--extend": 1, "--out": 1}
 
 
-@click.command(epilog=examples("rerun out/identify", "rerun out/identify --out out/again"))
+@command("rerun out/identify", "rerun out/identify --out out/again", cls=click.Command)
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/rerun"),
-    help="Folder for the results.",
-    show_default=True,
-)
+@out_folder("rerun", "the results")
 def main(folder: Path, out: Path) -> None:
     """Repeat the command that wrote the results in FOLDER, by its metadata.json.
 
@@ -68,6 +62,10 @@ def _told(folder: Path) -> Mapping[str, Any]:
         ) from None
     except (ValueError, RecursionError):
         told = None
+    if isinstance(told, dict) and "call" in told and "command" not in told:
+        raise InputError(
+            f"{path} tells of results that a program of yours has asked for; run it again."
+        )
     kinds = {"command": str, "arguments": list, "folder": str, "options": dict, "versions": dict}
     whole = isinstance(told, dict) and all(isinstance(told.get(k), v) for k, v in kinds.items())
     if not whole or told["command"] not in RECORDED:
@@ -88,23 +86,23 @@ def _arguments(told: Mapping[str, Any], results: Path) -> list[str]:
     """The arguments that make the same results in another folder."""
     if told["command"] == "simulate":  # whose --out is a file
         results /= Path(told["options"]["--out"]).name
-    arguments = [*_kept(told["arguments"]), "--out", str(results)]
-    if told["options"].get("--extend"):
+    extended, ours = told["options"].get("--extend"), ["--out", str(results)]
+    if extended:
         runs = told["runs"] if "runs" in told else told["config"]["runs"]
-        arguments += ["--runs", str(runs)]
-    return arguments
+        ours += ["--runs", str(runs)]
+    return [*_without({**_ONCE, "--runs": 1} if extended else _ONCE, told["arguments"]), *ours]
 
 
-def _kept(arguments: Sequence[str]) -> list[str]:
-    """The arguments without those of `_ONCE`."""
+def _without(names: Mapping[str, int], arguments: Sequence[str]) -> list[str]:
+    """The arguments without these options, which have so many values."""
     kept: list[str] = []
     rest = iter(arguments)
     for one in rest:
         name, equals, _ = one.partition("=")
-        if name not in _ONCE:
+        if name not in names:
             kept.append(one)
         elif not equals:
-            for _ in range(_ONCE[name]):
+            for _ in range(names[name]):
                 next(rest, None)
     return kept
 

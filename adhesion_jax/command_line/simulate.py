@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, Recorded, begin, examples
+from adhesion_jax.command_line.command import SEED, FiniteRange, Name, begin, command
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
@@ -13,40 +13,31 @@ from adhesion_jax.errors import InputError
 _EFFECTS = ("none", "humidity", "falling_friction")
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "simulate --hours 0.3 --events 3 --seed 1 --out log.csv",
-    ),
-)
+@command("simulate --hours 0.3 --events 3 --seed 1 --out log.csv")
 @click.option(
     "--hours",
     type=FiniteRange(min=0, min_open=True, max=240),
     default=8.0,
     help="Length of the log; an hour has 360,000 rows.",
-    show_default=True,
 )
 @click.option(
     "--events",
     type=click.IntRange(min=0),
     default=5,
     help="Number of slip events in it.",
-    show_default=True,
 )
 @click.option(
     "--effect",
     type=Name(_EFFECTS),
     default="none",
     help="What acts on adhesion beside slip: none, humidity or falling_friction.",
-    show_default=True,
 )
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0)
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("out/simulate/log.csv"),
     help="File for the log, .csv or .parquet.",
-    show_default=True,
 )
 @listing(effects=_EFFECTS)
 def main(hours: float, events: int, effect: str, seed: int, out: Path) -> None:

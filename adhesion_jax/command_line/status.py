@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from adhesion_jax.command_line.command import begin, examples
+from adhesion_jax.command_line.command import begin, command
 
 
-@click.command(epilog=examples("status out/montecarlo"))
+@command("status out/montecarlo", cls=click.Command)
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("out/montecarlo"))
 def main(folder: Path) -> None:
     """Say how far the job in FOLDER is, and what its finished runs tell."""

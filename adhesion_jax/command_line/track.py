@@ -7,37 +7,28 @@ from typing import Any
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import (
-    FiniteRange,
-    Folder,
-    Names,
-    Recorded,
-    begin,
-    examples,
-)
+from adhesion_jax.command_line.command import FiniteRange, Names, begin, command, out_folder
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading
-from adhesion_jax.command_line.record import columns_of, record
+from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
+NAMES = KNOWN.names
 
-_ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following]
+_ONLINE = [name for name in NAMES["identifiers"] if name not in KNOWN.not_following]
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "track eurosprinter",
-        'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
-    ),
+@command(
+    "track eurosprinter",
+    'track log.csv --column "axle_force=Zugkraft" --identifiers riv,mine.py:Mine',
 )
-@click.argument("log", type=Log(KNOWN.data))
+@click.argument("log", type=Log(NAMES["data"]))
 @reading
 @click.option(
     "--identifiers",
-    type=Names(KNOWN.identifiers, "identifier"),
+    type=Names(NAMES["identifiers"], "identifier"),
     help=f"Some of {', '.join(_ONLINE)}, or FILE.py:NAME, divided by commas; by default riv, "
     "qp-qian2024-1 and rls-kiencke.",
 )
@@ -53,14 +44,8 @@ _ONLINE = [name for name in KNOWN.identifiers if name not in KNOWN.not_following
     help="Use the slip events of the log alone, or all samples; by default the events are cut out "
     "of a log that hardly slips.",
 )
-@click.option(
-    "--out",
-    type=Folder(),
-    default=Path("out/track"),
-    help="Folder for track.csv, track.png and track.txt.",
-    show_default=True,
-)
-@listing(data=KNOWN.data, identifiers=_ONLINE)
+@out_folder("track", "track.csv, track.png and track.txt")
+@listing(data=NAMES["data"], identifiers=_ONLINE)
 def main(
     log: str,
     identifiers: tuple[Any, ...] | None,
@@ -95,8 +80,8 @@ def main(
             names or METHODS,
             initial_slope,
             events=events,
-            report=lambda done, total: progress("following", done / total),
+            progress=progress,
             out=out,
         )
-    record(out, columns_of([measured]))
+    record(out)
     click.echo(f"{found}\n\nWritten to {out}")

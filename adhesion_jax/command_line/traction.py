@@ -10,68 +10,58 @@ from adhesion_jax.command_line.command import (
     SEED,
     File,
     FiniteRange,
-    Folder,
     Name,
-    Recorded,
     begin,
-    examples,
-    with_processes,
+    command,
+    in_shards,
+    out_folder,
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
+from adhesion_jax.options import MOST_RUNS
 
-KNOWN = catalogue()
+NAMES = catalogue().names
 
 
-@click.command(
-    cls=Recorded,
-    epilog=examples(
-        "traction --system hxd1f",
-        "traction --system fang2018 --runs 0 --controller rate-feedback --out out/eq8",
-    ),
+@command(
+    "traction --system hxd1f",
+    "traction --system fang2018 --runs 0 --controller rate-feedback --out out/eq8",
 )
 @click.option(
-    "--system", type=Name(KNOWN.systems), required=True, help=f"{', '.join(KNOWN.systems)}."
+    "--system", type=Name(NAMES["systems"]), required=True, help=f"{', '.join(NAMES['systems'])}."
 )
 @click.option(
     "--plant",
-    type=File(KNOWN.plants, f"name a TOML file or {', '.join(KNOWN.plants)}"),
-    help=f"A TOML file, or a plant that ships: {', '.join(KNOWN.plants)}.",
+    type=File(NAMES["plants"], f"name a TOML file or {', '.join(NAMES['plants'])}"),
+    help=f"A TOML file, or a plant that ships: {', '.join(NAMES['plants'])}.",
 )
 @click.option(
     "--observer",
-    type=Name(KNOWN.observers, "observer"),
-    help=f"Instead of the paper's: {', '.join(KNOWN.observers)}, FILE.py:NAME.",
+    type=Name(NAMES["observers"], "observer"),
+    help=f"Instead of the paper's: {', '.join(NAMES['observers'])}, FILE.py:NAME.",
 )
 @click.option(
     "--seeker",
-    type=Name(KNOWN.seekers, "seeker"),
-    help=f"Instead of the paper's: {', '.join(KNOWN.seekers)}, FILE.py:NAME.",
+    type=Name(NAMES["seekers"], "seeker"),
+    help=f"Instead of the paper's: {', '.join(NAMES['seekers'])}, FILE.py:NAME.",
 )
 @click.option(
     "--controller",
-    type=Name(KNOWN.controllers, "controller"),
-    help=f"Instead of the paper's: {', '.join(KNOWN.controllers)}, FILE.py:NAME.",
+    type=Name(NAMES["controllers"], "controller"),
+    help=f"Instead of the paper's: {', '.join(NAMES['controllers'])}, FILE.py:NAME.",
 )
-@click.option("--runs", type=click.IntRange(min=0), default=32, show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@click.option("--runs", type=click.IntRange(0, MOST_RUNS), default=32)
+@click.option("--seed", type=SEED, default=0)
 @click.option("--step", type=FiniteRange(min=1e-6, max=1.0), help="Of the plant, in s.")
 @click.option("--animate", is_flag=True, help="The operating point as a moving picture, too.")
-@with_processes
-@click.option("--resume", is_flag=True, help="Compute what an interrupted job left over.")
-@click.option(
-    "--extend",
-    type=click.IntRange(min=0),
-    default=0,
-    help="Number of runs with noise to add to the job in the folder.",
-)
-@click.option("--out", type=Folder(), default=Path("out/traction"), show_default=True)
+@in_shards
+@out_folder("traction")
 @listing(
-    systems=KNOWN.systems,
-    plants=KNOWN.plants,
-    observers=KNOWN.observers,
-    seekers=KNOWN.seekers,
-    controllers=KNOWN.controllers,
+    systems=NAMES["systems"],
+    plants=NAMES["plants"],
+    observers=NAMES["observers"],
+    seekers=NAMES["seekers"],
+    controllers=NAMES["controllers"],
 )
 def main(
     system: str,

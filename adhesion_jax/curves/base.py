@@ -71,9 +71,11 @@ class Law(eqx.Module):
 class Curve(Law):
     """A law whose fields are its parameters.
 
-    PARAMETERS describes every field; `free` names those that are identified, the others are
-    known. NEEDS names the conditions without which the curve cannot be evaluated. AUTOMATIC says
-    whether a discovery considers the curve in its own choice.
+    Attributes:
+        PARAMETERS: unit, bounds, meaning and source of every field.
+        NEEDS: the conditions without which the curve cannot be evaluated.
+        AUTOMATIC: whether a discovery considers the curve in its own choice.
+        free: the names of the parameters that are identified; the others are known.
     """
 
     PARAMETERS: eqx.AbstractClassVar[Mapping[str, Parameter]]
@@ -85,11 +87,6 @@ class Curve(Law):
     @abstractmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         """Free parameters to start a fit from, for data whose largest adhesion is about `top`."""
-
-    @classmethod
-    @abstractmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> "Curve":
-        """A random curve of about this largest adhesion, at about this slip ratio if possible."""
 
 
 C = TypeVar("C", bound=Curve)

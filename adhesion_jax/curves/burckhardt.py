@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
@@ -18,6 +17,12 @@ class Burckhardt(Curve):
     Peak at l_m = ln(c1 c2 / c3) / c2, mu_m = c1 - (c3/c2)(1 + ln(c1 c2 / c3)); there is none
     where the curve falls from the start (c1 c2 <= c3) or rises beyond the largest slip.
     Source: He et al. 2018, Eq. 5 and 6.
+
+    Attributes:
+        c1: level of the plateau.
+        c2: steepness of the rise.
+        c3: fall beyond the peak.
+        free: the names of the parameters that are fitted.
     """
 
     c1: Scalar
@@ -36,11 +41,6 @@ class Burckhardt(Curve):
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         return [(1.1 * top, steep, top) for steep in (25.0, 70.0, 250.0)]
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        draw = generator.uniform
-        return cls(c1=level, c2=draw(50.0, 150.0), c3=level * draw(0.3, 1.2))
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         rise = 1 - jnp.exp(-self.c2 * jnp.abs(slip))

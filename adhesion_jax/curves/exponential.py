@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
@@ -36,11 +35,6 @@ class Exponential(Curve):
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         return [(2.0, steep, 1.2 * top) for steep in (25.0, 70.0, 250.0)]
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        draw = generator.uniform
-        return cls(a=draw(1.0, 4.0), b=draw(60.0, 180.0), c=1.1 * level)
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         size = jnp.abs(slip)

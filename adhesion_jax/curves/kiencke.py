@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
@@ -19,6 +18,12 @@ class Kiencke(Curve):
     for l_m to lie in the range, or where the denominator has a root (p1 <= -2 sqrt(p2)).
     The initial slope a0 is known in Qian et al. 2024; free it where it is not.
     Source: Qian et al. 2024, Eq. 1 and 2 (whose radicals are lost in some prints).
+
+    Attributes:
+        a0: initial slope.
+        p1: bend of the rise.
+        p2: inverse square of the slip at the peak.
+        free: the names of the parameters that are fitted.
     """
 
     a0: Scalar
@@ -38,12 +43,6 @@ class Kiencke(Curve):
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         # Peak at slip l: p2 = 1/l^2, p1 = 1/l, a0 = top (p1 + 2/l).
         return [(3 * top / at, 1 / at, at**-2) for at in (0.015, 0.05, 0.15)]
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        slope = level / peak * generator.uniform(2.5, 5.0)
-        p1 = slope / level - 2 / peak
-        return cls(a0=slope, p1=p1, p2=1 / peak**2, free=("a0", "p1", "p2"))
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         size = jnp.abs(slip)

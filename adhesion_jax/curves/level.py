@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
 
@@ -25,10 +24,6 @@ class Level(Curve):
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         return [(top,)]
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(level=level)
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return self.level * jnp.where(slip < 0, -1.0, 1.0)

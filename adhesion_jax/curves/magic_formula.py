@@ -1,12 +1,10 @@
 """Pacejka's Magic Formula."""
 
-import math
 from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from adhesion_jax.curves.base import Conditions, Curve, Parameter, Scalar, Signal
 
@@ -38,11 +36,6 @@ class MagicFormula(Curve):
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         return [(steep, 1.5, top, 0.0) for steep in (10.0, 40.0, 150.0)]
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        shape = generator.uniform(1.2, 1.6)
-        return cls(b=math.tan(math.pi / (2 * shape)) / peak, c=shape, d=level, e=0.0)
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         stretched = self.b * slip

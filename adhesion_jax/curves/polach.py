@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar, Signal
@@ -55,10 +54,6 @@ class Polach(Curve):
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         return [(1.1 * top, stiffness) for stiffness in (30.0, 100.0, 400.0)]
 
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(mu0=level, stiffness=generator.uniform(80.0, 200.0))
-
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return saturation(slip, self.mu0, self.stiffness, 1.0, 1.0)
 
@@ -68,91 +63,72 @@ class Polach(Curve):
         return Peak(slip, self(slip, conditions), jnp.zeros((), dtype=bool))
 
 
-def _falling_starts(top: float) -> Sequence[Sequence[float]]:
-    """Stiff and soft rises, with little and much reduction in the area of slip."""
-    rises = [(stiffness, k_s) for stiffness in (40.0, 150.0) for k_s in (0.3, 0.9)]
-    return [(1.4 * top, 0.5, 0.5, stiffness, k_s) for stiffness, k_s in rises]
+class _Falling(Curve):
+    """What the two laws share whose friction falls with the slip velocity w = |l| V.
+
+    It falls by the factor (1 - a) exp(-b w) + a, a the share that remains at high slip velocity.
+    """
+
+    mu0: Scalar
+    a: Scalar
+    b: Scalar
+    stiffness: Scalar
+    k_s: Scalar
+    free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
+
+    NEEDS = ("vehicle_speed_mps",)
+    AUTOMATIC = True
+
+    @classmethod
+    def starts(cls, top: float) -> Sequence[Sequence[float]]:
+        """Stiff and soft rises, with little and much reduction in the area of slip."""
+        rises = [(stiffness, k_s) for stiffness in (40.0, 150.0) for k_s in (0.3, 0.9)]
+        return [(1.4 * top, 0.5, 0.5, stiffness, k_s) for stiffness, k_s in rises]
+
+    def left(self, slip: Signal, conditions: Conditions) -> Signal:
+        """The share of friction that is left."""
+        slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
+        return (1 - self.a) * jnp.exp(-self.b * slip_velocity) + self.a
 
 
-def _falling_drawn(level: float, generator: np.random.Generator) -> tuple[float, ...]:
-    """Random mu0, a, b, stiffness and k_s."""
-    draw = generator.uniform
-    return (1.2 * level, draw(0.35, 0.65), draw(0.2, 0.6), draw(80.0, 200.0), draw(0.25, 0.6))
+_OF_FALLING = {
+    **_PARAMETERS,
+    "a": Parameter("1", 0.0, 1.0, "share of friction left at high slip velocity", _SOURCE),
+    "b": Parameter("s/m", 0.01, 20.0, "decay of friction with slip velocity", _SOURCE),
+    # With a much smaller kS adhesion has a second peak near slip 0.
+    "k_s": Parameter("1", 0.1, 1.0, "reduction in the area of slip", _SOURCE),
+}
 
 
-class PolachFalling(Curve):
-    """Polach's law with friction that falls with the slip velocity w = |l| V.
+class PolachFalling(_Falling):
+    """Polach's law with friction that falls with the slip velocity: mu_f = mu0 (what is left).
 
-    mu_f = mu0 ((1 - a) exp(-b w) + a), a the share that remains at high slip velocity. Only the
-    products kA C and kS C act on adhesion, so kA is one by default and C and kS are free.
+    Only the products kA C and kS C act on adhesion, so kA is one by default and C and kS are free.
     The peak is found numerically. Source: Polach 2005.
     """
 
-    mu0: Scalar
-    a: Scalar
-    b: Scalar
-    stiffness: Scalar
-    k_s: Scalar
     k_a: Scalar = 1.0
-    free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
 
-    #: With a much smaller kS adhesion has a second peak near slip 0.
     PARAMETERS: ClassVar = {
-        **_PARAMETERS,
-        "a": Parameter("1", 0.0, 1.0, "share of friction left at high slip velocity", _SOURCE),
-        "b": Parameter("s/m", 0.01, 20.0, "decay of friction with slip velocity", _SOURCE),
-        "k_s": Parameter("1", 0.1, 1.0, "reduction in the area of slip", _SOURCE),
+        **_OF_FALLING,
         "k_a": Parameter("1", 0.01, 1.0, "reduction in the area of adhesion", _SOURCE),
     }
-    NEEDS = ("vehicle_speed_mps",)
-    AUTOMATIC = True
-
-    @classmethod
-    def starts(cls, top: float) -> Sequence[Sequence[float]]:
-        return _falling_starts(top)
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
-        return cls(mu0=mu0, a=a, b=b, stiffness=stiffness, k_s=k_s)
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
-        slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
-        friction = self.mu0 * ((1 - self.a) * jnp.exp(-self.b * slip_velocity) + self.a)
+        friction = self.mu0 * self.left(slip, conditions)
         return saturation(slip, friction, self.stiffness, self.k_a, self.k_s)
 
 
-class PolachScaled(Curve):
-    """Polach's law with Coulomb friction, the whole of it falling with the slip velocity w = |l| V.
+class PolachScaled(_Falling):
+    """Polach's law with Coulomb friction, the whole of it falling: mu = (what is left) Polach(l).
 
-    mu = ((1 - a) exp(-b w) + a) Polach(l): unlike in PolachFalling the stress gradient is that of
-    the friction at rest, so that the rise keeps its steepness where friction has fallen. Which of
-    the two a measurement follows cannot be known beforehand. After Polach 2005.
+    Unlike in PolachFalling the stress gradient is that of the friction at rest, so that the rise
+    keeps its steepness where friction has fallen. Which of the two a measurement follows cannot be
+    known beforehand. After Polach 2005.
     """
 
-    mu0: Scalar
-    a: Scalar
-    b: Scalar
-    stiffness: Scalar
-    k_s: Scalar
-    free: tuple[str, ...] = eqx.field(default=("mu0", "a", "b", "stiffness", "k_s"), static=True)
-
-    PARAMETERS: ClassVar = {
-        name: PolachFalling.PARAMETERS[name] for name in ("mu0", "a", "b", "stiffness", "k_s")
-    }
-    NEEDS = ("vehicle_speed_mps",)
-    AUTOMATIC = True
-
-    @classmethod
-    def starts(cls, top: float) -> Sequence[Sequence[float]]:
-        return _falling_starts(top)
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        mu0, a, b, stiffness, k_s = _falling_drawn(level, generator)
-        return cls(mu0=mu0, a=a, b=b, stiffness=stiffness, k_s=k_s)
+    PARAMETERS: ClassVar = _OF_FALLING
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
-        slip_velocity = jnp.abs(slip) * conditions["vehicle_speed_mps"]
-        level = (1 - self.a) * jnp.exp(-self.b * slip_velocity) + self.a
-        return level * saturation(slip, self.mu0, self.stiffness, 1.0, self.k_s)
+        whole = saturation(slip, self.mu0, self.stiffness, 1.0, self.k_s)
+        return self.left(slip, conditions) * whole

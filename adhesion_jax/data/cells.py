@@ -11,24 +11,8 @@ import pyarrow.compute
 
 #: Spellings of a missing number; any other cell that is no number counts as text.
 MISSING = (
-    "",
-    "-",
-    "--",
-    "NA",
-    "N/A",
-    "n/a",
-    "na",
-    "NaN",
-    "nan",
-    "NAN",
-    "NaT",
-    "None",
-    "none",
-    "null",
-    "NULL",
-    "<NA>",
-    "#NV",
-    "#N/A",
+    *("", "-", "--", "NA", "N/A", "n/a", "na", "NaN", "nan", "NAN", "NaT", "None", "none", "null"),
+    *("NULL", "<NA>", "#NV", "#N/A"),
 )
 
 #: Numbers that can be read in one way only if the mark is a comma, or a point: not 1,234, which
@@ -73,7 +57,9 @@ def first_of_two_meanings(cells: pyarrow.Array) -> int | None:
     """The place of the first cell such as 1,234, which is a number by either decimal mark."""
     if not is_text(cells.type):
         return None
-    return _first(pyarrow.compute.match_substring_regex(cells, _EITHER))
+    either = pyarrow.compute.match_substring_regex(cells, _EITHER)
+    place = pyarrow.compute.index(either, True).as_py()
+    return None if place < 0 else int(place)
 
 
 def numbers(cells: pyarrow.Array, mark: str = ".") -> Numbers:
@@ -134,8 +120,3 @@ def _array(values: pyarrow.Array) -> np.ndarray:
 
 def _places(mask: pyarrow.Array) -> np.ndarray:
     return np.flatnonzero(mask.to_numpy(zero_copy_only=False))
-
-
-def _first(mask: pyarrow.Array) -> int | None:
-    place = pyarrow.compute.index(mask, True).as_py()
-    return None if place < 0 else int(place)

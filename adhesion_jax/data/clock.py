@@ -7,7 +7,7 @@ import pandas as pd
 
 from adhesion_jax.data.gaps import of_rows
 from adhesion_jax.data.gathering import MOST
-from adhesion_jax.data.stretches import GAP_S, GAP_STEPS, usual_step
+from adhesion_jax.data.stretches import longest_step
 from adhesion_jax.errors import InputError
 
 #: Rows within which a clock that stepped back shows again what it showed before.
@@ -51,7 +51,7 @@ def going_on(time: np.ndarray, series: np.ndarray) -> tuple[np.ndarray, np.ndarr
     last = np.searchsorted(s, s[stepped], "right") - 1
     later = np.minimum(stepped + _CAUGHT_UP, last)
     cut = stepped[t[later] <= t[stepped - 1]]
-    gap = 1.1 * max(GAP_STEPS * usual_step(t, s), GAP_S)
+    gap = 1.1 * longest_step(t, s)
     moved = np.zeros(t.size)
     moved[cut] = t[cut - 1] - t[cut] + gap
     # What is added in a series counts in it alone.

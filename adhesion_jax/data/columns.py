@@ -72,3 +72,6 @@ REPEATS_BESIDE: tuple[str, ...] = tuple(_TOLD["beside"]["repeats"])
 
 #: Words that tell a quantity but not of which body, and the columns among which to choose.
 UNDECIDED: Mapping[str, tuple[str, ...]] = _tuples(_TOLD["undecided"])  # type: ignore[assignment]
+
+#: Names of columns that are one of these, in small letters.
+UNDECIDED_SYNONYMS: Mapping[str, tuple[str, ...]] = _tuples(_TOLD["undecided_synonyms"])  # type: ignore[assignment]

@@ -104,7 +104,7 @@ def _columns_of(word: str, columns: Mapping[str, np.ndarray]) -> tuple[str, ...]
     called = plain(word)
     names = (word,) if word in COLUMNS else _SIGNALS.get(called, QUANTITIES.get(called, ()))
     if "time_s" in names or (not names and called):
-        known = [*map(_underlined, _SIGNALS), "vehicle_speed"]
+        known = [*(one.replace(" ", "_") for one in _SIGNALS), "vehicle_speed"]
         raise InputError(f"{word} is no signal that may be late (name {listed(known, 'or')})")
     there = tuple(name for name in names if name in columns)
     if not there:
@@ -113,7 +113,3 @@ def _columns_of(word: str, columns: Mapping[str, np.ndarray]) -> tuple[str, ...]
             f"are {', '.join(sorted(columns))})"
         )
     return there
-
-
-def _underlined(word: str) -> str:
-    return word.replace(" ", "_")

@@ -42,7 +42,9 @@ _SLIP = (
     ("wheel_speed_mps", "vehicle_speed_mps"),
     ("wheel_rotation_radps", "vehicle_speed_mps"),
     ("slip_velocity_mps",),
+    ("slip_angle_deg",),
 )
+_OF_WHEEL = {"wheel_speed_mps", "wheel_rotation_radps"}
 _ADHESION = (
     ("adhesion",),
     *((force, load) for force, load, _ in _BODIES),
@@ -58,7 +60,7 @@ _ADHESION = (
 )
 _NO_SLIP = (
     "the column slip_ratio (or slip_velocity_mps, or vehicle_speed_mps with wheel_speed_mps or "
-    "wheel_rotation_radps) is missing"
+    "wheel_rotation_radps, or slip_angle_deg of a tyre) is missing"
 )
 _NO_ADHESION = (
     "the column adhesion (or tangential_force_N with normal_load_N, or force and load of an axle "
@@ -92,7 +94,9 @@ def needed(names: Set[str]) -> tuple[list[str], list[str]]:
     """The columns of these from which slip and adhesion come, and what is missing, as clauses."""
     found: list[str] = []
     missing: list[str] = []
-    for ways, clause in ((_SLIP, _NO_SLIP), (_ADHESION, _NO_ADHESION)):
+    # A wheel whose speed is measured may have a slip angle beside its slip.
+    of_slip = _SLIP[:-1] if names & _OF_WHEEL else _SLIP
+    for ways, clause in ((of_slip, _NO_SLIP), (_ADHESION, _NO_ADHESION)):
         way = next((way for way in ways if names >= {*way}), None)
         if way is not None:
             found += way
@@ -123,7 +127,7 @@ def derive(
         normal load = axle load / 2, or locomotive load / 2 / driven axles
         circumferential speed = radius x angular speed of the wheel
         slip velocity = circumferential speed - vehicle speed
-        slip ratio = slip velocity / vehicle speed
+        slip ratio = slip velocity / vehicle speed, or tan(slip angle) where a tyre is steered
 
     so that slip, like adhesion, is positive in traction and negative in braking. The force may be
     that of a motor torque, and the inertia of the wheelset is taken off it (`forces`); runs and
@@ -149,6 +153,9 @@ def derive(
     if "normal_load_N" not in columns and {"locomotive_load_N", _AXLES} <= {*columns}:
         load = columns["locomotive_load_N"] / (2 * columns[_AXLES])
         add("normal_load_N", load, "locomotive_load_N / (2 x driven_axles)")
+    if not ({"slip_ratio", "slip_velocity_mps"} | _OF_WHEEL) & {*columns}:
+        angle = np.radians(columns.pop("slip_angle_deg"))
+        add("slip_ratio", np.tan(angle), "tangent of slip_angle_deg")
     speed = columns.get("vehicle_speed_mps")
     without_slip = not {"slip_ratio", "slip_velocity_mps"} & {*columns}
     if without_slip and "wheel_speed_mps" not in columns:

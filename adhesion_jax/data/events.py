@@ -9,6 +9,7 @@ import pandas as pd
 import scipy
 
 from adhesion_jax.data.reading import Measured
+from adhesion_jax.data.stretches import GAP_S, GAP_STEPS
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, percent
 
@@ -34,9 +35,6 @@ HOLD_S, HOLD_ROWS = 0.3, 3
 #: because the curve rises there; events that are closer than twice this time are one.
 LEAD_S = 2.0
 
-#: A step in time is a gap if it exceeds this multiple of the median step and this time.
-GAP_STEPS, GAP_S = 10.0, 1.0
-
 #: Time over which the change of slip tells its noise.
 LAG_S = 1.0
 
@@ -54,14 +52,8 @@ _NORMAL = 1.4826
 #: The number of the event, its times, traction or braking, the largest slip and adhesion (averaged,
 #: with their sign), and the number of its rows.
 _TABLE = (
-    "run",
-    "start_s",
-    "end_s",
-    "duration_s",
-    "mode",
-    "largest_slip",
-    "largest_adhesion",
-    "rows",
+    *("run", "start_s", "end_s", "duration_s", "mode"),
+    *("largest_slip", "largest_adhesion", "rows"),
 )
 
 
@@ -348,10 +340,11 @@ def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
     count, rows = len(events.table), int(events.table["rows"].sum())
     braking = int((events.table["mode"] == "braking").sum())
     seconds = log.time[-1] - log.time[0]
+    lasted = f"{seconds / 3600:.2g} h" if seconds >= 5400 else f"{seconds / 60:.2g} min"
     sides = f" ({count - braking} in traction, {braking} in braking)" if braking else ""
     return (
         f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
-        f"({_duration(seconds)}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
+        f"({lasted}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
         f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event "
         f"begins where the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s "
         f"before and after it belong to it."
@@ -384,7 +377,3 @@ def _no_event(measured: Measured, log: _Averaged, noise: SlipNoise) -> str:
 
 def _short(measured: Measured) -> str:
     return Path(measured.name).name
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds / 3600:.2g} h" if seconds >= 5400 else f"{seconds / 60:.2g} min"

@@ -98,15 +98,6 @@ def sheet_of_file(path: Path) -> Sheet:
         raise InputError(f"{path} cannot be read ({error.strerror}); {WANTED}.") from None
 
 
-def read_table(path: Path) -> pd.DataFrame:
-    """All cells of a file as they are written; its index holds the row numbers of the file."""
-    sheet = sheet_of_file(path)
-    empty = {name: pyarrow.array([], pyarrow.string()) for name in sheet.columns}
-    blocks = [pyarrow.table(block) for block, _ in sheet.blocks()] or [pyarrow.table(empty)]
-    cells = pyarrow.concat_tables(blocks).to_pandas()
-    return cells.set_axis(range(sheet.first_row, sheet.first_row + len(cells)))
-
-
 def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
     """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
     names = [tidy(str(column)) for column in frame.columns]
@@ -143,6 +134,9 @@ def _parquet(path: Path) -> Sheet:
         first.validate(full=True)
         stamps = {name: _form(first.column(column)) for name, column in written.items()}
 
+    def decoded(cells: pyarrow.Array) -> pyarrow.Array:
+        return cells.dictionary_decode() if pyarrow.types.is_dictionary(cells.type) else cells
+
     def blocks() -> Iterator[tuple[Block, float]]:
         done = 0
         with _whole_parquet(path):
@@ -150,7 +144,7 @@ def _parquet(path: Path) -> Sheet:
                 batch.validate(full=True)
                 done += batch.num_rows
                 yield (
-                    {name: _plain(batch.column(column)) for name, column in written.items()},
+                    {name: decoded(batch.column(column)) for name, column in written.items()},
                     done / max(file.metadata.num_rows, 1),
                 )
 
@@ -163,11 +157,6 @@ def _whole_parquet(path: Path) -> Iterator[None]:
         yield
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError):
         raise InputError(f"{path} is not a whole parquet file; write it anew.") from None
-
-
-def _plain(cells: pyarrow.Array) -> pyarrow.Array:
-    """The cells themselves in place of a dictionary of them."""
-    return cells.dictionary_decode() if pyarrow.types.is_dictionary(cells.type) else cells
 
 
 def _text(path: Path, opened: _Opened) -> Sheet:

@@ -163,18 +163,13 @@ def gather(
     )
 
 
-def _shown(written: object) -> str:
-    """The content of a cell on one line, cut to 30 characters."""
-    return f"{' '.join(str(written).split()):.30}"
-
-
 def _text_fault(row: int, column: str, written: object) -> str:
     """What is said of a cell that is text where a number belongs."""
     if str(written).strip() == column:
         return f"row {row} is the header again (leave that row out)"
     return (
-        f"row {row} of column {column} has the text '{_shown(written)}' (write a number, with a "
-        "decimal point, no unit)"
+        f"row {row} of column {column} has the text '{' '.join(str(written).split()):.30}' (write "
+        "a number, with a decimal point, no unit)"
     )
 
 

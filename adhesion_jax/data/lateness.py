@@ -59,7 +59,7 @@ class Lateness(NamedTuple):
 NO_DELAY = Delay(0.0, np.inf, 0.0, False)
 
 
-class _Grid(NamedTuple):
+class Grid(NamedTuple):
     """Signals of some stretches at equal times, end to end; arrays [places]."""
 
     step: float  # s
@@ -70,29 +70,14 @@ class _Grid(NamedTuple):
     slopes: Mapping[str, np.ndarray]  # of the signals, per s
 
 
-def delay_between(
-    time_s: np.ndarray,
-    first: np.ndarray,
-    second: np.ndarray,
-    run: np.ndarray,
-    used: np.ndarray | None = None,
-) -> Delay:
-    """By how much the first of two signals [rows] is late against the second.
+def best_lag(grid: Grid, first: str, second: str) -> Delay:
+    """By how much the first of two signals of a grid is late against the second.
 
     The lag within 1 s at which their slopes correlate best, with a parabola through it and its
-    neighbours. `run` tells rows that are not of one course in time apart; only rows that are `used`
-    count. Source: Knapp and Carter 1976, IEEE Trans. ASSP 24:320-327 (the unweighted estimator);
-    the standard error is that of the jackknife over blocks of the log.
+    neighbours; where there is a signal `used`, only places where it is 1 count. Source: Knapp and
+    Carter 1976, IEEE Trans. ASSP 24:320-327 (the unweighted estimator); the standard error is that
+    of the jackknife over blocks of the log.
     """
-    signals = {"first": first, "second": second}
-    if used is not None:
-        signals["used"] = used.astype(float)
-    grid = _grid(time_s, run, signals)
-    return NO_DELAY if grid is None else _best_lag(grid, "first", "second")
-
-
-def _best_lag(grid: _Grid, first: str, second: str) -> Delay:
-    """The lag at which the slopes of two signals of a grid correlate best."""
     most = round(_LONGEST_S / grid.step)
     sums = _products(grid, grid.slopes[first], grid.slopes[second], most)
     whole = sums.sum(axis=0)
@@ -111,7 +96,7 @@ def _judged(seconds: float, error: float, gain: float, step: float) -> Delay:
     return Delay(seconds, error, gain, clear)
 
 
-def _products(grid: _Grid, first: np.ndarray, second: np.ndarray, most: int) -> np.ndarray:
+def _products(grid: Grid, first: np.ndarray, second: np.ndarray, most: int) -> np.ndarray:
     """Sums over the blocks of first(t + lag) second(t) and of both squares, [blocks, 3, lags]."""
     used = grid.signals.get("used")
     fine = np.isfinite(first) & np.isfinite(second)
@@ -151,8 +136,11 @@ def _jackknife(without: np.ndarray) -> float:
     return float(np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2)))
 
 
-def _grid(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]) -> _Grid | None:
-    """The signals of the stretches of a log at equal times; None if all of them are short."""
+def grid_of(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]) -> Grid | None:
+    """The signals of the stretches of a log at equal times; None if all of them are short.
+
+    `run` tells rows that are not of one course in time apart.
+    """
     step = max(usual_step(time, run), _FINEST_S)
     if step > _SLOPE_S / 2:
         return None
@@ -177,7 +165,7 @@ def _grid(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]) 
         return {name: np.concatenate([one[name] for one in of]) for name in signals}
 
     number = np.unique(blocks, return_inverse=True)[1]
-    return _Grid(
+    return Grid(
         step,
         np.repeat(np.arange(len(sizes)), sizes),
         np.repeat(number, sizes),
@@ -233,7 +221,7 @@ def lateness(
     second is the lag at which the slope of the speed of the vehicle agrees best with that of the
     wheel less the micro-slip k force v, outside of slip events. The delay is that of the first.
     """
-    grid = _grid(time_s, run, {"speed": vehicle, "wheel": wheel, "force": force})
+    grid = grid_of(time_s, run, {"speed": vehicle, "wheel": wheel, "force": force})
     if grid is None:
         return None
     speed, size = grid.signals["speed"], np.abs(grid.signals["force"])
@@ -256,7 +244,7 @@ def lateness(
         signals={**grid.signals, "used": near},
         slopes={**grid.slopes, "rolling": _slope(rolling, half, grid.step)},
     )
-    by_lag = _best_lag(lagged, "speed", "rolling")
+    by_lag = best_lag(lagged, "speed", "rolling")
     apart = abs(by_slip.seconds - by_lag.seconds)
     error = float(np.hypot(by_slip.standard_error, by_lag.standard_error))
     agree = apart <= max(_ERRORS * error, _AGREE * abs(by_slip.seconds))
@@ -265,7 +253,7 @@ def lateness(
 
 
 def _by_slip(
-    grid: _Grid, radius: float, slip: np.ndarray, rows: np.ndarray
+    grid: Grid, radius: float, slip: np.ndarray, rows: np.ndarray
 ) -> tuple[Delay, float] | None:
     """T and k of the slip velocity (see `lateness`) from some places of a grid; None if too few."""
     speed = grid.signals["speed"]

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from typing import NamedTuple
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, UNDECIDED
-from adhesion_jax.data.naming import QUANTITIES, goes, named, plain
+from adhesion_jax.data.naming import QUANTITIES, goes, instead, named, plain
 from adhesion_jax.data.stamps import ORDERS
 from adhesion_jax.data.units import conversion, known
 from adhesion_jax.errors import InputError
@@ -147,8 +147,8 @@ def _checked(one: Said) -> Said:
         )
     if one.unit and not goes(one.unit, one.quantity):
         raise InputError(
-            f"The unit {one.unit} of {what} is no unit of {wanted.plain}; write one such as "
-            f"{wanted.unit}."
+            f"The unit {one.unit} of {what} is no unit of {wanted.plain}; "
+            f"{instead(one.unit, one.quantity, one.column)}."
         )
     if one.constant is None:
         return one

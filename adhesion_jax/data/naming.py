@@ -9,6 +9,7 @@ from adhesion_jax.data.columns import (
     LABEL_SYNONYMS,
     LABELS,
     UNDECIDED,
+    UNDECIDED_SYNONYMS,
 )
 from adhesion_jax.data.units import at_the_end, conversion, known
 from adhesion_jax.wording import listed
@@ -16,38 +17,6 @@ from adhesion_jax.wording import listed
 #: Quantities without a dimension that are ratios wherever no unit is given. A slip is not among
 #: them, for 1.2 is a possible slip in per cent as well as a possible ratio.
 _RATIOS = ("adhesion", "adhesion_sd", "sanding", "driven_axles")
-
-#: Names of columns that are one of UNDECIDED, in small letters.
-UNDECIDED_SYNONYMS: Mapping[str, tuple[str, ...]] = {
-    "force": (
-        "f",
-        "fx",
-        "zugkraft",
-        "tractive force",
-        "tractive effort",
-        "traction force",
-        "kraft",
-        "bremskraft",
-        "braking force",
-        "umfangskraft",
-        "längskraft",
-    ),
-    "load": (
-        "fz",
-        "fn",
-        "q",
-        "last",
-        "normalkraft",
-        "normal force",
-        "vertical load",
-        "vertical force",
-        "aufstandskraft",
-        "gewicht",
-        "weight",
-        "fahrzeugmasse",
-    ),
-    "rotation": ("n", "drehzahl", "rpm", "omega", "ω", "motordrehzahl"),
-}
 
 #: `v [km/h]` and `rH (%)`.
 _BRACKETS = re.compile(r"(.*?)\s*[\[(<{]\s*([^\[\](){}<>]*?)\s*[\])>}]\s*")
@@ -135,6 +104,13 @@ def side_by_side(guesses: Mapping[str, Guess]) -> list[str]:
 def goes(unit: str, quantity: str) -> bool:
     """Whether a quantity can be measured in a unit."""
     return conversion(unit, COLUMNS[quantity].unit) is not None
+
+
+def instead(unit: str, quantity: str, column: str) -> str:
+    """What to write where a column is said to be a quantity that has no such unit."""
+    if quantity == "slip_ratio" and goes(unit, "slip_angle_deg"):
+        return f'name it slip_angle, as by --column "slip_angle={column} [{unit}]"'
+    return f"write one such as {COLUMNS[quantity].unit}"
 
 
 def plain(name: str) -> str:

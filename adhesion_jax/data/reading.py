@@ -7,12 +7,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.corrections import NOTHING, Corrections
 from adhesion_jax.data.dates import with_dates_joined
 from adhesion_jax.data.delays import without_delays
-from adhesion_jax.data.derived import SOURCES, Derived, derive, needed
+from adhesion_jax.data.derived import SOURCES, derive, needed
 from adhesion_jax.data.exchanged import exchanged
 from adhesion_jax.data.files import Sheet, sheet_of_frame
 from adhesion_jax.data.folder import sheet_of
@@ -156,7 +157,7 @@ def _measured(
     try:
         return _used(sheet, found, read, names_needed, understood, known, few)
     except InputError as error:
-        raise _refusal(sheet, [str(error)]) from None
+        raise InputError(f"{sheet.name} cannot be used: {error}.") from None
 
 
 def _used(
@@ -198,7 +199,9 @@ def _used(
     rows.keep(derived.used)
     if not rows.count:
         raise InputError(derived.unused)
-    beyond_notes = rows.within(derived.sources)
+    beyond_notes = rows.within(derived.sources) + rows.without_leaps()
+    # Two speeds are compared where the slip is theirs and nothing was said of a delay.
+    of_speeds = "slip_velocity_mps" in derived.sources and not known.delays
     unit_notes = refuse_other_units(numbers, taken)
     table = pd.DataFrame({**numbers, **rows.labels}, index=rows.index, copy=False)
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
@@ -227,7 +230,7 @@ def _used(
             *delay_notes,
             *derived.notes,
             *beyond_notes,
-            *(late_signals(numbers, rows.labels) if _may_be_late(derived, known) else ()),
+            *(late_signals(numbers, rows.labels) if of_speeds else ()),
             *scatter_notes,
             *unusual(numbers, taken),
             *unit_notes,
@@ -246,10 +249,6 @@ _NO_RANGE = (np.nan, np.nan, 0.0)
 _TOLD = 40
 
 
-def _refusal(sheet: Sheet, faults: Sequence[str]) -> InputError:
-    return InputError(f"{sheet.name} cannot be used: {'; '.join(faults)}.")
-
-
 def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object, ...]]:
     """The rows of the table of what was understood; ranges are in the unit beside them."""
     for one in taken:
@@ -265,11 +264,6 @@ def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object
                 span = min(ends), max(ends)
             missing = float(np.isnan(values).mean()) if values.size else 0.0
             yield one.column, one.quantity, one.stamp or one.unit, *span, missing
-
-
-def _may_be_late(derived: Derived, known: Corrections) -> bool:
-    """Whether to look for a late signal: the slip is that of two speeds, and nothing was said."""
-    return "slip_velocity_mps" in derived.sources and not known.delays
 
 
 def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
@@ -343,7 +337,7 @@ def to_record(measured: Measured) -> Record:
     conditions = {
         name: jnp.asarray(table[name].to_numpy(float))
         for name in table.columns.astype(str)
-        if not isinstance(table[name].dtype, pd.CategoricalDtype)
+        if is_numeric_dtype(table[name].dtype)
     }
     if measured.slip == "slip_velocity_mps":
         # Falling friction multiplies the slip by the vehicle speed to get the slip velocity. Here

@@ -9,8 +9,8 @@ from adhesion_jax.data.clock import with_clock
 from adhesion_jax.data.columns import LABELS, MODES
 from adhesion_jax.data.gaps import of_rows
 from adhesion_jax.data.gathering import Gathered
-from adhesion_jax.data.sizes import beyond
-from adhesion_jax.data.stretches import series_of
+from adhesion_jax.data.sizes import beyond, leaps
+from adhesion_jax.data.stretches import longest_step, series_of
 from adhesion_jax.wording import listed, number
 
 
@@ -22,7 +22,9 @@ class Rows:
 
     def __init__(self, read: Gathered, first_row: int, rows_of_file: int) -> None:
         self.numbers: dict[str, np.ndarray] = read.numbers
-        self.labels: Mapping[str, pd.Categorical] = _within_files(read.labels)
+        self.labels: Mapping[str, pd.Categorical] = _within_files(
+            read.labels, read.numbers.get("time_s")
+        )
         self.count = read.rows
         self._first_row, self._rows_of_file = first_row, rows_of_file
         self._places: np.ndarray | None = None  # of the rows that are left; all without
@@ -72,7 +74,8 @@ class Rows:
                 continue
             used = np.asarray(self.labels[name] != "")
             if name == "mode":
-                strange = [one for one in self.labels[name].categories if not _is_mode(one)]
+                known = {"", *MODES}
+                strange = [one for one in self.labels[name].categories if one.lower() not in known]
                 if strange:
                     own = "mode (as it is)"
                     self.labels = {
@@ -102,19 +105,40 @@ class Rows:
                 self.keep(~wrong)
         return notes
 
+    def without_leaps(self) -> list[str]:
+        """Keeps the rows in which the speed of the wheel does not leap for one row; sentences."""
+        if not {"slip_velocity_mps", "time_s"} <= {*self.numbers}:
+            return []
+        wrong = leaps(self.numbers["slip_velocity_mps"], self.numbers["time_s"], self.series)
+        if not wrong.any():
+            return []
+        place = int(wrong.argmax())
+        index, slip = self.index[place], float(self.numbers["slip_velocity_mps"][place])
+        self.keep(~wrong)
+        return [
+            f"{of_rows(wrong)} the slip velocity leaps, for this row alone, further than a wheel "
+            f"can be accelerated; the first is row {index}, with {number(slip)} m/s."
+        ]
 
-def _within_files(labels: Mapping[str, pd.Categorical]) -> Mapping[str, pd.Categorical]:
-    """The labels, where no run reaches over two files: one named in several is file:run."""
+
+def _within_files(
+    labels: Mapping[str, pd.Categorical], time: np.ndarray | None
+) -> Mapping[str, pd.Categorical]:
+    """The labels, where a run reaches over two files only if its time goes on without a gap.
+
+    One that is named in several files and does not go on is file:run.
+    """
     if not {"run", "file"} <= {*labels}:
         return labels
     run, file = labels["run"], labels["file"]
     width = len(run.categories)
     codes, both = pd.factorize(file.codes.astype(np.int64) * width + run.codes)
-    in_files = np.bincount(both % width)
+    goes_on = _going_on(both % width, codes, time)
+    in_files = np.bincount((both % width)[np.unique(goes_on)], minlength=width)
     names = [
         f"{of_file}:{name}" if name and count > 1 else name
         for of_file, name, count in zip(
-            file.categories[both // width],
+            file.categories[both[goes_on] // width],
             run.categories[both % width],
             in_files[both % width],
             strict=True,
@@ -127,5 +151,20 @@ def _within_files(labels: Mapping[str, pd.Categorical]) -> Mapping[str, pd.Categ
     }
 
 
-def _is_mode(label: str) -> bool:
-    return label.lower() in ("", *MODES)
+def _going_on(runs: np.ndarray, part: np.ndarray, time: np.ndarray | None) -> np.ndarray:
+    """The first part of the run that each part of it goes on, [parts], itself if it begins one.
+
+    `runs` [parts] are the runs by number, in the order of the files, and `part` is that of each
+    row, with the time in s.
+    """
+    first = np.arange(runs.size)
+    if time is None:
+        return first
+    spans = pd.Series(time).groupby(part).agg(["min", "max"]).to_numpy()
+    longest = longest_step(time, part)
+    before: dict[int, int] = {}
+    for one, run in enumerate(runs.tolist()):
+        if run in before and 0 <= spans[one, 0] - spans[before[run], 1] <= longest:
+            first[one] = first[before[run]]
+        before[run] = one
+    return first

@@ -18,6 +18,12 @@ _BY_THE_DATA = ("slip_ratio", "adhesion")
 _LIFTED = 0.01
 _LOADS = ("normal_load_N", "axle_load_N", "locomotive_load_N")
 
+#: No wheel gains or loses speed faster, in m/s^2: 70 kN turn a wheelset of 420 kg m2 with 60.
+_ACCELERATION = 60.0
+
+#: A leap exceeds the usual step from row to row this many times. By hand.
+_LEAP = 20.0
+
 #: Rows from which that size is told: to order all of a long log takes seconds.
 _SAMPLE = 200_000
 
@@ -58,10 +64,11 @@ def set_aside(
                 row = first_row + int(infinite.argmax())
                 said = f"row {row} of column {source.column}"
                 found.append((int(infinite.sum()), "infinite", said))
-            notes += [
-                f"{_are(count)} {what} and not used: {said}{', and others' if count > 1 else ''}."
-                for count, what, said in found
-            ]
+            for count, what, said in found:
+                if count == 1:
+                    notes.append(f"1 value is {what} and not used: {said}.")
+                else:
+                    notes.append(f"{count:,} values are {what} and not used: {said}, and others.")
             if infinite.any() or outside.any():
                 read.numbers[name] = np.where(infinite | outside, np.nan, values)
     if faults:
@@ -72,6 +79,24 @@ def set_aside(
 def beyond(values: np.ndarray, quantity: str) -> np.ndarray:
     """Which of the values that were computed lie beyond what the others show, [rows], bool."""
     return ~np.isfinite(values) | _outside(values, quantity)
+
+
+def leaps(slip_mps: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Which rows, [rows], bool, have a slip velocity that no wheel reaches and leaves in one row.
+
+    It lies to one side of those of both neighbours of its series, further than a wheel can be
+    accelerated, than the size that nine rows in ten do not exceed, and than 20 usual steps: as
+    where a tooth of the encoder is counted twice.
+    """
+    found = np.zeros(slip_mps.size, bool)
+    steps, one_series = np.diff(slip_mps), np.diff(series) == 0
+    if steps.size < 2:
+        return found
+    size = float(np.quantile(np.abs(slip_mps), _NINE_IN_TEN))
+    least = max(size, _LEAP * float(np.median(np.abs(steps))))
+    far = one_series & (np.abs(steps) > np.maximum(least, _ACCELERATION * np.diff(time_s)))
+    found[1:-1] = far[:-1] & far[1:] & (steps[:-1] * steps[1:] < 0)
+    return found
 
 
 def _outside(values: np.ndarray, quantity: str) -> np.ndarray:
@@ -104,7 +129,3 @@ def _said(values: np.ndarray, outside: np.ndarray, source: Taken, first_row: int
             "%", " %"
         )
     return f"{where}, outside {column.span} ({column.advice})"
-
-
-def _are(count: int) -> str:
-    return "1 value is" if count == 1 else f"{count:,} values are"

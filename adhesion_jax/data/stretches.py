@@ -26,14 +26,18 @@ def usual_step(time: np.ndarray, series: np.ndarray) -> float:
     return float(np.median(forward)) if forward.size else 0.0
 
 
+def longest_step(time: np.ndarray, series: np.ndarray) -> float:
+    """The longest step in time within a series that is no gap, s."""
+    return max(GAP_STEPS * usual_step(time, series), GAP_S)
+
+
 def stretches(time: np.ndarray, series: np.ndarray) -> Iterator[np.ndarray]:
     """The places of the rows of each stretch, in the order of time, without a gap between them."""
     order = None
     if not (series[1:] >= series[:-1]).all():
         order = np.argsort(series, kind="stable")
         time, series = time[order], series[order]
-    longest = max(GAP_STEPS * usual_step(time, series), GAP_S)
-    cut = (series[1:] != series[:-1]) | (np.diff(time) > longest)
+    cut = (series[1:] != series[:-1]) | (np.diff(time) > longest_step(time, series))
     edges = np.concatenate([[0], 1 + np.flatnonzero(cut), [time.size]])
     for begin, end in pairwise(edges):
         yield np.arange(begin, end) if order is None else order[begin:end]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from adhesion_jax.data.columns import COLUMNS, GROUP, LABELS, REPEATS_BESIDE, SD_AFTER, UNDECIDED
 from adhesion_jax.data.files import Sheet
 from adhesion_jax.data.mapping import Said, said
-from adhesion_jax.data.naming import Guess, guess, named, plain, side_by_side
+from adhesion_jax.data.naming import Guess, guess, instead, named, plain, side_by_side
 from adhesion_jax.data.stamps import EITHER, ORDERS
 from adhesion_jax.data.units import Conversion, conversion
 from adhesion_jax.errors import InputError
@@ -184,7 +184,7 @@ def _taken(sheet: Sheet, name: str, quantity: str, unit: str) -> Taken:
     if found is None:
         raise InputError(
             f"{sheet.name} cannot be used: the column {name} is in {unit}, which is no unit of "
-            f"{COLUMNS[quantity].plain} (write one such as {COLUMNS[quantity].unit})."
+            f"{COLUMNS[quantity].plain} ({instead(unit, quantity, name)})."
         )
     return Taken(name, quantity, unit, found)
 

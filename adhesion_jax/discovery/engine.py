@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
@@ -47,8 +46,6 @@ def _never_falling(progress: Callable[[str, float], None]) -> Callable[[str, flo
     return never_falling
 
 
-# The matrices are small: several threads of the linear algebra, or of the trees, would be slower.
-@threadpool_limits.wrap(limits=1)
 @runtime.as_in_commands
 def discover(
     runs: RunSet,

@@ -21,9 +21,15 @@ Memory = tuple[Any, ...]
 class CorrectedLaw(Law):
     """A curve and the effects on top of it, in the order of their ORDER.
 
-    `ranges` holds, by column, the smallest and the largest value of the data it was found in:
-    effects see no value outside them. Conditions are the measured columns, scalars for a steady
-    state or arrays [points] of one whole run in the order of time.
+    Conditions are the measured columns, scalars for a steady state or arrays [points] of one whole
+    run in the order of time.
+
+    Attributes:
+        curve: the base curve.
+        effects: those that were found.
+        ranges: by column, the smallest and the largest value of the data it was found in; effects
+            see no value outside them.
+        calendar: which column of time the campaign has.
     """
 
     curve: Law

@@ -31,7 +31,12 @@ _NO_TIME = Calendar("run_order", 0.0, 1.0)
 
 
 def save_law(path: str | PathLike[str], law: Law) -> None:
-    """Write a law, or a curve with its departure or without, as JSON: names and numbers."""
+    """Write a law, or a curve with its departure or without, as JSON: names and numbers.
+
+    Args:
+        path: the file.
+        law: what `discover` found, or the curve of `identify`.
+    """
     Path(path).write_text(law_text(law), encoding="utf-8")
 
 
@@ -55,7 +60,17 @@ def law_text(law: Law) -> str:
 
 
 def load_law(path: str | PathLike[str]) -> CorrectedLaw:
-    """The law saved in a file; InputError if the file holds none."""
+    """The law saved in a file.
+
+    Args:
+        path: the file, as `save_law` or a command has written it.
+
+    Returns:
+        The law, a function of slip and conditions.
+
+    Raises:
+        InputError: the file holds no law.
+    """
     try:
         return law_from(Path(path).read_text(encoding="utf-8"), str(path))
     except OSError as error:

@@ -16,10 +16,10 @@ from adhesion_jax.effects.base import Columns, Effect, Signal, Values
 #: What a term may act on, in the order in which programs number them.
 ACTS_ON = ("level", "slip", "fall", "offset", "shift")
 
-#: Slips among which the peak is looked for, and the ratios between the three slips of the parabolas
-#: that close in on it.
-_SLIPS = np.geomspace(2e-3, 5.0, 12)
-_REACHES = (2.0, 1.2, 1.05)
+#: Slips among which the peak is looked for, so many that it does not jump as parameters of a law
+#: that bends change, and the ratios between the three slips of the parabolas that close in on it.
+_SLIPS = np.geomspace(2e-3, 5.0, 48)
+_REACHES = (1.18, 1.03)
 
 #: Prior standard deviation of g at any place; exp(1.5) is a factor of 4.5. Where the data do not
 #: determine g (no slip beyond the peak at some value of a column) it stays near zero.

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -11,15 +11,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import content_hash
+from adhesion_jax.metrics.tracking import Tracker, Tracking
+from adhesion_jax.optim.arrays import Whether
 from adhesion_jax.records import Known, Record
 from adhesion_jax.runtime import require_double_precision
 
 S = TypeVar("S")
 
-Flag = bool | Bool[Array, ""]
+Flag = bool | Whether
 State = Any  # each identifier carries its own
-Seen = Any  # each reducer its own
-Carry = tuple[State, Seen]
+Carry = tuple[State, Tracking]
 
 
 class Status(IntEnum):
@@ -57,21 +58,29 @@ _SENTENCES = {
 class Estimate(NamedTuple):
     """What every method reports.
 
-    `values` are named scalars (c1, c2, c3, mu_max, slip_opt, or slope); metrics read these, so
-    a method without a curve fits in. `covariance` is that of the values, in their order. Under
-    `jax.jit` only what is used of an estimate is computed: a controller that reads slip_opt at
-    every sample does not pay for the covariance.
+    Under `jax.jit` only what is used of an estimate is computed: a controller that reads slip_opt
+    at every sample does not pay for the covariance.
+
+    Attributes:
+        values: named scalars (c1, c2, c3, mu_max, slip_opt, or slope); metrics read these, so that
+            a method without a curve fits in.
+        covariance: that of the values, in their order.
+        status: a Status, why the estimate may not be trusted.
+        objective: sum of squared residuals over the last record.
+        reset: whether earlier data were discarded within the last record.
+        forgetting: factor by which earlier data were last discounted; NaN for a method without.
+        evaluations: of the model on the whole record, for this update.
+        skipped: points of the last record left out as not finite, or as no adhesion of a contact.
     """
 
     values: Mapping[str, Float[Array, "..."]]
     covariance: Float[Array, "... values values"]
-    status: Int[Array, "..."]  # a Status
-    objective: Float[Array, "..."]  # sum of squared residuals over the last record
-    reset: Bool[Array, "..."]  # whether earlier data were discarded within the last record
-    #: The factor by which earlier data were last discounted; NaN for a method without earlier data.
+    status: Int[Array, "..."]
+    objective: Float[Array, "..."]
+    reset: Bool[Array, "..."]
     forgetting: Float[Array, "..."]
-    evaluations: Int[Array, "..."]  # of the model on the whole record, for this update
-    skipped: Int[Array, "..."]  # points of the last record left out because they are not finite
+    evaluations: Int[Array, "..."]
+    skipped: Int[Array, "..."]
 
 
 class Identifier(eqx.Module):
@@ -110,23 +119,6 @@ class Identifier(eqx.Module):
         """The estimate after the records so far."""
 
 
-@runtime_checkable
-class Reducer(Protocol):
-    """Reduces the estimates of a run, step by step, to what is reported about its course."""
-
-    def init(self) -> Seen:
-        """The state before the first step."""
-
-    def update(
-        self,
-        seen: Seen,
-        block: Int[Array, ""],
-        values: Mapping[str, Float[Array, ""]],
-        reset: Bool[Array, ""],
-    ) -> Seen:
-        """The state after one more step: its block, the values, and whether it brought a reset."""
-
-
 def as_arrays(state: S) -> S:
     """The initial state with every leaf in its final dtype, so that a scan compiles once.
 
@@ -155,9 +147,9 @@ def identify(identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyA
 
 
 def follow(
-    identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray, reducer: Reducer
-) -> tuple[Estimate, Seen]:
-    """The estimates of `identify`, and the state of the reducer after every step of the method.
+    identifier: Identifier, known: Known, blocks: Record, key: PRNGKeyArray, tracker: Tracker
+) -> tuple[Estimate, Tracking]:
+    """The estimates of `identify`, and the tracking after every step of the method.
 
     A step is a whole block or, where `known.by_sample`, one sample of it. `reset`, `forgetting`
     and `skipped` of an estimate are those of all the steps since the one before: any reset, the
@@ -168,7 +160,7 @@ def follow(
         (state, seen), (block, record) = carry, step
         state = identifier.update(state, record)
         now = identifier.estimate(state)
-        seen = reducer.update(seen, block, now.values, now.reset)
+        seen = tracker.update(seen, block, now.values, now.reset)
         return (state, seen), now
 
     def one_sample(carry: Carry, step: tuple[Array, Record]) -> tuple[Carry, tuple[Array, ...]]:
@@ -188,7 +180,7 @@ def follow(
             skipped=jnp.sum(skipped, dtype=jnp.int32),
         )
 
-    start = (identifier.init(known, key), reducer.init())
+    start = (identifier.init(known, key), tracker.init())
     count = blocks.mask.shape[-2]
     one_block = all_samples if known.by_sample else one_step
     (_, seen), estimates = jax.lax.scan(one_block, start, (jnp.arange(count), blocks))

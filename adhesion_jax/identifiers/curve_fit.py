@@ -4,7 +4,7 @@ from collections import OrderedDict
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status, as_arrays
@@ -15,7 +15,9 @@ from adhesion_jax.metrics.information import (
     quantity_covariance,
     quantity_names,
 )
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.optim.box import on_bound
+from adhesion_jax.optim.least_squares import Result
 from adhesion_jax.records import Known, Record
 
 
@@ -24,11 +26,11 @@ class Fit(NamedTuple):
 
     parameters: Float[Array, " free"]
     covariance: Float[Array, "free free"]
-    objective: Float[Array, ""]  # sum of squared residuals over the record
-    evaluations: Int[Array, ""]
-    converged: Bool[Array, ""]
-    finite: Bool[Array, ""]
-    skipped: Int[Array, ""]  # points of the record left out because they are not finite
+    objective: Value  # sum of squared residuals over the record
+    evaluations: Count
+    converged: Whether
+    finite: Whether
+    skipped: Count  # points of the record left out because they are not finite
 
 
 class FitState(NamedTuple):
@@ -66,8 +68,8 @@ def evaluate(
     record: Record,
     previous: Fit,
     parameters: Float[Array, " free"],
-    evaluations: Int[Array, ""],
-    converged: Bool[Array, ""],
+    evaluations: Count,
+    converged: Whether,
 ) -> Fit:
     """`judge` with the objective and the information taken from the points."""
     curve = with_free_values(known.curve, parameters)
@@ -75,43 +77,35 @@ def evaluate(
         curve, record.slip, record.mask, record.conditions
     )
     objective = jnp.sum(jnp.where(record.mask, adhesion - record.adhesion, 0.0) ** 2)
-    return judge(record, previous, parameters, objective, information, evaluations, converged)
+    found = Result(parameters, objective, information, evaluations, evaluations, converged)
+    return judge(record, previous, found)
 
 
-def judge(
-    record: Record,
-    previous: Fit,
-    parameters: Float[Array, " free"],
-    objective: Float[Array, ""],
-    information: Float[Array, "free free"],
-    evaluations: Int[Array, ""],
-    converged: Bool[Array, ""],
-) -> Fit:
-    """The fit of a record for parameters that minimise its sum of squares.
+def judge(record: Record, previous: Fit, found: Result) -> Fit:
+    """The fit of a record for what minimises its sum of squares.
 
     Their covariance is the inverse information times the noise variance, which is estimated
     from the residual. A record that makes the sum of squares NaN or infinite is left out whole,
     and the previous parameters stay: if single points were masked out, every run of a batch would
     have its own mask, and quantities that runs of equal slips share would be computed in each.
     """
+    parameters, objective = found.x, found.objective
     finite = jnp.isfinite(objective) & jnp.all(jnp.isfinite(parameters))
     points = jnp.sum(record.mask, dtype=jnp.int32)
     variance = objective / jnp.maximum(points - parameters.size, 1)
-    covariance = variance * inverse_information(information)
+    covariance = variance * inverse_information(found.information)
     return Fit(
         jnp.where(finite, parameters, previous.parameters),
         jnp.where(finite, covariance, previous.covariance),
         objective,
-        evaluations.astype(jnp.int32),
-        converged & (points >= parameters.size),
+        found.evaluations.astype(jnp.int32),
+        found.converged & (points >= parameters.size),
         finite,
         jnp.where(finite, 0, points),
     )
 
 
-def to_estimate(
-    known: Known, fit: Fit, forgetting: Float[Array, ""], reset: Bool[Array, ""]
-) -> Estimate:
+def to_estimate(known: Known, fit: Fit, forgetting: Value, reset: Whether) -> Estimate:
     """Values, their covariance and status."""
     curve = with_free_values(known.curve, fit.parameters)
     covariance = quantity_covariance(curve, fit.covariance, known)

@@ -33,13 +33,4 @@ class GradientLeastSquares(OfLastRecord):
             known.upper,
             self.steps,
         )
-        fit = judge(
-            record,
-            previous,
-            found.x,
-            found.objective,
-            found.information,
-            found.evaluations,
-            found.converged,
-        )
-        return state._replace(fit=fit)
+        return state._replace(fit=judge(record, previous, found))

@@ -13,14 +13,15 @@ from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
-from adhesion_jax.identifiers.online import OnlineState, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, Sample, over_fresh_samples
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
+from adhesion_jax.optim.arrays import Value, Whether
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
 from adhesion_jax.records import Known, Record
 
@@ -95,14 +96,8 @@ def covariance(normal: Normal) -> Float[Array, "2 2"]:
 
 
 def forgetting(
-    known: Known,
-    slip: Float[Array, ""],
-    adhesion: Float[Array, ""],
-    x: Vector,
-    least: Scalar,
-    most: Scalar,
-    gain: Scalar,
-) -> Float[Array, ""]:
+    known: Known, slip: Value, adhesion: Value, x: Vector, least: Scalar, most: Scalar, gain: Scalar
+) -> Value:
     """Eta = max(least, most - gain |mu - mu_hat(l; p(k-1))|) (Qian et al. 2024, Eq. 9).
 
     The equation prints the error of the estimate that eta is needed for; it is read as that of
@@ -116,12 +111,7 @@ def _curve_of(known: Known, x: Vector) -> Kiencke:
     return dataclasses.replace(cast(Kiencke, known.curve), p1=x.a, p2=x.b)
 
 
-def discounted(
-    normal: Normal,
-    sample: Regression,
-    eta: Float[Array, ""],
-    weight: Float[Array, ""],
-) -> Normal:
+def discounted(normal: Normal, sample: Regression, eta: Value, weight: Value) -> Normal:
     """The sums after one more sample: the old sums times eta, plus the sample times its weight.
 
     The sums of residuals are only discounted: the residual is known once x is.
@@ -131,9 +121,7 @@ def discounted(
     return Normal(h, f, eta**2 * normal.g)
 
 
-def with_residual(
-    normal: Normal, sample: Regression, weight: Float[Array, ""], x: Vector
-) -> Normal:
+def with_residual(normal: Normal, sample: Regression, weight: Value, x: Vector) -> Normal:
     """The sums with the residual of the last sample, at the x that was found with it."""
     residual = weight * (sample.z - sample.u.dot(x))
     return normal._replace(g=normal.g + residual**2 * square(sample.u))
@@ -152,22 +140,15 @@ class OnlineKiencke(Identifier):
         return state._replace(objective=_objective(state.known, record, state.recursion.x))
 
     @abstractmethod
-    def step(
-        self,
-        known: Known,
-        recursion: Any,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
-    ) -> Any:
-        """The recursion after one more sample, or as it was where this is not `taken`."""
+    def step(self, known: Known, recursion: Any, sample: Sample) -> Any:
+        """The recursion after one more sample, or as it was where this is not taken."""
 
 
-def _objective(known: Known, record: Record, x: Vector) -> Float[Array, ""]:
+def _objective(known: Known, record: Record, x: Vector) -> Value:
     """The sum of squared residuals, of the points that are finite."""
     curve = _curve_of(known, x)
 
-    def add(total: Float[Array, ""], point: tuple[Array, ...]) -> tuple[Float[Array, ""], None]:
+    def add(total: Value, point: tuple[Array, ...]) -> tuple[Value, None]:
         mask, slip, adhesion = point
         misfit = curve(slip, {}) - adhesion
         return total + jnp.where(mask & jnp.isfinite(misfit), misfit, 0.0) ** 2, None
@@ -179,9 +160,9 @@ def _objective(known: Known, record: Record, x: Vector) -> Float[Array, ""]:
 def online_estimate(
     state: OnlineState,
     covariance: Float[Array, "2 2"],
-    converged: Bool[Array, ""],
-    forgetting: Float[Array, ""],
-    reset: Bool[Array, ""] | None = None,
+    converged: Whether,
+    forgetting: Value,
+    reset: Whether | None = None,
 ) -> Estimate:
     """The estimate of an online method; should its sums have overflowed, the start."""
     known, x = state.known, state.recursion.x.array()

@@ -5,12 +5,7 @@ import jax.numpy as jnp
 
 from adhesion_jax.identifiers.base import needs_blocks
 from adhesion_jax.identifiers.curve_fit import Fit, FitState, OfLastRecord, residual
-from adhesion_jax.identifiers.kiencke_linear import (
-    Normal,
-    covariance,
-    needs_kiencke,
-    regression,
-)
+from adhesion_jax.identifiers.kiencke_linear import Normal, covariance, needs_kiencke, regression
 from adhesion_jax.identifiers.pairs import square
 from adhesion_jax.records import Known, Record
 

@@ -2,13 +2,13 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Flag
 from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
 from adhesion_jax.identifiers.curve_fit import FitState, OfLastRecord, evaluate, residual
 from adhesion_jax.optim import differential_evolution as de
+from adhesion_jax.optim.arrays import Value
 from adhesion_jax.optim.variable_projection import sum_of_squares
 from adhesion_jax.records import Known, Record
 
@@ -35,13 +35,13 @@ class DifferentialEvolutionMaximumLikelihood(OfLastRecord):
     radius: Scalar
     scale_low: Scalar
     scale_gain: Scalar
-    scale_least: Scalar
-    reflect: Flag
+    scale_least: Scalar = 0.0
+    reflect: Flag = False
 
     def accepts(self, known: Known) -> str | None:
         return needs_burckhardt(known)
 
-    def scale_factor(self, innovation: Float[Array, ""]) -> Float[Array, ""]:
+    def scale_factor(self, innovation: Value) -> Value:
         """F(k) for a mean absolute innovation |e|."""
         logistic = jax.nn.sigmoid(10 * innovation - 2)
         return jnp.maximum(self.scale_low + self.scale_gain * logistic, self.scale_least)
@@ -82,22 +82,10 @@ class DifferentialEvolutionMaximumLikelihood(OfLastRecord):
         return FitState(known, key, fit)
 
 
-def _variant(
-    local_share: float,
-    radius: float,
-    scale_low: float,
-    scale_gain: float,
-    scale_least: float = 0.0,
-    reflect: bool = False,
-) -> DifferentialEvolutionMaximumLikelihood:
-    numbers = (local_share, radius, scale_low, scale_gain, scale_least)
-    return DifferentialEvolutionMaximumLikelihood(*numbers, reflect)
-
-
 #: Random start and constant F (Experiment 2); Eq. 16 and Eq. 17 alone; both (Experiment 3); and
 #: a variant that does not fail: half the population uniform, F at least .6, mirrored bounds.
-ml_de = _variant(0.0, 0.1, 0.5, 0.0)
-ml_de_eq16 = _variant(1.0, 0.1, 0.5, 0.0)
-ml_de_eq17 = _variant(0.0, 0.1, 0.3, 0.8)
-ml_de_he2018 = _variant(1.0, 0.1, 0.3, 0.8)
-ml_de_robust = _variant(0.5, 0.05, 0.3, 0.8, scale_least=0.6, reflect=True)
+ml_de = DifferentialEvolutionMaximumLikelihood(0.0, 0.1, 0.5, 0.0)
+ml_de_eq16 = DifferentialEvolutionMaximumLikelihood(1.0, 0.1, 0.5, 0.0)
+ml_de_eq17 = DifferentialEvolutionMaximumLikelihood(0.0, 0.1, 0.3, 0.8)
+ml_de_he2018 = DifferentialEvolutionMaximumLikelihood(1.0, 0.1, 0.3, 0.8)
+ml_de_robust = DifferentialEvolutionMaximumLikelihood(0.5, 0.05, 0.3, 0.8, 0.6, reflect=True)

@@ -9,6 +9,7 @@ from adhesion_jax.identifiers.burckhardt_sums import (
 )
 from adhesion_jax.identifiers.curve_fit import FitState, OfLastRecord, judge
 from adhesion_jax.optim import variable_projection
+from adhesion_jax.optim.least_squares import Result
 from adhesion_jax.records import Known, Record
 
 
@@ -30,13 +31,12 @@ class ExactMaximumLikelihood(OfLastRecord):
         sums = burckhardt_sums(known, record)
         found = variable_projection.minimise(sums, known.lower, known.upper)
         # Objective and information come from the sums too: no second pass over the points.
-        fit = judge(
-            record,
-            state.fit,
+        best = Result(
             jnp.stack([found.a, found.nu, found.b]),
             jnp.maximum(found.objective, 0.0),
             burckhardt_information(sums, found),
             found.evaluations,
+            found.evaluations,
             found.converged,
         )
-        return state._replace(fit=fit)
+        return state._replace(fit=judge(record, state.fit, best))

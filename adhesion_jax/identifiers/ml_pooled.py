@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.scipy.special import betainc
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier, as_arrays
@@ -18,6 +18,7 @@ from adhesion_jax.identifiers.burckhardt_sums import (
 from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
 from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import variable_projection
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.optim.variable_projection import Jet, Solution, Sums
 from adhesion_jax.records import Known, Record
 
@@ -32,7 +33,7 @@ class PooledPoints(NamedTuple):
     """The points since the last reset: their sums, their number and their optimum."""
 
     sums: Sums
-    points: Float[Array, ""]
+    points: Value
     found: Solution
 
 
@@ -41,18 +42,13 @@ class PooledState(NamedTuple):
 
     known: Known
     pool: PooledPoints
-    objective: Float[Array, ""]  # sum of squared residuals
-    finite: Bool[Array, ""]
-    reset: Bool[Array, ""]
-    skipped: Int[Array, ""]
+    objective: Value  # sum of squared residuals
+    finite: Whether
+    reset: Whether
+    skipped: Count
 
 
-def penalty(
-    joint: Float[Array, ""],
-    apart: Float[Array, ""],
-    yy: Float[Array, ""],
-    points: Float[Array, ""],
-) -> Float[Array, ""]:
+def penalty(joint: Value, apart: Value, yy: Value, points: Value) -> Value:
     """(J_joint - J_apart)/s^2, s^2 = J_apart/(n - 6): the penalty of one curve for two data sets.
 
     J_apart is the sum of the optima of either set alone. If one curve holds for both, the
@@ -63,7 +59,7 @@ def penalty(
     return (joint - apart) * freedom / jnp.maximum(apart, _ROUNDING * yy)
 
 
-def chance(penalty: Float[Array, ""], points: Float[Array, ""]) -> Float[Array, ""]:
+def chance(penalty: Value, points: Value) -> Value:
     """The probability of a larger penalty on an unchanged rail, by F(3, n - 6)."""
     freedom = jnp.maximum(points - 2 * _PARAMETERS, 1.0)
     share = freedom / (freedom + jnp.maximum(penalty, 0.0))

@@ -5,16 +5,26 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
 from adhesion_jax.identifiers.base import as_arrays
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.records import Known, Record
 
 R = TypeVar("R")
 
-#: (recursion, whether the sample is taken, slip, adhesion, conditions asked for) to the recursion
-#: after that sample.
-Step = Callable[..., R]
+
+class Sample(NamedTuple):
+    """What is measured at one moment; where it is not `taken`, all numbers are 0."""
+
+    taken: Whether
+    slip: Value
+    adhesion: Value
+    conditions: tuple[Value, ...]  # those asked for
+
+
+#: The recursion after a sample, from that before it.
+Step = Callable[[R, Sample], R]
 
 
 class OnlineState(NamedTuple):
@@ -22,9 +32,13 @@ class OnlineState(NamedTuple):
 
     known: Known
     recursion: Any  # the method's own
-    objective: Float[Array, ""]  # sum of squared residuals
-    samples: Int[Array, ""]  # number of samples not seen before
-    skipped: Int[Array, ""]  # number of these that were left out
+    objective: Value  # sum of squared residuals
+    samples: Count  # number of samples not seen before
+    skipped: Count  # number of these that were left out
+
+
+#: The largest adhesion that is believed: three times that of a racing tyre.
+LARGEST = 10.0
 
 
 def begin(known: Known, recursion: R) -> OnlineState:
@@ -33,25 +47,24 @@ def begin(known: Known, recursion: R) -> OnlineState:
 
 
 def over_fresh_samples(
-    step: Step[R],
-    state: OnlineState,
-    record: Record,
-    conditions: Sequence[str] = (),
+    step: Step[R], state: OnlineState, record: Record, conditions: Sequence[str] = ()
 ) -> OnlineState:
     """The state after every point of the record that has not been seen before.
 
-    A sample that is not finite is left out and counted, because it would stay in the sums. To the
-    step it comes, like one that is not fresh, with zeros for its columns, and as not taken; the
-    recursion must then stay as it is.
+    A sample that is not finite, or whose adhesion no contact has, is left out and counted, because
+    it would stay in the sums. To the step it comes, like one that is not fresh, with zeros for its
+    columns, and as not taken; the recursion must then stay as it is.
     """
 
     def one_sample(
-        carry: tuple[R, Float[Array, ""]], sample: tuple[Array, ...]
-    ) -> tuple[tuple[R, Float[Array, ""]], None]:
+        carry: tuple[R, Value], sample: tuple[Array, ...]
+    ) -> tuple[tuple[R, Value], None]:
         (recursion, skipped), (fresh, *columns) = carry, sample
         # The sum of the columns is NaN or infinite as soon as one of them is.
-        taken = fresh & jnp.isfinite(sum(columns[1:], columns[0]))
-        after = step(recursion, taken, *(jnp.where(taken, column, 0.0) for column in columns))
+        possible = jnp.isfinite(sum(columns[1:], columns[0])) & (jnp.abs(columns[1]) <= LARGEST)
+        taken = fresh & possible
+        slip, adhesion, *others = (jnp.where(taken, column, 0.0) for column in columns)
+        after = step(recursion, Sample(taken, slip, adhesion, (*others,)))
         return (after, skipped + jnp.where(fresh & ~taken, 1.0, 0.0)), None
 
     asked_for = (record.conditions[name] for name in conditions)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate
@@ -22,8 +22,9 @@ from adhesion_jax.identifiers.kiencke_linear import (
     solve_in_box,
     start_of,
 )
-from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
+from adhesion_jax.optim.arrays import Count, Value
 from adhesion_jax.records import Known
 
 #: The noise variance is taken as at most this share of the one that would leave H - s^2 M without
@@ -38,17 +39,17 @@ class NoiseSums(NamedTuple):
     """
 
     m: Symmetric
-    f1: Float[Array, ""]
-    squares: Float[Array, ""]
-    weights: Float[Array, ""]
+    f1: Value
+    squares: Value
+    weights: Value
 
 
 class CompensatedRecursion(NamedTuple):
     normal: Normal
     noise: NoiseSums
-    samples: Int[Array, ""]
+    samples: Count
     x: Vector
-    eta: Float[Array, ""]
+    eta: Value
 
 
 class BiasCompensatedProgram(OnlineKiencke):
@@ -76,20 +77,16 @@ class BiasCompensatedProgram(OnlineKiencke):
         return online_estimate(state, covariance(clear), samples > 1, eta)
 
     def step(
-        self,
-        known: Known,
-        recursion: CompensatedRecursion,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
+        self, known: Known, recursion: CompensatedRecursion, sample: Sample
     ) -> CompensatedRecursion:
-        sample, size = regression(known, slip, adhesion), powers(jnp.abs(slip))
+        taken, slip, adhesion, _ = sample
+        row, size = regression(known, slip, adhesion), powers(jnp.abs(slip))
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
         # With zeros for the sample, nothing changes as soon as nothing is forgotten.
         factor, one = jnp.where(taken, eta, 1.0), jnp.where(taken, 1.0, 0.0)
-        normal = discounted(recursion.normal, sample, factor, jnp.ones(()))
+        normal = discounted(recursion.normal, row, factor, jnp.ones(()))
         old = recursion.noise
         noise = NoiseSums(
             factor * old.m + square(size),
@@ -104,15 +101,15 @@ class BiasCompensatedProgram(OnlineKiencke):
             (solve_in_box(known, clear), eta),
             (recursion.x, recursion.eta),
         )
-        error, d = sample.z - sample.u.dot(x), 1 + size.dot(x)
+        error, d = row.z - row.u.dot(x), 1 + size.dot(x)
         noise = noise._replace(squares=noise.squares + (error / d) ** 2)
         # What the sample adds to the equation: U e + s^2 D [l, l^2] in place of U e alone.
-        score = error * sample.u + s2 * d * size
+        score = error * row.u + s2 * d * size
         normal = normal._replace(g=normal.g + square(score))
         return CompensatedRecursion(normal, noise, recursion.samples + taken, x, eta)
 
 
-def variance(normal: Normal, noise: NoiseSums) -> Float[Array, ""]:
+def variance(normal: Normal, noise: NoiseSums) -> Value:
     """Noise variance of the adhesion, at most a share of the least s^2 with det(H - s^2 M) = 0."""
     h, m = normal.h, noise.m
     curvature, spread = jnp.maximum(h.determinant(), 0.0), m.determinant()
@@ -124,7 +121,7 @@ def variance(normal: Normal, noise: NoiseSums) -> Float[Array, ""]:
     return jnp.minimum(noise.squares / jnp.maximum(noise.weights, 1.0), _MOST * least)
 
 
-def compensated(normal: Normal, noise: NoiseSums, s2: Float[Array, ""]) -> Normal:
+def compensated(normal: Normal, noise: NoiseSums, s2: Value) -> Normal:
     """The sums as they would be on average if the adhesion in the regressors were exact."""
     h, f = normal.h - s2 * noise.m, normal.f + s2 * Vector(noise.f1, noise.m.a)
     return normal._replace(h=h, f=f)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Flag
@@ -22,8 +22,9 @@ from adhesion_jax.identifiers.kiencke_linear import (
     start_of,
     with_residual,
 )
-from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
+from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.records import Known
 
 #: Information matrices before each of the last samples, the latest first.
@@ -33,9 +34,9 @@ History = tuple[Symmetric, ...]
 class ProgramRecursion(NamedTuple):
     normal: Normal
     history: History
-    samples: Int[Array, ""]
+    samples: Count
     x: Vector
-    eta: Float[Array, ""]
+    eta: Value
 
 
 class QuadraticProgram(OnlineKiencke):
@@ -69,44 +70,38 @@ class QuadraticProgram(OnlineKiencke):
             state, covariance(recursion.normal), recursion.samples > 1, recursion.eta
         )
 
-    def step(
-        self,
-        known: Known,
-        recursion: ProgramRecursion,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
-    ) -> ProgramRecursion:
-        sample = regression(known, slip, adhesion)
+    def step(self, known: Known, recursion: ProgramRecursion, sample: Sample) -> ProgramRecursion:
+        taken, slip, adhesion, _ = sample
+        row = regression(known, slip, adhesion)
         eta = forgetting(
             known, slip, adhesion, recursion.x, self.eta_least, self.eta_most, self.gain
         )
         old = recursion.normal
         past = (old.h, *recursion.history)
 
-        def redistributed() -> tuple[Float[Array, ""], History]:
-            calm = _calm(sample.u, past, self.low, self.high) & (recursion.samples >= len(past))
+        def redistributed() -> tuple[Value, History]:
+            calm = _calm(row.u, past, self.low, self.high) & (recursion.samples >= len(past))
             shifted = jax.tree.map(partial(jnp.where, taken), past[:-1], recursion.history)
             return jnp.where(calm, self.eta_most, eta), shifted
 
-        def as_it_was() -> tuple[Float[Array, ""], History]:
+        def as_it_was() -> tuple[Value, History]:
             return eta, recursion.history
 
         eta, history = jax.lax.cond(self.redistributes, redistributed, as_it_was)
         # With zeros for the sample, nothing changes as soon as nothing is forgotten.
         factor = jnp.where(taken, eta, 1.0)
         weight = jnp.where(self.weight_falls, (2 - eta) / 2, 1.0)
-        normal = discounted(old, sample, factor, weight)
+        normal = discounted(old, row, factor, weight)
         x, eta = jax.tree.map(
             partial(jnp.where, taken),
             (solve_in_box(known, normal), eta),
             (recursion.x, recursion.eta),
         )
-        normal = with_residual(normal, sample, weight, x)
+        normal = with_residual(normal, row, weight, x)
         return ProgramRecursion(normal, history, recursion.samples + taken, x, eta)
 
 
-def _calm(u: Vector, past: History, low: Scalar, high: Scalar) -> Bool[Array, ""]:
+def _calm(u: Vector, past: History, low: Scalar, high: Scalar) -> Whether:
     """Whether every element of S lies in the critical interval.
 
     S = (mean X1 - mean X2)/(S1 + S2), X1 the information of the sample and the two matrices before

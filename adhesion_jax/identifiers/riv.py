@@ -4,7 +4,7 @@ from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.curves.kiencke import Kiencke
@@ -15,9 +15,10 @@ from adhesion_jax.identifiers.kiencke_linear import (
     regression,
     start_of,
 )
-from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
-from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.optim.arrays import Count, Value, Whether
+from adhesion_jax.optim.quadratic_program import Products, bounded_pair
 from adhesion_jax.records import Known, Record
 
 #: Number of latest samples that are kept. Until an estimate rests on this many it is fitted to all
@@ -73,20 +74,20 @@ class InstrumentSums(NamedTuple):
 
     h: Symmetric
     f: Vector
-    number: Float[Array, ""]
-    weights: Float[Array, ""]
-    unclipped: Float[Array, ""]
-    squares: Float[Array, ""]  # sum (w r)^2, each r scaled to the variance of the noise
+    number: Value
+    weights: Value
+    unclipped: Value
+    squares: Value  # sum (w r)^2, each r scaled to the variance of the noise
 
 
 class InstrumentsRecursion(NamedTuple):
     kept: LatestSamples
     sums: InstrumentSums
     x: Vector
-    scale: Float[Array, ""]
-    samples: Int[Array, ""]
-    age: Int[Array, ""]  # samples since the reset, the voters of the slow rule counted in
-    reset: Bool[Array, ""]  # whether there was one in the last record
+    scale: Value
+    samples: Count
+    age: Count  # samples since the reset, the voters of the slow rule counted in
+    reset: Whether  # whether there was one in the last record
 
 
 class RefinedInstruments(OnlineKiencke):
@@ -129,13 +130,9 @@ class RefinedInstruments(OnlineKiencke):
         return online_estimate(state, _covariance(sums), sums.number > 2, jnp.ones(()), reset)
 
     def step(
-        self,
-        known: Known,
-        recursion: InstrumentsRecursion,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
+        self, known: Known, recursion: InstrumentsRecursion, sample: Sample
     ) -> InstrumentsRecursion:
+        taken, slip, adhesion, _ = sample
         size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
         last = recursion.kept
         repeats = (size == last.size[0]) & (adhesion == last.adhesion[0])
@@ -144,11 +141,7 @@ class RefinedInstruments(OnlineKiencke):
         return jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, recursion)
 
     def _after(
-        self,
-        known: Known,
-        recursion: InstrumentsRecursion,
-        size: Float[Array, ""],
-        adhesion: Float[Array, ""],
+        self, known: Known, recursion: InstrumentsRecursion, size: Value, adhesion: Value
     ) -> InstrumentsRecursion:
         sums, x, nu = self._taken_up(known, recursion, size, adhesion)
         kept, reset = _voted(recursion, size, adhesion, nu)
@@ -167,12 +160,8 @@ class RefinedInstruments(OnlineKiencke):
         return InstrumentsRecursion(kept, sums, x, scale, samples, age, recursion.reset | reset)
 
     def _taken_up(
-        self,
-        known: Known,
-        recursion: InstrumentsRecursion,
-        size: Float[Array, ""],
-        adhesion: Float[Array, ""],
-    ) -> tuple[InstrumentSums, Vector, Float[Array, ""]]:
+        self, known: Known, recursion: InstrumentsRecursion, size: Value, adhesion: Value
+    ) -> tuple[InstrumentSums, Vector, Value]:
         """The sums and x with one more sample, and its innovation in standard deviations."""
         old, x = recursion.sums, recursion.x
         d, model = _curve(known, x, size)
@@ -201,11 +190,11 @@ class RefinedInstruments(OnlineKiencke):
         kept: LatestSamples,
         x: Vector,
         sums: InstrumentSums,
-        scale: Float[Array, ""],
-        anew: Bool[Array, ""],
-        first: Bool[Array, ""],
-        passes: Int[Array, ""],
-    ) -> tuple[Vector, InstrumentSums, Float[Array, ""]]:
+        scale: Value,
+        anew: Whether,
+        first: Whether,
+        passes: Count,
+    ) -> tuple[Vector, InstrumentSums, Value]:
         """x, sums and, where `first`, the scale after some passes over the samples kept.
 
         In a batch the passes are as many as the youngest of its runs needs.
@@ -218,7 +207,7 @@ class RefinedInstruments(OnlineKiencke):
         largest = jnp.max(jnp.where(used, jnp.abs(adhesion), 0.0))
 
         def one_pass(
-            number: Int[Array, ""], carry: tuple[Vector, InstrumentSums, Array]
+            number: Count, carry: tuple[Vector, InstrumentSums, Array]
         ) -> tuple[Vector, InstrumentSums, Array]:
             x, _, scale = carry
             d, model = _curve(known, x, size)
@@ -264,11 +253,8 @@ def _curve(
 
 
 def _voted(
-    recursion: InstrumentsRecursion,
-    size: Float[Array, ""],
-    adhesion: Float[Array, ""],
-    nu: Float[Array, ""],
-) -> tuple[LatestSamples, Bool[Array, ""]]:
+    recursion: InstrumentsRecursion, size: Value, adhesion: Value, nu: Value
+) -> tuple[LatestSamples, Whether]:
     """The kept samples with the latest among them, and whether there is a reset.
 
     After a reset only the samples that voted for it are used.
@@ -291,7 +277,7 @@ def _voted(
     ), reset
 
 
-def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Float[Array, ""]:
+def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Value:
     """The median of the values that are used, of which there is at least one.
 
     By the number of values below each: over a batch that takes less time than a sort.
@@ -301,7 +287,7 @@ def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Fl
     upto = jnp.sum(values[:, None] >= values, axis=1)
     count = jnp.sum(used)
 
-    def in_order(place: Int[Array, ""]) -> Float[Array, ""]:
+    def in_order(place: Count) -> Value:
         return jnp.min(jnp.where((below <= place) & (place < upto), values, jnp.inf))
 
     return (in_order((count - 1) // 2) + in_order(count // 2)) / 2
@@ -311,7 +297,7 @@ def _solution(known: Known, sums: InstrumentSums) -> Vector:
     """The solution in the box, as if the sums were those of least squares."""
     h, f = sums.h, sums.f
     ranges = ((known.lower[i], known.upper[i]) for i in (0, 1))
-    return Vector(*bounded_pair(f.a, f.b, h.a, h.c, h.b, *ranges))
+    return Vector(*bounded_pair(Products(f.a, f.b, h.a, h.c, h.b), *ranges))
 
 
 def _inverse(sums: InstrumentSums) -> Symmetric:

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate
@@ -14,8 +14,9 @@ from adhesion_jax.identifiers.kiencke_linear import (
     regression,
     start_of,
 )
-from adhesion_jax.identifiers.online import OnlineState, begin
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, square
+from adhesion_jax.optim.arrays import Value
 from adhesion_jax.records import Known
 
 #: Standard deviation of the start in p1 and p2, in units of the residual.
@@ -28,7 +29,7 @@ class LeastSquaresRecursion(NamedTuple):
     x: Vector
     p: Symmetric
     g: Symmetric
-    eta: Float[Array, ""]
+    eta: Value
 
 
 class RecursiveLeastSquares(OnlineKiencke):
@@ -55,13 +56,9 @@ class RecursiveLeastSquares(OnlineKiencke):
         return online_estimate(state, covariance, jnp.ones((), dtype=bool), eta)
 
     def step(
-        self,
-        known: Known,
-        recursion: LeastSquaresRecursion,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
+        self, known: Known, recursion: LeastSquaresRecursion, sample: Sample
     ) -> LeastSquaresRecursion:
+        taken, slip, adhesion, _ = sample
         x, p, g, last = recursion
         u, z = regression(known, slip, adhesion)
         eta = forgetting(known, slip, adhesion, x, self.eta_least, self.eta_most, self.gain)

@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
-from adhesion_jax.identifiers.online import OnlineState, begin, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
+from adhesion_jax.optim.arrays import Value
 from adhesion_jax.optim.recursive_slope import slope_step
 from adhesion_jax.records import Known, Record
 
@@ -25,18 +26,18 @@ class SlopeRecursion(NamedTuple):
     adhesion, d the error of theta.
     """
 
-    time: Float[Array, ""]  # of the last sample, s; NaN before the first
-    adhesion: Float[Array, ""]  # filtered
-    slip_velocity: Float[Array, ""]  # filtered, m/s
-    theta: Float[Array, ""]  # s/m
-    p: Float[Array, ""]
-    kappa: Float[Array, ""]
-    residual: Float[Array, ""]  # of the last sample, 1/s
-    uu: Float[Array, ""]
-    ud: Float[Array, ""]
-    dd: Float[Array, ""]
-    squares: Float[Array, ""]  # sum of squared innovations over their variance per unit of noise
-    samples: Float[Array, ""]  # that gave an innovation
+    time: Value  # of the last sample, s; NaN before the first
+    adhesion: Value  # filtered
+    slip_velocity: Value  # filtered, m/s
+    theta: Value  # s/m
+    p: Value
+    kappa: Value
+    residual: Value  # of the last sample, 1/s
+    uu: Value
+    ud: Value
+    dd: Value
+    squares: Value  # sum of squared innovations over their variance per unit of noise
+    samples: Value  # that gave an innovation
 
 
 class RecursiveSlope(Identifier):
@@ -93,15 +94,8 @@ class RecursiveSlope(Identifier):
             state.skipped,
         )
 
-    def _step(
-        self,
-        state: SlopeRecursion,
-        taken: Bool[Array, ""],
-        slip: Float[Array, ""],
-        adhesion: Float[Array, ""],
-        slip_velocity: Float[Array, ""],
-        time: Float[Array, ""],
-    ) -> SlopeRecursion:
+    def _step(self, state: SlopeRecursion, sample: Sample) -> SlopeRecursion:
+        taken, _, adhesion, (slip_velocity, time) = sample
         first = jnp.isnan(state.time)
         span = jnp.where(first, 1.0, time - state.time)
         share = -jnp.expm1(-span / self.time_constant)

@@ -18,7 +18,7 @@ from adhesion_jax.inference.nearest import nearest_to
 from adhesion_jax.inference.noise import RunNoise, described
 from adhesion_jax.inference.posing import chosen_of, from_start, posed
 from adhesion_jax.inference.prediction import left_out
-from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs, thinned
+from adhesion_jax.inference.rows import Rows, in_stretches, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.inference.sums import Sums, Variance, law_at
@@ -30,7 +30,7 @@ _SEARCH_ROWS = 20_000
 #: Rounds of fit, weights and size of the departure.
 _ROUNDS = 4
 
-#: About as many rows of whole runs tell what the noise is.
+#: About as many rows, in stretches, tell what the noise is.
 _NOISE_ROWS = 1_000_000
 
 #: The standard deviation of a normal variable over the median of its size.
@@ -243,8 +243,8 @@ def _departure(
 
 
 def _noise(law: FittedLaw, rows: Rows, variance: Variance, slip: SlipNoise) -> RunNoise:
-    chosen = of_some_runs(rows, _NOISE_ROWS)
-    some, spread = of_runs(rows, chosen), variance.spread[chosen]
+    some, chosen = in_stretches(rows, _NOISE_ROWS)
+    spread = variance.spread[chosen]
     mean, slope = law_at(some, law.curve, law.parameters, law.span, spread, "by_slip")
     within = Variance(variance.sigma, variance.relative[chosen], spread)
     return described(some, some.adhesion - mean, slope, mean, within, slip)

@@ -100,18 +100,20 @@ def thinned(rows: Rows, most: int) -> Rows:
     return _taken(rows, evenly(rows.slip.size, most))
 
 
-def of_some_runs(rows: Rows, most: int) -> Int[np.ndarray, " chosen"]:
-    """The rows of evenly chosen runs, about so many in all, but of one run at least."""
-    count = max(rows.runs * most // rows.slip.size, 1)
-    runs = np.unique(np.linspace(0, rows.runs - 1, min(count, rows.runs)).astype(int))
-    spans = zip(rows.starts[runs], rows.starts[runs + 1], strict=True)
-    return np.concatenate([np.arange(*span) for span in spans])
+def in_stretches(rows: Rows, most: int) -> tuple[Rows, slice | Int[np.ndarray, " chosen"]]:
+    """Evenly chosen blocks, of about so many rows in all, and which rows these are.
 
-
-def of_runs(rows: Rows, chosen: Int[np.ndarray, " chosen"]) -> Rows:
-    """These rows, which are whole runs."""
-    some = _taken(rows, chosen)
-    return some._replace(starts=np.unique(some.starts))
+    A block that does not follow upon the one chosen before it begins a run of its own.
+    """
+    if rows.slip.size <= most:
+        return rows, slice(None)
+    blocks = rows.blocks.size - 1
+    some = np.linspace(0, blocks - 1, max(blocks * most // rows.slip.size, 1)).astype(int)
+    spans = zip(rows.blocks[some], rows.blocks[some + 1], strict=True)
+    chosen = np.concatenate([np.arange(*span) for span in spans])
+    taken = _taken(rows, chosen)
+    cuts = np.flatnonzero(np.diff(chosen) > 1) + 1
+    return taken._replace(starts=np.unique(np.append(taken.starts, cuts))), chosen
 
 
 def _taken(rows: Rows, chosen: Int[np.ndarray, " chosen"]) -> Rows:

@@ -16,6 +16,9 @@ _FEWEST_DEGREES = 4.0
 #: Degrees of freedom of the size of the departure, which its functions tell.
 _OF_PRIOR = 8.0
 
+#: Directions of which cosines are taken together: their products with all blocks are in memory.
+_AT_A_TIME = 50
+
 #: Largest leverage of a cluster: one alone that determines a direction has no residual there.
 _MOST_LEVERAGE = 1 - 1e-6
 
@@ -139,12 +142,13 @@ def by_clusters(
     estimate is (Bell and McCaffrey 2002, Eq. 12).
     """
     variance = np.sum((along @ found.score.T) ** 2, axis=1)
-    degrees = np.empty(len(along))
-    for i, direction in enumerate(along):
-        across = found.across @ direction
-        form = np.diag(np.einsum("i,cij,j->c", direction, found.own, direction))
-        form -= across @ across.T
-        degrees[i] = np.trace(form) ** 2 / max(float(np.sum(form**2)), 1e-300)
+    # Of the form diag(own) - across across', [clusters, clusters], trace and sum of squares.
+    across = np.einsum("cij,nj->nci", found.across, along)
+    own = np.einsum("cij,ni,nj->nc", found.own, along, along, optimize=True)
+    size = np.sum(across**2, axis=2)
+    squares = np.sum(own**2 - 2 * own * size, axis=1)
+    squares += np.sum((across.mT @ across) ** 2, axis=(1, 2))
+    degrees = np.sum(own - size, axis=1) ** 2 / np.maximum(squares, 1e-300)
     return variance, np.maximum(degrees, 1.0)
 
 
@@ -157,14 +161,17 @@ def by_cosines(found: Blocks, along: Float[np.ndarray, "n all"]) -> Float[np.nda
     Watson 2018, J. Bus. Econ. Stat. 36:541-559).
     """
     variance = np.empty(len(along))
-    order = np.arange(1, COSINES + 1)[:, None]
-    for i, direction in enumerate(along):
-        told = found.matrix @ direction  # [blocks, all]
-        share = told @ direction
-        whole = max(float(share.sum()), 1e-300)
-        time = (np.cumsum(share) - 0.5 * share) / whole
+    order = np.arange(1, COSINES + 1)[:, None, None]
+    for first in range(0, len(along), _AT_A_TIME):
+        some = along[first : first + _AT_A_TIME]
+        told = some @ found.matrix  # [blocks, some, all]
+        share = np.sum(told * some, axis=2)  # [blocks, some]
+        whole = np.maximum(share.sum(axis=0), 1e-300)
+        time = (np.cumsum(share, axis=0) - 0.5 * share) / whole
         cosine = np.sqrt(2) * np.cos(np.pi * order * time)
-        amount = cosine @ (found.score @ direction)
-        expected = cosine**2 @ share - np.sum((cosine @ told) ** 2, axis=1)
-        variance[i] = whole * np.mean(amount**2 / np.maximum(expected, 1e-3 * whole))
+        amount = np.sum(cosine * (found.score @ some.T), axis=1)  # [cosines, some]
+        lean = np.einsum("kbn,bni->kni", cosine, told, optimize=True)
+        expected = np.sum(cosine**2 * share, axis=1) - np.sum(lean**2, axis=2)
+        parts = amount**2 / np.maximum(expected, 1e-3 * whole)
+        variance[first : first + _AT_A_TIME] = whole * np.mean(parts, axis=0)
     return variance

@@ -42,7 +42,8 @@ def slip_noise(
     an upper bound, because a slip that truly jumps from row to row looks the same: how much of it
     acts is judged by the residual (`weighing`). Without an order in time there is none to see.
     """
-    moving = speed is not None and bool(np.ptp(speed) > 0)
+    # To be found it has one size where the speed is constant; one that is given is in m/s.
+    moving = speed is not None and (given is not None or bool(np.ptp(speed) > 0))
     per_row = 1 / np.maximum(speed, _SLOWEST) if moving and speed is not None else np.ones(1)
     if given is not None:
         return SlipNoise(given, moving, True, np.broadcast_to(given * per_row, rows.slip.shape))

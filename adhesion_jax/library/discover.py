@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from adhesion_jax.data import RunSet, matching, to_runs
-from adhesion_jax.data.corrections import corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
 from adhesion_jax.discovery import engine
@@ -17,7 +17,15 @@ from adhesion_jax.discovery.types import Findings
 from adhesion_jax.effects import Cause
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
-from adhesion_jax.library.results import of_numbers, table_html, text_html, written
+from adhesion_jax.library.results import (
+    Columns,
+    columns_of,
+    of_numbers,
+    recorded,
+    table_html,
+    text_html,
+    written,
+)
 from adhesion_jax.plugins import add
 from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
@@ -29,10 +37,15 @@ from adhesion_jax.runtime import as_in_commands, silent
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Discovery:
-    """What a curve lacks in measured runs, and how far its error falls with it."""
+    """What a curve lacks in measured runs, and how far its error falls with it.
 
-    findings: Findings  # everything, as the reports read it
-    logs: Sequence[Chosen]  # the rows that were used of each table, and the slip events they are
+    Attributes:
+        findings: everything, as the reports read it.
+        logs: the rows that were used of each table, and the slip events they are.
+    """
+
+    findings: Findings
+    logs: Sequence[Chosen]
 
     @property
     def law(self) -> CorrectedLaw:
@@ -96,6 +109,7 @@ class Discovery:
         return text_html(self.verdict) + "".join(table_html(table) for table in tables)
 
 
+@recorded
 @as_in_commands
 def discover(
     data: Data | Sequence[Data],
@@ -118,32 +132,47 @@ def discover(
 ) -> Discovery:
     """Find which effects an adhesion curve lacks in measured runs.
 
-    `data` has the columns that `identify` takes, a column run (or time_s, from whose gaps runs are
-    told) and whatever was measured beside them; several tables are taken together. `test` is
-    predicted and never fitted. The base curve is the best of `curves`, names of CURVES or auto.
-    `effects` are classes of your own, which are searched for beside the causes of EFFECTS under
-    their names; they stay there, so that what is found can be told, saved and loaded. `seed` draws
-    the runs that are held out. `slip_noise` is the standard deviation of the noise of the wheel
-    speed in m/s, where it is known. With `correct`, the test is also predicted by the law with
-    boosted trees on top, a correction without a formula, where these predict what the law leaves.
-    `progress` is called with words and the share that is done. `columns`, `wheel_radius`, `delays`,
-    `inertia`, `gear_ratio`, `efficiency` and `axles` are those of `identify`, for `data` and
-    `test`, and so are `events`: each slip event of a long log is a run. `out` is a folder for the
-    files of the command. InputError names all that is wrong with the data.
+    Args:
+        data: tables as `identify` takes them, with a column run (or time_s, from whose gaps runs
+            are told) and whatever was measured beside.
+        test: tables that are predicted and never fitted.
+        curves: names of CURVES, of which the base curve is the best, or auto.
+        seed: of the draw of the runs that are held out.
+        effects: classes of your own, which are searched for beside those of EFFECTS and stay there.
+        slip_noise: standard deviation of the noise of the wheel speed, m/s (of the slip, where
+            there is no vehicle speed), 0 for an exact slip; estimated where there is time_s.
+        correct: predict the test also with boosted trees on top of the law, where they help.
+        progress: called with words and the share that is done.
+        columns: what columns are where names and units do not tell, `{"speed": "v [km/h]"}`; a
+            minus turns a sign, `{"wheel_load": "-FZ"}`, and a number is a constant.
+        wheel_radius: rolling radius, m, for a slip from the rotation of the wheel.
+        events: whether each slip event of a log is a run; by default that is so in a long log.
+        delays: how late signals are, s, as in `{"vehicle_speed": 0.2}`.
+        inertia: that of a wheelset with all that turns with it, kg m2, taken off its force.
+        gear_ratio: turns of the motor for one of the wheel, where its torque was measured.
+        efficiency: that of the gear between motor and wheel, a share.
+        axles: columns of one quantity with an index are those of axles, one below the other.
+        out: a folder for the files of the command of the same name.
+
+    Returns:
+        The effects with their intervals, the law with them, and the errors before and after.
+
+    Raises:
+        InputError: something cannot be used; the sentence names all that is wrong with the data.
     """
     own = effects if isinstance(effects, Mapping) else {kind.__name__: kind for kind in effects}
     add("effect", own)
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
+    known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
     train = to_runs([log.points for log in logs])
-    judging = None
+    judging, judged = None, []
     if test is not None:
         judged = events_of(all_of(test, columns, known, few=FEW_OF_A_SEARCH), events)
         judging = matching(train, to_runs([log.points for log in judged]))
     sources = sources_of(logs, parts_of(data))
-    return discover_in(
-        train, judging, logs, sources, curves, seed, slip_noise, correct, progress, out
-    )
+    understood = columns_of([log.points for log in (*logs, *judged)])
+    asked = curves, seed, slip_noise, correct, progress, out
+    return discover_in(train, judging, logs, sources, understood, *asked)
 
 
 def sources_of(logs: Sequence[Chosen], data: Sequence[Data]) -> tuple[str, str]:
@@ -158,6 +187,7 @@ def discover_in(
     test: RunSet | None,
     logs: Sequence[Chosen],
     sources: tuple[str, str],
+    understood: Columns,
     curves: str | Sequence[str],
     seed: int,
     slip_noise: float | None,
@@ -165,7 +195,7 @@ def discover_in(
     progress: Callable[[str, float], None],
     out: str | PathLike[str] | None,
 ) -> Discovery:
-    """The same in runs that were read before, of the tables of `sources_of`.
+    """The same in runs that were read before, of the tables of `sources_of` and `columns_of`.
 
     `logs` are those whose slip events are drawn.
     """
@@ -183,4 +213,5 @@ def discover_in(
     )
     progress("writing the report", 0.97)
     laws = {name: of_numbers(getattr(findings, name)) for name in ("law", "law_before")}
-    return written(Discovery(findings._replace(**laws), tuple(logs)), out, DISCOVERY_FILES)
+    found = Discovery(findings._replace(**laws), tuple(logs))
+    return written(found, out, DISCOVERY_FILES, understood)

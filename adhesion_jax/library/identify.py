@@ -14,7 +14,7 @@ from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
 from adhesion_jax.data.columns import GROUP
-from adhesion_jax.data.corrections import corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.events import Chosen, events_of
 from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
@@ -24,7 +24,7 @@ from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
-from adhesion_jax.library.results import of_numbers, text_html, written
+from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
 from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
 from adhesion_jax.measured.groups import (
@@ -49,7 +49,7 @@ from adhesion_jax.report.measured.tables import (
     printed_table,
     short_report,
 )
-from adhesion_jax.report.measured.words import in_lines, verdict
+from adhesion_jax.report.measured.words import in_lines, mixed_sentence, verdict
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
@@ -91,21 +91,40 @@ class Identification:
     Intervals are of 95 %, whatever the noise of a run depends on. `best` predicts best what is left
     out. With `vetoes` no number stands for the peak; where the points show none, mu_max is what
     they reach at least, its interval is open, and there is no slip_opt.
+
+    Attributes:
+        measured: the points, with the columns that were derived.
+        logs: the rows that were used of each table, and the slip events they are.
+        citation: of a set that ships.
+        fits: the fit of each curve, by its name.
+        not_fitted: the columns that a curve needs and the points lack, by its name.
+        residuals: what each curve leaves, by its name.
+        answer: the peak, with the choice of the curve.
+        judgement: what forbids an answer, and whether the points show a peak.
+        slip: the noise of the slip that the fits assume.
+        runs: their names; one for points without runs.
+        comparison: that of runs, or of groups of rows, if it was asked for.
+        groups: the peak of each group by itself, where there are a few.
+        branches: traction and braking compared, where both were measured.
+        in_vain: columns that were looked at for groups, of which none predicts.
+        mixed: the levels by a column that nobody named and that predicts them.
     """
 
-    measured: Measured  # the points, with the columns that were derived
-    logs: Sequence[Chosen]  # the rows that were used of each table, and the slip events they are
-    citation: str  # of a set that ships
-    fits: Mapping[str, MeasuredFit]  # by the name of the curve
-    not_fitted: Mapping[str, Sequence[str]]  # curve to the columns it needs and the points lack
-    residuals: Mapping[str, Residual]  # what each curve leaves
-    answer: Answer  # the peak, with the choice of the curve
-    judgement: Judgement  # what forbids an answer, and whether the points show a peak
-    slip: SlipNoise  # the noise of the slip that the fits assume
-    runs: Sequence[str]  # their names; one for points without runs
-    comparison: Comparison | None  # of runs, or of groups of rows, if it was asked for
-    groups: Mapping[str, Group]  # the peak of each group by itself, where there are a few
-    branches: Comparison | None  # of traction and braking, where both were measured
+    measured: Measured
+    logs: Sequence[Chosen]
+    citation: str
+    fits: Mapping[str, MeasuredFit]
+    not_fitted: Mapping[str, Sequence[str]]
+    residuals: Mapping[str, Residual]
+    answer: Answer
+    judgement: Judgement
+    slip: SlipNoise
+    runs: Sequence[str]
+    comparison: Comparison | None
+    groups: Mapping[str, Group]
+    branches: Comparison | None
+    in_vain: Sequence[str] | None
+    mixed: Comparison | None
 
     @property
     def table(self) -> pd.DataFrame:
@@ -195,9 +214,11 @@ class Identification:
             len(self.runs),
             [one for one in (self.comparison, self.branches) if one is not None],
             self.groups,
+            self.in_vain,
         )
-        warning = self.judgement.warning
-        return [("Warning", [warning]), *told] if warning else told
+        mixed = "" if self.mixed is None else mixed_sentence(self.mixed)
+        warnings = [*filter(None, [mixed, self.judgement.warning])]
+        return [("Warning", warnings), *told] if warnings else told
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them; those of runs if compared.
@@ -242,6 +263,7 @@ class Identification:
         return text_html(self._lines) + self.table.to_html(index=False) + text_html(self.verdict)
 
 
+@recorded
 def identify(
     data: Data | Sequence[Data],
     curves: str | Sequence[str] | Mapping[str, Curve] | None = None,
@@ -260,29 +282,39 @@ def identify(
 ) -> Identification:
     """Fit adhesion curves that may bend to measured points, whatever their noise depends on.
 
-    `data` has a row a point, with the columns slip_ratio (or slip_velocity_mps) and adhesion (or
-    tangential_force_N with normal_load_N), and whatever else a curve needs, in SI units; several
-    tables are taken together. `columns` says which columns these are where they have other names or
-    units, as in {"speed": "v [km/h]"}, and `wheel_radius` is in m, for a slip from the rotation of
-    the wheel. `delays` are those of late signals in s, as in {"vehicle_speed": 0.2}, `inertia` that
-    of a wheelset in kg m2, which is taken off its force, and `gear_ratio` and `efficiency` those
-    between a motor, whose torque was measured, and the wheel (`data.corrections`). `axles` says
-    that columns of one quantity with an index are those of axles; each axle is told beside all.
+    Of a long log only its slip events are used, as runs. Runs are told by a column run, or by gaps
+    in time_s; with time_s the points of a run are in their order. Source: least squares with
+    Huber's loss 1964; covariance by clusters, Bell and McCaffrey 2002, and by cosines, Lazarus et
+    al. 2018; weights of the curves by pseudo Bayesian model averaging, Yao et al. 2018.
 
-    Runs are told by a column run, or by gaps in time_s; with time_s, the points of a run are in
-    their order. Of a long log only its slip events are used, as runs (`data.events`), unless
-    `events` is False; with True a short one is cut as well. `curves` are names of CURVES, or curves
-    of your own by name, which stay there, so that their laws can be saved and loaded; by default
-    all of CURVES. `by` is a column whose groups of rows are compared: did the rail change between
-    them? (`run` compares the runs, `auto` the best groups.) `slip_noise` is the standard deviation
-    of the noise of the wheel speed in m/s (of the slip, where there is no vehicle speed), 0 for an
-    exact slip; by default it is estimated where there is time_s. `progress` is called with words
-    and the share done, and `out` is a folder for the files of the command. InputError names all
-    that is wrong with the data. Source: least squares with Huber's loss 1964; covariance by
-    clusters, Bell and McCaffrey 2002, and by cosines, Lazarus et al. 2018; the weights of the
-    curves by pseudo Bayesian model averaging, Yao et al. 2018.
+    Args:
+        data: a table with a row a point, arrays by name, or a file, a folder or a pattern; several
+            as a list. Columns are slip_ratio (or slip_velocity_mps, or the speeds of train and
+            wheel, m/s) and adhesion (or force and load, N), by any name that is known.
+        curves: names of CURVES, or curves of your own by name, which stay in CURVES; all of them if
+            none is named.
+        columns: what columns are where names and units do not tell, `{"speed": "v [km/h]"}`; a
+            minus turns a sign, `{"wheel_load": "-FZ"}`, and a number is a constant.
+        wheel_radius: rolling radius, m, for a slip from the rotation of the wheel.
+        events: whether the slip events are cut out; by default they are in a long log.
+        by: a column whose groups of rows are compared, `run`, or `auto` for the best one.
+        slip_noise: standard deviation of the noise of the wheel speed, m/s (of the slip, where
+            there is no vehicle speed), 0 for an exact slip; estimated where there is time_s.
+        progress: called with words and the share that is done.
+        delays: how late signals are, s, as in `{"vehicle_speed": 0.2}`.
+        inertia: that of a wheelset with all that turns with it, kg m2, taken off its force.
+        gear_ratio: turns of the motor for one of the wheel, where its torque was measured.
+        efficiency: that of the gear between motor and wheel, a share.
+        axles: columns of one quantity with an index are those of axles, one below the other.
+        out: a folder for the files of the command of the same name.
+
+    Returns:
+        The peak with its intervals, all curves, and what to doubt.
+
+    Raises:
+        InputError: something cannot be used; the sentence names all that is wrong with the data.
     """
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency, axles)
+    known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency, axles)
     logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)
     citation = " ".join(filter(None, map(citation_of, parts_of(data))))
     return identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
@@ -331,10 +363,15 @@ def identify_chosen(
     answer, step = answered(fits), _step(points)
     best, rows = fits[found.best], found.rows
     order = np.argsort(grouping.run, kind="stable")
+    splits = {name: column.iloc[order] for name, column in candidates(points).items()}
+    likeliest = split_that_predicts(best, rows, splits) if labels is None or by == "axle" else None
+    in_vain = [*splits] if by == _AUTO and likeliest is None else None
     if by == _AUTO:
-        splits = {name: column.iloc[order] for name, column in candidates(points).items()}
-        by = split_that_predicts(best, rows, splits)
+        by = likeliest
         labels = None if by is None else labels_of(points, by, grouping.run)
+    mixed = None
+    if likeliest is not None and likeliest != by:
+        mixed = compared(best, rows, splits[likeliest], likeliest)
     comparison = None
     groups: Mapping[str, Group] = {}
     if labels is not None and by is not None:
@@ -356,8 +393,10 @@ def identify_chosen(
         comparison,
         groups,
         branches,
+        in_vain,
+        mixed,
     )
-    return written(identified, out, IDENTIFY_FILES)
+    return written(identified, out, IDENTIFY_FILES, columns_of([log.points for log in logs]))
 
 
 def _step(points: Measured) -> float | None:

@@ -1,14 +1,29 @@
 """Identifiers by their names, as the functions of the library are given them."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
+from adhesion_jax.plugins import made
 from adhesion_jax.wording import listed
 
+#: Names of IDENTIFIERS, or methods of one's own by name: objects, classes or functions.
+Methods: TypeAlias = str | Sequence[str] | Mapping[str, Any]
 
-def methods_named(identifiers: str | Sequence[str]) -> Mapping[str, Identifier]:
-    """The identifiers of these names; InputError for a name that there is not, or for none."""
+
+def methods_named(identifiers: Methods) -> Mapping[str, Identifier]:
+    """The identifiers by name; InputError for a name that there is not, for none, or for no method.
+
+    A function of the slips and the adhesions of a block is a method, too (`OfFunction`).
+    """
+    if isinstance(identifiers, Mapping):
+        taken = [name for name, own in identifiers.items() if IDENTIFIERS.get(name, own) is not own]
+        if taken:
+            raise InputError(
+                f"{listed(taken)} is the name of a method of the package; name yours otherwise."
+            )
+        return {name: made("identifier", name, own) for name, own in identifiers.items()}
     names = [identifiers] if isinstance(identifiers, str) else identifiers
     unknown = [name for name in names if name not in IDENTIFIERS]
     if unknown or not names:

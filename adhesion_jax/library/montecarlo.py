@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -14,6 +14,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
@@ -33,9 +34,11 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
-from adhesion_jax.identifiers import IDENTIFIERS, Identifier, Status
-from adhesion_jax.library.methods import methods_named
+from adhesion_jax.identifiers import IDENTIFIERS, Status
+from adhesion_jax.library.methods import Methods, methods_named
+from adhesion_jax.library.results import recorded
 from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.options import MOST_RUNS
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
 from adhesion_jax.runtime import as_in_commands, silent
@@ -52,14 +55,23 @@ MONTECARLO_FILES = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MonteCarlo:
-    """How well methods know the truth of a scenario, or of those of the main job, over all runs."""
+    """How well methods know the truth of a scenario, or of those of the main job, over all runs.
+
+    Attributes:
+        asked: what was asked for.
+        keep: whose estimates there are: all, or checkpoints.
+        jobs: the methods and the runs of each scenario.
+        campaigns: the tables of each scenario.
+        rows: the estimates, or the file where they are.
+        seconds: by the clock.
+    """
 
     asked: Config
-    keep: str  # whose estimates there are: all, or checkpoints
-    jobs: Sequence[Job]  # of each scenario
+    keep: str
+    jobs: Sequence[Job]
     campaigns: Sequence[Campaign]
-    rows: pd.DataFrame | Path  # the estimates, or the file where they are
-    seconds: float  # by the clock
+    rows: pd.DataFrame | Path
+    seconds: float
 
     @cached_property
     def tables(self) -> Mapping[str, pd.DataFrame]:
@@ -84,7 +96,8 @@ class MonteCarlo:
             self.estimates.to_parquet(path / "runs.parquet", index=False)
         for name, table in self.tables.items():
             write_table(path / f"{name}.csv", table)
-        _draw(path, self.jobs, self.campaigns, self.tables)
+        for name, figure in self._figures():
+            figure.savefig(path / f"{name}.png")
         names = [job.config.scenario for job in self.jobs]
         of_campaigns = zip(names, self.campaigns, strict=True)
         metadata = {
@@ -99,6 +112,31 @@ class MonteCarlo:
         }
         write_metadata(path / METADATA, metadata)
 
+    @as_in_commands
+    def plot(self) -> Figure:
+        """The density of mu_max by each method; without mu_max, the estimates over the run."""
+        return next(iter(self._figures()))[1]
+
+    def _figures(self) -> Iterator[tuple[str, Figure]]:
+        """The figures with their names, each drawn when it is asked for."""
+        densities = [found.histogram for found in self.campaigns if len(found.histogram)]
+        if densities:
+            several = pd.concat(densities, ignore_index=True)
+            yield "histogram_mu_max", figures.histogram(self.summary, several)
+        for job, campaign in zip(self.jobs, self.campaigns, strict=True):
+            scenario = job.scenario
+            truth = pd.DataFrame(scenario.quantities())
+            truth.insert(0, "block", np.arange(len(truth)))
+            for name, reached in scenario.figures():
+                if name == "bands":
+                    steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
+                    yield name, figures.bands(truth, campaign.bands, steps)
+                elif name == "tracking":
+                    yield name, figures.tracking(truth, campaign.bands)
+                elif reached is not None:
+                    course = self.tables["checkpoints"], campaign.bands
+                    yield name, figures.convergence(*course, *reached)
+
     def __repr__(self) -> str:
         return accuracy_table(self.summary, _quantities(self.summary))
 
@@ -106,10 +144,11 @@ class MonteCarlo:
         return self.summary.to_html(index=False)
 
 
+@recorded
 @as_in_commands
 def montecarlo(
     scenario: str | None = "single",
-    identifiers: str | Sequence[str] | Mapping[str, Identifier] | None = None,
+    identifiers: Methods | None = None,
     runs: int = 256,
     seed: int = 0,
     workers: int = 1,
@@ -123,32 +162,44 @@ def montecarlo(
 ) -> MonteCarlo:
     """Identify the same noisy runs of a scenario by several methods.
 
-    `scenario` is a name of SCENARIOS, or None for those of the main job.
-    `options` are its arguments (rail, sigma, points ...; `law` is a law that was found, the path of
-    a saved one, or what stands in it).
-    `identifiers` are names of IDENTIFIERS, or methods of your own by name; without any, all that
-    accept the scenario.
-    `runs` is their number; run r of a `seed` has the same noise whatever else is asked for.
-    `workers` are processes, which a script must start under `if __name__ == "__main__":`; with
-    `cluster` (local:N, or the address of a scheduler of Dask) they are those of a cluster, which
-    see the folder by the same path if it is a `shared_folder`.
-    `out` is a folder for the files of the command. There the runs are computed in shards, so that
-    memory does not grow with them; a job that was interrupted goes on with `resume`, and gets so
-    many more runs with `extend`. `keep` says whose estimates are kept: those of the blocks around a
-    switch and of the last, or of all; without a folder they are those of all.
+    With a folder memory does not grow with the number of runs.
 
-    Returns tables of the accuracy, and the estimates.
-    InputError where a name, a number or an option does not fit.
+    Args:
+        scenario: a name of SCENARIOS, or None for those of the main job of the command.
+        identifiers: names of IDENTIFIERS, or methods of your own by name, functions of the slips
+            and adhesions of a block among them; by default all that accept the scenario.
+        runs: their number; run r of a seed has the same noise whatever else is asked for.
+        seed: of the noise.
+        workers: processes, which a script must start under `if __name__ == "__main__":`.
+        out: a folder for the files of the command; what is finished stays there in shards.
+        keep: whose estimates are kept in a folder: all, or those of the blocks around a switch and
+            of the last.
+        resume: go on with a job that was interrupted.
+        extend: further runs for the job in the folder.
+        cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
+        shared_folder: those workers see the folder by the same path.
+        **options: arguments of the scenario, such as rail, sigma, points; `law` is a law that was
+            found, the path of a saved one, or what stands in it.
+
+    Returns:
+        Tables of the accuracy, and the estimates.
+
+    Raises:
+        InputError: a name, a number or an option does not fit.
     """
     began = time.perf_counter()
     given = {name: value for name, value in options.items() if value is not None}
     whole = Options(**given) if scenario is None else _options(scenario, given)
-    if runs < 1 or workers < 1 or not 0 <= seed < 2**32:
-        raise InputError("runs and workers are 1 or more, and a seed is from 0 to 2**32 - 1.")
-    methods, names = _methods(identifiers)
+    if not 1 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
+        raise InputError(
+            f"runs are from 1 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
+            "2**32 - 1."
+        )
+    named = {} if identifiers is None else methods_named(identifiers)
+    methods = {**IDENTIFIERS, **named}
     if extend and out is not None:
         runs = extended(Path(out), extend)
-    asked = Config("", names, whole, int(runs), int(seed))
+    asked = Config("", tuple(named), whole, int(runs), int(seed))
     parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
     jobs = [Job.of(config, methods, every_block=out is None or keep == "all") for config in parts]
     if out is None:
@@ -183,22 +234,6 @@ def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
     job = Job.recorded(record)
     totals = _totals(job, folder)
     return told(campaign_of(job, totals).tables, totals.sums.accuracy.runs, [job.name])
-
-
-def _methods(
-    identifiers: str | Sequence[str] | Mapping[str, Identifier] | None,
-) -> tuple[Mapping[str, Identifier], tuple[str, ...]]:
-    """Every method that may be run, by its name, and the names of those that are asked for."""
-    if identifiers is None:
-        return IDENTIFIERS, ()
-    if isinstance(identifiers, Mapping):
-        taken = [n for n, own in identifiers.items() if IDENTIFIERS.get(n, own) is not own]
-        if taken:
-            raise InputError(
-                f"{listed(taken)} is the name of a method of the package; name yours otherwise."
-            )
-        return {**IDENTIFIERS, **identifiers}, tuple(identifiers)
-    return IDENTIFIERS, tuple(methods_named(identifiers))
 
 
 def _options(scenario: str, options: Mapping[str, object]) -> Options:
@@ -277,28 +312,3 @@ def _joined(campaigns: Sequence[Mapping[str, pd.DataFrame]]) -> dict[str, pd.Dat
         name: pd.concat([tables[name] for tables in campaigns if name in tables], ignore_index=True)
         for name in names
     }
-
-
-def _draw(
-    stage: Path,
-    jobs: Sequence[Job],
-    campaigns: Sequence[Campaign],
-    tables: Mapping[str, pd.DataFrame],
-) -> None:
-    densities = [campaign.histogram for campaign in campaigns if len(campaign.histogram)]
-    if densities:
-        path = stage / "histogram_mu_max.png"
-        figures.histogram(path, tables["summary"], pd.concat(densities, ignore_index=True))
-    for job, campaign in zip(jobs, campaigns, strict=True):
-        scenario = job.scenario
-        truth = pd.DataFrame(scenario.quantities())
-        truth.insert(0, "block", np.arange(len(truth)))
-        for name, reached in scenario.figures():
-            path = stage / f"{name}.png"
-            if name == "bands":
-                steps = jax.eval_shape(scenario.draw, jax.random.key(0)).slip.shape[-1]
-                figures.bands(path, truth, campaign.bands, steps)
-            elif name == "tracking":
-                figures.tracking(path, truth, campaign.bands)
-            elif reached is not None:
-                figures.convergence(path, tables["checkpoints"], campaign.bands, *reached)

@@ -62,14 +62,23 @@ _MAP = 32
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Planning:
-    """How well the peak would be known, over the largest slip and the number of samples."""
+    """How well the peak would be known, over the largest slip and the number of samples.
 
-    source: str  # what is taken for the truth, in words
+    Attributes:
+        source: what is taken for the truth, in words.
+        plan: the errors over the grid.
+        map: the same for more largest slips.
+        log: the slips and the noise of a log that was planned from.
+        present: that log in the plan, and what would halve its intervals.
+        wanted: the fewest samples for an error that is wanted.
+    """
+
+    source: str
     plan: Plan
-    map: Plan  # the same for more largest slips
+    map: Plan
     log: OwnLog | None
-    present: Present | None  # one's own log in the plan, and what would halve its intervals
-    wanted: Wanted | None  # the fewest samples for an error that is wanted
+    present: Present | None
+    wanted: Wanted | None
 
     @property
     def table(self) -> pd.DataFrame:
@@ -126,17 +135,30 @@ def plan(
 ) -> Planning:
     """How far the slip must go, and how many samples it takes, until the peak is known.
 
-    `source` is what is taken for the truth: a rail by its name, a curve, a law, or what `identify`
-    found in one's own log, whose slips and noise are then those of the plan. Otherwise runs of
-    `samples_per_run` sweep the slip from 0 to the largest. The noise of adhesion has the standard
-    deviation `sigma` and the correlation `autocorrelation` from sample to sample; `run_scatter` is
-    the standard deviation of the level of a run, as a share of the adhesion, `slow_level` that of
-    a level that varies slowly within a run, whose correlation falls to 1/e after `slow_rows`
-    samples, and `slip_noise` that of the slip. The peak is that under `conditions`, by column.
-    `want` is a relative standard error of mu_max, for which the fewest samples are searched.
-    InputError where something does not fit.
     Source: sandwich covariance of weighted least squares (White 1980, Econometrica 48:817-838) with
     the delta method.
+
+    Args:
+        source: what is taken for the truth: a rail by its name, a curve, a law, or what `identify`
+            found in a log, whose slips and noise are then those of the plan.
+        largest_slips: two or more to which the slip may go, ratios.
+        samples: two or more numbers of samples.
+        samples_per_run: samples of a run, in which the slip rises from 0 to the largest.
+        sigma: standard deviation of the noise of adhesion.
+        autocorrelation: correlation of that noise from sample to sample.
+        run_scatter: standard deviation of the level of a run, as a share of the adhesion.
+        slow_level: the same of a level that varies slowly within a run.
+        slow_rows: samples after which the correlation of that level has fallen to 1/e.
+        slip_noise: standard deviation of the noise of the slip, in its unit; where `source` has a
+            vehicle speed that of the wheel speed, m/s.
+        conditions: those of the peak, by column, in SI units.
+        want: a relative standard error of mu_max, for which the fewest samples are searched.
+
+    Returns:
+        Relative standard errors of the peak over largest slip and number of samples.
+
+    Raises:
+        InputError: something does not fit.
     """
     stated = _stated(
         sigma=sigma,

@@ -7,13 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.data import (
-    SHIPPED,
-    Measured,
-    read_all,
-    read_measured,
-    to_measured,
-)
+from adhesion_jax.data import SHIPPED, Measured, read_all, read_measured, to_measured
 from adhesion_jax.data.corrections import NOTHING, Corrections
 from adhesion_jax.data.gaps import FEW
 from adhesion_jax.data.reading import Progress

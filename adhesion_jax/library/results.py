@@ -1,19 +1,26 @@
 """What results share: numbers that mean the same in a program of another precision, and HTML."""
 
 import html
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from inspect import signature
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, ParamSpec, Protocol, TypeVar, runtime_checkable
 
 import jax
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.files import output_directory, staged
+from adhesion_jax import runtime
+from adhesion_jax.data import Measured
+from adhesion_jax.files import METADATA, output_directory, staged, write_metadata
 from adhesion_jax.report.page import Table
 
+P = ParamSpec("P")
 T = TypeVar("T")
+Columns = Mapping[str, object]
 
 
 @runtime_checkable
@@ -24,15 +31,51 @@ class _Writes(Protocol):
 W = TypeVar("W", bound=_Writes)
 
 
-def written(found: W, out: str | PathLike[str] | None, files: Sequence[str]) -> W:
+def columns_of(tables: Sequence[Measured]) -> Columns:
+    """The columns of each table as they were understood, for JSON, which has null for NaN."""
+    return {one.name: json.loads(one.understood.to_json(orient="records")) for one in tables}
+
+
+def written(found: W, out: str | PathLike[str] | None, files: Sequence[str], columns: Columns) -> W:
     """The result, whose files, of which these are possible, are in the folder `out` if it is named.
 
-    They appear there when all are complete, in the place of those of an earlier result.
+    They appear there when all are complete, in the place of those of an earlier result, with the
+    columns of its tables and what it was made with.
     """
     if out is not None:
         with staged(output_directory(Path(out)), files) as stage:
             found.write(stage)
+            write_metadata(stage / METADATA, {"columns": columns, **runtime.describe()})
     return found
+
+
+def recorded(function: Callable[P, T]) -> Callable[P, T]:
+    """The function, whose name and arguments are told beside the files in the folder `out`."""
+
+    @wraps(function)
+    def told(*args: P.args, **kwargs: P.kwargs) -> T:
+        found = function(*args, **kwargs)
+        arguments = signature(function).bind(*args, **kwargs).arguments
+        if arguments.get("out") is not None:
+            folder = Path(arguments["out"])
+            call = {"function": function.__name__, "arguments": _plain(arguments)}
+            known = json.loads((folder / METADATA).read_text(encoding="utf-8"))
+            with staged(folder, [METADATA]) as stage:
+                write_metadata(stage / METADATA, {"call": call, **known})
+        return found
+
+    return told
+
+
+def _plain(value: Any) -> object:
+    """An argument as JSON has it: what is neither number nor text by the name of its class."""
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    return str(value) if isinstance(value, PathLike) else type(value).__name__
 
 
 def of_numbers(result: T) -> T:

@@ -14,9 +14,18 @@ def sample(
 ) -> Record:
     """One fresh sample, or arrays [points] of a block, as `update` of an identifier takes it.
 
-    Slip is a ratio, adhesion is force over load, conditions are columns in SI units, such as
-    time_s or vehicle_speed_mps. May be used within `jax.jit` and `jax.vmap`. InputError where jax
-    computes in single precision.
+    May be used within `jax.jit` and `jax.vmap`.
+
+    Args:
+        slip: a ratio, or ratios [points].
+        adhesion: force over load, of the same shape.
+        **conditions: columns in SI units, such as time_s or vehicle_speed_mps.
+
+    Returns:
+        The record, all of whose points are new.
+
+    Raises:
+        InputError: jax computes in single precision.
     """
     require_double_precision()
     slips = jnp.atleast_1d(jnp.asarray(slip, float))

@@ -1,6 +1,6 @@
 """`track`: what online methods know of the largest adhesion after each sample of a log."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -10,13 +10,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from adhesion_jax.data import check_curve
-from adhesion_jax.data.corrections import corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.identifiers import Identifier
-from adhesion_jax.library.methods import methods_named
+from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
-from adhesion_jax.library.results import of_numbers, text_html, written
+from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.following import Followed, follow_log, refusal
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.initial_slope import initial_slope as slope_of
@@ -35,12 +35,19 @@ METHODS = ("riv", "qp-qian2024-1", "rls-kiencke")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Track:
-    """What online methods made of a log."""
+    """What online methods made of a log.
 
-    log: Log  # the samples in the order in which they were followed
-    citation: str  # of a set that ships
-    initial_slope: InitialSlope  # what all methods were told
-    followed: Mapping[str, Followed]  # by the name of the method
+    Attributes:
+        log: the samples in the order in which they were followed.
+        citation: of a set that ships.
+        initial_slope: what all methods were told.
+        followed: the estimates, by the name of the method.
+    """
+
+    log: Log
+    citation: str
+    initial_slope: InitialSlope
+    followed: Mapping[str, Followed]
 
     @property
     def estimates(self) -> pd.DataFrame:
@@ -76,15 +83,16 @@ class Track:
         return self.summary.to_html(index=False) + text_html(self.verdict)
 
 
+@recorded
 @as_in_commands
 def track(
     data: Data,
-    identifiers: str | Sequence[str] | Mapping[str, Identifier] = METHODS,
+    identifiers: Methods = METHODS,
     initial_slope: float | None = None,
     columns: Mapping[str, object] | None = None,
     wheel_radius: float | None = None,
     events: bool | None = None,
-    report: Callable[[int, int], object] = silent,
+    progress: Callable[[str, float], object] = silent,
     delays: Mapping[str, float] | None = None,
     inertia: float | None = None,
     gear_ratio: float | None = None,
@@ -93,17 +101,31 @@ def track(
 ) -> Track:
     """Follow a log by online methods, sample by sample in the order of time.
 
-    `data`, `columns`, `wheel_radius`, `delays`, `inertia`, `gear_ratio` and `efficiency` are as for
-    `identify`. `identifiers` are names of IDENTIFIERS, or methods of your own by name. The initial
-    slope a0 of Kiencke's curve is `initial_slope`, or that of a fit to the log. With `events` slip
-    events alone are used, and where it is False all samples are; by default events are cut out of a
-    log that hardly slips. `report` is told how many steps are done, and of how many, and `out` is a
-    folder for the files of the command. InputError names all that is wrong with the data, and a
-    method that cannot follow a log.
+    Args:
+        data: one table, as `identify` takes it.
+        identifiers: names of IDENTIFIERS, or methods of your own by name.
+        initial_slope: slope a0 of Kiencke's curve at slip 0, per unit of slip; by default that of a
+            fit to the log.
+        columns: what columns are where names and units do not tell, `{"speed": "v [km/h]"}`; a
+            minus turns a sign, `{"wheel_load": "-FZ"}`, and a number is a constant.
+        wheel_radius: rolling radius, m, for a slip from the rotation of the wheel.
+        events: whether slip events alone are used; by default they are in a log that hardly slips.
+        progress: called with words and the share that is done.
+        delays: how late signals are, s, as in `{"vehicle_speed": 0.2}`.
+        inertia: that of a wheelset with all that turns with it, kg m2, taken off its force.
+        gear_ratio: turns of the motor for one of the wheel, where its torque was measured.
+        efficiency: that of the gear between motor and wheel, a share.
+        out: a folder for the files of the command of the same name.
+
+    Returns:
+        The estimates of each method over time, and what they were told.
+
+    Raises:
+        InputError: the data cannot be used, or a method cannot follow a log.
     """
-    methods = identifiers if isinstance(identifiers, Mapping) else methods_named(identifiers)
+    methods = methods_named(identifiers)
     _refuse(methods)
-    known = corrections_of(wheel_radius, delays, inertia, gear_ratio, efficiency)
+    known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency)
     measured = measured_of(data, columns, known)
     check_curve(measured)
     log = to_log(measured, events)
@@ -114,10 +136,11 @@ def track(
 
     def one_more(count: int) -> None:
         done[0] += count
-        report(done[0], total)
+        progress("following", done[0] / total)
 
     followed = follow_log(methods, log, slope.plausible, slope.form, one_more)
-    return written(Track(log, citation_of(data), slope, followed), out, TRACK_FILES)
+    found = Track(log, citation_of(data), slope, followed)
+    return written(found, out, TRACK_FILES, columns_of([measured]))
 
 
 def _refuse(methods: Mapping[str, Identifier]) -> None:

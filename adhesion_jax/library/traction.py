@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
@@ -26,13 +27,14 @@ from adhesion_jax.campaign.traction import (
 )
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
-from adhesion_jax.library.results import text_html
+from adhesion_jax.library.results import recorded, text_html
 from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.options import MOST_RUNS
 from adhesion_jax.report.page_html import page_html
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import (
     animate_operating_point,
-    draw_operating_point,
+    operating_point,
 )
 from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
@@ -68,7 +70,17 @@ _OF_PAPER = "of the paper"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Traction:
-    """The figures of a control system, without noise and over its runs with noise."""
+    """The figures of a control system, without noise and over its runs with noise.
+
+    Attributes:
+        name: that of the system.
+        system: its parts, and the paper they are of.
+        plant: the parameters of the train.
+        cases: the scenarios and methods that were run.
+        job: how the runs are divided.
+        judged: the course of the runs without noise, and the metrics of all.
+        seconds: by the clock.
+    """
 
     name: str
     system: System
@@ -76,7 +88,7 @@ class Traction:
     cases: Sequence[Case]
     job: Job
     judged: Judged
-    seconds: float  # by the clock
+    seconds: float
 
     @property
     def table(self) -> pd.DataFrame:
@@ -100,7 +112,7 @@ class Traction:
             if panels:
                 draw(path / f"{figure}.png", panels)
                 captions[f"{figure}.png"] = subject.captions[figure]
-        draw_operating_point(path / f"{_POINT}.png", runs_shown[0])
+        self.plot().savefig(path / f"{_POINT}.png", dpi=130)
         captions[f"{_POINT}.png"] = _POINT_CAPTION
         if animate:
             animate_operating_point(path / f"{_POINT}.gif", runs_shown[0])
@@ -110,6 +122,11 @@ class Traction:
         pictures = {picture: (path / picture).read_bytes() for picture in captions}
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
         write_metadata(path / METADATA, self._metadata())
+
+    @as_in_commands
+    def plot(self) -> Figure:
+        """The operating point over the adhesion curves while the surface changes, first case."""
+        return operating_point(shown(self.cases[0], self.judged.traces[0]))
 
     def _metadata(self) -> Mapping[str, object]:
         asked, found = self.job.asked, self.judged
@@ -145,6 +162,7 @@ class Traction:
         return self.table.to_html(index=False) + text_html(self.system.title)
 
 
+@recorded
 @as_in_commands
 def traction_control(
     system: str,
@@ -163,24 +181,38 @@ def traction_control(
     cluster: str | None = None,
     shared_folder: bool = False,
 ) -> Traction:
-    """Run a published control system on its plant, without noise and `runs` times with noise.
+    """Run a published control system on its plant, without noise and with it.
 
-    `system` is a name of SYSTEMS.
-    `plant` is a TOML file, or the name of a plant that ships; by default that of the paper.
-    `observer`, `seeker` and `controller` are names of their registries, in the place of the paper's
-    own; one of your own is put there: SEEKERS["mine"] = Mine().
-    `seed` draws the noise, and `step` is that of the plant in s.
-    `workers` are processes, which a script must start under `if __name__ == "__main__":`; with
-    `cluster` (local:N, or the address of a scheduler of Dask) they are those of a cluster, which
-    see the folder by the same path if it is a `shared_folder`.
-    `out` is a folder for all the files of the command; what is finished stays there, so that a job
-    that was interrupted goes on with `resume`, and gets `extend` further runs.
-    `animate` draws the operating point as a moving picture there, too.
+    Args:
+        system: a name of SYSTEMS.
+        plant: a TOML file, or the name of a plant that ships; by default that of the paper.
+        observer: a name of OBSERVERS, in the place of that of the paper.
+        seeker: a name of SEEKERS, in the place of that of the paper, or none. One of your own is
+            put there: `SEEKERS["mine"] = Mine()`.
+        controller: a name of CONTROLLERS, in the place of that of the paper.
+        runs: number of runs with noise.
+        seed: of the noise.
+        step: of the plant, s.
+        workers: processes, which a script must start under `if __name__ == "__main__":`.
+        out: a folder for the files of the command; what is finished stays there in shards.
+        resume: go on with a job that was interrupted.
+        extend: further runs for the job in the folder.
+        animate: draw the operating point as a moving picture there, too.
+        cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
+        shared_folder: those workers see the folder by the same path.
 
-    Returns the table of the paper, the metrics of all parts of the runs, and their course.
-    InputError where a name or a file cannot be used.
+    Returns:
+        The table of the paper, the metrics of all parts of the runs, and their course.
+
+    Raises:
+        InputError: a name or a file cannot be used.
     """
     began = time.perf_counter()
+    if not 0 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
+        raise InputError(
+            f"runs are from 0 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
+            "2**32 - 1."
+        )
     for kind, given, known in (
         ("system", system, [*SYSTEMS]),
         ("observer", observer, [*OBSERVERS]),

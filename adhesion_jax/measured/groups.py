@@ -58,10 +58,15 @@ def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
         )
     column = table[name] if name in table else pd.Series(run + 1, table.index)
     labels = column.astype(str)
-    if not 2 <= labels.nunique() <= MOST_GROUPS:
+    count = labels.nunique()
+    if count == 1:
         raise InputError(
-            f"{points.name} has {labels.nunique()} groups by {by}; from 2 to {MOST_GROUPS} can be "
-            "compared."
+            f"{points.name} has one value of {by} in the rows that are used, {labels.iloc[0]}, and "
+            "no groups to compare."
+        )
+    if count > MOST_GROUPS:
+        raise InputError(
+            f"{points.name} has {count} groups by {by}; at most {MOST_GROUPS} can be compared."
         )
     return labels
 
@@ -69,11 +74,10 @@ def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
 def candidates(points: Measured) -> Mapping[str, pd.Series]:
     """The columns of a few labels or levels by which rows may be split."""
     table = points.table
-    found = {}
-    for name in ("axle", "mode", "file", GROUP, *points.covariates):
-        if name in table and 2 <= table[name].nunique() <= _MOST_FITTED:
-            found[name] = table[name].astype(str)
-    return found
+    known = {*table.select_dtypes("category"), *points.covariates} - {"run"}
+    names = [str(name) for name in table if name in known]
+    few = [name for name in names if 2 <= table[name].nunique() <= _MOST_FITTED]
+    return {name: table[name].astype(str) for name in few}
 
 
 def branches_of(fit: MeasuredFit, rows: Rows) -> Comparison | None:

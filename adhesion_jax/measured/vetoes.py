@@ -9,7 +9,7 @@ from scipy.stats import norm
 from adhesion_jax.data.exchanged import bins_of, exchanged
 from adhesion_jax.data.plausible import no_contact_has
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.rows import Rows, of_runs, of_some_runs
+from adhesion_jax.inference.rows import Rows, in_stretches
 from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate
 from adhesion_jax.measured.comparison import WIDEST, Comparison
 from adhesion_jax.measured.signals import Points, passages, shifted
@@ -30,7 +30,7 @@ _FALL = 2.0
 #: points that may lie above the interval beyond what noise makes.
 _PASSED, _FEW, _ABOVE = 0.1, 0.02, 0.1
 
-#: About as many rows of whole runs are judged.
+#: About as many rows, in stretches, are judged.
 _MOST_ROWS = 1_000_000
 
 #: Passages of a slip in one rise and return.
@@ -62,8 +62,7 @@ def judged(
 ) -> Judgement:
     """The vetoes, by the curve that has most weight; `step_s` is the usual time between rows."""
     fit = fits[max(answer.weights, key=lambda name: answer.weights[name])]
-    chosen = of_some_runs(rows, _MOST_ROWS)
-    rows = of_runs(rows, chosen)
+    rows, chosen = in_stretches(rows, _MOST_ROWS)
     mean, slope = fit.at_rows(rows, chosen)
     left = rows.adhesion - mean
     side = np.where(rows.slip < 0, -1.0, 1.0)

@@ -49,12 +49,14 @@ def run_statistics(
 ) -> Mapping[str, Array]:
     """The statistics of each run, averaged over `blocks`; their means over runs are the metrics.
 
-    Failures are part of every mean. `switched` is the stretch whose delay belongs to the row;
-    without one it is NaN.
+    Failures are part of every mean; a quantity of which no standard error is ever given has no
+    coverage. `switched` is the stretch whose delay belongs to the row; without one it is NaN.
     """
     b = list(blocks)
     error = outcome.values[:, b] - truth.values[b]
     half_width = truth.quantile[b][:, None] * outcome.standard_errors[:, b]
+    covered = np.abs(error) <= half_width
+    has_errors = np.isfinite(half_width).any(axis=(0, 1))
     gap = outcome.objective[:, b] - outcome.optimum[:, b]
     failed = outcome.unusable[:, b] | ~(gap <= FAILURE_GAP * truth.sigma**2 + _ROUNDING)
     unknown = np.full(len(outcome.delay), np.nan)
@@ -62,7 +64,7 @@ def run_statistics(
         "error": error.mean(axis=1),
         "squared_error": (error**2).mean(axis=1),
         "squared_bound": (truth.bound[:, b] ** 2).mean(axis=1),
-        "covered": (np.abs(error) <= half_width).mean(axis=1),
+        "covered": np.where(has_errors, covered.mean(axis=1), np.nan),
         "on_box": outcome.on_box[:, b].mean(axis=1),
         "optimum_on_box": outcome.optimum_on_box[:, b].mean(axis=1),
         "failed": failed.mean(axis=1),

@@ -48,18 +48,11 @@ def adhesion_and_information(
 
     For noise of variance s^2 the Fisher information is J'J/s^2.
     """
-    adhesion, sensitivity = adhesion_and_sensitivity(curve, slip, conditions)
-    return adhesion, information_of(jnp.where(mask, sensitivity, 0.0))
-
-
-def adhesion_and_sensitivity(
-    curve: Curve, slip: Float[Array, " points"], conditions: Conditions
-) -> tuple[Float[Array, " points"], Float[Array, "free points"]]:
-    """The model at every point, and d mu/d parameters there."""
     adhesion, push = jax.linearize(
         lambda values: with_free_values(curve, values)(slip, conditions), free_values(curve)
     )
-    return adhesion, jax.vmap(push)(jnp.eye(len(curve.free)))
+    sensitivity = jax.vmap(push)(jnp.eye(len(curve.free)))
+    return adhesion, information_of(jnp.where(mask, sensitivity, 0.0))
 
 
 def information_of(sensitivity: Float[Array, "free points"]) -> Float[Array, "free free"]:

@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from adhesion_jax.optim.arrays import Vector
+
 #: An estimate lies on the box if it is nearer to a bound than this share of the box's width.
 _ON_BOX = 1e-4
 
@@ -32,15 +34,13 @@ class Unbounded(NamedTuple):
     MINUIT), x = scale u elsewhere, the scale being the size of the start.
     """
 
-    lower: Float[Array, " p"]
-    width: Float[Array, " p"]
+    lower: Vector
+    width: Vector
     bounded: Bool[Array, " p"]
-    scale: Float[Array, " p"]
+    scale: Vector
 
     @staticmethod
-    def around(
-        start: Float[Array, " p"], lower: Float[Array, " p"], upper: Float[Array, " p"]
-    ) -> "Unbounded":
+    def around(start: Vector, lower: Vector, upper: Vector) -> "Unbounded":
         bounded = jnp.isfinite(lower) & jnp.isfinite(upper)
         return Unbounded(
             jnp.where(bounded, lower, 0.0),
@@ -49,11 +49,11 @@ class Unbounded(NamedTuple):
             jnp.where(start == 0, 1.0, jnp.abs(start)),
         )
 
-    def to_box(self, u: Float[Array, " p"]) -> Float[Array, " p"]:
+    def to_box(self, u: Vector) -> Vector:
         inside = self.lower + self.width * 0.5 * (1 + jnp.sin(u))
         return jnp.where(self.bounded, inside, self.scale * u)
 
-    def from_box(self, x: Float[Array, " p"]) -> Float[Array, " p"]:
+    def from_box(self, x: Vector) -> Vector:
         """x, moved inside the box if it lies on or beyond a bound."""
         share = jnp.clip((x - self.lower) / self.width, _START_MARGIN, 1 - _START_MARGIN)
         return jnp.where(self.bounded, jnp.arcsin(2 * share - 1), x / self.scale)

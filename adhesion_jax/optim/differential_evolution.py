@@ -19,6 +19,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt32
 
+from adhesion_jax.optim.arrays import Count, Value, Vector, Whether
 from adhesion_jax.optim.counter_random import as_integer, as_uniform, counter_bits
 from adhesion_jax.optim.turns import Turns, compacted_while_loop
 
@@ -32,7 +33,7 @@ _TURNS = Turns(side_by_side=16, steps=16, axis=-1)
 _FEW_MEMBERS = 40
 
 #: The objective of one member.
-Objective = Callable[[Float[Array, " p"]], Float[Array, ""]]
+Objective = Callable[[Vector], Value]
 
 
 class Settings(NamedTuple):
@@ -73,21 +74,21 @@ _Going = tuple[State, Bool[Array, " runs"]]
 
 
 class Result(NamedTuple):
-    x: Float[Array, " p"]
-    objective: Float[Array, ""]
-    generations: Int[Array, ""]
-    evaluations: Int[Array, ""]
-    converged: Bool[Array, ""]
+    x: Vector
+    objective: Value
+    generations: Count
+    evaluations: Count
+    converged: Whether
 
 
 def local_plus_uniform(
     key: PRNGKeyArray,
-    centre: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    local_share: float | Float[Array, ""],
-    radius: float | Float[Array, ""],
-    reflect: bool | Bool[Array, ""],
+    centre: Vector,
+    lower: Vector,
+    upper: Vector,
+    local_share: float | Value,
+    radius: float | Value,
+    reflect: bool | Whether,
     members: int,
 ) -> Float[Array, "p members"]:
     """An initial population: the first `local_share` of it around `centre`, the rest uniform.
@@ -114,7 +115,7 @@ def generation(
     objective: Callable[[Float[Array, "p members runs"]], Float[Array, "members runs"]],
     search: Search,
     state: State,
-    wanted: Bool[Array, ""],
+    wanted: Whether,
 ) -> State:
     """One generation: v = x_r1 + F (x_r2 - x_r3), binomial crossover, the better one stays.
 
@@ -150,8 +151,8 @@ def generation(
 def minimise(
     objective: Objective,
     population: Float[Array, "p members"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
+    lower: Vector,
+    upper: Vector,
     key: PRNGKeyArray,
     settings: Settings,
     generations: int,
@@ -188,7 +189,7 @@ def _ended(
         axes = jax.tree.map(_axis_of_runs, data)
         data = [x[..., 0] if axis is None else x for axis, x in zip(axes, data, strict=True)]
 
-        def of_run(data: list[Array], x: Float[Array, " p"]) -> Float[Array, ""]:
+        def of_run(data: list[Array], x: Vector) -> Value:
             return jaxpr_as_fun(ClosedJaxpr(objective.jaxpr, data))(x)[0]
 
         # The runs within the members: so their axis stays the last in all that is computed.

@@ -8,15 +8,13 @@ from types import ModuleType
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
 
+from adhesion_jax.optim.arrays import Count, Vector
 from adhesion_jax.optim.least_squares import Residual, in_the_box
 
 
 @in_the_box
-def levenberg_marquardt(
-    residual: Residual, start: Float[Array, " p"], max_steps: int
-) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+def levenberg_marquardt(residual: Residual, start: Vector, max_steps: int) -> tuple[Vector, Count]:
     """Jaxopt's Levenberg-Marquardt, with the Jacobian materialised and a Cholesky solve."""
     solver = _jaxopt().LevenbergMarquardt(
         residual,
@@ -32,9 +30,7 @@ def levenberg_marquardt(
 
 
 @in_the_box
-def gauss_newton(
-    residual: Residual, start: Float[Array, " p"], max_steps: int
-) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+def gauss_newton(residual: Residual, start: Vector, max_steps: int) -> tuple[Vector, Count]:
     """Jaxopt's Gauss-Newton: full steps, no safeguard."""
     best, state = _jaxopt().GaussNewton(residual, maxiter=max_steps, tol=1e-9).run(start)
     return best, jnp.asarray(state.iter_num)

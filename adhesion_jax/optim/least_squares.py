@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
+from adhesion_jax.optim.arrays import Count, Matrix, Value, Vector, Whether
 from adhesion_jax.optim.box import Unbounded, on_bound
 from adhesion_jax.optim.turns import in_groups
 
-Residual = Callable[[Float[Array, " p"]], Float[Array, " n"]]
+Residual = Callable[[Vector], Float[Array, " n"]]
 
 #: A Gauss-Newton step below this share of a parameter means six digits are settled.
 _SETTLED = 1e-7
@@ -25,30 +26,28 @@ _SINGULAR = 1e-12
 
 
 class Result(NamedTuple):
-    x: Float[Array, " p"]
-    objective: Float[Array, ""]  # sum of squares
-    information: Float[Array, "p p"]  # J'J, J the Jacobian of the residual
-    steps: Int[Array, ""]
-    evaluations: Int[Array, ""]  # of the residual; a Jacobian counts as p evaluations
-    converged: Bool[Array, ""]
+    x: Vector
+    objective: Value  # sum of squares
+    information: Matrix  # J'J, J the Jacobian of the residual
+    steps: Count
+    evaluations: Count  # of the residual; a Jacobian counts as p evaluations
+    converged: Whether
 
 
 #: (residual, start, lower, upper, max_steps) to the result.
-Solver = Callable[
-    [Residual, Float[Array, " p"], Float[Array, " p"], Float[Array, " p"], int], Result
-]
+Solver = Callable[[Residual, Vector, Vector, Vector, int], Result]
 
 
 def separated(
-    residual: Residual, start: Float[Array, " p"]
-) -> tuple[Callable[[list[Any], Float[Array, " p"]], Float[Array, " n"]], list[Any]]:
+    residual: Residual, start: Vector
+) -> tuple[Callable[[list[Any], Vector], Float[Array, " n"]], list[Any]]:
     """The residual as a function of x and of the arrays that it takes from around it, and those.
 
     A batching rule is told of arguments alone which of them differ from problem to problem.
     """
     traced = jax.make_jaxpr(residual)(start)
 
-    def value(data: list[Any], x: Float[Array, " p"]) -> Float[Array, " n"]:
+    def value(data: list[Any], x: Vector) -> Float[Array, " n"]:
         found: Array = jaxpr_as_fun(ClosedJaxpr(traced.jaxpr, data))(x)[0]
         return found
 
@@ -61,9 +60,7 @@ _SIDE_BY_SIDE = 8
 
 #: A search without bounds: the residual, a start and the largest number of steps, to the best place
 #: and the steps taken.
-LibrarySearch = Callable[
-    [Residual, Float[Array, " p"], int], tuple[Float[Array, " p"], Int[Array, ""]]
-]
+LibrarySearch = Callable[[Residual, Vector, int], tuple[Vector, Count]]
 
 
 def in_the_box(search: LibrarySearch) -> Solver:
@@ -73,17 +70,13 @@ def in_the_box(search: LibrarySearch) -> Solver:
     """
 
     def solver(
-        residual: Residual,
-        start: Float[Array, " p"],
-        lower: Float[Array, " p"],
-        upper: Float[Array, " p"],
-        max_steps: int,
+        residual: Residual, start: Vector, lower: Vector, upper: Vector, max_steps: int
     ) -> Result:
         value, data = separated(residual, start)
 
         def solve(
             data: list[Array], start: Array, lower: Array, upper: Array
-        ) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+        ) -> tuple[Vector, Count]:
             space = Unbounded.around(start, lower, upper)
             u = space.from_box(start)
             u, steps = search(lambda u: value(data, space.to_box(u)), u, max_steps)
@@ -98,12 +91,7 @@ def in_the_box(search: LibrarySearch) -> Solver:
 
 
 def finish(
-    residual: Residual,
-    x: Float[Array, " p"],
-    start: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    steps: Int[Array, ""],
+    residual: Residual, x: Vector, start: Vector, lower: Vector, upper: Vector, steps: Count
 ) -> Result:
     """The result at the x that a library returned, with its success checked again.
 

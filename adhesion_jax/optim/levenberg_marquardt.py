@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
+from adhesion_jax.optim.arrays import Count, Matrix, Value, Vector, Whether
 from adhesion_jax.optim.least_squares import Residual, Result, separated
 from adhesion_jax.optim.turns import Turns, compacted_while_loop
 from adhesion_jax.programs import kept
@@ -69,30 +70,30 @@ class Local(NamedTuple):
     A prior or a penalty may be part of each of the three.
     """
 
-    loss: Float[Array, ""]
-    gradient: Float[Array, " p"]
-    hessian: Float[Array, "p p"]
+    loss: Value
+    gradient: Vector
+    hessian: Matrix
     rest: Any = ()  # whatever else was computed there and is wanted at the end
 
 
 class Search(NamedTuple):
     """A search: the best place so far, and the next one to try."""
 
-    x: Float[Array, " p"]
+    x: Vector
     local: Local  # at x
-    steps: Int[Array, ""]  # evaluations so far
-    trial: Float[Array, " p"]
-    promised: Float[Array, ""]  # the share of the loss that the trial is to remove
-    damping: Float[Array, ""]
-    raised: Float[Array, ""]  # factor on the damping if the trial fails
-    scale: Float[Array, " p"]  # largest diagonal of J'J so far
-    crawled: Int[Array, ""]  # successive steps that gained less than the tolerance
+    steps: Count  # evaluations so far
+    trial: Vector
+    promised: Value  # the share of the loss that the trial is to remove
+    damping: Value
+    raised: Value  # factor on the damping if the trial fails
+    scale: Vector  # largest diagonal of J'J so far
+    crawled: Count  # successive steps that gained less than the tolerance
 
 
-Evaluate = Callable[[Float[Array, " p"]], Local]
+Evaluate = Callable[[Vector], Local]
 
 
-def begin(start: Float[Array, " p"], rest: Any = ()) -> Search:
+def begin(start: Vector, rest: Any = ()) -> Search:
     """The search before its first evaluation, which is that of the start.
 
     `rest` has the form of `Local.rest`; its numbers are not used. (To find the form by tracing the
@@ -113,11 +114,7 @@ def begin(start: Float[Array, " p"], rest: Any = ()) -> Search:
 
 
 def advance(
-    evaluate: Evaluate,
-    search: Search,
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    near: Float[Array, ""],
+    evaluate: Evaluate, search: Search, lower: Vector, upper: Vector, near: Value
 ) -> Search:
     """The search after one more evaluation: the only place of a program where it is evaluated."""
     best, damping = search.local, search.damping
@@ -147,7 +144,7 @@ def advance(
     return Search(x, local, search.steps + 1, trial, promised, damping, raised, scale, crawled)
 
 
-def arrived(search: Search, near: Float[Array, ""]) -> Bool[Array, ""]:
+def arrived(search: Search, near: Value) -> Whether:
     """Whether the next step promises, or several successive ones have gained, less than `near`.
 
     As shares of the loss. A step that stops at a bound may promise a rise, one of a singular matrix
@@ -156,13 +153,7 @@ def arrived(search: Search, near: Float[Array, ""]) -> Bool[Array, ""]:
     return ((search.promised >= 0) & (search.promised < near)) | (search.crawled >= _CRAWLING)
 
 
-def bounded_step(
-    x: Float[Array, " p"],
-    local: Local,
-    damping: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-) -> Float[Array, " p"]:
+def bounded_step(x: Vector, local: Local, damping: Vector, lower: Vector, upper: Vector) -> Vector:
     """The damped step from x that ends inside the box."""
     gradient, hessian = local.gradient, local.hessian
     held = ((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))
@@ -183,23 +174,17 @@ def bounded_step(
 
 
 @kept()
-def advanced(
-    search: Search,
-    local: Local,
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    near: Float[Array, ""],
-) -> Search:
+def advanced(search: Search, local: Local, lower: Vector, upper: Vector, near: Value) -> Search:
     """`advance`, compiled, for a loss that is computed in NumPy: `local` is that of the trial."""
     return advance(lambda _: local, search, lower, upper, near)
 
 
 class Solved(NamedTuple):
-    x: Float[Array, " p"]
-    pivots: Float[Array, " p"]
+    x: Vector
+    pivots: Vector
 
 
-def solved(matrix: Float[Array, "p p"], right: Float[Array, " p"]) -> Solved:
+def solved(matrix: Matrix, right: Vector) -> Solved:
     """The solution of a positive definite system, and the pivots of its elimination."""
     size = right.size
     if size > _WRITTEN_OUT:
@@ -238,24 +223,18 @@ def normal_equations(columns: list[Float[Array, " n"]], left: Float[Array, " n"]
     return Local(0.5 * products[-1, -1], products[-1, :-1], products[:-1, :-1])
 
 
-def fit(
-    residual: Residual,
-    start: Float[Array, " p"],
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    max_steps: int,
-) -> Result:
+def fit(residual: Residual, start: Vector, lower: Vector, upper: Vector, max_steps: int) -> Result:
     """The least squares of a residual inside the box, and whether it is proven to be a minimum.
 
     In a batch no search waits for the slowest: each one that has ended gives its place to another.
     """
     value, data = separated(residual, start)
 
-    def evaluated(data: list[Array], x: Float[Array, " p"]) -> Local:
+    def evaluated(data: list[Array], x: Vector) -> Local:
         left, push = jax.linearize(partial(value, data), x)
         return normal_equations([push(along) for along in jnp.eye(x.size)], left)
 
-    def unfinished(search: Search) -> Bool[Array, ""]:
+    def unfinished(search: Search) -> Whether:
         still = jnp.all(jnp.abs(search.trial - search.x) <= 0.5 * _SETTLED * jnp.abs(search.x))
         sure = (search.damping <= _FIRST_DAMPING) | ~jnp.isfinite(search.local.loss)
         ended = (still & sure) | (search.crawled >= _CRAWLING)
@@ -288,9 +267,7 @@ def fit(
     return Result(x, 2 * local.loss, local.hessian, steps, steps * (1 + x.size), converged)
 
 
-def proven(
-    x: Float[Array, " p"], local: Local, lower: Float[Array, " p"], upper: Float[Array, " p"]
-) -> Bool[Array, ""]:
+def proven(x: Vector, local: Local, lower: Vector, upper: Vector) -> Whether:
     """Whether x is a minimum: no undamped step is left, and the Jacobian is of full rank.
 
     Parameters on a bound that they are pushed against take no part.

@@ -4,17 +4,15 @@ from types import ModuleType
 from typing import Any
 
 import jax
-from jaxtyping import Array, Float, Int
 
+from adhesion_jax.optim.arrays import Count, Vector
 from adhesion_jax.optim.least_squares import Residual, in_the_box
 
 _RTOL, _ATOL = 1e-9, 1e-12
 
 
 @in_the_box
-def levenberg_marquardt(
-    residual: Residual, start: Float[Array, " p"], max_steps: int
-) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+def levenberg_marquardt(residual: Residual, start: Vector, max_steps: int) -> tuple[Vector, Count]:
     """Optimistix's Levenberg-Marquardt, with a Cholesky solve of the normal equations."""
     optimistix, lineax = _libraries()
     linear = lineax.Normal(lineax.Cholesky())
@@ -23,9 +21,7 @@ def levenberg_marquardt(
 
 
 @in_the_box
-def gauss_newton(
-    residual: Residual, start: Float[Array, " p"], max_steps: int
-) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+def gauss_newton(residual: Residual, start: Vector, max_steps: int) -> tuple[Vector, Count]:
     """Optimistix's Gauss-Newton: full steps, no safeguard."""
     optimistix, lineax = _libraries()
     linear = lineax.AutoLinearSolver(well_posed=None)
@@ -33,9 +29,7 @@ def gauss_newton(
     return _solved(solver, residual, start, max_steps)
 
 
-def _solved(
-    solver: Any, residual: Residual, start: Float[Array, " p"], max_steps: int
-) -> tuple[Float[Array, " p"], Int[Array, ""]]:
+def _solved(solver: Any, residual: Residual, start: Vector, max_steps: int) -> tuple[Vector, Count]:
     optimistix, _ = _libraries()
     found: Any = optimistix.least_squares(
         lambda u, _: residual(u), solver, start, max_steps=max_steps, throw=False

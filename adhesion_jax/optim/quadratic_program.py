@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from adhesion_jax.optim.arrays import Whether
+
 Range = tuple[Array, Array]
 
 
@@ -19,21 +21,12 @@ class Products(NamedTuple):
     phi_psi: Array
 
 
-def bounded_pair(
-    y_phi: Array,
-    y_psi: Array,
-    phi_phi: Array,
-    psi_psi: Array,
-    phi_psi: Array,
-    a_range: Range,
-    b_range: Range,
-) -> tuple[Array, Array]:
-    """The a and b that minimise |y - a phi - b psi|^2 from the six inner products.
+def bounded_pair(products: Products, a_range: Range, b_range: Range) -> tuple[Array, Array]:
+    """The a and b that minimise |y - a phi - b psi|^2 from the inner products.
 
     That is a^2 phi_phi + 2 a b phi_psi + b^2 psi_psi - 2 a y_phi - 2 b y_psi, smallest over the
     rectangle: in the interior, else on the best edge. Any shape, one problem an element.
     """
-    products = Products(y_phi, y_psi, phi_phi, psi_psi, phi_psi)
     a, b, inside = _unbounded(products, a_range, b_range)
     edge_a, edge_b = _on_edge(products, a_range, b_range, a, b)
     return jnp.where(inside, a, edge_a), jnp.where(inside, b, edge_b)
@@ -54,7 +47,7 @@ def bounded_pair_seldom_on_edge(
 
 
 @jax.custom_batching.custom_vmap
-def _of_any(condition: Bool[Array, ""]) -> Bool[Array, ""]:
+def _of_any(condition: Whether) -> Whether:
     """The condition; in a batch, one for all: whether it holds for any of them."""
     return condition
 

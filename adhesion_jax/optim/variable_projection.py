@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial.chebyshev import chebvander
 
-from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.optim.arrays import Count, Value, Whether
+from adhesion_jax.optim.quadratic_program import Products, bounded_pair
 
 #: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13, which
 #: would take 54 terms in nu and 40 in its root.
@@ -75,9 +76,9 @@ _TO_POWERS = _to_powers()
 class Sums(NamedTuple):
     """Sufficient statistics of the data, additive over data taken with the same nu range."""
 
-    yy: Float[Array, ""]
-    y_psi: Float[Array, ""]
-    psi_psi: Float[Array, ""]
+    yy: Value
+    y_psi: Value
+    psi_psi: Value
     y_phi: Float[Array, " degree"]  # Chebyshev series in nu/(nu + s)
     phi_phi: Float[Array, " degree"]
     phi_psi: Float[Array, " degree"]
@@ -86,9 +87,9 @@ class Sums(NamedTuple):
 class Jet(NamedTuple):
     """A function of nu with its first and second derivative."""
 
-    value: Float[Array, ""]
-    slope: Float[Array, ""]
-    bend: Float[Array, ""]
+    value: Value
+    slope: Value
+    bend: Value
 
 
 class _Place(NamedTuple):
@@ -123,14 +124,14 @@ class _Search(NamedTuple):
 class Solution(NamedTuple):
     """The optimum, and the sums of phi^2 and phi psi there, which the information is made of."""
 
-    a: Float[Array, ""]
-    b: Float[Array, ""]
-    nu: Float[Array, ""]
-    objective: Float[Array, ""]
+    a: Value
+    b: Value
+    nu: Value
+    objective: Value
     phi_phi: Jet
     phi_psi: Jet
-    evaluations: Int[Array, ""]  # of the objective
-    converged: Bool[Array, ""]
+    evaluations: Count  # of the objective
+    converged: Whether
 
 
 def summarise(
@@ -138,8 +139,8 @@ def summarise(
     psi: Float[Array, " points"],
     y: Float[Array, " points"],
     mask: Bool[Array, " points"],
-    nu_lower: Float[Array, ""],
-    nu_upper: Float[Array, ""],
+    nu_lower: Value,
+    nu_upper: Value,
 ) -> Sums:
     """Sums over the points for every nu between the bounds (positive).
 
@@ -165,8 +166,8 @@ def sum_of_squares(
     a: Float[Array, "*shape"],
     nu: Float[Array, "*shape"],
     b: Float[Array, "*shape"],
-    nu_lower: Float[Array, ""],
-    nu_upper: Float[Array, ""],
+    nu_lower: Value,
+    nu_upper: Value,
 ) -> Float[Array, "*shape"]:
     """Sum (y - a phi(x; nu) - b psi(x))^2 from the sums alone."""
     x = _chebyshev_variable(nu, nu_lower, nu_upper)
@@ -210,7 +211,8 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
     series = (sums.y_phi, sums.phi_phi, sums.phi_psi)
 
     def linear_part(y_phi: Array, phi_phi: Array, phi_psi: Array) -> tuple[Array, Array]:
-        return bounded_pair(y_phi, sums.y_psi, phi_phi, sums.psi_psi, phi_psi, a_range, b_range)
+        products = Products(y_phi, sums.y_psi, phi_phi, sums.psi_psi, phi_psi)
+        return bounded_pair(products, a_range, b_range)
 
     on_grid = tuple(jnp.tensordot(jnp.asarray(_TO_GRID), c, 1) for c in series)
     profile = _expand(sums, *linear_part(*on_grid), *on_grid)

@@ -31,13 +31,18 @@ def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -
     """The fitted curve as the truth, and the noise of its fit where none is `stated`.
 
     Parameters that the fit holds are taken as known. The slips are the measured ones, and their
-    noise is the mean one by which the fit weighs its points.
+    noise is the mean one by which the fit weighs its points. One that is stated is that of the
+    wheel speed in m/s, as for `identify`, where the slip is a ratio and the speed is known.
     """
     free = tuple(
         name for name, held in zip(fit.curve.free, fit.held.tolist(), strict=True) if not held
     )
     curve = dataclasses.replace(fit.curve, free=free)
     found = fit.noise._replace(slip_noise=float(np.sqrt(np.mean(fit.slip_spread**2))))
+    if "slip_noise" in stated and {"slip_ratio", "vehicle_speed_mps"} <= {*measured.table}:
+        speed = measured.table["vehicle_speed_mps"].to_numpy(float)
+        per_speed = float(np.sqrt(np.mean(speed**-2.0)))
+        stated = {**stated, "slip_noise": stated["slip_noise"] * per_speed}
     runs = group([measured]).run
     order = np.argsort(runs, kind="stable")
     starts = np.flatnonzero(np.diff(runs[order], prepend=-1))

@@ -37,20 +37,13 @@ def root_axis(axis: Axes, low: float, high: float, gap: float = 0.045) -> None:
 
     Ticks keep `gap` of the length of the longer side from each other.
     """
-    axis.set_xscale("function", functions=(_signed_root, _signed_square))
+    root = (lambda x: np.sign(x) * np.sqrt(np.abs(x)), lambda x: np.sign(x) * np.square(x))
+    axis.set_xscale("function", functions=root)
     # If braking is shown as well, each side has half of the axis.
     ticks = _ticks(max(high, -low), gap * (2 if low < 0 < high else 1))
     both = [-tick for tick in reversed(ticks) if 0 < tick <= -low] + [t for t in ticks if t <= high]
     axis.xaxis.set_major_locator(FixedLocator(both))
     axis.xaxis.set_major_formatter(lambda slip, _: f"{slip:g}")
-
-
-def _signed_root(slip: np.ndarray) -> np.ndarray:
-    return np.sign(slip) * np.sqrt(np.abs(slip))
-
-
-def _signed_square(root: np.ndarray) -> np.ndarray:
-    return np.sign(root) * np.square(root)
 
 
 def _ticks(end: float, gap: float) -> list[float]:
@@ -93,10 +86,11 @@ class Shown(Figure):
         return picture.getvalue()
 
 
-def panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Small multiples of one height, three in a row, with room below for a legend of one line.
+def panels(count: int, height: float, label: str) -> tuple[Figure, list[Axes]]:
+    """Small multiples of one height and one axis of this label, three in a row.
 
-    Their places are set in inches: a layout engine takes longer than to draw them.
+    There is room below for a legend of one line. Their places are set in inches: a layout engine
+    takes longer than to draw them.
     """
     columns = min(count, 3)
     lines = -(-count // columns)
@@ -112,6 +106,10 @@ def panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
         wspace=0.3 / wide,
         hspace=gap / height,
     )
+    for axis in axes[:count]:
+        light_frame(axis)
+    for axis in axes[:count:3]:
+        axis.set_ylabel(label)
     for axis in axes[count:]:
         axis.set_axis_off()
     return figure, axes[:count]

@@ -3,22 +3,77 @@
 import numpy as np
 
 from adhesion_jax.effects import EFFECTS, Covariate, Periodic, Product
-from adhesion_jax.simulation.planted_contact import CONTACT
-from adhesion_jax.simulation.planted_signals import SIGNALS
-from adhesion_jax.simulation.planted_surroundings import SURROUNDINGS
 from adhesion_jax.simulation.planting import (
     CleanRuns,
     OpenEffect,
     Planted,
     Planting,
-    by_factor,
     by_its_formula,
     chosen,
+    of_strength,
     unchanged,
 )
 
 
-def torsion_otherwise(runs: CleanRuns) -> OpenEffect:
+def axle_position(runs: CleanRuns) -> OpenEffect:
+    shares = {"k1": 0.4, "k2": 0.7, "k3": 1.0, "k4": 1.0, "k5": 1.0}
+    kind = EFFECTS["axle_position"]
+    return by_its_formula(
+        lambda a: kind(**{name: share * a for name, share in shares.items()}), 2.5, runs
+    )
+
+
+def humidity(runs: CleanRuns) -> OpenEffect:
+    kinds = ((62.0, 150.0), (35.0, 25.0), (72.0, 8.0))
+    centre, width = kinds[runs.generator.integers(len(kinds))]
+    reference, kind = runs.middle("relative_humidity_pct"), EFFECTS["humidity"]
+    return by_its_formula(
+        lambda a: kind(k=-a, centre=centre, width=width, reference=reference), 0.9, runs
+    )
+
+
+def patch(runs: CleanRuns) -> OpenEffect:
+    centre = float(np.quantile(runs.columns["position_m"], runs.generator.uniform(0.3, 0.7)))
+    width, kind = runs.generator.uniform(50.0, 110.0), EFFECTS["patch"]
+    return by_its_formula(
+        lambda depth: kind(depth=depth, centre=centre, width=width, flatness=2.0), 0.9, runs
+    )
+
+
+def wheel_order(runs: CleanRuns) -> OpenEffect:
+    return _wave("wheel_order", float(runs.generator.integers(1, 4)), runs)
+
+
+def rail_joint(runs: CleanRuns) -> OpenEffect:
+    return _wave("rail_joint", runs.generator.uniform(9.0, 33.0), runs)
+
+
+def _wave(name: str, place: float, runs: CleanRuns) -> OpenEffect:
+    """A wave without a second harmonic, of this order or length."""
+    sine, cosine = np.sin(runs.phase), np.cos(runs.phase)
+    return by_its_formula(lambda a: EFFECTS[name](a * sine, a * cosine, 0.0, 0.0, place), 0.9, runs)
+
+
+def drift(runs: CleanRuns) -> OpenEffect:
+    kinds = ((0.5, 3.0), (runs.generator.uniform(0.3, 0.7), 0.03))
+    centre, width = kinds[runs.generator.integers(len(kinds))]
+    kind = EFFECTS["drift"]
+    return by_its_formula(lambda k: kind(k=k, centre=centre, width=width, reference=0.5), 0.9, runs)
+
+
+def slip_noise(runs: CleanRuns) -> OpenEffect:
+    """White noise of `sigma` on the slip signal, after the adhesion was made."""
+    noise = runs.generator.standard_normal(runs.slip.shape)
+
+    def make(amount: float) -> Planted:
+        return Planted(
+            3, unchanged, unchanged, lambda slip: slip + amount * noise, {"sigma": amount}
+        )
+
+    return OpenEffect(make, 0.02)
+
+
+def torsion(runs: CleanRuns) -> OpenEffect:
     """Mu + a sin(2 pi f t + phase of the run), f .5 to 3 Hz, t from the start of the run."""
     time = runs.columns["time_s"] - runs.columns["time_s"][:, :1]
     frequency = runs.generator.uniform(0.5, 3.0)
@@ -38,13 +93,6 @@ def unknown_column(runs: CleanRuns) -> OpenEffect:
     return by_its_formula(lambda a: Covariate(-a, place, spread, "rail_age_days"), 0.9, runs)
 
 
-def unknown_column_otherwise(runs: CleanRuns) -> OpenEffect:
-    """1 - a (1 - exp(-z/(.4 z_max))), z the age of the rail from its least on."""
-    age = runs.columns["rail_age_days"] - runs.columns["rail_age_days"].min()
-    old = -np.expm1(-age / (0.4 * age.max()))
-    return by_factor(lambda a: 1 - a * old, 0.95)
-
-
 def product(runs: CleanRuns) -> OpenEffect:
     """The level depends on two columns together."""
     pair = ("gradient_permille", "temperature_C")
@@ -53,14 +101,6 @@ def product(runs: CleanRuns) -> OpenEffect:
     return by_its_formula(
         lambda a: Product(a, one / first, other / second, first, second, *pair), 0.9, runs
     )
-
-
-def product_otherwise(runs: CleanRuns) -> OpenEffect:
-    """1 + a (T - mean)/10 K tanh(gradient/8), .05 at least."""
-    celsius = runs.columns["temperature_C"]
-    warm = (celsius - np.mean(celsius)) / 10
-    steep = np.tanh(runs.columns["gradient_permille"] / 8)
-    return by_factor(lambda a: np.maximum(1 + a * warm * steep, 0.05), 0.6)
 
 
 def periodic(runs: CleanRuns) -> OpenEffect:
@@ -72,24 +112,44 @@ def periodic(runs: CleanRuns) -> OpenEffect:
     )
 
 
-def periodic_otherwise(runs: CleanRuns) -> OpenEffect:
-    """1 + a sign(s) |s|^.6, s the sine of the phase."""
-    wave = np.sin(2 * np.pi * runs.columns["groove_depth_um"] / runs.generator.uniform(11.0, 29.0))
-    return by_factor(lambda a: 1 + a * np.sign(wave) * np.abs(wave) ** 0.6, 0.9)
-
-
-#: Causes that have no class in the catalogue.
-_BEYOND = {
-    "torsion": Planting(None, torsion_otherwise),
-    "unknown_column": Planting(unknown_column, unknown_column_otherwise),
-    "product": Planting(product, product_otherwise, chosen("gradient_permille")),
-    "periodic": Planting(periodic, periodic_otherwise, chosen("groove_depth_um")),
+_OF_CATALOGUE = {
+    "speed": Planting(of_strength(EFFECTS["speed"], 3.0)),
+    "slip_speed": Planting(of_strength(EFFECTS["slip_speed"], 1.5)),
+    "falling_friction": Planting(of_strength(EFFECTS["falling_friction"], 0.9, b=(0.3, 1.5))),
+    "load_peak": Planting(of_strength(EFFECTS["load_peak"], 2.8)),
+    "load_slope": Planting(of_strength(EFFECTS["load_slope"], 2.8)),
+    "contact_heating": Planting(of_strength(EFFECTS["contact_heating"], 15.0)),
+    "cleaning": Planting(of_strength(EFFECTS["cleaning"], 4.0, work=(0.3, 1.0), load_power=1.0)),
+    "sanding": Planting(of_strength(EFFECTS["sanding"], 2.5, build_up=1.0, decay=(3.0, 10.0))),
+    "axle_position": Planting(axle_position, chosen("axle")),
+    "lateral_creep": Planting(
+        of_strength(EFFECTS["lateral_creep"], 45.0, offset=0.0), chosen("angle_of_attack_deg")
+    ),
+    "load_transfer": Planting(of_strength(EFFECTS["load_transfer"], 0.9)),
+    "mode_asymmetry": Planting(of_strength(EFFECTS["mode_asymmetry"], 0.9)),
+    "humidity": Planting(humidity),
+    "temperature": Planting(of_strength(EFFECTS["temperature"], 0.09)),
+    "patch": Planting(patch),
+    "curve": Planting(of_strength(EFFECTS["curve"], 280.0)),
+    "wheel_order": Planting(wheel_order, chosen("wheel_angle_rad")),
+    "rail_joint": Planting(rail_joint),
+    "drift": Planting(drift),
+    "relaxation": Planting(of_strength(EFFECTS["relaxation"], 90.0)),
+    "delay": Planting(of_strength(EFFECTS["delay"], 4.0)),
+    "lag": Planting(of_strength(EFFECTS["lag"], 15.0)),
+    "hysteresis": Planting(of_strength(EFFECTS["hysteresis"], 0.9, rate=(0.01, 0.04), memory=0.0)),
+    "slip_bias": Planting(of_strength(EFFECTS["slip_bias"], 0.045)),
+    "torque_offset": Planting(of_strength(EFFECTS["torque_offset"], 0.4)),
+    "inertia": Planting(of_strength(EFFECTS["inertia"], 0.9)),
+    "slip_noise": Planting(slip_noise, is_noise=True),
 }
 
-_OF_CATALOGUE = {**CONTACT, **SURROUNDINGS, **SIGNALS}
-
-#: Everything that can be planted, by its name, the causes in the order of the catalogue.
+#: Everything that can be planted, by its name: the causes in the order of the catalogue, and those
+#: that it lacks.
 PLANTABLE: dict[str, Planting] = {
     **{name: _OF_CATALOGUE[name] for name in EFFECTS if name in _OF_CATALOGUE},
-    **_BEYOND,
+    "torsion": Planting(torsion, is_noise=True),
+    "unknown_column": Planting(unknown_column),
+    "product": Planting(product, chosen("gradient_permille")),
+    "periodic": Planting(periodic, chosen("groove_depth_um")),
 }

@@ -31,36 +31,9 @@ class CleanRuns(NamedTuple):
     generator: np.random.Generator  # draws what is not the strength of the effect
     phase: float = 0.0  # of an effect that is a wave, rad
 
-    @property
-    def step(self) -> float:
-        """Seconds between two points."""
-        return float(np.median(np.diff(self.columns["time_s"], axis=1)))
-
-    @property
-    def speed(self) -> np.ndarray:
-        """Vehicle speed, m/s."""
-        return self.columns["vehicle_speed_mps"]
-
-    @property
-    def slip_velocity(self) -> np.ndarray:
-        """Size of the slip velocity, m/s."""
-        return np.abs(self.slip) * self.speed
-
     def middle(self, column: str) -> float:
         """Median of a column."""
         return float(np.median(self.columns[column]))
-
-    def rate(self, signal: np.ndarray) -> np.ndarray:
-        """Central differences in time, per second."""
-        return np.gradient(signal, self.step, axis=1)
-
-    def lagged(self, signal: np.ndarray, time_constant: np.ndarray | float) -> np.ndarray:
-        """First-order lag by the exact response to steps, in s; it starts settled."""
-        kept = np.exp(-self.step / np.maximum(np.broadcast_to(time_constant, signal.shape), 1e-6))
-        out = signal.copy()
-        for k in range(1, signal.shape[1]):
-            out[:, k] = kept[:, k] * out[:, k - 1] + (1 - kept[:, k]) * signal[:, k]
-        return out
 
 
 class Planted(NamedTuple):
@@ -93,27 +66,32 @@ def chosen(*names: str) -> Extra:
 
 
 class Planting(NamedTuple):
-    """How an effect is planted in simulated runs.
+    """How an effect is planted in simulated runs: the form, and the columns that it needs besides.
 
-    `exact` plants it by its own formula; None for noise, which has no formula to be varied.
-    `otherwise` plants it by another formula, because a real rail follows none of the catalogue.
-    `extra` gives the columns that runs have only where it is planted.
+    Noise has no formula, so that no phase of a wave is drawn for it.
     """
 
-    exact: Form | None
-    otherwise: Form
+    form: Form
     extra: Extra = chosen()
+    is_noise: bool = False
 
 
-def of_strength(kind: type[Effect], limit: float, **fixed: float) -> Form:
-    """An effect of one strength by its own formula, its references the medians of the runs."""
+def of_strength(kind: type[Effect], limit: float, **others: float | tuple[float, float]) -> Form:
+    """An effect of one strength up to a limit by its own formula, references being medians.
+
+    The other parameters have a value, or one that is drawn between two.
+    """
     (strength,) = kind.FACTS.strengths
 
-    def exact(runs: CleanRuns) -> OpenEffect:
-        medians = kind.medians(runs.columns)
-        return by_its_formula(lambda a: kind(**{strength: a}, **medians, **fixed), limit, runs)
+    def form(runs: CleanRuns) -> OpenEffect:
+        fixed = {
+            name: runs.generator.uniform(*one) if isinstance(one, tuple) else one
+            for name, one in others.items()
+        }
+        fixed |= kind.medians(runs.columns)
+        return by_its_formula(lambda a: kind(**{strength: a}, **fixed), limit, runs)
 
-    return exact
+    return form
 
 
 def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRuns) -> OpenEffect:
@@ -140,23 +118,6 @@ def by_its_formula(build: Callable[[float], Effect], limit: float, runs: CleanRu
         return Planted(effect.ORDER, before, after, unchanged, values)
 
     return OpenEffect(make, limit)
-
-
-def by_factor(factor: Callable[[float], np.ndarray], limit: float) -> OpenEffect:
-    """Adhesion times `factor(amount)`, [runs, points]."""
-
-    def make(amount: float) -> Planted:
-        values = factor(amount)
-        return planted(amount, 1, after=lambda adhesion: adhesion * values)
-
-    return OpenEffect(make, limit)
-
-
-def planted(
-    amount: float, order: int, before: Bend = unchanged, after: Bend = unchanged
-) -> Planted:
-    """A form that has no parameter but its amount."""
-    return Planted(order, before, after, unchanged, {"amount": amount})
 
 
 @eqx.filter_jit

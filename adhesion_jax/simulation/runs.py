@@ -1,10 +1,15 @@
 """The runs of a simulated set before any adhesion: excitation, track, weather, vehicle."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.curves import BASES, Curve
+from adhesion_jax.curves import Curve
+from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.curves.exponential import Exponential
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.curves.polach import PolachFalling
 
 #: Seconds between two points.
 STEP = 0.1
@@ -16,10 +21,10 @@ _TRACK = 1000.0  # m
 #: Smallest slip ratio of every excitation; below it adhesion shows the initial slope alone.
 _SLIP_LOW = 0.005
 
-#: The base curves in turn.
-BASE_CURVES = ("burckhardt", "kiencke", "polach-falling", "exponential")
-
 Columns = dict[str, np.ndarray]
+
+#: Draws uniform numbers between two.
+Draw = Callable[[float, float], float]
 
 
 class Runs(NamedTuple):
@@ -29,11 +34,42 @@ class Runs(NamedTuple):
     columns: Columns  # every other column of the table, and those that only effects ask for
 
 
+def _burckhardt(level: float, _: float, draw: Draw) -> Curve:
+    return Burckhardt(c1=level, c2=draw(50.0, 150.0), c3=level * draw(0.3, 1.2))
+
+
+def _kiencke(level: float, peak: float, draw: Draw) -> Curve:
+    slope = level / peak * draw(2.5, 5.0)
+    p1 = slope / level - 2 / peak
+    return Kiencke(a0=slope, p1=p1, p2=1 / peak**2, free=("a0", "p1", "p2"))
+
+
+def _falling(level: float, _: float, draw: Draw) -> Curve:
+    share, decay = draw(0.35, 0.65), draw(0.2, 0.6)
+    stiffness, k_s = draw(80.0, 200.0), draw(0.25, 0.6)
+    return PolachFalling(mu0=1.2 * level, a=share, b=decay, stiffness=stiffness, k_s=k_s)
+
+
+def _exponential(level: float, _: float, draw: Draw) -> Curve:
+    return Exponential(a=draw(1.0, 4.0), b=draw(60.0, 180.0), c=1.1 * level)
+
+
+#: A random curve of about this largest adhesion, at about this slip if possible, by its form.
+DRAWN: dict[str, Callable[[float, float, Draw], Curve]] = {
+    "burckhardt": _burckhardt,
+    "kiencke": _kiencke,
+    "polach-falling": _falling,
+    "exponential": _exponential,
+}
+
+#: The base curves in turn.
+BASE_CURVES = (*DRAWN,)
+
+
 def draw_curve(name: str, generator: np.random.Generator) -> Curve:
     """A dry or wet rail: adhesion up to .1 to .5, its peak at a slip of about .02 to .05."""
     draw = generator.uniform
-    level, peak = draw(0.15, 0.45), draw(0.02, 0.05)
-    return BASES[name].drawn(level, peak, generator)
+    return DRAWN[name](draw(0.15, 0.45), draw(0.02, 0.05), draw)
 
 
 def draw_runs(runs: int, points: int, operational: bool, generator: np.random.Generator) -> Runs:
@@ -66,11 +102,6 @@ def draw_runs(runs: int, points: int, operational: bool, generator: np.random.Ge
         + _wander(clock, runs, 0.0, 12.0, generator),
     }
     return Runs(slip, columns)
-
-
-def measured_speed(speed: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """The measured vehicle speed, with noise of a thousandth."""
-    return speed * (1 + 1e-3 * generator.standard_normal(speed.shape))
 
 
 def _speed(clock: np.ndarray, runs: int, generator: np.random.Generator) -> np.ndarray:

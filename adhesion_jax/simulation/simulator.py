@@ -4,6 +4,7 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -11,26 +12,13 @@ import pandas as pd
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from adhesion_jax.curves import CURVES, Conditions, Curve
+from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.simulation.base import conditions_of, misfit, on_runs, rms
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.planting import Bend, CleanRuns, Form, OpenEffect, Planted
-from adhesion_jax.simulation.random_effect import (
-    ACTS_ON,
-    RANDOM_COLUMNS,
-    RandomEffect,
-    has_peak,
-    random_plan,
-)
-from adhesion_jax.simulation.runs import (
-    BASE_CURVES,
-    Runs,
-    draw_curve,
-    draw_runs,
-    measured_speed,
-)
+from adhesion_jax.simulation.runs import BASE_CURVES, DRAWN, Runs, draw_curve, draw_runs
 
 #: The columns that every table has, in their order.
 TABLE_COLUMNS = (
@@ -41,8 +29,6 @@ TABLE_COLUMNS = (
 
 #: The files of a simulated set on disk.
 SET_FILES = ("train.csv.gz", "test.csv.gz", "truth.json")
-
-FORMS = ("exact", "perturbed")
 
 #: Share of the runs that is held out.
 _TEST = 0.3
@@ -70,7 +56,6 @@ class SimulatedSet(NamedTuple):
     test_rms_noise: float
     test_rms_effect: float  # of clean adhesion less the base law at the measured slip
     clean: np.ndarray  # test adhesion without noise, [rows of test]
-    random: RandomEffect | None = None  # planted besides, as "random" in `parameters`
 
 
 def simulate(
@@ -80,25 +65,22 @@ def simulate(
     base: str = "auto",
     operational: bool = False,
     strength: float | None = None,
-    form: str = "exact",
     noise: SetNoise = SetNoise(),  # noqa: B008  (an immutable tuple)
     runs: int = 40,
     points: int = 200,
     remove: Sequence[str] = (),
-    random: RandomEffect | None = None,
+    forms: Mapping[str, Form] = MappingProxyType({}),
 ) -> SimulatedSet:
     """A set of runs at 10 Hz, 30 % of the runs held out at random.
 
     `strength` is the 95th percentile of the change of |adhesion| that each effect alone makes,
     over that of |adhesion| itself; by default it is drawn from .15 to .3 for each. An effect that
-    cannot become so strong is as strong as it can be. `form` is the catalogue's own ("exact") or
-    another formula for the same cause ("perturbed"). `base` "auto" takes the families in turn by
-    seed. `random` is planted too; one that acts on the fall has Burckhardt's curve for its base
-    where that of the family does not fall. Columns in `remove` are left out of the tables. Equal
-    arguments give equal tables, and excitation, weather and noise depend on the seed and the sizes
-    alone. InputError for what is not known.
+    cannot become so strong is as strong as it can be. `base` "auto" takes the families in turn by
+    seed. `forms` are planted in the place of the effects of their names, or besides. Columns in
+    `remove` are left out of the tables. Equal arguments give equal tables, and excitation, weather
+    and noise depend on the seed and the sizes alone. InputError for what is not known.
     """
-    _check(effects, base, strength, form, noise, runs, points, remove, random)
+    _check(effects, base, strength, noise, runs, points, remove)
     chance = [np.random.default_rng((seed, stream)) for stream in range(5)]
     family = BASE_CURVES[seed % len(BASE_CURVES)] if base == "auto" else base
     truth = draw_runs(runs, points, operational, chance[0])
@@ -106,11 +88,10 @@ def simulate(
     truth = truth._replace(columns={**truth.columns, **extra})
     _known("column", remove, (*TABLE_COLUMNS, *extra))
     conditions = conditions_of(truth)
-    family, law, curve = _rail(family, random, seed, truth, conditions)
+    law = draw_curve(family, np.random.default_rng((seed, 1)))
+    curve = on_runs(law, conditions)
     clean_runs = CleanRuns(truth.slip, truth.columns, conditions, curve, chance[1])
-    plans: dict[str, Form] = {name: partial(_plan, name, form) for name in effects}
-    if random is not None:
-        plans["random"] = partial(random_plan, random)
+    plans: dict[str, Form] = {**{name: partial(_of_catalogue, name) for name in effects}, **forms}
     planted = {name: _planted(of, name, strength, seed, clean_runs) for name, of in plans.items()}
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
     adhesion = noisy(clean, noise, chance[2])
@@ -131,7 +112,6 @@ def simulate(
         test_rms_noise=rms((adhesion - clean)[is_test]),
         test_rms_effect=rms((clean - curve(slip))[is_test]),
         clean=clean[is_test].ravel(),
-        random=random,
     )
 
 
@@ -140,7 +120,6 @@ def write_set(folder: Path, made: SimulatedSet) -> None:
     truth = {
         "effects": list(made.truth),
         "parameters": {name: dict(values) for name, values in made.parameters.items()},
-        "random": None if made.random is None else made.random._asdict(),
         "base": made.base,
         "base_parameters": {name: float(getattr(made.curve, name)) for name in made.curve.free},
         **made.noise._asdict(),
@@ -164,19 +143,14 @@ def _check(
     effects: Sequence[str],
     base: str,
     strength: float | None,
-    form: str,
     noise: SetNoise,
     runs: int,
     points: int,
     remove: Sequence[str],
-    random: RandomEffect | None,
 ) -> None:
     for what, asked, known in (
         ("way to plant", effects, PLANTABLE),
-        ("base curve", (base,), ("auto", *CURVES)),
-        ("form", (form,), FORMS),
-        ("column of a random effect", () if random is None else random.columns, RANDOM_COLUMNS),
-        ("part of the curve", () if random is None else (random.acts_on,), ACTS_ON),
+        ("base curve", (base,), ("auto", *DRAWN)),
     ):
         _known(what, asked, known)
     if len(set(effects)) < len(effects):
@@ -210,18 +184,6 @@ def _extra_columns(effects: Sequence[str], truth: Runs, seed: int) -> Mapping[st
     return extra
 
 
-def _rail(
-    family: str, random: RandomEffect | None, seed: int, truth: Runs, conditions: Conditions
-) -> tuple[str, Curve, Bend]:
-    """The family, the base law and its adhesion; Burckhardt's where a fall is wanted."""
-    law = draw_curve(family, np.random.default_rng((seed, 1)))
-    curve = on_runs(law, conditions)
-    if random is None or random.acts_on != "fall" or has_peak(curve, truth.slip.shape):
-        return family, law, curve
-    law = draw_curve("burckhardt", np.random.default_rng((seed, 1)))
-    return "burckhardt", law, on_runs(law, conditions)
-
-
 def _planted(form: Form, name: str, strength: float | None, seed: int, runs: CleanRuns) -> Planted:
     """An effect on the runs, seeded by its name, so that it does not depend on the others."""
     own = np.random.default_rng((seed, 9, *name.encode()))
@@ -229,11 +191,11 @@ def _planted(form: Form, name: str, strength: float | None, seed: int, runs: Cle
     return _of_strength(form(runs._replace(generator=own)), wanted, runs.slip, runs.curve)
 
 
-def _plan(name: str, form: str, runs: CleanRuns) -> OpenEffect:
+def _of_catalogue(name: str, runs: CleanRuns) -> OpenEffect:
     planting = PLANTABLE[name]
-    if form == "perturbed" or planting.exact is None:
-        return planting.otherwise(runs)
-    return planting.exact(runs._replace(phase=runs.generator.uniform(0, 2 * np.pi)))
+    if planting.is_noise:
+        return planting.form(runs)
+    return planting.form(runs._replace(phase=runs.generator.uniform(0, 2 * np.pi)))
 
 
 def _of_strength(plan: OpenEffect, strength: float, slip: np.ndarray, curve: Bend) -> Planted:
@@ -283,7 +245,7 @@ def _table(
     speed = truth.columns["vehicle_speed_mps"]
     arrays = {
         **truth.columns,
-        "vehicle_speed_mps": measured_speed(speed, generator),
+        "vehicle_speed_mps": speed * (1 + 1e-3 * generator.standard_normal(speed.shape)),
         "slip_ratio": slip,
         "slip_velocity_mps": slip * speed,
         "adhesion": adhesion,

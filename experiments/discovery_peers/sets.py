@@ -12,13 +12,14 @@ from adhesion_jax.discovery.types import FoundEffect
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import FORMS, SetNoise, simulate
+from adhesion_jax.simulation.simulator import SetNoise, simulate
 from experiments.discovery_study.judging import (
     blamed,
     columns_of,
     counted,
     is_one_of,
 )
+from experiments.discovery_study.otherwise import FORMS, forms_of
 from experiments.discovery_study.right_names import names_for, seen_in
 from experiments.discovery_study.tasks import make_set, random_tasks
 
@@ -59,12 +60,13 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
             float(generator.choice([0.0, 0.3, 0.6])),
             float(generator.choice([0.0, 0.005, 0.01])),
         )
+        effects = PLANTED[number % len(PLANTED)]
         campaign = simulate(
-            PLANTED[number % len(PLANTED)],
+            effects,
             seed=1000 * seed + 500 + number,
             base=BASE_CURVES[number % len(BASE_CURVES)],
             operational=number % 3 == 2,
-            form=FORMS[number // 2 % 2],
+            forms=forms_of(FORMS[number // 2 % 2], effects),
             noise=noise,
         )
         yield PeerSet(

@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.stats import binomtest
 
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.random_effect import ACTS_ON
+from experiments.discovery_study.random_effect import ACTS_ON
 from experiments.discovery_study.tasks import AUTOCORRELATIONS
 
 #: An effect is well removed if at least `REMOVED` of the removable squared error is removed, and

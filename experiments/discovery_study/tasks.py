@@ -8,10 +8,16 @@ import numpy as np
 
 from adhesion_jax.effects import family_of
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.random_effect import ACTS_ON, RANDOM_COLUMNS, RandomEffect
 from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import FORMS, SetNoise, SimulatedSet, simulate
+from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, simulate
 from experiments.discovery_study.one_log import LOG_FORMS, one_log
+from experiments.discovery_study.otherwise import FORMS, forms_of
+from experiments.discovery_study.random_effect import (
+    ACTS_ON,
+    RANDOM_COLUMNS,
+    RandomEffect,
+    simulate_random,
+)
 
 #: Effects whose detection is followed over their strength: one or two of each kind.
 FOLLOWED = (
@@ -223,15 +229,18 @@ def make_set(task: Task) -> SimulatedSet:
         )
 
     def with_strength(strength: float | None, noise: SetNoise = task.noise) -> SimulatedSet:
+        if task.random is not None:
+            return simulate_random(
+                task.random, seed=task.seed, base=task.base, strength=strength, noise=noise
+            )
         return simulate(
             task.effects,
             seed=task.seed,
             base=task.base,
             operational=task.operational,
             strength=strength,
-            form=task.form,
+            forms=forms_of(task.form, task.effects),
             noise=noise,
-            random=task.random,
         )
 
     if task.visible is None:

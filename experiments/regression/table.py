@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import pandas as pd
+import pyarrow
 
-from adhesion_jax.data.files import read_table
+from adhesion_jax.data.files import sheet_of_file
 from adhesion_jax.errors import InputError
 
 #: The columns that identify a row.
@@ -29,11 +30,20 @@ def assemble(accuracy: pd.DataFrame, speed: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([accuracy, speed], ignore_index=True).reindex(columns=list(COLUMNS))
 
 
+def _cells(path: Path) -> pd.DataFrame:
+    """All cells of a file as they are written; its index holds the row numbers of the file."""
+    sheet = sheet_of_file(path)
+    empty = {name: pyarrow.array([], pyarrow.string()) for name in sheet.columns}
+    blocks = [pyarrow.table(block) for block, _ in sheet.blocks()] or [pyarrow.table(empty)]
+    cells = pyarrow.concat_tables(blocks).to_pandas()
+    return cells.set_axis(range(sheet.first_row, sheet.first_row + len(cells)))
+
+
 def read_baseline(path: Path) -> pd.DataFrame:
     """The table in a file; InputError if there is no file or it holds no such table."""
     if not path.is_file():
         raise InputError(f"--baseline {path} does not exist; make it with --update.")
-    cells = read_table(path)
+    cells = _cells(path)
     missing = [name for name in COLUMNS if name not in cells]
     if missing:
         raise InputError(f"{path} has no column {missing[0]}; {_REMEDY}.")

@@ -5,6 +5,7 @@ import shlex
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import click
 import pytest
@@ -12,10 +13,10 @@ from click.testing import CliRunner
 
 from adhesion_jax import keeping
 from adhesion_jax.command_line import catalogue as catalogue_module
-from adhesion_jax.command_line import registries
-from adhesion_jax.command_line.catalogue import catalogue
+from adhesion_jax.command_line.catalogue import catalogue, told
 from adhesion_jax.command_line.program import COMMANDS, adhesion
-from adhesion_jax.command_line.registries import told
+
+HOME = Path(__file__).parents[2]
 
 #: Runs the console command and says whether jax was imported on the way.
 SPY = """
@@ -49,8 +50,8 @@ def test_the_modules_of_the_commands_and_what_is_said_of_them_are_those_of_the_p
 def test_the_catalogue_is_that_of_the_registries():
     """In a process of its own: other tests put parts of their own into the registries."""
     script = (
-        "from adhesion_jax.command_line import catalogue, registries\n"
-        "assert catalogue.catalogue() == registries.told()"
+        "from adhesion_jax.command_line import catalogue\n"
+        "assert catalogue.catalogue() == catalogue.told()"
     )
     assert answered(script=script).returncode == 0
 
@@ -105,6 +106,11 @@ REFUSED = {
     "law": (["montecarlo", "--scenario", "corrected", "--law", "no.json"], "cannot be read"),
     "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),
     "curve": (["identify", "eurosprinter", "--curve", "pacejka"], "--curve pacejka is not known"),
+    "curve twice": (
+        ["identify", "eurosprinter", "--curve", "kiencke", "--curve", "burckhardt"],
+        "--curve is given more than once; divide its values by commas",
+    ),
+    "both": (["identify", "eurosprinter", "--events", "--whole"], "--events is given more than"),
     "file": (["identify", "nowhere.csv"], "nowhere.csv does not exist"),
     "address": (["identify", "https://a.org/log.csv"], "is an address; download the file and"),
     "log": (["track", "nowhere.csv"], "nowhere.csv does not exist"),
@@ -135,6 +141,53 @@ def test_a_refusal_is_one_sentence_and_imports_no_jax(case):
     assert sentence.startswith("error: ")
     assert words in sentence
     assert jax == "none"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is full")
+@pytest.mark.parametrize(
+    ("streams", "code", "says"),
+    [
+        ("> /dev/full", 1, "error: the output cannot be written (No space left on device).\n"),
+        (">&-", 0, ""),
+        ("2>&-", 0, ""),
+        (">&- 2>&- <&-", 0, ""),
+    ],
+)
+def test_streams_that_are_full_or_closed(streams, code, says, tmp_path):
+    command = (
+        f"{sys.executable} -m adhesion_jax simulate --hours 0.2 --events 1 --out log.csv {streams}"
+    )
+    done = subprocess.run(
+        command,
+        shell=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(HOME)},
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (code, says)
+    assert (tmp_path / "log.csv").stat().st_size > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "setting", ["JAX_DISABLE_JIT=1", "JAX_TRANSFER_GUARD=disallow", "MPLBACKEND=bogus"]
+)
+def test_settings_of_another_program_stop_no_command(setting, tmp_path):
+    name, value = setting.split("=")
+    command = "identify eurosprinter --curve kiencke --out out"
+    done = subprocess.run(
+        [sys.executable, "-m", "adhesion_jax", *command.split()],
+        cwd=tmp_path,
+        env={**os.environ, name: value, "PYTHONPATH": str(HOME)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_file_in_the_place_of_a_folder_is_refused_before_any_work(tmp_path):
@@ -173,7 +226,7 @@ def test_names_are_completed():
 def test_a_remembered_catalogue_is_read_and_a_damaged_one_made_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(keeping, "_folder", [tmp_path])
     asked = []
-    monkeypatch.setattr(registries, "told", lambda: asked.append(1) or told())
+    monkeypatch.setattr(catalogue_module, "told", lambda: asked.append(1) or told())
 
     def found():
         catalogue_module.catalogue.cache_clear()

@@ -122,6 +122,7 @@ WHOLE = {"command": "plan", "arguments": [], "folder": ".", "options": {}, "vers
         (json.dumps(WHOLE | {"command": "simulate"}), "does not say by which command"),
         (json.dumps(WHOLE | {"options": {"--extend": 1}}), "does not say by which command"),
         (json.dumps(WHOLE | {"versions": {"": 1}}), "does not say by which command"),
+        (json.dumps({"call": {}}), "a program of yours has asked for; run it again"),
         (json.dumps(WHOLE | {"folder": "/nowhere"}), "the folder /nowhere, which is not there"),
         (json.dumps(WHOLE | {"folder": "\0"}), "which is not there"),
         (json.dumps(WHOLE), "Name one of LOG, --rail, --curves and --law"),

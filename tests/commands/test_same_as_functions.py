@@ -9,23 +9,31 @@ from click.testing import CliRunner
 
 import adhesion_jax as aj
 
-#: What a command records of itself, which nobody asked of a function.
-ASKED = ("command", "arguments", "folder", "options")
+#: What a command records of itself, and a function of its call.
+ASKED = ("command", "arguments", "folder", "options", "call")
 
 #: What a command is given, what the function is, and what of their files depends on the clock.
 ALIKE = {
-    "identify": (["eurosprinter", "--curve", "kiencke"], ("eurosprinter", "kiencke"), {}),
+    "identify": (
+        ["eurosprinter", "--curve", "kiencke"],
+        ("eurosprinter", "kiencke"),
+        {"metadata.json": ASKED},
+    ),
     "track": (
         ["eurosprinter", "--identifiers", "rls-kiencke"],
         ("eurosprinter", "rls-kiencke"),
-        {"track.txt": None},  # it tells the time of a sample
+        {"track.txt": None, "metadata.json": ASKED},  # it tells the time of a sample
     ),
     "montecarlo": (
         ["--scenario", "single", "--runs", "130", "--identifiers", "ml-exact"],
         ("single", "ml-exact", 130),
         {"metadata.json": ["wall_seconds", "compile_seconds", *ASKED]},
     ),
-    "discover": (["roller-rig"], ("roller-rig",), {"report.json": ["seconds"]}),
+    "discover": (
+        ["roller-rig"],
+        ("roller-rig",),
+        {"report.json": ["seconds"], "metadata.json": ASKED},
+    ),
 }
 
 
@@ -54,8 +62,10 @@ def test_a_command_and_its_function_write_the_same(name, tmp_path):
     done = CliRunner().invoke(main, [*words, "--out", str(by_command)], catch_exceptions=False)
     assert done.exit_code == 0
     getattr(aj, name)(*arguments, out=by_function)
-    if name != "montecarlo":
-        (by_command / "metadata.json").unlink()
+    told = json.loads((by_function / "metadata.json").read_text())
+    assert told["call"]["function"] == name
+    assert told["call"]["arguments"]["out"] == str(by_function)
+    assert told["versions"]["adhesion-jax"]
     expected = contents(by_command, clocks)
     assert expected
     assert contents(by_function, clocks) == expected

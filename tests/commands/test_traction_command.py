@@ -57,6 +57,7 @@ def test_the_function_gives_the_numbers_of_the_command(written):
         table = pd.read_csv(out / f"{name}.csv", keep_default_na=False, na_values=[""])
         pd.testing.assert_frame_equal(table, getattr(found, name), check_exact=True)
     assert told.startswith(repr(found).partition("\n\n")[0])
+    assert "dry" in found.plot().axes[0].get_title()
     with pytest.raises(aj.InputError, match="There is no seeker x; name none, "):
         aj.traction_control("hxd1f", seeker="x")
 
@@ -140,9 +141,9 @@ def test_what_cannot_be_run_is_refused_in_a_sentence(case, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("value = -1.0\nunit = 'kg'", "axle_load is -1.0; it must be a number from"),
+        ("value = -1.0\nunit = 'kg'", "axle_load is -1.0 kg; it must be a number from"),
         ("value = 25000.0", "axle_load needs a value and a unit"),
-        ("value = 25.0\nunit = 't'", "axle_load is given in 't'; it must be in 'kg'"),
+        ("value = 25.0\nunit = 'm'", "axle_load is given in 'm', which is no unit of it"),
     ],
 )
 def test_a_plant_that_is_none_is_refused_with_its_file(text, words, tmp_path, monkeypatch, capsys):

@@ -57,6 +57,7 @@ def test_units_are_those_of_the_tables(unit, wanted, factor, offset):
         ("F", "N"),  # a farad
         ("°", "1"),  # to pint an angle is a number
         ("%", "degree"),
+        ("°C", "N"),  # whose zero is not that of a force
         ("1/s", "rad/s"),  # a turn or a radian
         ("furlong/x", "m/s"),
         ("", "1"),

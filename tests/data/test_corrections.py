@@ -6,7 +6,7 @@ import pytest
 from slip_log import INERTIA, RADAR_LATE, RADIUS, burckhardt_peak, curve, slip_events
 
 from adhesion_jax.data import to_measured
-from adhesion_jax.data.corrections import Corrections, corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.errors import InputError
 
 STEP = 0.05
@@ -29,7 +29,7 @@ def motion(rows=400, step=STEP):
 
 
 def read(table, **known):
-    return to_measured("log", table, known=corrections_of(**known))
+    return to_measured("log", table, known=Corrections(**known))
 
 
 @pytest.mark.parametrize("name", ["vehicle_speed", "vehicle_speed_mps", "speed"])

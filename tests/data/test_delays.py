@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import to_measured
-from adhesion_jax.data.corrections import Corrections, corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.errors import InputError
 
 
@@ -101,4 +101,4 @@ def test_what_cannot_be_meant_is_refused():
             read(table(), **{word: 0.2})
     for seconds in (11.0, np.nan, np.inf):
         with pytest.raises(InputError, match="The delay of force is"):
-            corrections_of(delays={"force": seconds})
+            Corrections(delays={"force": seconds})

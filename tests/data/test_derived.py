@@ -93,6 +93,32 @@ def test_a_radius_that_cannot_be_identified_is_asked_for():
     )
 
 
+def test_a_slip_angle_is_the_slip_where_no_other_is_measured():
+    """A tyre that is steered: lateral force over load, against the tangent of its angle."""
+    slip = np.linspace(-0.12, 0.12, 80)
+    table = pd.DataFrame(
+        {
+            "SA": -np.degrees(np.arctan(slip)),
+            "FY [N]": 1000 * np.sin(1.5 * np.arctan(12 * slip)),
+            "FZ [N]": -1000.0,
+        }
+    )
+    said = {"slip_angle": "-SA [deg]", "wheel_force": "FY [N]", "wheel_load": "-FZ [N]"}
+    found = to_measured("tyre", table, said)
+    np.testing.assert_allclose(found.table["slip_ratio"], slip, atol=1e-12)
+    assert "slip_angle_deg" not in found.table
+    assert "computed: tangent of slip_angle_deg" in {*found.understood["column"]}
+    # Beside a slip it stays what it is, and a wheel whose speed is measured has a slip of its own.
+    both = to_measured("tyre", table.assign(slip_ratio=0.5 * slip), said)
+    np.testing.assert_allclose(both.table["slip_ratio"], 0.5 * slip)
+    np.testing.assert_allclose(np.tan(np.radians(both.table["slip_angle_deg"])), slip)
+    with pytest.raises(InputError, match=r"slip_ratio .* is missing, wheel_speed_mps alone"):
+        to_measured("tyre", table.assign(wheel_speed_mps=10.0), said)
+    # What it is called is told where it is taken for a slip.
+    with pytest.raises(InputError, match=r'name it slip_angle, as by --column "slip_angle=SA'):
+        to_measured("tyre", table, {**said, "slip": "SA [deg]"})
+
+
 def good_with_slip():
     slip = np.linspace(0.01, 0.12, 40)
     return pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * slip / (0.02 + slip)})

@@ -72,6 +72,32 @@ def test_runs_that_each_file_counts_anew_are_told_apart(tmp_path):
     assert not any("clock" in note for note in found.notes)
 
 
+def test_a_run_whose_time_goes_on_in_the_next_file_is_one(tmp_path):
+    """Twelve runs of 20 rows, in files that end amid the fourth and the eighth."""
+
+    def named(part, _):
+        return part.assign(run=part.index // 21)
+
+    found = group([read_measured(parts(tmp_path / "logs", change=named))])
+    assert found.names == tuple(map(str, range(12)))
+    np.testing.assert_array_equal(found.run, np.arange(ROWS) // 21)
+
+    def at_once(part, place):  # axles one below the other, in each file
+        whole = [named(part, place).assign(axle=axle) for axle in (1, 2)]
+        return pd.concat(whole)
+
+    found = read_measured(parts(tmp_path / "axles", change=at_once))
+    assert {*found.table["run"]} == {*map(str, range(12))}
+
+    def later(part, place):  # an hour between the files, without a time in the middle
+        return named(part, place).assign(**{"t [s]": part["t [s]"] + 3600 * place})
+
+    found = group([read_measured(parts(tmp_path / "later", change=later))])
+    assert "run 1.csv:3" in found.names
+    assert "run 2.csv:3" in found.names
+    assert len(found.names) == 14
+
+
 def test_columns_of_one_order_or_another(tmp_path):
     def turned(part, place):
         return part[part.columns[::-1]] if place else part

@@ -1,11 +1,13 @@
 """Force of the motor torque, and inertia of the wheelset: against the motion of a wheelset."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from adhesion_jax.data import to_measured
-from adhesion_jax.data.corrections import Corrections, corrections_of
+from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.errors import InputError
 
 INERTIA, RADIUS, LOAD, RATIO = 420.0, 0.611, 2.08e5, 4.9
@@ -130,7 +132,7 @@ def with_torque(sign=1.0, efficiency=1.0):
 @pytest.mark.parametrize("efficiency", [1.0, 0.95])
 def test_the_torque_of_the_motor_becomes_the_force_of_the_axle(sign, efficiency):
     table, adhesion = with_torque(sign, efficiency)
-    known = corrections_of(wheel_radius=RADIUS, gear_ratio=RATIO, efficiency=efficiency)
+    known = Corrections(wheel_radius=RADIUS, gear_ratio=RATIO, efficiency=efficiency)
     found = to_measured("log", table, known=known)
     np.testing.assert_allclose(found.table["adhesion"], adhesion, rtol=1e-12)
     assert found.covariates == ()
@@ -141,7 +143,7 @@ def test_the_torque_of_the_motor_becomes_the_force_of_the_axle(sign, efficiency)
 def test_a_torque_with_inertia_is_that_of_the_equation_of_motion():
     table, adhesion = event()
     table["motor_torque_Nm"] = table.pop("axle_force_N") * RADIUS / RATIO
-    found = to_measured("log", table, known=KNOWN._replace(gear_ratio=RATIO)).table
+    found = to_measured("log", table, known=replace(KNOWN, gear_ratio=RATIO)).table
     assert (found["adhesion"] - adhesion)[1:-1].abs().max() < 0.001
 
 
@@ -171,4 +173,4 @@ def test_a_torque_beside_a_force_is_not_used_and_explains_nothing():
 )
 def test_values_that_no_wheelset_has_are_refused(values):
     with pytest.raises(InputError, match="give a number above 0"):
-        corrections_of(**values)
+        Corrections(**values)

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from late_log import trip
 
-from adhesion_jax.data.lateness import delay_between, lateness
+from adhesion_jax.data.lateness import best_lag, grid_of, lateness
+
+
+def delay_between(time, first, second, run):
+    return best_lag(grid_of(time, run, {"first": first, "second": second}), "first", "second")
 
 
 def wavy(seed, rows=6000, step=0.05):

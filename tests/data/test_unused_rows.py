@@ -71,6 +71,17 @@ CASES = {
         range(77, 78),
         "1 value is out of range and not used: row 77 of column vehicle_speed_mps has 1e+06 m/s",
     ),
+    "a tooth that is counted twice": (
+        log().assign(
+            wheel_speed_mps=lambda one: [
+                speed * (1.5 if place in (50, 200) else 1.0)
+                for place, speed in enumerate(one["wheel_speed_mps"])
+            ]
+        ),
+        (50, 200),
+        "in which the slip velocity leaps, for this row alone, further than a wheel can be "
+        "accelerated; the first is row 50, with",
+    ),
     "text in two rows": (
         log().assign(tangential_force_N=lambda one: [*one.iloc[:398, 3], "error", "error"]),
         range(398, 400),

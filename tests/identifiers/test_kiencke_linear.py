@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS
-from adhesion_jax.optim.quadratic_program import bounded_pair
+from adhesion_jax.optim.quadratic_program import Products, bounded_pair
 from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import QIAN2024
 
@@ -148,7 +148,7 @@ def test_the_pair_over_a_rectangle_is_that_of_two_outside_solvers():
         h, f = u.T @ u, u.T @ z
         ranges = [(jnp.asarray(low[i]), jnp.asarray(high[i])) for i in (0, 1)]
         terms = map(jnp.asarray, (f[0], f[1], h[0, 0], h[1, 1], h[0, 1]))
-        ours = np.array(bounded_pair(*terms, *ranges))
+        ours = np.array(bounded_pair(Products(*terms), *ranges))
         np.testing.assert_allclose(ours, lsq_linear(u, z, (low, high), tol=1e-14).x, atol=1e-6)
         theirs = solver.run(
             params_obj=(jnp.asarray(h), jnp.asarray(-f)),

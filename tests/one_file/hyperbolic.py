@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves.base import SLIP_LIMIT, Conditions, Curve, Parameter, Peak, Scalar
@@ -30,10 +29,6 @@ class Hyperbolic(Curve):
     @classmethod
     def starts(cls, top: float) -> Sequence[Sequence[float]]:
         return [(1.1 * top, steep, top) for steep in (15.0, 40.0, 120.0)]
-
-    @classmethod
-    def drawn(cls, level: float, peak: float, generator: np.random.Generator) -> Curve:
-        return cls(a=level, b=generator.uniform(30.0, 80.0), c=level)
 
     def __call__(
         self, slip: Float[Array, "*shape"], conditions: Conditions

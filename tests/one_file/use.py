@@ -10,6 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from adhesion_jax.curves.hyperbolic import Hyperbolic  # of the copy alone
 
 import adhesion_jax
 from adhesion_jax.campaign.config import Config
@@ -21,8 +22,11 @@ from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.scenarios import Options
+from adhesion_jax.simulation.planting import CleanRuns, OpenEffect
+from adhesion_jax.simulation.runs import DRAWN
 from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, simulate
 from experiments.discovery_study.judging import judged
+from experiments.discovery_study.otherwise import by_factor
 from experiments.discovery_study.tasks import study_tasks
 
 out = Path(sys.argv[1])
@@ -43,9 +47,16 @@ def parameters_of(campaign: SimulatedSet) -> tuple[float, ...]:
 
 
 # A new effect planted on a new curve, by both of its formulas.
+DRAWN["hyperbolic"] = lambda level, _, draw: Hyperbolic(level, draw(30.0, 80.0), level)
 quiet = SetNoise(1e-9, 0.0, 0.0)
-for form in ("exact", "perturbed"):
-    campaign = simulate(["leaves"], seed=1, base="hyperbolic", form=form, noise=quiet, **SIZE)
+
+
+def by_another_formula(runs: CleanRuns) -> OpenEffect:
+    return by_factor(lambda a: np.exp(-a * runs.columns["leaf_cover"] ** 2), 2.0)
+
+
+for form, forms in (("exact", {}), ("perturbed", {"leaves": by_another_formula})):
+    campaign = simulate(["leaves"], seed=1, base="hyperbolic", forms=forms, noise=quiet, **SIZE)
     table, amount = campaign.train, next(iter(campaign.parameters["leaves"].values()))
     cover = table["leaf_cover"].to_numpy()
     factor = 1 - amount * cover if form == "exact" else np.exp(-amount * cover**2)

@@ -24,7 +24,7 @@ def test_programs_on_an_edge_are_solved_beside_others_that_are_not(width):
     products = Products(*map(jnp.asarray, products))
     edges = jnp.asarray(-width), jnp.asarray(width)
     box = edges, edges
-    expected = bounded_pair(*products, *box)
+    expected = bounded_pair(products, *box)
     solve = jax.jit(jax.vmap(lambda given: bounded_pair_seldom_on_edge(given, *box)))
     np.testing.assert_allclose(solve(products), expected, rtol=1e-13)
     alone = bounded_pair_seldom_on_edge(Products(*(x[7] for x in products)), *box)

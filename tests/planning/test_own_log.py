@@ -89,6 +89,17 @@ def test_what_is_stated_of_the_noise_takes_the_place_of_what_is_found(found):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("fastest", [5.0, 20.0])
+def test_the_noise_of_the_wheel_speed_is_stated_as_to_identify(fastest):
+    log = log_of(NOISE, np.random.default_rng(3))
+    speed = np.where(log["run"] < 6, 5.0, fastest)
+    fitted = aj.identify(log.assign(vehicle_speed_mps=speed), "burckhardt", slip_noise=0.02)
+    as_fitted, as_stated = aj.plan(fitted), aj.plan(fitted, slip_noise=0.02)
+    spread = 0.02 * np.sqrt(np.mean(speed**-2.0))
+    for one in (as_fitted, as_stated):
+        assert one.plan.planner.noise.slip_noise == pytest.approx(spread, rel=1e-3)
+
+
 def test_a_log_without_time_is_said_to_be_taken_as_independent():
     log = log_of(NOISE, np.random.default_rng(3)).drop(columns="time_s")
     planned = aj.plan(aj.identify(log, "burckhardt"))

@@ -248,7 +248,7 @@ def test_a_law_with_effects_is_planned_at_its_conditions():
     ("source", "options", "says"),
     [
         ("icy", {}, "--rail icy is unknown"),
-        ("dry", {"sigma": 0.0}, "sigma is a number from 0 to 10, not 0"),
+        ("dry", {"sigma": 0.0}, "sigma is a number from 1e-09 to 10, not 0"),
         ("dry", {"autocorrelation": 1.0}, "autocorrelation is a number from 0 to 1, not 1"),
         ("dry", {"run_scatter": np.nan}, "run_scatter is a number"),
         ("dry", {"slow_level": 0.03}, "slow_level is stated without slow_rows"),

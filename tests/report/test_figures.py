@@ -67,7 +67,7 @@ def densities(truth, reach):
     return pd.concat(frames, ignore_index=True)
 
 
-def test_the_histogram_has_the_density_of_each_method_the_truth_and_the_bound(drawn):
+def test_the_histogram_has_the_density_of_each_method_the_truth_and_the_bound():
     summary = pd.DataFrame(
         {
             "scenario": "two rails",
@@ -78,7 +78,7 @@ def test_the_histogram_has_the_density_of_each_method_the_truth_and_the_bound(dr
             "crlb": 0.005,
         }
     )
-    axes = drawn(figures.histogram, summary, densities({"dry": 0.3, "wet": 0.1}, 0.03))
+    axes = figures.histogram(summary, densities({"dry": 0.3, "wet": 0.1}, 0.03)).axes
     for axis, rail, truth in zip(axes, ("dry", "wet"), (0.3, 0.1), strict=True):
         assert axis.get_title() == f"{rail} rail"
         assert axis.get_xlabel() == r"maximum adhesion $\mu_{max}$ (1)"
@@ -100,9 +100,9 @@ def test_the_histogram_has_the_density_of_each_method_the_truth_and_the_bound(dr
         assert band.get_width() == pytest.approx(2 * 1.96 * 0.005)
 
 
-def test_tracking_shows_the_median_the_band_the_truth_and_the_error_in_per_cent(drawn):
+def test_tracking_shows_the_median_the_band_the_truth_and_the_error_in_per_cent():
     found = bands({name: TRUTH[name] for name in ("c1", "mu_max")}, TRUTH["block"])
-    axes = drawn(figures.tracking, TRUTH, found)
+    axes = figures.tracking(TRUTH, found).axes
     columns = np.reshape(axes, (3, 2))
     assert [axis.get_title() for axis in columns[0]] == ["one", "other"]
     assert [axis.get_ylabel() for axis in columns[:, 0]] == [
@@ -124,7 +124,7 @@ def test_tracking_shows_the_median_the_band_the_truth_and_the_error_in_per_cent(
         assert error == pytest.approx([100 * shift / 0.3] * 2 + [100 * shift / 0.1] * 2, abs=1e-9)
 
 
-def test_convergence_shows_medians_with_their_spread_about_the_truth(drawn):
+def test_convergence_shows_medians_with_their_spread_about_the_truth():
     shown = ("c1", "mu_max", "c2", "slip_opt")
     checkpoints = pd.DataFrame(
         [
@@ -136,7 +136,7 @@ def test_convergence_shows_medians_with_their_spread_about_the_truth(drawn):
     )
 
     at_lengths = bands(dict.fromkeys(shown, (0.3, 0.3)), (0, 1))
-    axes = drawn(figures.convergence, checkpoints, at_lengths, "points seen (1)", [50.0, 100.0])
+    axes = figures.convergence(checkpoints, at_lengths, "points seen (1)", [50.0, 100.0]).axes
     assert [axis.get_ylabel() for axis in axes] == [figures.LABELS[name] for name in shown]
     for axis in axes:
         assert axis.get_xlabel() == "points seen (1)"

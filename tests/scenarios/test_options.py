@@ -7,8 +7,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from adhesion_jax.command_line.catalogue import told
 from adhesion_jax.command_line.montecarlo import scenario_options
-from adhesion_jax.command_line.registries import told
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Option, Sigma, built, check, declared
 from adhesion_jax.scenarios import SCENARIOS, Options, build

@@ -11,6 +11,7 @@ from scipy import signal
 
 from adhesion_jax.simulation.plantable import PLANTABLE
 from adhesion_jax.simulation.planting import CleanRuns
+from experiments.discovery_study.otherwise import OTHERWISE as OTHER_FORMS
 
 SLIP = np.array([[0.01, 0.04, 0.09, 0.16], [-0.16, -0.09, -0.04, -0.01]])
 COLUMNS = {
@@ -418,12 +419,11 @@ DRAWN = {
 
 
 def by_its_formula(name, runs=RUNS, chosen=1):
-    planting = PLANTABLE[name]
-    return (planting.exact or planting.otherwise)(runs._replace(generator=Known(chosen)))
+    return PLANTABLE[name].form(runs._replace(generator=Known(chosen)))
 
 
 def otherwise(name, runs=RUNS):
-    return PLANTABLE[name].otherwise(runs)
+    return OTHER_FORMS.get(name, PLANTABLE[name].form)(runs)
 
 
 def adhesion_of(planted, runs=RUNS):
@@ -464,7 +464,7 @@ def test_the_truth_says_what_was_drawn(name):
         assert {key: told[key] for key in DRAWN[name]} == pytest.approx(DRAWN[name], rel=1e-12)
     else:  # the amount alone
         assert [abs(value) for value in told.values() if value] == [amount]
-    if PLANTABLE[name].exact is not None:
+    if not PLANTABLE[name].is_noise:
         assert otherwise(name).make(0.4).parameters == {"amount": 0.4}
 
 

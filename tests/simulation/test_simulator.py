@@ -13,13 +13,14 @@ from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import with_effects
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.runs import BASE_CURVES
+from adhesion_jax.simulation.runs import BASE_CURVES, DRAWN
 from adhesion_jax.simulation.simulator import (
     TABLE_COLUMNS,
     SetNoise,
     simulate,
     write_set,
 )
+from experiments.discovery_study.otherwise import FORMS, forms_of
 
 #: Columns that a table has only where an effect needs them.
 EXTRA = {
@@ -92,6 +93,18 @@ def test_base_families_take_turns():
 
 
 @pytest.mark.parametrize("family", BASE_CURVES)
+def test_a_random_curve_has_about_the_level_and_the_peak_asked_for(family):
+    curve = DRAWN[family](0.3, 0.03, np.random.default_rng(4).uniform)
+    slips = np.linspace(0.0, 0.5, 5001)
+    speed = {"vehicle_speed_mps": jnp.full(slips.size, 15.0)}
+    along = np.asarray(curve(jnp.asarray(slips), speed))
+    assert 0.7 * 0.3 < along.max() < 1.3 * 0.3
+    if family == "kiencke":  # the others have their peak where it falls
+        assert along.max() == pytest.approx(0.3, rel=1e-6)
+        assert slips[along.argmax()] == pytest.approx(0.03, abs=1e-4)
+
+
+@pytest.mark.parametrize("family", BASE_CURVES)
 def test_a_null_set_refitted_by_its_own_base_has_the_stated_noise(family):
     noise = SetNoise(sigma=0.01, autocorrelation=0.5, run_scatter=0.02)
     campaign = simulate(seed=11, base=family, noise=noise)
@@ -117,10 +130,11 @@ def test_a_null_set_refitted_by_its_own_base_has_the_stated_noise(family):
 
 @pytest.mark.parametrize(
     ("name", "form"),
-    lanes(itertools.product(PLANTABLE, ["exact", "perturbed"]), always=12, thorough=20),
+    lanes(itertools.product(PLANTABLE, FORMS), always=12, thorough=20),
 )
 def test_an_effect_changes_adhesion_by_its_strength(name, form):
-    campaign = simulate([name], seed=1, form=form, strength=0.2, noise=QUIET, runs=16, points=100)
+    sizes = {"strength": 0.2, "noise": QUIET, "runs": 16, "points": 100}
+    campaign = simulate([name], seed=1, forms=forms_of(form, [name]), **sizes)
     assert campaign.truth == (name,)
     assert tuple(campaign.train) == (*TABLE_COLUMNS, *EXTRA.get(name, ()))
     both = pd.concat([campaign.train, campaign.test])
@@ -190,7 +204,6 @@ def test_a_campaign_is_written_and_read(tmp_path):
         ({"effects": ["humidty"]}, "no way to plant 'humidty'; known are speed, slip_speed"),
         ({"effects": ["speed", "speed"]}, "name each once"),
         ({"base": "pacejka"}, "auto, burckhardt"),
-        ({"form": "vague"}, "exact, perturbed"),
         ({"remove": ["adhesion"]}, "nothing to discover"),
         ({"remove": ["humidity"]}, "no column 'humidity'"),
         ({"strength": 2.0}, "not between 0 and 1"),

@@ -10,11 +10,11 @@ from adhesion_jax.effects import family_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.library.status import status
 from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.random_effect import RandomEffect
 from adhesion_jax.simulation.runs import BASE_CURVES
 from adhesion_jax.simulation.simulator import SetNoise
 from experiments.discovery_study.__main__ import OWN_FILES, study
 from experiments.discovery_study.judging import is_one_of, removed_share
+from experiments.discovery_study.random_effect import RandomEffect
 from experiments.discovery_study.rates import confusion, rates, shares
 from experiments.discovery_study.right_names import names_for
 from experiments.discovery_study.running import row

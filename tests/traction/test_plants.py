@@ -247,6 +247,12 @@ def test_a_plant_may_be_like_one_that_ships(tmp_path):
     assert found.plant.axle_load.tolist() == [25000.0]
     assert found.given["axle_load"].source == ""
     assert {**found.given, "axle_load": None} == {**base.given, "axle_load": None}
+    path.write_text('like = "hxd1f"\n[parameters.axle_load]\nvalue = 25\nunit = "t"\n')
+    assert read_plant(path).given["axle_load"] == found.given["axle_load"]
+    for other in ('["hxd1f"]', "{a = 1}", "1"):
+        path.write_text(f"like = {other}\n")
+        with pytest.raises(InputError, match=r"like .* is not known"):
+            read_plant(path)
     path.write_text('like = "hxd2"\n')
     with pytest.raises(InputError, match=r"like 'hxd2' is not known; name fang2018 or"):
         read_plant(path)
@@ -259,10 +265,16 @@ def test_a_plant_may_be_like_one_that_ships(tmp_path):
     ("old", "new", "said"),
     [
         ("gear_ratio]", "gear_ration]", "gear_ration is not known; did you mean gear_ratio"),
-        ('unit = "m"', 'unit = "mm"', "wheel_radius is given in 'mm'; it must be in 'm'"),
-        ("value = 10000000.0", "value = -1.0", "train_mass is -1.0; it must be a number from 1"),
-        ("value = 10000000.0", 'value = "10 t"', "train_mass is '10 t'; it must be a number"),
-        ("value = 10000000.0", "value = nan", "train_mass is nan; it must be a number"),
+        (
+            'unit = "m"',
+            'unit = "kg"',
+            "wheel_radius is given in 'kg', which is no unit",
+        ),
+        ('unit = "m"', 'unit = "km"', "wheel_radius is 0.625 km; it must be a number from"),
+        ('model = "rigid-axles"\n', "", "tells no train; name one that it is like"),
+        ("value = 10000000.0", "value = -1.0", "train_mass is -1.0 kg; it must be a number from 1"),
+        ("value = 10000000.0", 'value = "10 t"', "train_mass is '10 t' kg; it must be a number"),
+        ("value = 10000000.0", "value = nan", "train_mass is nan kg; it must be a number"),
         ("value = 10000000.0", "value = [1e7, 1e7]", "train_mass has 2 values; give one value"),
         ("value = 30000.0", "value = []", "axle_load has no value"),
         ("value = 30000.0", "mass = 30000.0", "axle_load needs a value and a unit"),

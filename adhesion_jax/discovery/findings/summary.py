@@ -33,14 +33,7 @@ from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
-from adhesion_jax.discovery.types import (
-    Doubt,
-    Errors,
-    Findings,
-    FoundEffect,
-    Interval,
-    Opinion,
-)
+from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval, Opinion
 from adhesion_jax.effects import Cause, Effect, Labels, ShapeTerm, kind_of
 from adhesion_jax.effects.labels import NO_LABEL
 from adhesion_jax.effects.law import CorrectedLaw

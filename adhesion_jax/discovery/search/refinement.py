@@ -7,29 +7,12 @@ from collections.abc import Sequence
 from adhesion_jax.discovery.model.prediction import gain, least_gain
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import (
-    Entry,
-    column_entries,
-    entry_of,
-    forms_of_column,
-)
+from adhesion_jax.discovery.search.catalogue import Entry, column_entries, entry_of, forms_of_column
 from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.screening import screen
-from adhesion_jax.discovery.search.state import (
-    Accepted,
-    Selection,
-    settled,
-    slots_of,
-    with_parts,
-)
+from adhesion_jax.discovery.search.state import Accepted, Selection, settled, slots_of, with_parts
 from adhesion_jax.discovery.search.trials import Trial, tried
-from adhesion_jax.effects import (
-    Effect,
-    Interaction,
-    Periodic,
-    Threshold,
-    kind_of,
-)
+from adhesion_jax.effects import Effect, Interaction, Periodic, Threshold, kind_of
 from adhesion_jax.effects.falling_friction import FallingFriction
 from adhesion_jax.effects.rail_joint import RailJoint
 from adhesion_jax.effects.shape import ACTS_ON

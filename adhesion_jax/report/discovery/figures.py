@@ -105,11 +105,9 @@ def adhesion_over_slip(findings: Findings) -> Figure:
 def _dependences(findings: Findings) -> Figure | None:
     if not findings.dependences:
         return None
-    figure, axes = panels(len(findings.dependences), height=2.2)
+    figure, axes = panels(len(findings.dependences), 2.2, "factor on adhesion (1)")
     for axis, dependence in zip(axes, findings.dependences, strict=True):
         _dependence(axis, dependence, findings)
-    for axis in axes[::3]:
-        axis.set_ylabel("factor on adhesion (1)")
     one_legend(figure, axes[:1])
     return figure
 
@@ -137,7 +135,6 @@ def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
     axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
     axis.set_xlabel(label_text(column_label(dependence.column, dependence.unit)))
     axis.xaxis.set_major_locator(MaxNLocator(5))
-    light_frame(axis)
 
 
 def _errors(findings: Findings) -> Figure:

@@ -2,11 +2,13 @@
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from adhesion_jax.data.events import Chosen
-from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Opinion
+from adhesion_jax.discovery.types import Findings, FoundEffect
 from adhesion_jax.effects.saved import FORMAT, save_law
 from adhesion_jax.files import METADATA, write_metadata, write_table
 from adhesion_jax.report.discovery.content import page
@@ -67,19 +69,29 @@ def report_json(findings: Findings) -> dict[str, object]:
         "test": findings.test,
         "test_with_trees": findings.with_trees,
     }
-    return {
+    opinion = findings.opinion
+    told = {
         "format": FORMAT,
         "base": findings.base,
-        "noise_floor": _plain(findings.noise_floor),
-        "rmse": {name: _before_after(of) for name, of in errors.items() if of is not None},
+        "noise_floor": findings.noise_floor,
+        "rmse": {
+            name: {"before": of.before.value, "after": of.after.value}
+            for name, of in errors.items()
+            if of is not None
+        },
         "effects": [_effect(effect) for effect in findings.effects],
         "unexplained": [{"axis": one.name, **_effect(one)} for one in findings.unexplained],
-        "doubts": [
-            {"names": list(doubt.names), "sentence": doubt.sentence} for doubt in findings.doubts
-        ],
-        "second_opinion": None if findings.opinion is None else _opinion(findings.opinion),
-        "warnings": list(findings.warnings),
+        "doubts": [{"names": doubt.names, "sentence": doubt.sentence} for doubt in findings.doubts],
+        "second_opinion": opinion
+        and {
+            "columns": opinion.columns,
+            "explained": opinion.explained,
+            "error": opinion.error,
+            "p": opinion.p,
+        },
+        "warnings": findings.warnings,
     }
+    return {name: _plain(value) for name, value in told.items()}
 
 
 def printed(findings: Findings) -> str:
@@ -95,39 +107,27 @@ def printed(findings: Findings) -> str:
     return "\n\n".join(parts)
 
 
-def _before_after(errors: Errors) -> dict[str, float | None]:
-    return {"before": _plain(errors.before.value), "after": _plain(errors.after.value)}
-
-
 def _effect(effect: FoundEffect) -> dict[str, object]:
     return {
         "name": effect.name,
-        "candidates": list(candidates(effect)),
-        "covariates": list(effect.covariates),
+        "candidates": candidates(effect),
+        "covariates": effect.covariates,
         "acts_on": effect.acts_on,
         "parameters": {
-            name: {
-                "value": _plain(interval.value),
-                "low": _plain(interval.low),
-                "high": _plain(interval.high),
-                "unit": effect.units.get(name, ""),
-            }
+            name: {**interval._asdict(), "unit": effect.units.get(name, "")}
             for name, interval in effect.parameters.items()
         },
-        "p_adjusted": _plain(effect.p_adjusted),
-        "rmse_after": _plain(effect.rmse_after),
+        "p_adjusted": effect.p_adjusted,
+        "rmse_after": effect.rmse_after,
     }
 
 
-def _opinion(opinion: Opinion) -> dict[str, object]:
-    return {
-        "columns": list(opinion.columns),
-        "explained": _plain(opinion.explained),
-        "error": _plain(opinion.error),
-        "p": _plain(opinion.p),
-    }
-
-
-def _plain(value: float) -> float | None:
-    """A Python float for JSON; None for a number that is not finite, which JSON does not have."""
-    return float(value) if math.isfinite(value) else None
+def _plain(value: object) -> object:
+    """The same for JSON, which has no tuples and no numbers that are not finite: these are None."""
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -6,7 +6,7 @@ from matplotlib.ticker import MaxNLocator
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import level_columns
 from adhesion_jax.report.discovery.words import column_label
-from adhesion_jax.report.style import MARKS, label_text, light_frame, one_legend, panels
+from adhesion_jax.report.style import MARKS, label_text, one_legend, panels
 
 
 def level_panels(findings: Findings) -> Figure | None:
@@ -15,7 +15,7 @@ def level_panels(findings: Findings) -> Figure | None:
     levels = findings.levels
     if levels is None or not names:
         return None
-    figure, axes = panels(len(names), height=1.9)
+    figure, axes = panels(len(names), 1.9, "measured less law\n(% of the law)")
     for axis, name in zip(axes, names, strict=True):
         axis.axhline(0.0, color="0.4", linewidth=0.8)
         for when in ("before", "after"):
@@ -30,11 +30,8 @@ def level_panels(findings: Findings) -> Figure | None:
                 label=f"run {when}, ± 2 standard errors",
                 **MARKS[when],
             )
-        label = column_label(findings.slip) if name == "slip" else column_label(name)
+        label = column_label(findings.slip if name == "slip" else name)
         axis.set_xlabel(label_text(label, 40))
         axis.xaxis.set_major_locator(MaxNLocator(4))
-        light_frame(axis)
-    for axis in axes[::3]:
-        axis.set_ylabel("measured less law\n(% of the law)")
     one_legend(figure, axes[:1])
     return figure

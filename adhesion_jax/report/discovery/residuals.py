@@ -13,7 +13,6 @@ from adhesion_jax.report.style import (
     MARKS,
     POINT,
     label_text,
-    light_frame,
     one_legend,
     panels,
     root_axis,
@@ -41,7 +40,7 @@ def residual_panels(findings: Findings) -> Figure | None:
     names, _ = residual_columns(findings)
     if not names:
         return None
-    figure, axes = panels(len(names), height=1.75)
+    figure, axes = panels(len(names), 1.75, "measured less law (1)")
     points = findings.points
     left = {when: points["adhesion"] - points[when] for when in ("before", "after")}
     reach = _REACH * float(np.sqrt(np.mean(left["before"] ** 2)))
@@ -62,7 +61,8 @@ def residual_panels(findings: Findings) -> Figure | None:
         for when in ("before", "after"):
             means = _binned(place, left[when], points["run"])
             reach = max(reach, _draw(axis, means, when))
-        axis.set_xlabel(label_text(_label(findings, name), 40))
+        label = column_label(findings.slip if name == "slip" else name)
+        axis.set_xlabel(label_text(label, 40))
         if ticks is not None:
             axis.set_xticks(np.arange(len(ticks)), [label_text(tick, 10) for tick in ticks])
             axis.set_xlim(-0.5, len(ticks) - 0.5)
@@ -72,18 +72,11 @@ def residual_panels(findings: Findings) -> Figure | None:
             axis.set_xlim(low, high)
         else:
             axis.xaxis.set_major_locator(MaxNLocator(4))
-        light_frame(axis)
     # An empty line, for the points are too small for a legend.
     axes[0].plot([], [], ".", color=POINT, markersize=6, label="points before")
     axes[0].set_ylim(-reach, reach)  # the panels share it
-    for axis in axes[::3]:
-        axis.set_ylabel("measured less law (1)")
     one_legend(figure, axes[:1])
     return figure
-
-
-def _label(findings: Findings, name: str) -> str:
-    return column_label(findings.slip) if name == "slip" else column_label(name)
 
 
 def _places(column: pd.Series) -> tuple[pd.Series, list[str] | None]:

@@ -10,7 +10,7 @@ from adhesion_jax.curves import adhesion_of
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import shape_columns
 from adhesion_jax.report.discovery.words import column_label, humanised, number
-from adhesion_jax.report.style import AFTER, label_text, light_frame, panels, root_axis
+from adhesion_jax.report.style import AFTER, label_text, panels, root_axis
 
 #: Shares of the points below the values that are drawn, and their lines.
 _QUANTILES: Mapping[float, Mapping[str, Any]] = {
@@ -32,7 +32,7 @@ def shape_panels(findings: Findings) -> Figure | None:
     low, high = slip_limits(findings)
     grid = law_grid(low, high)
     conditions = medians(findings)
-    figure, axes = panels(len(shown), height=2.6)
+    figure, axes = panels(len(shown), 2.6, "adhesion (1)")
     for axis, (effect, name) in zip(axes, shown, strict=True):
         for quantile, style in _QUANTILES.items():
             value = float(findings.points[name].quantile(quantile))
@@ -44,9 +44,6 @@ def shape_panels(findings: Findings) -> Figure | None:
         axis.set_title(label_text(humanised(effect.name)), fontsize=9, loc="left")
         legend = axis.legend(fontsize=8, frameon=False, title=label_text(column_label(name), 34))
         legend.get_title().set_fontsize(8)
-        light_frame(axis)
-    for axis in axes[::3]:
-        axis.set_ylabel("adhesion (1)")
     return figure
 
 

@@ -5,14 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.types import (
-    Candidate,
-    Errors,
-    Findings,
-    FoundEffect,
-    Interval,
-    Opinion,
-)
+from adhesion_jax.discovery.types import Candidate, Errors, Findings, FoundEffect, Interval, Opinion
 from adhesion_jax.report.discovery.words import (
     acts_on,
     axis,

@@ -3,12 +3,7 @@
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.types import (
-    Errors,
-    Findings,
-    FoundEffect,
-    Interval,
-)
+from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.effects import KINDS
 from adhesion_jax.wording import listed, number, p_is
 

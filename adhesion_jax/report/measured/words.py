@@ -48,10 +48,12 @@ def verdict(
     runs: int,
     comparisons: Sequence[Comparison],
     groups: Mapping[str, Group],
+    in_vain: Sequence[str] | None,
 ) -> Sections:
     """The verdict in sentences under titles: what forbids an answer comes first.
 
-    `left` is the residual of the curve with the largest log density.
+    `left` is the residual of the curve with the largest log density, and `in_vain` are the columns
+    whose groups were looked at without one that predicts.
     """
     ranked = best_first(fits)
     best = fits[ranked[0]]
@@ -64,6 +66,7 @@ def verdict(
         ("Noise", _noise_sentences(best, slip, runs, measured)),
         ("Residual", _residual_sentences(best, left)),
         *(("Groups", _group_sentences(one, groups)) for one in comparisons),
+        ("Groups", [] if in_vain is None else [_no_groups(in_vain)]),
         ("Not to be trusted", _doubts(fits, ranked, not_fitted, answer, slip, measured)),
     ]
     return [(title, sentences) for title, sentences in sections if sentences]
@@ -135,7 +138,7 @@ def _data_sentences(measured: Measured, citation: str) -> list[str]:
             f"In {apart} of them slip and adhesion have opposite signs, as noise makes near zero."
         )
     if measured.covariates:
-        sentences.append(f"Further numeric columns: {', '.join(measured.covariates)}.")
+        sentences.append(f"Further columns: {', '.join(measured.covariates)}.")
     if measured.left_out:
         sentences.append(
             f"Columns left out because a cell is no finite number: {', '.join(measured.left_out)}."
@@ -297,6 +300,28 @@ def _group_sentences(comparison: Comparison, groups: Mapping[str, Group]) -> lis
             + (f", each fitted by itself: {'; '.join(each)}." if each else ".")
         )
     return sentences
+
+
+def mixed_sentence(comparison: Comparison) -> str:
+    """What is said where the groups of a column that nobody named predict the levels of rows."""
+    table, by = comparison.table, comparison.by
+    return (
+        f"The rows are of different rails: their level differs by {by} (p = {comparison.p:.1g}), "
+        f"so that under one curve the largest adhesion is from {table['mu_max'].min():.4f} to "
+        f"{table['mu_max'].max():.4f}, and one peak for all is a mean of these; the peak of each "
+        f'is told by --by "{by}".'
+    )
+
+
+def _no_groups(looked_at: Sequence[str]) -> str:
+    if not looked_at:
+        return "There is no column of a few labels or levels by which the rows could be told apart."
+    one = len(looked_at) == 1
+    return (
+        f"The levels of rows that are left out are not predicted by the groups of "
+        f"{listed([*looked_at], 'or')}, the only column{'' if one else 's'} of a few labels or "
+        "levels: no groups are compared."
+    )
 
 
 def _of_group(name: str, group: Group) -> str:

@@ -1,7 +1,6 @@
 """Figures of a Monte Carlo campaign, drawn from its tables."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,8 +25,8 @@ LABELS = {
 
 _SHORT = {"mu_max": r"$\mu_{max}$ (1)", "forgetting": "forgetting\nfactor (1)"}
 
-#: Dots per inch of a figure of many panels, which is large and takes long to write.
-_MANY_PANELS = 110
+#: Dots per inch; a figure of many panels is large and takes long to write.
+_FEW_PANELS, _MANY_PANELS = 150, 110
 
 _LEGEND: Mapping[str, Any] = {
     "loc": "outside lower center",
@@ -40,7 +39,7 @@ _LEGEND: Mapping[str, Any] = {
 _NONE_OUTSIDE = 1e-9
 
 
-def histogram(path: Path, summary: pd.DataFrame, densities: pd.DataFrame) -> None:
+def histogram(summary: pd.DataFrame, densities: pd.DataFrame) -> Figure:
     """mu_max of every identifier with truth and bound, one panel per scenario and rail.
 
     `densities` has a row for each scenario, rail, identifier and bin (lower, upper, density). The
@@ -53,7 +52,8 @@ def histogram(path: Path, summary: pd.DataFrame, densities: pd.DataFrame) -> Non
     styles = line_styles(names)
     columns = min(len(panels), 3)
     lines = -(-len(panels) // columns)
-    figure = Figure(figsize=(5.2 * max(columns, 1.4), 4.2 * lines + 1.0), layout="constrained")
+    size = (5.2 * max(columns, 1.4), 4.2 * lines + 1.0)
+    figure = Figure(figsize=size, dpi=_FEW_PANELS, layout="constrained")
     axes = figure.subplots(lines, columns, squeeze=False).ravel()
     for axis in axes[len(panels) :]:
         axis.set_axis_off()
@@ -82,10 +82,10 @@ def histogram(path: Path, summary: pd.DataFrame, densities: pd.DataFrame) -> Non
             note = "\n".join(["beyond the axis", *beyond[panel]])
             axis.text(0.02, 0.98, note, transform=axis.transAxes, va="top", fontsize=7)
     one_legend(figure, axes, **_LEGEND)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
-def tracking(path: Path, truth: pd.DataFrame, bands: pd.DataFrame) -> None:
+def tracking(truth: pd.DataFrame, bands: pd.DataFrame) -> Figure:
     """Parameters and mu_max over the blocks: the median and the band from 5 to 95 %.
 
     One row per quantity, the last one for the error of mu_max; one column per identifier. `truth`
@@ -105,7 +105,7 @@ def tracking(path: Path, truth: pd.DataFrame, bands: pd.DataFrame) -> None:
         column[-1].axhline(0, color="k", linestyle="--", linewidth=1)
         column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[0, 0].legend(fontsize=7, loc="upper right")
-    figure.savefig(path, dpi=_MANY_PANELS)
+    return figure
 
 
 def _of(bands: pd.DataFrame, name: str, quantity: str) -> list[np.ndarray]:
@@ -122,7 +122,7 @@ def _shown(truth: pd.DataFrame) -> list[str]:
     return [str(name) for name in truth if name not in ("block", "slip_opt")]
 
 
-def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> None:
+def bands(truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> Figure:
     """The quantities of a stream over its samples, and the forgetting factor beneath them.
 
     One column per identifier, so that the two algorithms of Qian et al. 2024 stand side by side
@@ -145,7 +145,7 @@ def bands(path: Path, truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> No
                 axis.set_ylim(min(true.min(), 0) - reach / 4, true.max() + reach)
         column[-1].set_ylim(-0.05, 1.05)
     axes[0, 0].legend(fontsize=7, loc="upper right")
-    figure.savefig(path, dpi=_MANY_PANELS)
+    return figure
 
 
 def _grid(
@@ -156,7 +156,7 @@ def _grid(
     Margins are set in inches: a layout engine takes longer than drawing.
     """
     width, height = 2.4 * len(names) + 1.2, 2.0 * len(labels)
-    figure = Figure(figsize=(width, height))
+    figure = Figure(figsize=(width, height), dpi=_MANY_PANELS)
     margins = {"left": 0.8 / width, "right": 1 - 0.1 / width}
     margins |= {"bottom": 0.5 / height, "top": 1 - 0.35 / height, "wspace": 0.06, "hspace": 0.08}
     axes: NDArray[np.object_] = figure.subplots(
@@ -171,12 +171,11 @@ def _grid(
 
 
 def convergence(
-    path: Path,
     checkpoints: pd.DataFrame,
     bands: pd.DataFrame,
     reached_label: str,
     reached: Sequence[float],
-) -> None:
+) -> Figure:
     """Estimates against the part of a run that has been seen (He et al. 2018, Fig. 4 to 7).
 
     For every identifier the median and the band from 5 to 95 %, one panel a quantity; the grey
@@ -185,7 +184,7 @@ def convergence(
     shown = list(dict.fromkeys(checkpoints["quantity"]))[:4]
     names = list(dict.fromkeys(checkpoints["identifier"]))
     styles = line_styles(names)
-    figure = Figure(figsize=(11, 8), layout="constrained")
+    figure = Figure(figsize=(11, 8), dpi=_FEW_PANELS, layout="constrained")
     axes = figure.subplots(2, 2).ravel()
     seen = np.array(reached)
     step = 0.1 * np.min(np.diff(seen, prepend=0.0))
@@ -220,7 +219,7 @@ def convergence(
         axis.set_ylim(centre - reach, centre + reach)
         axis.set(xlabel=reached_label, ylabel=LABELS[quantity])
     one_legend(figure, axes[:1], **_LEGEND)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
 def _band(

@@ -90,7 +90,11 @@ def told(
         parts.append(f"\nRelative standard error of {name} (%)\n{_table(plan, place)}")
     parts += ["", *map(filled, _remarks(plan))]
     if log is not None and log.misfit >= _SLIGHT:
-        parts.append(filled(_misfit_sentence(log)))
+        misses = (
+            f"The curve misses {per_cent(log.misfit)} % of the adhesion of this log. That is no "
+            "part of the plan: the intervals of adhesion identify contain it and are wider."
+        )
+        parts.append(filled(misses))
     if present is not None:
         parts += ["", *map(filled, _present_sentences(plan, present))]
     if wanted is not None:
@@ -149,13 +153,6 @@ def _noise_sentences(noise: RunNoise, log: OwnLog | None) -> str:
         else "an exact slip",
     ]
     return f"Noise: {listed(parts)}.{found}"
-
-
-def _misfit_sentence(log: OwnLog) -> str:
-    return (
-        f"The curve misses {per_cent(log.misfit)} % of the adhesion of this log. That is no part "
-        "of the plan: the intervals of adhesion identify contain it and are wider."
-    )
 
 
 def _excitation_sentences(plan: Plan, log: OwnLog | None) -> str:

@@ -36,14 +36,14 @@ class _Passage(NamedTuple):
     adhesion: Array
 
 
-def draw_operating_point(path: Path, one: Shown) -> None:
+def operating_point(one: Shown) -> Figure:
     """The whole passage in one figure; the colour of a point, from dark to bright, is its time."""
     passage = _passage(one)
     figure, axis = _frame(passage)
     axis.plot(passage.slip, passage.adhesion, color="0.75", lw=0.8, zorder=1)
     points = axis.scatter(passage.slip, passage.adhesion, c=passage.time, cmap="viridis", s=9)
     figure.colorbar(points, ax=axis, label="time since the switch (s)")
-    figure.savefig(path, dpi=130)
+    return figure
 
 
 def animate_operating_point(path: Path, one: Shown) -> None:

@@ -2,11 +2,7 @@
 
 import jax.numpy as jnp
 
-from adhesion_jax.traction.controllers.base import (
-    Controller,
-    followed,
-    torque_for,
-)
+from adhesion_jax.traction.controllers.base import Controller, followed, torque_for
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Setting, Signals
 

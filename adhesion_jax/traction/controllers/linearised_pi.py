@@ -4,11 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from adhesion_jax.traction.controllers.base import (
-    Controller,
-    followed,
-    torque_for,
-)
+from adhesion_jax.traction.controllers.base import Controller, followed, torque_for
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Setting, Signals
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from adhesion_jax.data.units import Conversion, conversion
 from adhesion_jax.errors import InputError
 from adhesion_jax.traction.plants import MODELS
 from adhesion_jax.traction.plants.base import Plant, Quantity, quantities
@@ -57,7 +58,12 @@ def read_plant(path: Path) -> PlantFile:
     Raises InputError, which names the file and the parameter, if the file gives no plant.
     """
     table = _with_what_it_is_like(path, _toml(path))
-    model = str(table.get("model", ""))
+    if "model" not in table:
+        raise InputError(
+            f'{path} tells no train; name one that it is like, as like = "hxd1f", or a model, '
+            f"{' or '.join(MODELS)}."
+        )
+    model = str(table["model"])
     if model not in MODELS:
         raise InputError(f"{path}: the model {model!r} is not known; name {' or '.join(MODELS)}.")
     kind, known = MODELS[model], quantities(MODELS[model])
@@ -98,7 +104,7 @@ def _with_what_it_is_like(path: Path, table: Mapping[str, Any]) -> Mapping[str, 
     if "like" not in table:
         return table
     name = table["like"]
-    if name not in shipped():
+    if str(name) not in shipped():
         raise InputError(f"{path}: like {name!r} is not known; name {' or '.join(shipped())}.")
     if "model" in table:
         raise InputError(f"{path} has both like and model; leave out model: {name} has one.")
@@ -118,17 +124,20 @@ def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
         )
     for key in {*table} - {*_KEYS}:
         raise InputError(f"{path}: parameter {name} has {key}; allowed are {', '.join(_KEYS)}.")
-    if table["unit"] != quantity.unit:
+    into = _conversion(str(table["unit"]), quantity.unit)
+    if into is None:
         raise InputError(
-            f"{path}: parameter {name} is given in {table['unit']!r}; it must be in "
-            f"{quantity.unit!r}."
+            f"{path}: parameter {name} is given in {table['unit']!r}, which is no unit of it; "
+            f"write one such as {quantity.unit!r}."
         )
-    values = table["value"] if isinstance(table["value"], list) else [table["value"]]
-    for value in values:
+    given = table["value"] if isinstance(table["value"], list) else [table["value"]]
+    values = []
+    for value in given:
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not quantity.lower <= value <= quantity.upper:
+        values.append(into.factor * value + into.offset if number else math.nan)
+        if not quantity.lower <= values[-1] <= quantity.upper:
             raise InputError(
-                f"{path}: parameter {name} is {value!r}; it must be a number from "
+                f"{path}: parameter {name} is {value!r} {table['unit']}; it must be a number from "
                 f"{quantity.lower:g} to {quantity.upper:g} {quantity.unit}."
             )
     if not values:
@@ -137,6 +146,11 @@ def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
     if tag and tag not in TAGS:
         raise InputError(f"{path}: parameter {name} has the tag {tag}; use {', '.join(TAGS)}.")
     return Given(tuple(map(float, values)), quantity.unit, tag, source)
+
+
+def _conversion(unit: str, wanted: str) -> Conversion | None:
+    """From a unit to that of the parameter, exact where they are one."""
+    return Conversion(1.0, 0.0) if unit == wanted else conversion(unit, wanted)
 
 
 def _plant(path: Path, kind: type[Plant], given: Mapping[str, Given]) -> Plant:

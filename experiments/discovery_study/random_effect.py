@@ -1,10 +1,14 @@
 """Effects drawn at random: smooth functions of columns, of no form that a catalogue has."""
 
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from adhesion_jax.simulation.base import conditions_of, on_runs
 from adhesion_jax.simulation.planting import Bend, CleanRuns, OpenEffect, Planted, unchanged
+from adhesion_jax.simulation.runs import BASE_CURVES, draw_curve, draw_runs
+from adhesion_jax.simulation.simulator import SimulatedSet, simulate
 
 #: Columns that a random effect can rest on.
 RANDOM_COLUMNS = (
@@ -30,6 +34,29 @@ class RandomEffect(NamedTuple):
 
     columns: tuple[str, ...]  # one or two of RANDOM_COLUMNS
     acts_on: str
+
+
+def simulate_random(
+    effect: RandomEffect,
+    *,
+    seed: int,
+    base: str = "auto",
+    runs: int = 40,
+    points: int = 200,
+    **others: Any,
+) -> SimulatedSet:
+    """A simulated set with the effect, "random" among its parameters; see `simulate`.
+
+    One that acts on the fall has Burckhardt's curve for its base where the base does not fall.
+    """
+    if effect.acts_on == "fall":
+        family = BASE_CURVES[seed % len(BASE_CURVES)] if base == "auto" else base
+        drawn = draw_runs(runs, points, False, np.random.default_rng((seed, 0)))
+        law = draw_curve(family, np.random.default_rng((seed, 1)))
+        falls = has_peak(on_runs(law, conditions_of(drawn)), drawn.slip.shape)
+        base = family if falls else "burckhardt"
+    forms = {"random": partial(random_plan, effect)}
+    return simulate(seed=seed, base=base, runs=runs, points=points, forms=forms, **others)
 
 
 def random_plan(effect: RandomEffect, runs: CleanRuns) -> OpenEffect:

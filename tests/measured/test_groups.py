@@ -1,0 +1,84 @@
+"""Which columns tell the rows of a measurement apart, where nobody names one."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import adhesion_jax as aj
+
+
+def table(wet_level):
+    """Twelve sweeps, of which the wet ones have so many times the adhesion of the dry ones."""
+    draw = np.random.default_rng(4)
+    slip = np.tile(np.linspace(0.002, 0.12, 40), 12)
+    run = np.repeat(np.arange(12), 40)
+    level = np.where(run % 2 == 0, 1.0, wet_level)
+    adhesion = level * (0.3 * (1 - np.exp(-90 * slip)) - 0.3 * slip)
+    return pd.DataFrame(
+        {
+            "slip_ratio": slip,
+            "adhesion": adhesion + 0.004 * draw.standard_normal(slip.size),
+            "run": run,
+            "rail": np.where(run % 2 == 0, "dry", "wet"),
+            "driver": np.where(run % 3 == 0, 1, 2),
+        }
+    )
+
+
+@pytest.fixture
+def found():
+    return lambda level: aj.identify(table(level), "burckhardt", by="auto")
+
+
+def test_the_column_that_predicts_is_found_among_labels_and_levels(found):
+    apart = found(0.8)
+    assert apart.comparison.by == "rail"
+    assert {*apart.groups} == {"dry", "wet"}
+    assert apart.groups["wet"].mu_max.value == pytest.approx(
+        0.8 * apart.groups["dry"].mu_max.value, rel=0.02
+    )
+
+
+def test_where_no_column_predicts_it_is_said(found):
+    alike = found(1.0)
+    assert alike.comparison is None
+    said = "are not predicted by the groups of driver or rail, the only columns of a few labels"
+    assert said in " ".join(alike.verdict.split())
+    alone = aj.identify(table(1.0)[["slip_ratio", "adhesion"]], "burckhardt", by="auto")
+    assert "There is no column of a few labels" in " ".join(alone.verdict.split())
+
+
+@pytest.mark.parametrize("name", ["axle", "mode"])
+def test_labels_that_are_known_are_looked_at_too(name):
+    labels = {"axle": [1, 2], "mode": ["traction", "braking"]}[name]
+    rows = table(0.8).drop(columns="rail")
+    rows[name] = np.where(rows["run"] % 2 == 0, *labels)
+    assert aj.identify(rows, "burckhardt", by="auto").comparison.by == name
+
+
+def test_rails_that_are_mixed_are_told_though_nobody_asked():
+    mixed = " ".join(aj.identify(table(0.8), "burckhardt").verdict.split())
+    assert mixed.startswith("Warning: The rows are of different rails: their level differs by rail")
+    assert 'the peak of each is told by --by "rail".' in mixed
+    alike = " ".join(aj.identify(table(1.0), "burckhardt").verdict.split())
+    assert "different rails" not in alike
+    asked = aj.identify(table(0.8), "burckhardt", by="rail")
+    assert asked.mixed is None
+
+
+def test_events_of_axles_side_by_side_are_runs_of_one_answer():
+    draw = np.random.default_rng(1)
+    time = 0.05 * np.arange(3200)
+    slip = 0.002 + 0.1 * np.clip(np.sin(2 * np.pi * time / 40), 0, None) ** 40
+    columns = {"time_s": time, "v [m/s]": np.full(time.size, 15.0)}
+    for axle in (1, 2):
+        level = 0.3 * (1 - np.exp(-90 * slip)) - 0.3 * slip
+        columns[f"v_Rad{axle} [m/s]"] = 15 * (1 + slip) + 0.003 * draw.standard_normal(time.size)
+        columns[f"Z_Achse{axle} [kN]"] = 100 * level + 0.4 * draw.standard_normal(time.size)
+        columns[f"Q_Achse{axle} [kN]"] = np.full(time.size, 100.0)
+    log = pd.DataFrame(columns)
+    found = aj.identify(log, "burckhardt", {"speed": "v [m/s]"}, axles=True, events=True)
+    assert found.comparison.by == "axle"
+    assert len(found.runs) == 2 * 4
+    # .3 (1 - exp(-90 s)) - .3 s is largest where exp(-90 s) = 1 / 90.
+    assert found.mu_max == pytest.approx(0.3 * (1 - 1 / 90) - 0.3 * np.log(90) / 90, rel=0.02)
