@@ -1,8 +1,9 @@
 """Hold the claims of published papers against what can be computed: claims.csv and its figures."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 import numpy as np
@@ -15,7 +16,9 @@ from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.scenarios import Options
+from adhesion_jax.scenarios.rails import KIENCKE_RAILS, RAILS
 from experiments.claims import report
+from experiments.claims.claim import Claim
 from experiments.claims.fang2018 import slope_claims, slope_config
 from experiments.claims.fang2018_control import control_claims
 from experiments.claims.he2018_consistency import (
@@ -24,98 +27,139 @@ from experiments.claims.he2018_consistency import (
     consistency_table,
 )
 from experiments.claims.he2018_convergence import convergence_claims
+from experiments.claims.he2018_facts import fact_claims
 from experiments.claims.he2018_generations import (
     ARRIVED_GAP,
     count_generations,
     generation_claims,
     generation_panels,
+    innovation_claims,
+    setting_claims,
 )
 from experiments.claims.he2018_tracking import (
     VARIANTS,
     as_blocks,
     scatter_claims,
     tracking_claims,
+    volatility_claims,
 )
 from experiments.claims.hxd1f import hxd1f_claims
 from experiments.claims.qian2024 import (
     FACTORS,
     factorial_claims,
     factorial_table,
+    other_claims,
     reading_claims,
     reading_config,
+    variants,
 )
+from experiments.claims.qian2024_settings import outcomes
+from experiments.claims.settings import Found
 from experiments.claims.uyulan2018 import uyulan_claims
 
-#: The claims on traction control.
-CONTROL = {
-    "Uyulan 2018": uyulan_claims,
-    "Fang 2018, control": control_claims,
-    "HXD1F 2019": hxd1f_claims,
+
+class Work(NamedTuple):
+    """What the claims of a paper are computed with, and where their figures go."""
+
+    runs: int
+    seed: int
+    folder: Path
+    progress: Callable[[str], None]
+
+    def drawn(self, name: str, found: Found) -> list[Claim]:
+        report.settings(self.folder / f"claims_{name}.png", found.cloud)
+        return [*found.claims]
+
+
+def he2018(work: Work) -> list[Claim]:
+    runs, seed, progress = work.runs, work.seed, work.progress
+    experiment = Config("he2018-1", ("ml-exact", "ml-de"), Options(), runs, seed)
+    found = convergence_claims(experiment, progress)
+    experiment = Config("he2018-blocks", ("ml-exact", "ml-de", *VARIANTS), Options(), runs, seed)
+    rows: list[pd.DataFrame] = []
+    campaign = run_campaign(experiment, rows.append, progress)
+    blocks = as_blocks(pd.concat(rows, ignore_index=True), build_scenario(experiment))
+    random = np.random.default_rng(seed)
+    found += scatter_claims(blocks, random)
+    found += tracking_claims(campaign.tables, runs)
+    found += volatility_claims(campaign.tables, runs)
+    pairs = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
+    panels = generation_panels(count_generations(pairs, seed, runs, progress), pairs.rails)
+    found += generation_claims(panels, random)
+    found += innovation_claims(panels, random)
+    found += setting_claims(pairs, seed, progress)
+    single = build_scenario(Config("single"))
+    sized = consistency_table(single, seed, runs, progress)
+    found += consistency_claims(sized)
+    found += fact_claims(single, progress)
+    goal = f"within {ARRIVED_GAP:g} σ² of the optimum"
+    report.generations(work.folder / "claims_generations.png", panels, GENERATIONS, goal)
+    path = work.folder / "claims_consistency.png"
+    report.consistency(path, sized, consistency_fits(sized))
+    return found
+
+
+def qian2024(work: Work) -> list[Claim]:
+    over_settings = outcomes(variants(), work.seed, work.progress)
+    found = reading_claims(reading_config(work.runs, work.seed), over_settings, work.progress)
+    factorial = factorial_table(work.runs, work.seed, work.progress)
+    found += factorial_claims(factorial, over_settings)
+    found += other_claims(over_settings)
+    report.factorial(work.folder / "claims_factorial.png", factorial, FACTORS)
+    known = {
+        "Burckhardt, He et al. 2018, Fig. 1": RAILS,
+        "Kiencke, Qian et al. 2024, Fig. 1": KIENCKE_RAILS,
+    }
+    report.curves(work.folder / "claims_curves.png", known)
+    return found
+
+
+def fang2018(work: Work) -> list[Claim]:
+    found = slope_claims(slope_config(work.runs, work.seed), work.progress)
+    return found + work.drawn("fang2018", control_claims(work.progress))
+
+
+#: By the name of the option.
+PAPERS: Mapping[str, Callable[[Work], list[Claim]]] = {
+    "he2018": he2018,
+    "qian2024": qian2024,
+    "fang2018": fang2018,
+    "uyulan2018": lambda work: work.drawn("uyulan2018", uyulan_claims(work.progress)),
+    "hxd1f": lambda work: work.drawn("hxd1f", hxd1f_claims(work.progress)),
 }
 
-
-def configs(runs: int, seed: int) -> tuple[Config, Config]:
-    """Experiment 1; Experiments 2 and 3 with the ablations."""
-    return (
-        Config("he2018-1", ("ml-exact", "ml-de"), Options(), runs, seed),
-        Config("he2018-blocks", ("ml-exact", "ml-de", *VARIANTS), Options(), runs, seed),
-    )
+_FIGURES = (
+    *("generations", "consistency", "factorial", "curves"),
+    *("fang2018", "uyulan2018", "hxd1f"),
+)
 
 
 @click.command(context_settings={"show_default": True})
-@click.option("--runs", type=click.IntRange(min=100), default=512)
+@click.option("--paper", type=click.Choice([*PAPERS]), help="One paper alone.  [default: all]")
+@click.option("--runs", type=click.IntRange(min=100), default=1024)
 @click.option("--seed", type=SEED, default=0)
 @click.option("--out", type=Folder(), default=Path("out/claims"))
-def main(runs: int, seed: int, out: Path) -> None:
-    """Compute what the papers claim and say which claims are reproduced."""
+def main(paper: str | None, runs: int, seed: int, out: Path) -> None:
+    """Compute what the papers claim and say which claims hold, and what they rest on."""
     start()
     directory = output_directory(out)
     began = time.perf_counter()
-    random = np.random.default_rng(seed)
-    experiment_1, experiment_2 = configs(runs, seed)
-    pairs = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
-    figures = ("generations", "consistency", "factorial")
-    own = ("claims.csv", *(f"claims_{name}.png" for name in figures))
+    own = ("claims.csv", *(f"claims_{name}.png" for name in _FIGURES))
+    found: list[Claim] = []
     with staged(directory, own) as stage:
-        with tqdm(unit="tile", disable=None) as bar:
+        with tqdm(unit="part", disable=None) as bar:
 
-            def stage_of(words: str) -> Callable[[str], None]:
+            def advance(words: str) -> None:
                 bar.set_description(words)
+                bar.update()
 
-                def advance(_: str) -> None:
-                    bar.update()
-
-                return advance
-
-            found = convergence_claims(experiment_1, stage_of("convergence"))
-            rows: list[pd.DataFrame] = []
-            campaign = run_campaign(experiment_2, rows.append, stage_of("scatter"))
-            blocks = as_blocks(pd.concat(rows, ignore_index=True), build_scenario(experiment_2))
-            found += scatter_claims(blocks, random)
-            found += tracking_claims(campaign.tables)
-            needed = count_generations(pairs, seed, runs, stage_of("generations"))
-            panels = generation_panels(needed, pairs.rails)
-            found += generation_claims(panels, random)
-            single = build_scenario(Config("single"))
-            sized = consistency_table(single, seed, runs, stage_of("consistency"))
-            found += consistency_claims(sized)
-            found += reading_claims(reading_config(runs, seed), stage_of("Qian 2024"))
-            factorial = factorial_table(runs, seed, stage_of("factorial"))
-            found += factorial_claims(factorial)
-            found += slope_claims(slope_config(runs, seed), stage_of("Fang 2018"))
-            for words, claims in CONTROL.items():
-                found += claims(stage_of(words))
+            work = Work(runs, seed, stage, advance)
+            for name in PAPERS if paper is None else [paper]:
+                found += PAPERS[name](work)
         table = report.claims_table(found)
         write_table(stage / "claims.csv", table)
-        report.generations(
-            stage / "claims_generations.png",
-            panels,
-            GENERATIONS,
-            f"within {ARRIVED_GAP:g} σ² of the optimum",
-        )
-        report.factorial(stage / "claims_factorial.png", factorial, FACTORS)
-        report.consistency(stage / "claims_consistency.png", sized, consistency_fits(sized))
     click.echo(report.claims_text(table))
+    click.echo(f"\n{report.counts_text(table)}")
     click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 

@@ -3,19 +3,42 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 HE2018 = "He et al. 2018"
 
 REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
+OF_SETTINGS = "holds for {share:.0f} % of settings"
+NOT_DECIDED = "not decided"
 CANNOT_BE_CHECKED = "cannot be checked"
+
+#: What a row rests on: numbers that are printed, in the paper or in the source that it names; an
+#: equation, a unit or a word that is read otherwise than printed, or in one way of several; a
+#: number that is printed nowhere.
+PRINTED, REPAIRED, ASSUMED = "printed", "repaired", "assumed"
 
 #: Two numbers differ if their distance exceeds this number of Monte Carlo standard errors.
 STANDARD_ERRORS = 3.0
 
+#: Largest relative difference at which a number without noise agrees with a printed one, and with
+#: one that was read off a figure or that the paper gives as "about".
+TO_PRINT, READ_OFF = 0.01, 0.10
+
+
+class Verdict(NamedTuple):
+    """Words, the share of settings in per cent with its 95 % interval, and the runs that decide."""
+
+    words: str
+    share: float = np.nan
+    share_low: float = np.nan
+    share_high: float = np.nan
+    deciding_runs: float = np.nan  # infinite where the number is the limit itself
+
 
 class Claim(NamedTuple):
-    """One row of the table; `paper_number` is NaN where the paper prints none."""
+    """One row of the table; a number that there is none of is NaN, and is left empty."""
 
     paper: str
     claim: str
@@ -24,52 +47,78 @@ class Claim(NamedTuple):
     ours_error: float  # Monte Carlo standard error
     unit: str
     verdict: str
+    share: float
+    share_low: float
+    share_high: float
+    deciding_runs: float
+    rests_on: str
     remark: str
 
 
-def without_noise(
+def judged(
     paper: str,
     claim: str,
     ours: float,
     unit: str,
-    verdict: str,
+    verdict: Verdict,
+    rests_on: str,
     remark: str,
     printed: float = np.nan,
+    error: float = np.nan,
 ) -> Claim:
-    """A claim whose number here has no Monte Carlo error."""
-    return Claim(paper, claim, printed, ours, np.nan, unit, verdict, remark)
+    """The row of a claim. ValueError where the verdict says more than it rests on.
+
+    On a number that is printed nowhere no claim is reproduced, nor refuted: it holds for a share
+    of the settings, or it is not decided.
+    """
+    settled = verdict.words in (REPRODUCED, NOT_REPRODUCED)
+    if rests_on == ASSUMED and settled:
+        raise ValueError(f"{paper}, {claim}: {verdict.words} rests on an assumption")
+    return Claim(paper, claim, printed, ours, error, unit, *verdict, rests_on, remark)
 
 
-def verdict_below(ours: float, error: float, limit: float) -> str:
-    """Whether a number is below a limit by more than `STANDARD_ERRORS` of its errors.
+def below(ours: float, error: float, limit: float, runs: int) -> Verdict:
+    """Whether a number is below a limit, by more than `STANDARD_ERRORS` of its errors.
 
-    A claim of an effect that is not seen counts as not reproduced. Without a number or without
-    its error nothing is said; infinity ("never") is a number.
+    Where it is neither below nor above by that much, it is not decided: the error of n runs falls
+    as 1/sqrt(n), which gives the number of runs that would decide if the difference stays as it
+    is. Without a number or without its error nothing is said; infinity ("never") is a number.
     """
     if np.isnan(ours) or not np.isfinite(error):
-        return CANNOT_BE_CHECKED
-    return REPRODUCED if ours + STANDARD_ERRORS * error < limit else NOT_REPRODUCED
+        return Verdict(CANNOT_BE_CHECKED)
+    if ours + STANDARD_ERRORS * error < limit:
+        return Verdict(REPRODUCED)
+    if ours - STANDARD_ERRORS * error >= limit:
+        return Verdict(NOT_REPRODUCED)
+    gap = abs(ours - limit)
+    needed = runs * (STANDARD_ERRORS * error / gap) ** 2 if gap else np.inf
+    # Rounding aside: 100 (3 .1/.2)^2 is 225 and not a little more.
+    return Verdict(NOT_DECIDED, deciding_runs=float(np.ceil(np.round(needed, 6))))
 
 
-def verdict_equal(ours: float, error: float, expected: float) -> str:
+def equal(ours: float, error: float, expected: float) -> Verdict:
     """Whether a number agrees with the expected one within `STANDARD_ERRORS` of its errors."""
     if not (np.isfinite(ours) and np.isfinite(error)):
-        return CANNOT_BE_CHECKED
-    agrees = abs(ours - expected) <= STANDARD_ERRORS * error
-    return REPRODUCED if agrees else NOT_REPRODUCED
+        return Verdict(CANNOT_BE_CHECKED)
+    return holding(abs(ours - expected) <= STANDARD_ERRORS * error)
 
 
-#: Largest relative difference at which a number without noise agrees with a printed one, and with
-#: one that was read off a figure or that the paper gives as "about".
-PRINTED, READ_OFF = 0.01, 0.10
-
-
-def verdict_near(ours: float, expected: float, share: float) -> str:
+def near(ours: float, expected: float, share: float) -> Verdict:
     """Whether a number that has no Monte Carlo error is that of the paper, to a share of it."""
-    if np.isnan(ours):
-        return NOT_REPRODUCED
-    return verdict_if(abs(ours - expected) <= share * abs(expected))
+    return holding(bool(is_near(np.array(ours), expected, share)))
 
 
-def verdict_if(holds: bool) -> str:
-    return REPRODUCED if holds else NOT_REPRODUCED
+def is_near(ours: NDArray[np.float64], expected: float, share: float) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(ours - expected) <= share * abs(expected))
+
+
+def holding(holds: bool) -> Verdict:
+    return Verdict(REPRODUCED if holds else NOT_REPRODUCED)
+
+
+def of_settings(holds: NDArray[np.bool_]) -> Verdict:
+    """The share of the drawn settings for which a claim holds, with the interval of Wilson 1927."""
+    found = binomtest(int(np.sum(holds)), len(holds))
+    low, high = found.proportion_ci(method="wilson")
+    percent = 100 * np.array([found.statistic, low, high])
+    return Verdict(OF_SETTINGS.format(share=percent[0]), *map(float, percent))

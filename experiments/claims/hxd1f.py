@@ -1,237 +1,547 @@
-"""The HXD1F of 2019: extremum seeking with a sliding mode and a barrier controller."""
+"""The HXD1F of 2019: extremum seeking with a sliding mode and a barrier controller.
 
-import dataclasses
+The tables of the paper are lost in the text at hand, so that almost every number is ours: its
+claims are judged over settings.
+"""
+
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import groupby
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.traction.observers import OBSERVERS, Observer
+from adhesion_jax.traction.controllers.barrier import Barrier
+from adhesion_jax.traction.controllers.differential_acceleration import DifferentialAcceleration
+from adhesion_jax.traction.controllers.sliding_mode import SlidingMode
+from adhesion_jax.traction.loop import Loop
+from adhesion_jax.traction.observers import Observer
+from adhesion_jax.traction.observers.full_dimension import FullDimension
+from adhesion_jax.traction.observers.terminal_sliding import TerminalSliding
 from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.plants.reading import read_plant, shipped
+from adhesion_jax.traction.rails import by_time
+from adhesion_jax.traction.seekers.extremum import SlidingExtremum
 from adhesion_jax.traction.signals import Measurement
-from adhesion_jax.traction.systems.base import Case
-from adhesion_jax.traction.systems.hxd1f import SMES, SYSTEM
+from adhesion_jax.traction.systems.base import built, with_peak
+from adhesion_jax.traction.systems.hxd1f import STARTS, SURFACES, SYSTEM
 from experiments.claims.claim import (
+    ASSUMED,
     CANNOT_BE_CHECKED,
     Claim,
-    verdict_if,
-    without_noise,
+    Verdict,
+    judged,
 )
-from experiments.claims.traction import Quiet, plant_of, quiet_runs
-
-_claim = partial(without_noise, "HXD1F 2019")
-
-_FULL, _DAC = "SMES, full dimension -233, ABLF", "DAC"
-_SIGN, _LAYER, _PI = (
-    "SMES, NTSMO, sliding mode",
-    "SMES, NTSMO, layer of .05 m/s",
-    "SMES, NTSMO, PI",
+from experiments.claims.settings import (
+    Cloud,
+    Flags,
+    Found,
+    Numbers,
+    Range,
+    Setting,
+    drawn,
+    over_settings,
+    values,
 )
+from experiments.claims.traction import Runs, changed, plant_of, runs_of
+
+_PAPER = "HXD1F 2019"
+_claim = partial(over_settings, _PAPER)
+
+#: All that the paper does not print, or prints in a table that is lost. The largest torque is drawn
+#: as a multiple of the one that the dry rail asks for.
+RANGES = {
+    "motor_inertia": Range(25.0, 10.0, 40.0, by_ratio=True),
+    "wheelset_inertia": Range(400.0, 200.0, 600.0),
+    "train_mass": Range(1e7, 2e6, 2e7, by_ratio=True),
+    "gear_efficiency": Range(0.975, 0.95, 0.99),
+    "torque_over_dry": Range(1.19, 1.1, 1.6),
+    "torque_lag": Range(0.01, 0.002, 0.02, by_ratio=True),
+    "train_speed": Range(5.0, 1.0, 15.0),
+    "dry": Range(0.36, 0.25, 0.45),
+    "wet": Range(0.20, 0.12, 0.25),
+    "snow": Range(0.10, 0.06, 0.12),
+    "snow_slip": Range(0.05, 0.03, 0.08),
+    "curve": Range(2.2222, 1.5, 4.0, by_ratio=True),  # b/a
+    "sampling": Range(0.0, 0.0, 1.0),  # of the speed: at every step below a half, at 1 ms above
+    "observer_surface": Range(100.0, 30.0, 300.0, by_ratio=True),
+    "observer_rate": Range(50.0, 15.0, 150.0, by_ratio=True),
+    "observer_switching": Range(4e4, 1e4, 1e5, by_ratio=True),
+    "observer_pole": Range(-233.0, -100.0, -400.0, by_ratio=True),
+    "seeker_speed": Range(0.4, 0.1, 1.0, by_ratio=True),
+    "seeker_rise": Range(0.5, 0.1, 1.0, by_ratio=True),
+    "seeker_width": Range(0.08, 0.02, 0.2, by_ratio=True),
+    "seeker_start": Range(0.01, 0.005, 0.05, by_ratio=True),
+    "seeker_tracker": Range(60.0, 20.0, 200.0, by_ratio=True),
+    "barrier_gain": Range(20.0, 5.0, 80.0, by_ratio=True),
+    "barrier_below": Range(0.1, 0.03, 0.2, by_ratio=True),
+    "barrier_above": Range(0.3, 0.1, 0.5, by_ratio=True),
+    "sliding_gain": Range(1500.0, 500.0, 4000.0, by_ratio=True),
+    "ramp": Range(12e3, 4e3, 30e3, by_ratio=True),
+    "trip": Range(1.0, 0.3, 3.0, by_ratio=True),
+    "released": Range(0.3, 0.1, 1.0, by_ratio=True),
+    "calm": Range(0.2, 0.1, 0.5, by_ratio=True),
+    "unloading": Range(6.0, 2.0, 20.0, by_ratio=True),
+    "hold": Range(0.1, 0.03, 0.3, by_ratio=True),
+    "haste": Range(3.0, 1.0, 6.0, by_ratio=True),
+    "back": Range(0.85, 0.6, 0.95),
+    "filter_time": Range(0.01, 0.003, 0.03, by_ratio=True),
+}
 
 #: "Good" use of a rail is read as this share of the largest adhesion, at least.
 _GOOD = 0.9
 
-#: Lags of the torque in s, and upper ends of the interval of the barrier in m/s; the first pair is
-#: that of the claim.
+_SEGMENTS = (*SURFACES,)
+
+#: The load that the observers are to find, N m.
+_LOAD = 3000.0
+
+#: Lags of the torque in s, and upper ends of the interval of the barrier in m/s.
 _INTERVALS = ((2e-4, 0.05), (1e-2, 0.20), (1e-2, 0.22))
 
 
-def hxd1f_claims(progress: Callable[[str], None]) -> list[Claim]:
-    plant = plant_of(SYSTEM)
-    cases = SYSTEM.cases(SYSTEM.step)
-    quiet = quiet_runs(SYSTEM, cases, plant, progress)
-    return [
-        *_observers(quiet, plant),
-        *_search_times(quiet),
-        _snow(quiet),
-        *_differential(quiet),
-        _smoother(quiet),
-        _interval(cases, plant, progress),
-        _no_skid(quiet),
-        _hardware(),
+def hxd1f_claims(progress: Callable[[str], None]) -> Found:
+    """Each form of the loop at our own setting, then at those drawn."""
+    settings = drawn(RANGES)
+    plain = [_loop(setting) for setting in settings]
+    narrow = [_narrow(plain[0], *pair) for pair in _INTERVALS]
+    found = _run([*plain, *narrow])
+    progress("HXD1F 2019")
+    seeking = found.part(0, len(settings))
+    sampled = _run([_with(loop, sampled=1e-3) for loop in plain])
+    progress("HXD1F 2019, speed held")
+    slow = _run(
+        [
+            changed(loop, observer=FullDimension(jnp.asarray(setting["observer_pole"])))
+            for loop, setting in zip(plain, settings, strict=True)
+        ]
+    )
+    progress("HXD1F 2019, full dimension")
+    differential = _run(
+        [_differential(*pair) for pair in zip(plain, settings, strict=True)],
+    )
+    progress("HXD1F 2019, differential acceleration")
+    pairs = [*zip(plain, settings, strict=True)]
+    sliding = _run([*(_sliding(*pair) for pair in pairs), _sliding(*pairs[0], layer=0.05)])
+    progress("HXD1F 2019, sliding mode")
+    axles = _run([_own_axles(loop) for loop in plain])
+    progress("HXD1F 2019, axles of their own")
+    held = values(settings, "sampling") >= 0.5
+    claims = [
+        *_observers(plain, settings, seeking, slow),
+        _at_the_switches(seeking, sampled, held),
+        *_search_times(seeking, sampled, held),
+        _snow(seeking, sampled, held),
+        _neighbourhood(settings),
+        *_against_differential(seeking, differential),
+        *_against_sliding(seeking, sliding),
+        _interval(seeking, found.part(len(settings), len(settings) + len(narrow)), settings),
+        _no_skid(seeking, sampled, held),
+        _each_axle(axles),
+        *_beyond_reach(),
     ]
+    runs = (seeking, sampled)
+    cloud = Cloud(
+        "HXD1F 2019: on the dry rail the best slip is found after 1 s",
+        "speed k of the seeker (m/s²)",
+        values(settings, "seeker_speed"),
+        "adhesion used on the dry rail (%)",
+        100 * _either([each.figure("utilisation", "dry") for each in runs], held),
+        _either([each.figure("t95", "dry") for each in runs], held) <= 1.0,
+    )
+    return Found(claims, cloud)
 
 
-def settling(observer: Observer, nominal: Plant, load: float = 3000.0) -> float:
-    """Time in s from which the load observed stays within 2 % of a constant one, from none.
+def _run(loops: Sequence[Loop]) -> Runs:
+    return runs_of(SYSTEM, _SEGMENTS, loops)
 
-    Means over 2 ms, since a sliding mode chatters around the load.
-    """
-    step, steps, block = SYSTEM.step, 2000, 20
+
+def _loop(setting: Setting) -> Loop:
+    """The paper's own method at a setting, on a speed that is not sampled."""
+    number = {name: jnp.asarray(value) for name, value in setting.items()}
+    plant = plant_of(SYSTEM)
+    names = ("motor_inertia", "wheelset_inertia", "train_mass", "gear_efficiency", "torque_lag")
+    plant = changed(plant, **{name: number[name] for name in names})
+    load = plant.load_of(number["dry"] * jnp.ones(1))[0]
+    plant = changed(plant, torque_limit=setting["torque_over_dry"] * load)
+    slips = {"dry": 0.2, "wet": 0.08, "snow": setting["snow_slip"]}
+    surfaces = [with_peak(setting[name], slip, setting["curve"]) for name, slip in slips.items()]
+    own = SYSTEM.cases(SYSTEM.step)[0]
+    case = own._replace(
+        rails=by_time(surfaces, STARTS, SYSTEM.step),
+        observer=TerminalSliding(
+            number["observer_surface"], number["observer_rate"], number["observer_switching"]
+        ),
+        seeker=SlidingExtremum(
+            number["seeker_speed"],
+            number["seeker_rise"],
+            number["seeker_width"],
+            number["seeker_start"],
+            jnp.asarray(0.005),
+            jnp.asarray(0.6),
+            number["seeker_tracker"],
+        ),
+        controller=Barrier(
+            number["barrier_gain"],
+            number["barrier_below"],
+            number["barrier_above"],
+            jnp.asarray(-0.3),
+        ),
+    )
+    loop = built(SYSTEM, case, plant)
+    driver = changed(loop.driver, traction=plant.torque_limit)
+    return changed(loop, driver=driver, train_speed=number["train_speed"])
+
+
+def _with(loop: Loop, sampled: float) -> Loop:
+    return changed(loop, sensors=changed(loop.sensors, period=sampled))
+
+
+def _narrow(loop: Loop, lag: float, above: float) -> Loop:
+    plant = changed(loop.plant, torque_lag=jnp.asarray(lag))
+    controller = changed(loop.controller, above=jnp.asarray(above))
+    return changed(loop, plant=plant, nominal=plant, controller=controller)
+
+
+def _differential(loop: Loop, setting: Setting) -> Loop:
+    names = ("ramp", "trip", "released", "calm", "unloading", "hold", "haste", "back")
+    controller = DifferentialAcceleration(
+        **{name: jnp.asarray(setting[name]) for name in (*names, "filter_time")},
+        least=jnp.asarray(-0.15),
+    )
+    return changed(loop, seeker=None, controller=controller)
+
+
+def _sliding(loop: Loop, setting: Setting, layer: float = 0.0) -> Loop:
+    controller = SlidingMode(*map(jnp.asarray, (setting["sliding_gain"], layer, -0.3)))
+    return changed(loop, controller=controller)
+
+
+def _own_axles(loop: Loop) -> Loop:
+    """Two units of four axles, each axle with its own load and its own control."""
+    plant = read_plant(shipped()["hxd1f_axles"]).plant
+    names = ("motor_inertia", "wheelset_inertia", "train_mass", "gear_efficiency", "torque_lag")
+    plant = changed(plant, **{name: getattr(loop.plant, name) for name in (*names, "torque_limit")})
+    return changed(loop, plant=plant, nominal=plant, slip=jnp.zeros_like(plant.radius))
+
+
+@jax.jit
+@jax.vmap
+def _observed(observer: Observer, nominal: Plant) -> jax.Array:
+    """The load observed while a constant one acts, from none, step by step."""
+    step = SYSTEM.step
 
     def one(
         both: tuple[jax.Array, object], _: jax.Array
     ) -> tuple[tuple[jax.Array, object], jax.Array]:
         speed, state = both
-        measured = Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.full(1, load))
+        measured = Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.full(1, _LOAD))
         state = observer.update(state, nominal, measured, jnp.full(1, 5000.0), step)
-        speed = speed + step * (5000.0 - load) / nominal.inertia
+        speed = speed + step * (5000.0 - _LOAD) / nominal.inertia
         return (speed, state), state.load[0]
 
     speed = jnp.full(1, 50.0)
     first = observer.init(nominal, Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.zeros(1)))
-    _, found = jax.jit(partial(jax.lax.scan, one))((speed, first), jnp.arange(steps))
-    means = np.asarray(found).reshape(-1, block).mean(axis=1)
-    off = np.nonzero(np.abs(means / load - 1) > 0.02)[0]
-    return (int(off[-1]) + 1) * block * step if len(off) else 0.0
+    return jax.lax.scan(one, (speed, first), jnp.arange(2000))[1]
 
 
-def _observers(quiet: Quiet, plant: Plant) -> list[Claim]:
-    sliding = settling(OBSERVERS["terminal-sliding"], plant)
-    double = settling(OBSERVERS["full-dimension"], plant)
-    wet = [quiet.figure(method, "utilisation", "wet") for method in (SMES, _FULL)]
+def settling(observers: Sequence[Observer], plants: Sequence[Plant]) -> tuple[Numbers, Numbers]:
+    """Time in s from which the load observed stays within 2 % of a constant one, from none; and
+    the mean error of the last .1 s, as a share of the load.
+
+    Means over 2 ms, since a sliding mode chatters around the load. Infinite where it never does.
+    """
+    stacked = (jax.tree.map(lambda *x: jnp.stack(x), *parts) for parts in (observers, plants))
+    block = round(2e-3 / SYSTEM.step)
+    found = np.asarray(_observed(*stacked))
+    means = found.reshape(len(found), -1, block).mean(axis=2)
+    off = np.abs(means / _LOAD - 1) > 0.02
+    last = off.shape[1] - np.argmax(off[:, ::-1], axis=1)
+    times = np.where(off.any(axis=1), last, 0) * block * SYSTEM.step
+    times = np.where(off[:, -1], np.inf, times)
+    return times, np.abs(found[:, -1000:].mean(axis=1) / _LOAD - 1)
+
+
+def _observers(
+    loops: Sequence[Loop], settings: Sequence[Setting], seeking: Runs, slow: Runs
+) -> list[Claim]:
+    plants = [loop.nominal for loop in loops]
+    sliding, left = settling([loop.observer for loop in loops], plants)
+    poles = [FullDimension(jnp.asarray(setting["observer_pole"])) for setting in settings]
+    double, _ = settling(poles, plants)
+    wet = [float(runs.figure("utilisation", "wet")[0]) for runs in (seeking, slow)]
     return [
         _claim(
             "The sliding observer tracks adhesion after .025 s (Fig. 10)",
             sliding,
             "s",
-            verdict_if(sliding <= 0.025),
-            "Within 2 % of a constant load, means over 2 ms, with gains that are assumed.",
+            sliding <= 0.025,
+            "Until it stays within 2 % of a constant load, as a mean over 2 ms.",
             printed=0.025,
+        ),
+        _claim(
+            "The error of the sliding observer converges to zero in a finite time (Theorem 1)",
+            100 * left,
+            "% of the load",
+            left < 1e-3,
+            "What is left of the error between .1 and .2 s, as a mean; less than .1 % counts as "
+            "zero. The sliding mode chatters around it with the step of 0.1 ms.",
         ),
         _claim(
             "The sliding observer is faster than the full-dimension one (Fig. 10 and 18)",
             sliding,
             "s",
-            verdict_if(sliding < double),
-            f"A double pole at -233 1/s needs {double:.3f} s; one at {-5.83 / sliding:.0f} 1/s "
-            "would be as fast, with more noise. With the slower one the seeker uses "
+            sliding < double,
+            f"A double pole at -233 1/s needs {double[0]:.3f} s; one at {-5.83 / sliding[0]:.0f} "
+            "1/s would be as fast, with more noise. With the slower one the seeker uses "
             f"{100 * wet[1]:.0f} % of the wet rail instead of {100 * wet[0]:.0f} %: there the lag "
-            "decides.",
+            "decides. That number is one of a limit cycle, and of the machine.",
         ),
     ]
 
 
-def _search_times(quiet: Quiet) -> list[Claim]:
+def _either(pair: Sequence[Numbers], held: Flags) -> Numbers:
+    """Of an unsampled and of a sampled speed, the value of each setting under what it has."""
+    return np.where(held, pair[1], pair[0])
+
+
+def _at_the_switches(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
+    def worst(runs: Runs) -> Numbers:
+        time = runs.time
+        error = np.abs(runs.axle("observed") - runs.axle("adhesion"))
+        after = [(time > start + 0.025) & (time < start + 0.525) for start in STARTS[1:]]
+        largest = [runs.axle("largest")[:, moments].max(axis=1) for moments in after]
+        rms = [np.sqrt(np.mean(error[:, moments] ** 2, axis=1)) for moments in after]
+        return np.max(np.array(rms) / np.array(largest), axis=0)
+
+    ours = 100 * _either([worst(seeking), worst(sampled)], held)
+    return _claim(
+        "After the switches at 5 and 10 s the adhesion observed is accurate (Fig. 10; RMSE below "
+        "5 % of the largest)",
+        ours,
+        "% of the largest adhesion",
+        ours < 5.0,
+        "From .025 s after a switch on, for half a second, on the worse of the two rails. A "
+        "sliding mode chatters around the load, the more so where the speed is held for 1 ms.",
+    )
+
+
+def _search_times(seeking: Runs, sampled: Runs, held: Flags) -> list[Claim]:
     found = []
     for surface, printed in (("dry", 1.0), ("wet", 0.8)):
-        ours = quiet.figure(SMES, "t95", surface)
-        used = 100 * quiet.figure(SMES, "utilisation", surface)
-        held = quiet.figure("the same, speed held 1 ms", "t95", surface)
+        plain, with_held = (runs.figure("t95", surface) for runs in (seeking, sampled))
+        ours = _either([plain, with_held], held)
+        kept = _either([runs.figure("utilisation", surface) for runs in (seeking, sampled)], held)
+        shares = [100 * np.mean(times[1:] <= printed) for times in (plain, with_held)]
         found.append(
             _claim(
                 f"On the {surface} rail the best slip is found after {printed:g} s (Fig. 12)",
                 ours,
                 "s",
-                verdict_if(ours <= printed),
-                f"From when on 95 % of the largest adhesion is kept for .3 s; {used:.1f} % is used "
-                f"over the five seconds. With the speed held for 1 ms {held:.2f} s.",
+                ours <= printed,
+                f"From when on 95 % of the largest adhesion is kept for .3 s; {100 * kept[0]:.1f} "
+                f"% is used over the five seconds at our setting, and {100 * np.median(kept):.0f} "
+                f"% in the median. All settings with a speed that is not sampled: {shares[0]:.0f} "
+                f"% of them; all with one that is held for 1 ms: {shares[1]:.0f} %.",
                 printed=printed,
             )
         )
     return found
 
 
-def _snow(quiet: Quiet) -> Claim:
-    used = quiet.figure(SMES, "utilisation", "snow")
+def _snow(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
+    used = _either([runs.figure("utilisation", "snow") for runs in (seeking, sampled)], held)
     return _claim(
         f"On snow the search is good too (at least {_GOOD:.0%} of the largest adhesion)",
         100 * used,
         "% of the largest adhesion",
-        verdict_if(used >= _GOOD),
-        "It never keeps 95 % for .3 s: the limit cycle around the peak is wider there.",
+        used >= _GOOD,
+        f"The median of the settings is {100 * np.median(used):.0f} %. At our setting it never "
+        "keeps 95 % for .3 s: the limit cycle around the peak is wider there.",
     )
 
 
-def _differential(quiet: Quiet) -> list[Claim]:
-    swings = []
-    for method in (SMES, _DAC):
-        rows = quiet.trace(method)
-        at = (np.asarray(rows.time) > 2) & (np.asarray(rows.time) < 5)
-        swings.append(float(np.asarray(rows.sample.slip)[at, 0].std()))
-    reached = quiet.figure(_DAC, "t95", "dry")
-    slow = np.inf if np.isnan(reached) else reached
+def _neighbourhood(settings: Sequence[Setting]) -> Claim:
+    """Slips about the peak at which k |dmu/dv_s| < rho, and the seeker does not slide."""
+
+    def band(largest: float, best: float, ratio: float, slope: float) -> float:
+        slips = jnp.linspace(1e-4, 3 * best, 30_000)
+        law = with_peak(largest, best, ratio)
+        steep = np.abs(np.asarray(jax.vmap(jax.grad(law))(slips, jnp.full_like(slips, 5.0))))
+        place = int(np.argmin(np.abs(np.asarray(slips) - best)))
+        left = np.nonzero(steep[:place] > slope)[0]
+        return best - float(slips[left[-1]]) if len(left) else best
+
+    wide = {
+        name: np.array(
+            [
+                band(
+                    one[name],
+                    one["snow_slip"] if best is None else best,
+                    one["curve"],
+                    one["seeker_rise"] / one["seeker_speed"],
+                )
+                for one in settings
+            ]
+        )
+        for name, best in (("dry", 0.2), ("wet", 0.08), ("snow", None))
+    }
+    share = wide["dry"] / 0.2
+    return _claim(
+        "The slip converges in the neighbourhood of the optimum (Theorem 4, Remarks 5 and 6; "
+        "nearer than half of the best slip on the dry rail)",
+        100 * share,
+        "% of the best slip",
+        share < 0.5,
+        "It slides where k |dμ/dv| > rho, so up to "
+        f"{wide['dry'][0]:.2f} m/s below the best slip on the dry rail, {wide['wet'][0]:.3f} on "
+        f"the wet and {wide['snow'][0]:.3f} on the snowy one: nearer than that nothing draws it "
+        "to the peak.",
+    )
+
+
+def _against_differential(seeking: Runs, differential: Runs) -> list[Claim]:
+    at = (seeking.time > 2) & (seeking.time < 5)
+    swings = [runs.axle("slip")[:, at].std(axis=1) for runs in (seeking, differential)]
+    reached = np.nan_to_num(differential.figure("t95", "dry"), nan=np.inf)
+    sought = np.nan_to_num(seeking.figure("t95", "dry"), nan=np.inf)
+    used = [runs.figure("utilisation") for runs in (seeking, differential)]
+    pull = [np.asarray(runs.trace.sample.pull).mean(axis=1) for runs in (seeking, differential)]
     return [
         _claim(
             "Differential acceleration control swings more in slip than the seeker (Fig. 12)",
             swings[1] / swings[0],
             "times its deviation",
-            verdict_if(swings[1] > swings[0]),
-            f"Standard deviations of slip from 2 to 5 s on the dry rail, {swings[1]:.3f} and "
-            f"{swings[0]:.3f} m/s. All its settings are assumed.",
+            swings[1] > swings[0],
+            f"Standard deviations of slip from 2 to 5 s on the dry rail, {swings[1][0]:.3f} and "
+            f"{swings[0][0]:.3f} m/s at our setting.",
         ),
         _claim(
-            "Differential acceleration control is slow at the start (Fig. 12)",
-            slow,
-            "s",
-            verdict_if(slow > quiet.figure(SMES, "t95", "dry")),
-            "It never keeps 95 % of the largest adhesion for .3 s on the dry rail, and uses "
-            f"{100 * quiet.figure(_DAC, 'utilisation', 'dry'):.0f} % of it."
-            if np.isinf(slow)
-            else "Until 95 % of the largest adhesion is kept for .3 s.",
+            "Differential acceleration control is slow at the start (Fig. 12 and 13)",
+            differential.figure("utilisation", "dry") * 100,
+            "% of the dry rail",
+            reached > sought,
+            "Until 95 % of the largest adhesion is kept for .3 s on the dry rail, later than the "
+            "seeker or never; a setting in which neither ever keeps it counts against the claim. "
+            f"At our setting it {_when(reached[0])}, the seeker {_when(sought[0])}.",
+        ),
+        _claim(
+            "The locomotive achieves maximum traction: it pulls more than with differential "
+            "acceleration control",
+            pull[0] / pull[1],
+            "times the mean force",
+            pull[0] > pull[1],
+            f"Over all three rails the seeker uses {100 * used[0][0]:.1f} % of the adhesion at our "
+            f"setting, the other {100 * used[1][0]:.1f} %.",
         ),
     ]
 
 
-def _smoother(quiet: Quiet) -> Claim:
-    varied = {
-        method: quiet.figure(method, "torque_variation", "dry")
-        for method in (SMES, _SIGN, _LAYER, _PI)
-    }
-    return _claim(
-        "The barrier controller has a smoother torque than a sliding mode (Fig. 15)",
-        varied[_SIGN] / varied[SMES],
-        "times its variation",
-        verdict_if(varied[_SIGN] > varied[SMES]),
-        f"On the dry rail {varied[SMES]:.1f} against {varied[_SIGN]:.0f} kN m/s. A sliding mode "
-        f"with a layer of .05 m/s has {varied[_LAYER]:.1f}, a PI controller {varied[_PI]:.1f} kN "
-        "m/s: what is smoother is the absence of a sign, not the barrier.",
-    )
+def _when(time: float) -> str:
+    return f"does so after {time:.2f} s" if np.isfinite(time) else "never does"
 
 
-def _interval(cases: Sequence[Case], plant: Plant, progress: Callable[[str], None]) -> Claim:
+def _against_sliding(seeking: Runs, sliding: Runs) -> list[Claim]:
+    layer = sliding.part(len(sliding.trace.time) - 1, len(sliding.trace.time))
+    sign = sliding.part(0, len(seeking.trace.time))
+    varied = [runs.figure("torque_variation", "dry") for runs in (seeking, sign, layer)]
+    lost = [runs.figure("slip_energy_share") for runs in (seeking, sign)]
+    return [
+        _claim(
+            "The barrier controller has a smoother torque than a sliding mode (Fig. 15)",
+            varied[1] / varied[0],
+            "times its variation",
+            varied[1] > varied[0],
+            f"On the dry rail {varied[0][0]:.1f} against {varied[1][0]:.0f} kN m/s at our setting, "
+            f"and {varied[2][0]:.1f} kN m/s where the sliding mode has a layer of .05 m/s: what is "
+            "smoother is the absence of a sign, not the barrier.",
+        ),
+        _claim(
+            "The barrier controller reduces the loss against a sliding mode (Fig. 15)",
+            lost[1] / lost[0],
+            "times its slip energy",
+            lost[1] > lost[0],
+            "Energy lost in the contact per useful work over the three rails, "
+            f"{100 * lost[0][0]:.2f} % against {100 * lost[1][0]:.2f} % at our setting. Chatter "
+            "helps the seeker along, and so it may lose more.",
+        ),
+    ]
+
+
+def _largest_error(runs: Runs) -> Numbers:
+    return np.max((runs.axle("slip") - runs.axle("asked"))[:, 1:], axis=1)
+
+
+def _interval(seeking: Runs, narrow: Runs, settings: Sequence[Setting]) -> Claim:
     """Theorem 7 is about a torque without lag; with one the interval must be wide enough."""
-
-    def largest(lag: float, above: float) -> float:
-        own = next(case for case in cases if case.method == SMES)
-        barrier = eqx.tree_at(lambda case: case.controller.above, own, above).controller
-        other = dataclasses.replace(plant, torque_lag=jnp.asarray(lag))
-        rows = quiet_runs(SYSTEM, [own._replace(controller=barrier)], other, progress)
-        sample = rows.traces[0].sample
-        return float(np.max(np.asarray(sample.slip - sample.asked)[1:, 0]))
-
-    quick, *slow = (largest(*pair) for pair in _INTERVALS)
+    above = values(settings, "barrier_above")
+    ours = _largest_error(seeking)
+    quick, *slow = _largest_error(narrow)
     told = ", ".join(
-        f"{above:g} m/s: {error:.3f}"
-        for (_, above), error in zip(_INTERVALS[1:], slow, strict=True)
+        f"{limit:g} m/s: {error:.3f}"
+        for (_, limit), error in zip(_INTERVALS[1:], slow, strict=True)
     )
     return _claim(
         "The error stays within the interval of the barrier (Theorem 7)",
-        quick,
+        ours,
         "m/s",
-        verdict_if(quick < 0.05),
-        "An interval of .05 m/s and a torque lag of .2 ms. With a lag of 10 ms the largest error "
-        f"is, for intervals of {told}: a narrow one is left, since the theorem knows no lag.",
-        printed=0.05,
+        ours < above,
+        f"At our setting the interval ends at {above[0]:g} m/s. The theorem knows no lag of the "
+        f"torque: with one of .2 ms an interval of .05 m/s holds an error of {quick:.3f} m/s; with "
+        f"one of 10 ms the largest error is, for intervals of {told}.",
     )
 
 
-def _no_skid(quiet: Quiet) -> Claim:
-    rows = quiet.trace(SMES)
-    beyond = np.asarray(jnp.abs(rows.sample.slip) > 2 * jnp.abs(rows.sample.optimum))[:, 0]
-    period = float(rows.time[1] - rows.time[0])
-    stretches = [len(list(stretch)) for held, stretch in groupby(beyond) if held]
-    longest = period * max(stretches, default=0)
+def _no_skid(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
+    def worst(runs: Runs) -> Numbers:
+        """The longest stretch beyond twice the best slip, s."""
+        beyond = np.abs(runs.axle("slip")) > 2 * np.abs(runs.axle("optimum"))
+        count, most = np.zeros(len(beyond)), np.zeros(len(beyond))
+        for moment in beyond.T:
+            count = np.where(moment, count + 1, 0)
+            most = np.maximum(most, count)
+        return most * (runs.time[1] - runs.time[0])
+
+    ours = _either([worst(seeking), worst(sampled)], held)
+    furthest = np.max(np.abs(seeking.axle("slip")) / np.abs(seeking.axle("optimum")), axis=1)
     return _claim(
-        "The wheels do not skid when the rail changes (beyond twice the best slip for less than "
-        "the 1 s that a search takes)",
-        longest,
+        "The wheels do not skid when the rail changes (never beyond twice the best slip)",
+        ours,
         "s beyond twice the best slip",
-        verdict_if(longest < 1.0),
-        f"Slip goes {quiet.figure(SMES, 'overshoot'):.2f} m/s beyond the best for a moment when "
-        "the rail gets wet, more than the barrier's interval of .3 m/s: the torque lags behind.",
+        ours == 0.0,
+        f"Slip goes to {seeking.axle('slip')[0].max():.2f} m/s at our setting, "
+        f"{furthest[0]:.1f} times the best slip of its rail. For less than the second that a "
+        f"search takes it is beyond in {100 * np.mean(ours[1:] < 1.0):.0f} % of the settings.",
     )
 
 
-def _hardware() -> Claim:
+def _each_axle(axles: Runs) -> Claim:
+    sample = axles.trace.sample
+    used = np.mean(np.asarray(sample.adhesion) / np.asarray(sample.largest), axis=1)
+    worst = used.min(axis=1)
     return _claim(
-        "Hardware in the loop shows the same (Fig. 18 to 21)",
-        np.nan,
-        "",
-        CANNOT_BE_CHECKED,
-        "Its parameters and its figures' numbers are not printed.",
+        f"Eight axles of two units, each with its own load, use the rails (at least {_GOOD:.0%} "
+        "each)",
+        100 * worst,
+        "% of the largest adhesion, worst axle",
+        worst >= _GOOD,
+        f"Each axle has an observer, a seeker and a barrier of its own. At our setting the best "
+        f"axle uses {100 * used[0].max():.1f} %; what a leading axle loses in load the last gains.",
     )
+
+
+def _beyond_reach() -> list[Claim]:
+    return [
+        judged(_PAPER, claim, np.nan, "", Verdict(CANNOT_BE_CHECKED), ASSUMED, remark)
+        for claim, remark in (
+            (
+                "Hardware in the loop shows the same (Fig. 18 to 21)",
+                "Its parameters and its figures' numbers are not printed.",
+            ),
+            (
+                "The method runs on a signal processor TMS320F2812",
+                "A fixed-point processor of 150 MHz; neither the period of the control nor the "
+                "load of the processor is printed.",
+            ),
+        )
+    ]

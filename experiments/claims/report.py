@@ -3,17 +3,20 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from adhesion_jax.curves import Curve
 from adhesion_jax.report.montecarlo.figures import LABELS
 from adhesion_jax.report.style import line_styles
 from adhesion_jax.report.text import with_errors
 from experiments.claims.claim import Claim
 from experiments.claims.he2018_consistency import Fit
+from experiments.claims.settings import Cloud
 
 Array = NDArray[np.float64]
 
@@ -25,18 +28,74 @@ def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:
 def claims_text(table: pd.DataFrame) -> str:
     """The table as text: numbered lines, then a remark on each."""
     width = max(map(len, table["claim"]))
+    ours = with_errors(table["ours"], table["ours_error"])
     lines = pd.DataFrame(
         {
             "claim": [claim.ljust(width) for claim in table["claim"]],
             "paper's": [f"{x:.4g}" if np.isfinite(x) else "" for x in table["paper_number"]],
-            "ours": with_errors(table["ours"], table["ours_error"]),
+            "ours": np.where(table["ours"].isna(), "", ours),
             "unit": list(table["unit"]),
-            "verdict": list(table["verdict"]),
+            "verdict": [_verdict(*row) for row in table[_TOLD].itertuples(index=False)],
+            "rests on": list(table["rests_on"]),
         },
         index=pd.RangeIndex(1, len(table) + 1),
     )
     remarks = [f"{number:>3}  {text}" for number, text in enumerate(table["remark"], start=1)]
     return "\n".join([lines.to_string(justify="left"), "", *remarks])
+
+
+#: What the verdict of a row is told from.
+_TOLD = ["verdict", "share_low", "share_high", "deciding_runs"]
+
+
+def _verdict(words: str, low: float, high: float, runs: float) -> str:
+    """The verdict with the interval of its share, or with the runs that would decide it."""
+    if np.isfinite(low):
+        return f"{words} ({low:.0f} to {high:.0f})"
+    if np.isnan(runs):
+        return words
+    return f"{words} ({f'{runs:.0f} runs' if np.isfinite(runs) else 'no number of runs'} would do)"
+
+
+def counts_text(table: pd.DataFrame) -> str:
+    """The number of rows with each verdict, by paper."""
+    kinds = table["verdict"].str.replace(r"\d+ % of", "a share of", regex=True)
+    return pd.crosstab(table["paper"], kinds).to_string()
+
+
+def settings(path: Path, cloud: Cloud) -> None:
+    """An outcome over a setting, a point a drawn setting; filled where the claim holds."""
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    axis = figure.subplots()
+    x, y, holds = cloud.x[1:], cloud.y[1:], cloud.holds[1:]
+    for chosen, face, words in ((holds, "black", "holds"), (~holds, "none", "does not hold")):
+        label = f"{words}, {np.sum(chosen)} of {len(x)}"
+        axis.plot(x[chosen], y[chosen], "ko", markerfacecolor=face, markersize=5, label=label)
+    axis.plot(cloud.x[0], cloud.y[0], "*", color="#7A0019", markersize=13, label="our setting")
+    axis.set(xlabel=cloud.x_label, ylabel=cloud.y_label)
+    axis.set_title(cloud.title, fontsize=10)
+    if x.max() > 10 * x.min():
+        axis.set_xscale("log")
+    axis.grid(color="0.9")
+    axis.legend(fontsize=8)
+    figure.savefig(path, dpi=130)
+
+
+def curves(path: Path, papers: Mapping[str, Mapping[str, Curve]]) -> None:
+    """The curves of adhesion that papers draw in their first figures, a panel a paper."""
+    figure = Figure(figsize=(9.5, 4.0), layout="constrained")
+    slip = np.linspace(0.0, 0.5, 501)
+    for axis, (title, known) in zip(figure.subplots(1, len(papers)), papers.items(), strict=True):
+        styles = line_styles(list(known))
+        for name, curve in known.items():
+            peak = curve.peak({})
+            style = {key: styles[name][key] for key in ("color", "linestyle")}
+            axis.plot(slip, curve(jnp.asarray(slip), {}), label=name, **style)
+            axis.plot(float(peak.slip), float(peak.adhesion), "o", color=style["color"], ms=5)
+        axis.set(title=title, xlabel="slip ratio (1)", ylabel="adhesion (1)", ylim=(0, None))
+        axis.grid(color="0.9")
+        axis.legend(fontsize=8)
+    figure.savefig(path, dpi=130)
 
 
 def consistency(path: Path, table: pd.DataFrame, fits: Mapping[str, Fit]) -> None:

@@ -1,54 +1,62 @@
-"""The runs without noise of a traction system, for its claims."""
+"""The runs of a traction system without noise, side by side, for its claims."""
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import jax
-import jax.numpy as jnp
-import pandas as pd
+import numpy as np
 
-from adhesion_jax.campaign.traction import WHOLE, job_of, judge
-from adhesion_jax.traction.loop import Trace
+from adhesion_jax.campaign.loops import computed
+from adhesion_jax.traction.loop import Loop, Timing, Trace, timing
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped
-from adhesion_jax.traction.systems.base import Case, System
+from adhesion_jax.traction.systems.base import System
+from experiments.claims.settings import Numbers
+
+Part = TypeVar("Part")
 
 
-class Quiet(NamedTuple):
-    """The cases of a system on its plant, without noise."""
+class Runs(NamedTuple):
+    """Runs of loops of one form: their figures [runs, segments], and what is drawn of them."""
 
-    cases: Sequence[Case]
-    plant: Plant
-    metrics: pd.DataFrame
-    traces: Sequence[Trace]
+    segments: Sequence[str]  # their names; the last is the whole run
+    figures: Mapping[str, Numbers]
+    trace: Trace  # [runs, rows, ...]
 
-    def figure(
-        self, method: str, name: str, segment: str = WHOLE, scenario: str | None = None
-    ) -> float:
-        """One figure of one method, of the first scenario unless one is named."""
-        rows = self.metrics[
-            (self.metrics["method"] == method) & (self.metrics["segment"] == segment)
-        ]
-        if scenario is not None:
-            rows = rows[rows["scenario"] == scenario]
-        return float(rows[name].iloc[0])
+    def figure(self, name: str, segment: str = "all") -> Numbers:
+        return self.figures[name][:, list(self.segments).index(segment)]
 
-    def trace(self, method: str, scenario: str | None = None) -> Trace:
-        found = next(
-            trace
-            for case, trace in zip(self.cases, self.traces, strict=True)
-            if case.method == method and scenario in (None, case.scenario)
-        )
-        return jax.tree.map(jnp.asarray, found)
+    def axle(self, name: str) -> Numbers:
+        """A signal of the first axle, [runs, rows]."""
+        return np.asarray(getattr(self.trace.sample, name))[..., 0]
+
+    @property
+    def time(self) -> Numbers:
+        return np.asarray(self.trace.time)[0]
+
+    def part(self, first: int, last: int | None) -> "Runs":
+        """Some of the runs."""
+        figures = {name: values[first:last] for name, values in self.figures.items()}
+        rows = jax.tree.map(lambda values: values[first:last], self.trace)
+        return Runs(self.segments, figures, rows)
 
 
 def plant_of(system: System) -> Plant:
     return read_plant(shipped()[system.plant]).plant
 
 
-def quiet_runs(
-    system: System, cases: Sequence[Case], plant: Plant, progress: Callable[[str], None]
-) -> Quiet:
-    """Each case once, on a plant that control knows exactly."""
-    judged = judge(job_of("claims", system, cases, plant), progress)
-    return Quiet(cases, plant, judged.metrics, judged.traces)
+def changed(part: Part, **numbers: Any) -> Part:
+    """A part of a loop with other numbers."""
+    return dataclasses.replace(part, **numbers)  # type: ignore[type-var]
+
+
+def grid_of(system: System, loop: Loop) -> Timing:
+    return timing(loop, system.step, system.control_period or system.step, system.duration)
+
+
+def runs_of(system: System, segments: Sequence[str], loops: Sequence[Loop]) -> Runs:
+    """Loops of one form, each once without noise, computed by one program."""
+    found = computed(loops, grid_of(system, loops[0]), 0, "", range(len(loops)), drawn=True)
+    assert found.trace is not None
+    return Runs([*segments, "all"], found.figures, found.trace)

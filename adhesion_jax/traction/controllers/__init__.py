@@ -9,6 +9,7 @@ from adhesion_jax.traction.controllers.differential_acceleration import Differen
 from adhesion_jax.traction.controllers.linearised_pi import LinearisedPI
 from adhesion_jax.traction.controllers.no_control import NoControl
 from adhesion_jax.traction.controllers.sliding_mode import SlidingMode
+from adhesion_jax.traction.controllers.threshold import Threshold
 from adhesion_jax.traction.controllers.torque_feedback import RateFeedback, SlopeFeedback
 
 #: Those that may be named, with settings.
@@ -28,6 +29,7 @@ CONTROLLERS: Mapping[str, Controller] = {
     "rate-feedback": RateFeedback(
         rate_gain=19000.0, adhesion_gain=18000.0, filter_time=0.05, engaged=30 / 3.6
     ),
+    "threshold": Threshold(difference=0.8, creepage=0.05, released=0.3, unloading=4.0, ramp=1600.0),
     "barrier": Barrier(gain=20.0, below=0.1, above=0.3, least=-0.3),
     "sliding-mode": SlidingMode(gain=1500.0, layer=0.0, least=-0.3),
     "sliding-mode-layer": SlidingMode(gain=1500.0, layer=0.05, least=-0.3),

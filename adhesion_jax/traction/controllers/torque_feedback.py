@@ -62,9 +62,10 @@ class RateFeedbackState(NamedTuple):
 
 
 class RateFeedback(Controller):
-    """T = sgn T* min(|T*|, max(0, K1 d|mu^|/dt + K2 |mu^|)) (Eq. 8), from a speed on.
+    """T = sgn T* min(|T*|, max(0, K1 d|mu^|/dt + K2 |mu^| + C)) (Eq. 8), from a speed on.
 
-    At rest mu = 0 asks for no torque and the train never starts: below `engaged` the driver's
+    C is the open-loop torque of the method that Fang et al. start from, constant here. Without it
+    mu = 0 asks for no torque at rest and the train never starts: below `engaged` the driver's
     demand stands.
     """
 
@@ -74,6 +75,7 @@ class RateFeedback(Controller):
     adhesion_gain: Setting  # K2, N m
     filter_time: Setting  # s
     engaged: Setting  # m/s
+    open_loop: Setting = 0.0  # C, N m
 
     def init(self, nominal: Plant, signals: Signals) -> RateFeedbackState:
         return RateFeedbackState(jnp.zeros_like(signals.slip), jnp.abs(signals.adhesion))
@@ -84,7 +86,8 @@ class RateFeedback(Controller):
         adhesion = jnp.abs(signals.adhesion)
         rise = (adhesion - state.adhesion) / period
         rate = lagged(state.rate, rise, self.filter_time, period)
-        torque = jnp.maximum(self.rate_gain * rate + self.adhesion_gain * adhesion, 0.0)
+        torque = self.rate_gain * rate + self.adhesion_gain * adhesion + self.open_loop
+        torque = jnp.maximum(torque, 0.0)
         engaged = signals.train_speed >= self.engaged
         command = jnp.where(engaged, signals.direction * torque, signals.demand)
         return RateFeedbackState(rate, adhesion), command

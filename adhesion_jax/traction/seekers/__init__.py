@@ -13,7 +13,7 @@ SEEKERS: Mapping[str, Seeker] = {
     "true-optimum": TrueOptimum(),
     "constant-slip": ConstantSlip(slip=0.1),
     "gradient-uyulan2018": PrintedGradient(
-        gamma=0.65, threshold=1e-4, switch=10.0, start=1.20986, gain=400.0
+        gamma=0.65, threshold=1e-4, switch=10.0, start=1.20986, gain=400.0, limit=1.0
     ),
     "gradient": RepairedGradient(
         gamma=0.05, memory=0.3, limit=20.0, start=0.05, lowest=0.005, highest=2.0

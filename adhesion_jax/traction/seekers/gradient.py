@@ -21,9 +21,9 @@ class PrintedState(NamedTuple):
 class PrintedGradient(Seeker):
     """dv^ = gamma G, G = (d mu^/dt)/(d v_s/dt) where |d v_s/dt| >= eps, else 0 (Eq. 33 to 35).
 
-    v^ = v_s at each switch, every `switch` seconds, but at the first is `start`. |G| <= 1 is ours:
-    the quotient has no bound. The derivatives are those of sliding-mode differentiators with the
-    gain 2 r L, L that of the observer.
+    v^ = v_s at each switch, every `switch` seconds, but at the first is `start`. |G| <= limit is
+    ours: the quotient has no bound. The derivatives are those of sliding-mode differentiators with
+    the gain 2 r L, L that of the observer.
     """
 
     gamma: Setting  # m^2/s^2 per unit of adhesion
@@ -31,6 +31,7 @@ class PrintedGradient(Seeker):
     switch: Setting  # s
     start: Setting  # m/s
     gain: Setting  # L, rad/s^3
+    limit: Setting  # of G, s/m
 
     def init(self, nominal: Plant, signals: Signals) -> PrintedState:
         none = jnp.zeros_like(signals.slip)
@@ -49,7 +50,7 @@ class PrintedGradient(Seeker):
         adhesion = state.adhesion.after(signals.adhesion, gain, period)
         moves = jnp.abs(slip.rate) >= self.threshold
         quotient = adhesion.rate / jnp.where(moves, slip.rate, 1.0)
-        rate = self.gamma * jnp.where(moves, jnp.clip(quotient, -1.0, 1.0), 0.0)
+        rate = self.gamma * jnp.where(moves, jnp.clip(quotient, -self.limit, self.limit), 0.0)
         since = state.since + period
         # A half of the period keeps the comparison clear of rounding.
         switches = since > self.switch + period / 2

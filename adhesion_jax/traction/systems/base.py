@@ -1,5 +1,6 @@
 """A published control system: its methods, its plant and its rails."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -99,3 +100,10 @@ def built(system: System, case: Case, plant: Plant, noisy: bool = False) -> Loop
 def exponential(a: float, b: float, c: float) -> RailSurface:
     """A surface mu = c (exp(-a v_s) - exp(-b v_s)), v_s in m/s."""
     return RailSurface(Exponential(a=a, b=b, c=c))
+
+
+def with_peak(largest: float, slip: float, ratio: float) -> RailSurface:
+    """The surface of that form whose largest adhesion lies at a slip in m/s; `ratio` is b/a."""
+    a = math.log(ratio) / (ratio - 1) / slip
+    share = ratio ** (-1 / (ratio - 1)) - ratio ** (-ratio / (ratio - 1))
+    return exponential(a, ratio * a, largest / share)

@@ -1,7 +1,5 @@
 """The axle of a CRH2A of Fang et al. 2018, Energies 11: traction, then braking, roads by speed."""
 
-import math
-
 import jax.numpy as jnp
 
 from adhesion_jax.traction.controllers import Controller
@@ -11,7 +9,7 @@ from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import BySpeed, stacked
 from adhesion_jax.traction.sensors import SpeedNoise
 from adhesion_jax.traction.surface import RailSurface
-from adhesion_jax.traction.systems.base import Case, System, exponential
+from adhesion_jax.traction.systems.base import Case, System, with_peak
 
 _KMH = 1 / 3.6
 
@@ -24,9 +22,7 @@ CRITICAL = 20345.0
 
 def road(largest: float, slip_kmh: float) -> RailSurface:
     """A road whose largest adhesion lies at a slip velocity in km/h."""
-    a = math.log(_RATIO) / (_RATIO - 1) / (slip_kmh * _KMH)
-    share = _RATIO ** (-1 / (_RATIO - 1)) - _RATIO ** (-_RATIO / (_RATIO - 1))
-    return exponential(a, _RATIO * a, largest / share)
+    return with_peak(largest, slip_kmh * _KMH, _RATIO)
 
 
 #: Best slips (Fig. 6) and the slips at which the wheel ran (Fig. 12) on roads of the paper, km/h.
@@ -122,6 +118,11 @@ SYSTEM = System(
     assumptions=(
         "gamma = 10 s^4/m^2, P(0) = 10 and beta(0) = .3 s/m of the recursion for the slope, which "
         "is limited to 1 s/m and filtered with 50 ms; with beta(0) = 0 the train never starts.",
+        "K1 = 19000 N m^2/s: its unit is not printed, and the figures have slip in km/h. For slip "
+        "in km/h it would be 68400 N m^2/s.",
+        "The two poles of the observer, -30 1/s.",
+        "The radius of the wheel, the ratio of the gear, the inertias and the resistance are those "
+        "commonly quoted for a CRH2A.",
         "The slip passes a filter with the two poles of the observer.",
         "The largest adhesion of the three roads: .20, .070 and .0593. The ratio of the last two "
         "is that of the torques on the bench, which are therefore no check.",

@@ -74,6 +74,9 @@ SYSTEM = System(
         ".20 m/s on the dry and of .08 m/s on the wet rail are printed.",
         "All gains of observer, seeker and controllers, and all settings of the differential "
         "acceleration control.",
-        "The train of 10,000 t starts at 5 m/s.",
+        "The ratio b/a of the curves, 2.2222, is that of Uyulan et al. 2018.",
+        "The speed is not sampled; one method has a speed that is held for 1 ms.",
+        "The train of 10,000 t starts at 5 m/s. The power of an axle is an eighth of the 9600 kW "
+        "that are printed.",
     ),
 )

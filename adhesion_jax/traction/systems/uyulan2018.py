@@ -110,6 +110,8 @@ SYSTEM = System(
         "The sign of Eq. 25 is a straight line within .05 m/s, and the gain adapts outside it "
         "alone: with a sign it grows for ever.",
         "The rolling resistance is not added to the Davis formula, which has it.",
+        "The grade has the static mass, m_stc g sin(6.5 deg); printed is the dynamic one, with "
+        "which the train rolls back and Table 1 is missed.",
     ),
     assumptions=(
         "The torque limit of 17.67 kN m is fitted to the first tracking error of Table 1; the "
@@ -117,6 +119,9 @@ SYSTEM = System(
         "The gains p = .0154 s/m and q = .00467 s^2/m^2 are the ratios of the resistance's "
         "coefficients; the paper prints none.",
         "The slope of the adhesion is limited to 1 s/m, and the seeker starts at 1.20986 m/s.",
+        "The gain L = 400 rad/s^3 of the observer and of the differentiators of the seeker.",
+        "The layer of .05 m/s of the controller.",
+        "The frontal area of 9 m^2, and the same adhesion on both sides.",
         "The mean slip ratio in the dynamic mass (Eq. 17) is taken as zero.",
     ),
 )
