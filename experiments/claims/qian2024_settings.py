@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.identifiers.online import Sample
 from adhesion_jax.identifiers.qp_qian2024 import ProgramRecursion, QuadraticProgram
 from adhesion_jax.records import Known
 from adhesion_jax.scenarios.rails import QIAN2024
@@ -187,7 +188,7 @@ def _followed(
     def after(
         recursion: ProgramRecursion, sample: tuple[Array, Array]
     ) -> tuple[ProgramRecursion, Float[Array, " values"]]:
-        recursion = own.step(known, recursion, jnp.asarray(True), *sample)
+        recursion = own.step(known, recursion, Sample(jnp.asarray(True), *sample, ()))
         return recursion, seen(recursion)
 
     return jax.lax.scan(after, first, signals)[1]
