@@ -53,7 +53,7 @@ class Opinion(NamedTuple):
     """The prediction by boosted trees of the residual of runs that they were not fitted to."""
 
     columns: tuple[str, ...]  # that the prediction needs, the most important first
-    explained: float  # share of the squared residual of the runs left out
+    explained: float  # share of the squared residual, outliers cut, of the runs left out
     error: float  # standard error of that share, over runs
     p: float  # of the hypothesis that no column is related to the residual
     #: The residual that the trees predict, [points], from the columns [points] that they know. None
