@@ -1,5 +1,6 @@
 """`identify`: which adhesion curve measured points follow."""
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -49,8 +50,15 @@ from adhesion_jax.report.measured.tables import (
     printed_table,
     short_report,
 )
-from adhesion_jax.report.measured.words import in_lines, mixed_sentence, verdict
+from adhesion_jax.report.measured.words import (
+    differ,
+    in_lines,
+    mixed_sentence,
+    of_groups,
+    verdict,
+)
 from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.text import WIDTH
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
 
@@ -254,7 +262,15 @@ class Identification:
 
     @property
     def _lines(self) -> str:
-        return answer_lines(self.answer, self.fit, self.judgement)
+        """The answer for a terminal; before it those of the groups, where they differ."""
+        lines = answer_lines(self.answer, self.fit, self.judgement)
+        if self.comparison is None or not self.groups or not differ(self.comparison):
+            return lines
+        said = (
+            f"Adhesion differs by {self.comparison.by}: largest adhesion {of_groups(self.groups)}. "
+            "What follows is of one curve for all, which is a mean of these."
+        )
+        return f"{textwrap.fill(said, WIDTH)}\n\n{lines}"
 
     def __repr__(self) -> str:
         return f"{self._lines}\n\n{printed_table(self.fits, self.answer)}\n\n{self.verdict}"

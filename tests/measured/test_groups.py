@@ -64,6 +64,10 @@ def test_rails_that_are_mixed_are_told_though_nobody_asked():
     assert "different rails" not in alike
     asked = aj.identify(table(0.8), "burckhardt", by="rail")
     assert asked.mixed is None
+    first = " ".join(repr(asked).split("\n\n")[0].split())
+    dry, wet = (asked.groups[rail].mu_max for rail in ("dry", "wet"))
+    assert first.startswith(f"Adhesion differs by rail: largest adhesion dry: {dry.value:.4f} [")
+    assert f"; wet: {wet.value:.4f} [" in first
 
 
 def test_events_of_axles_side_by_side_are_runs_of_one_answer():

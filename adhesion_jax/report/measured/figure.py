@@ -1,5 +1,6 @@
 """The figure of a measured record: points, curves with bands and peaks, residual."""
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -50,7 +51,9 @@ def measured_figure(
     for rank, name in enumerate(ranked):
         _curve(above, name, fits[name], answer.weights[name], grid, rank)
     above.set_title(
-        f"{title}: {best.points} points; the one answer with 95 % intervals, and the curves",
+        textwrap.fill(
+            f"{title}: {best.points} points; the one answer with 95 % intervals, and the curves", 90
+        ),
         loc="left",
         parse_math=False,  # a file may have dollars in its name
     )

@@ -293,13 +293,22 @@ def _group_sentences(comparison: Comparison, groups: Mapping[str, Group]) -> lis
         f"Its course over slip {'differs' if comparison.bent else 'shows no difference'} "
         f"(p = {comparison.p_shape:.2g}).",
     ]
-    if (comparison.changed or comparison.bent) and by != "branch":
-        each = [_of_group(name, one) for name, one in groups.items()]
+    if differ(comparison) and by != "branch":
         sentences.append(
             f"One curve for all of {by} is a mean of different rails: use the answer of each"
-            + (f", each fitted by itself: {'; '.join(each)}." if each else ".")
+            + (f", each fitted by itself: {of_groups(groups)}." if groups else ".")
         )
     return sentences
+
+
+def differ(comparison: Comparison) -> bool:
+    """Whether one curve for all groups is none of theirs."""
+    return comparison.changed or comparison.bent
+
+
+def of_groups(groups: Mapping[str, Group]) -> str:
+    """What each group says by itself, as clauses."""
+    return "; ".join(_of_group(name, one) for name, one in groups.items())
 
 
 def mixed_sentence(comparison: Comparison) -> str:
