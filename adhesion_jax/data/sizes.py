@@ -84,27 +84,38 @@ def beyond(values: np.ndarray, quantity: str) -> np.ndarray:
 def leaps(slip_mps: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> np.ndarray:
     """Which rows, [rows], bool, have a slip velocity that no wheel reaches and leaves in one row.
 
-    It lies to one side of those of both neighbours of its series, further than a wheel can be
-    accelerated, than the size that nine rows in ten do not exceed, and than 20 usual steps: as
-    where a tooth of the encoder is counted twice.
+    It lies beyond those of both neighbours of its series (or of the one that the first and the last
+    row have), further from zero by more than a wheel can be accelerated, than the size that nine
+    rows in ten do not exceed, and than 20 usual steps: as where a tooth of the encoder is counted
+    twice.
     """
-    found = np.zeros(slip_mps.size, bool)
-    steps, one_series = np.diff(slip_mps), np.diff(series) == 0
-    if steps.size < 2:
-        return found
-    size = float(np.quantile(np.abs(slip_mps), _NINE_IN_TEN))
-    least = max(size, _LEAP * float(np.median(np.abs(steps))))
-    far = one_series & (np.abs(steps) > np.maximum(least, _ACCELERATION * np.diff(time_s)))
-    found[1:-1] = far[:-1] & far[1:] & (steps[:-1] * steps[1:] < 0)
+    steps, within = np.diff(slip_mps), np.diff(series) == 0
+    usual = float(np.median(np.abs(_some(steps)))) if steps.size else 0.0
+    least = max(_nine_in_ten(slip_mps), _LEAP * usual)
+    far = within & (np.abs(steps) > np.maximum(least, _ACCELERATION * np.diff(time_s)))
+    up = np.where(far, np.sign(steps), 0.0)
+    here, there = np.append(0.0, up), np.append(-up, 0.0)  # by how it differs from either side
+    first, last = np.append(True, ~within), np.append(~within, True)
+    found: np.ndarray = ((here * there > 0) | first | last) & ((here + there) * slip_mps > 0)
     return found
+
+
+def _some(values: np.ndarray) -> np.ndarray:
+    """The finite ones of evenly chosen values."""
+    some: np.ndarray = values[:: max(1, values.size // _SAMPLE)]
+    return some[np.isfinite(some)]
+
+
+def _nine_in_ten(values: np.ndarray) -> float:
+    """The size that nine values in ten do not exceed; 0 without any."""
+    some = _some(values)
+    return float(np.quantile(np.abs(some), _NINE_IN_TEN)) if some.size else 0.0
 
 
 def _outside(values: np.ndarray, quantity: str) -> np.ndarray:
     lower, upper = COLUMNS[quantity].lower, COLUMNS[quantity].upper
     if quantity in (*_BY_THE_DATA, *_LOADS):
-        some = values[:: max(1, values.size // _SAMPLE)]
-        some = some[np.isfinite(some)]
-        size = float(np.quantile(np.abs(some), _NINE_IN_TEN)) if some.size else 0.0
+        size = _nine_in_ten(values)
         if quantity in _LOADS:
             lower = max(lower, _LIFTED * size)
         else:

@@ -3,19 +3,11 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.traction.controllers import Controller
-from adhesion_jax.traction.controllers.threshold import Threshold
-from adhesion_jax.traction.controllers.torque_feedback import RateFeedback, SlopeFeedback
 from adhesion_jax.traction.loop import Loop
-from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.plants.base import GRAVITY
-from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.plants.rigid_axles import RigidAxles
-from adhesion_jax.traction.rails import BySpeed, stacked
-from adhesion_jax.traction.systems.base import built, with_peak
 from adhesion_jax.traction.systems.fang2018 import (
     CRITICAL,
     PRINTED_BEST_SLIP_KMH,
@@ -39,83 +31,54 @@ from experiments.claims.claim import (
     of_settings,
 )
 from experiments.claims.fang2018 import FANG2018
+from experiments.claims.fang2018_settings import (
+    DURATION,
+    POOR,
+    RANGES,
+    SLOPE_GAINS,
+    bench_loop,
+    critical_gain_of,
+    loop_of,
+    rate_loop,
+    slope_loop,
+    threshold_loop,
+)
 from experiments.claims.settings import (
     Cloud,
     Found,
     Numbers,
-    Range,
     Setting,
     drawn,
     over_settings,
     values,
 )
-from experiments.claims.traction import Runs, changed, plant_of, runs_of
+from experiments.claims.traction import Runs, runs_of
 
 _claim = partial(over_settings, FANG2018)
 
-#: What the paper does not print, in SI units. `margin` is K2 over K2_TH in what lies beyond it,
-#: `excess` the factor of a K1 that is excessive.
-RANGES = {
-    "wheel_radius": Range(0.43, 0.41, 0.43),
-    "axle_load": Range(14000.0, 12000.0, 16000.0),
-    "gear_efficiency": Range(0.98, 0.95, 0.99),
-    "motor_inertia": Range(2.0, 1.0, 4.0, by_ratio=True),
-    "wheelset_inertia": Range(100.0, 60.0, 160.0),
-    "train_mass": Range(25530.0, 20000.0, 32000.0),
-    "torque_limit": Range(1590.0, 1200.0, 2000.0),
-    "torque_lag": Range(0.01, 0.002, 0.03, by_ratio=True),
-    "second": Range(0.07, 0.05, 0.10),  # largest adhesion of road 2
-    "second_over_third": Range(0.07 / 0.0593, 1.05, 1.5),
-    "second_slip": Range(5.5, 4.5, 6.4),  # km/h
-    "curve": Range(2.2222, 1.5, 4.0, by_ratio=True),  # b/a
-    "pole": Range(-30.0, -10.0, -100.0, by_ratio=True),
-    "gamma": Range(10.0, 1.0, 100.0, by_ratio=True),
-    "first_p": Range(10.0, 1.0, 100.0, by_ratio=True),
-    "first_slope": Range(0.3, 0.1, 0.6),
-    "filter_time": Range(0.05, 0.01, 0.2, by_ratio=True),
-    "near": Range(0.95, 0.90, 0.99),
-    "margin": Range(1.02, 1.005, 1.05),
-    "excess": Range(10.0, 3.0, 30.0, by_ratio=True),
-    "rate_gain": Range(1000.0, 100.0, 30000.0, by_ratio=True),  # K1 of Eq. 8, N m s
-    "rate_share": Range(18000 / CRITICAL, 0.3, 1.0),  # K2 of Eq. 8 over K2_TH
-    "engaged": Range(30.0, 5.0, 50.0),  # km/h
-    "open_loop": Range(100.0, 50.0, 1200.0, by_ratio=True),  # C(t), N m
-    "difference": Range(0.8, 0.3, 3.0, by_ratio=True),  # m/s
-    "creepage": Range(0.05, 0.01, 0.2, by_ratio=True),
-    "released": Range(0.3, 0.1, 0.9),
-    "unloading": Range(4.0, 1.0, 20.0, by_ratio=True),
-    "ramp": Range(1600.0, 500.0, 5000.0, by_ratio=True),
-}
-
-#: K1 = 19000 with the slip in m/s, and with the slip in km/h as in every figure of the paper.
-_SLOPE_GAINS = {"m/s": 19000.0, "km/h": 3.6 * 19000.0}
 
 _K2 = 7000.0
-
-#: The traction part of the run alone: the roads of braking are those of traction.
-_DURATION = 150.0
-
-_POOR = ("2", "3")
 
 
 def control_claims(progress: Callable[[str], None]) -> Found:
     settings = drawn(RANGES)
-    plain = [_loop(setting) for setting in settings]
+    plain = [loop_of(setting) for setting in settings]
     kinds = {
-        "m/s": [_slope(*pair, _K2) for pair in zip(plain, settings, strict=True)],
+        "m/s": [slope_loop(*pair, _K2) for pair in zip(plain, settings, strict=True)],
         "km/h": [
-            _slope(*pair, _K2, _SLOPE_GAINS["km/h"]) for pair in zip(plain, settings, strict=True)
+            slope_loop(*pair, _K2, SLOPE_GAINS["km/h"])
+            for pair in zip(plain, settings, strict=True)
         ],
         "large": [
-            _slope(loop, one, 18000 / CRITICAL * _critical(loop))
+            slope_loop(loop, one, 18000 / CRITICAL * critical_gain_of(loop))
             for loop, one in zip(plain, settings, strict=True)
         ],
         "beyond": [
-            _slope(loop, one, one["margin"] * _critical(loop))
+            slope_loop(loop, one, one["margin"] * critical_gain_of(loop))
             for loop, one in zip(plain, settings, strict=True)
         ],
         "excessive": [
-            _slope(loop, one, _K2, one["excess"] * _SLOPE_GAINS["m/s"])
+            slope_loop(loop, one, _K2, one["excess"] * SLOPE_GAINS["m/s"])
             for loop, one in zip(plain, settings, strict=True)
         ],
     }
@@ -128,23 +91,23 @@ def control_claims(progress: Callable[[str], None]) -> Found:
     progress("Fang 2018, Eq. 9")
     rates = _run(
         [
-            *(_rate(*pair, 0.0) for pair in zip(plain, settings, strict=True)),
-            *(_rate(*pair, pair[1]["engaged"]) for pair in zip(plain, settings, strict=True)),
+            *(rate_loop(*pair, 0.0) for pair in zip(plain, settings, strict=True)),
+            *(rate_loop(*pair, pair[1]["engaged"]) for pair in zip(plain, settings, strict=True)),
             *(
-                _rate(*pair, 0.0, pair[1]["open_loop"])
+                rate_loop(*pair, 0.0, pair[1]["open_loop"])
                 for pair in zip(plain, settings, strict=True)
             ),
         ]
     )
     rest, engaged, open_loop = (rates.part(count * n, count * (n + 1)) for n in range(3))
     progress("Fang 2018, Eq. 8")
-    thresholds = _run([_threshold(*pair) for pair in zip(plain, settings, strict=True)])
+    thresholds = _run([threshold_loop(*pair) for pair in zip(plain, settings, strict=True)])
     progress("Fang 2018, thresholds")
-    bench = _run([_on_bench(loop) for loop in kinds["m/s"]])
+    bench = _run([bench_loop(loop) for loop in kinds["m/s"]])
     progress("Fang 2018, bench")
     claims = [
-        *(claim for unit in _SLOPE_GAINS for claim in _slips(slopes[unit], unit, slopes["large"])),
-        *(_near_the_peak(slopes[unit], unit, settings) for unit in _SLOPE_GAINS),
+        *(claim for unit in SLOPE_GAINS for claim in _slips(slopes[unit], unit, slopes["large"])),
+        *(_near_the_peak(slopes[unit], unit, settings) for unit in SLOPE_GAINS),
         _torques(),
         _observed(slopes["m/s"]),
         _no_idling(slopes["m/s"]),
@@ -171,74 +134,7 @@ def control_claims(progress: Callable[[str], None]) -> Found:
 
 
 def _run(loops: Sequence[Loop]) -> Runs:
-    return runs_of(SYSTEM._replace(duration=_DURATION), SEGMENTS, loops)
-
-
-def _loop(setting: Setting) -> Loop:
-    """The loop of a setting, under the first controller of the system."""
-    plant = plant_of(SYSTEM)
-    names = (
-        *("wheel_radius", "axle_load", "gear_efficiency", "motor_inertia", "wheelset_inertia"),
-        *("train_mass", "torque_limit", "torque_lag"),
-    )
-    given = {name: setting[name] + 0 * getattr(plant, name) for name in names}
-    plant = changed(plant, **given)
-    third = setting["second"] / setting["second_over_third"]
-    slips = {"1": 6.5, "2": setting["second_slip"], "3": 4.0}
-    heights = {"1": 0.2, "2": setting["second"], "3": third}
-    roads = {
-        name: with_peak(heights[name], slip / 3.6, setting["curve"]) for name, slip in slips.items()
-    }
-    own = SYSTEM.cases(SYSTEM.step)[0]
-    assert isinstance(own.rails, BySpeed)
-    surfaces = stacked([roads[name[0]] for name in SEGMENTS])
-    case = own._replace(
-        rails=changed(own.rails, surfaces=surfaces),
-        observer=FullDimension(jnp.asarray(setting["pole"])),
-    )
-    loop = built(SYSTEM, case, plant)
-    limit = jnp.asarray(setting["torque_limit"])
-    return changed(loop, driver=changed(loop.driver, traction=limit, braking=limit))
-
-
-def _critical(loop: Loop) -> float:
-    """K2_TH in N m (Eq. 18)."""
-    plant = loop.plant
-    assert isinstance(plant, RigidAxles)
-    weight = plant.axle_load[0] * GRAVITY
-    radius, gear = plant.wheel_radius[0], plant.gear_ratio
-    held = radius * weight / (gear * plant.gear_efficiency)
-    return float(held + gear * plant.inertia[0] / radius * weight / plant.train_mass)
-
-
-def _under(loop: Loop, controller: Controller) -> Loop:
-    return changed(loop, controller=controller)
-
-
-def _slope(
-    loop: Loop, setting: Setting, gain: float, slope_gain: float = _SLOPE_GAINS["m/s"]
-) -> Loop:
-    names = ("gamma", "first_p", "first_slope", "filter_time")
-    given = {name: jnp.asarray(setting[name]) for name in names}
-    return _under(loop, SlopeFeedback(jnp.asarray(slope_gain), jnp.asarray(gain), **given))
-
-
-def _rate(loop: Loop, setting: Setting, engaged_kmh: float, open_loop: float = 0.0) -> Loop:
-    gain = setting["rate_share"] * _critical(loop)
-    numbers = (setting["rate_gain"], gain, setting["filter_time"], engaged_kmh / 3.6, open_loop)
-    return _under(loop, RateFeedback(*map(jnp.asarray, numbers)))
-
-
-def _threshold(loop: Loop, setting: Setting) -> Loop:
-    names = ("difference", "creepage", "released", "unloading", "ramp")
-    return _under(loop, Threshold(**{name: jnp.asarray(setting[name]) for name in names}))
-
-
-def _on_bench(loop: Loop) -> Loop:
-    """Behind a bus: the dead time is that of the bench in every setting."""
-    delay = read_plant(shipped()["fang2018_bench"]).plant.dead_time
-    plant = changed(loop.plant, dead_time=delay)
-    return changed(loop, plant=plant, nominal=plant)
+    return runs_of(SYSTEM._replace(duration=DURATION), SEGMENTS, loops)
 
 
 def _kmh(runs: Runs, road: str) -> Numbers:
@@ -266,12 +162,12 @@ def _slips(runs: Runs, unit: str, large: Runs) -> list[Claim]:
 
 def _least_used(runs: Runs) -> Numbers:
     """Of the adhesion, on the worse of the two poor roads; nothing where one is not reached."""
-    used = [runs.figure("utilisation_settled", road) for road in _POOR]
+    used = [runs.figure("utilisation_settled", road) for road in POOR]
     return np.nan_to_num(np.min(used, axis=0))
 
 
 def _near_the_peak(runs: Runs, unit: str, settings: Sequence[Setting]) -> Claim:
-    each = [runs.figure("utilisation_settled", road)[0] for road in _POOR]
+    each = [runs.figure("utilisation_settled", road)[0] for road in POOR]
     used = _least_used(runs)
     return _claim(
         f"With K1 = 19000 for slip in {unit} and K2 = 7000 the wheel runs near the peak (Fig. 11)",
@@ -312,8 +208,8 @@ def _observed(runs: Runs) -> Claim:
 
 
 def _no_idling(runs: Runs) -> Claim:
-    over = np.max([runs.figure("overshoot", road) for road in _POOR], axis=0) * 3.6
-    away = np.max([runs.figure("ran_away", road) for road in _POOR], axis=0)
+    over = np.max([runs.figure("overshoot", road) for road in POOR], axis=0) * 3.6
+    away = np.max([runs.figure("ran_away", road) for road in POOR], axis=0)
     return _claim(
         "Idling is avoided when the road gets worse (Fig. 7; slip stays below five times the best)",
         over,
@@ -404,7 +300,7 @@ def _recovers(runs: Runs) -> Claim:
 
 
 def _beyond(runs: Runs, settings: Sequence[Setting]) -> Claim:
-    second, third = (_kmh(runs, road) for road in _POOR)
+    second, third = (_kmh(runs, road) for road in POOR)
     peaks = values(settings, "second_slip")
     calm = np.nan_to_num(runs.figure("ran_away", "3"), nan=1.0) == 0
     right = (second > peaks) & (third > PRINTED_BEST_SLIP_KMH["3"])
@@ -421,7 +317,7 @@ def _beyond(runs: Runs, settings: Sequence[Setting]) -> Claim:
 
 def _excessive(runs: Runs, plain: Runs) -> Claim:
     most, least = (
-        np.max([each.figure("torque_variation", road) for road in _POOR], axis=0)
+        np.max([each.figure("torque_variation", road) for road in POOR], axis=0)
         for each in (runs, plain)
     )
     return _claim(
@@ -438,7 +334,7 @@ def _critical_gain(loop: Loop) -> Claim:
     """The gain at which the bracket of Eq. 17 vanishes, with the signs as printed."""
     plant = loop.plant
     assert isinstance(plant, RigidAxles)
-    ours = _critical(loop)
+    ours = critical_gain_of(loop)
     weight = plant.axle_load[0] * GRAVITY
     train = float(plant.gear_ratio * plant.inertia[0] / plant.wheel_radius[0])
     as_printed = ours - 2 * train * float(weight / plant.train_mass)
@@ -474,7 +370,7 @@ def _disturbance(loop: Loop) -> Claim:
 
 
 def _bench(bench: Runs, plain: Runs) -> Claim:
-    slips = [np.array([_kmh(runs, road) for road in _POOR]) for runs in (bench, plain)]
+    slips = [np.array([_kmh(runs, road) for road in POOR]) for runs in (bench, plain)]
     off = np.abs(slips[0] / slips[1] - 1).max(axis=0)
     return _claim(
         "A bus from the control to the drive leaves the settled slips as they are "

@@ -11,19 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.traction.controllers.barrier import Barrier
-from adhesion_jax.traction.controllers.differential_acceleration import DifferentialAcceleration
-from adhesion_jax.traction.controllers.sliding_mode import SlidingMode
 from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.observers.full_dimension import FullDimension
-from adhesion_jax.traction.observers.terminal_sliding import TerminalSliding
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.plants.reading import read_plant, shipped
-from adhesion_jax.traction.rails import by_time
-from adhesion_jax.traction.seekers.extremum import SlidingExtremum
 from adhesion_jax.traction.signals import Measurement
-from adhesion_jax.traction.systems.base import built, with_peak
+from adhesion_jax.traction.systems.base import with_peak
 from adhesion_jax.traction.systems.hxd1f import STARTS, SURFACES, SYSTEM
 from experiments.claims.claim import (
     ASSUMED,
@@ -32,69 +25,37 @@ from experiments.claims.claim import (
     Verdict,
     judged,
 )
+from experiments.claims.hxd1f_settings import (
+    LOAD,
+    RANGES,
+    differential_loop,
+    loop_of,
+    narrow_loop,
+    own_axles_loop,
+    sampled_loop,
+    sliding_loop,
+)
 from experiments.claims.settings import (
     Cloud,
     Flags,
     Found,
     Numbers,
-    Range,
     Setting,
     drawn,
     over_settings,
     values,
 )
-from experiments.claims.traction import Runs, changed, plant_of, runs_of
+from experiments.claims.traction import Runs, changed, runs_of
 
 _PAPER = "HXD1F 2019"
 _claim = partial(over_settings, _PAPER)
 
-#: All that the paper does not print, or prints in a table that is lost. The largest torque is drawn
-#: as a multiple of the one that the dry rail asks for.
-RANGES = {
-    "motor_inertia": Range(25.0, 10.0, 40.0, by_ratio=True),
-    "wheelset_inertia": Range(400.0, 200.0, 600.0),
-    "train_mass": Range(1e7, 2e6, 2e7, by_ratio=True),
-    "gear_efficiency": Range(0.975, 0.95, 0.99),
-    "torque_over_dry": Range(1.19, 1.1, 1.6),
-    "torque_lag": Range(0.01, 0.002, 0.02, by_ratio=True),
-    "train_speed": Range(5.0, 1.0, 15.0),
-    "dry": Range(0.36, 0.25, 0.45),
-    "wet": Range(0.20, 0.12, 0.25),
-    "snow": Range(0.10, 0.06, 0.12),
-    "snow_slip": Range(0.05, 0.03, 0.08),
-    "curve": Range(2.2222, 1.5, 4.0, by_ratio=True),  # b/a
-    "sampling": Range(0.0, 0.0, 1.0),  # of the speed: at every step below a half, at 1 ms above
-    "observer_surface": Range(100.0, 30.0, 300.0, by_ratio=True),
-    "observer_rate": Range(50.0, 15.0, 150.0, by_ratio=True),
-    "observer_switching": Range(4e4, 1e4, 1e5, by_ratio=True),
-    "observer_pole": Range(-233.0, -100.0, -400.0, by_ratio=True),
-    "seeker_speed": Range(0.4, 0.1, 1.0, by_ratio=True),
-    "seeker_rise": Range(0.5, 0.1, 1.0, by_ratio=True),
-    "seeker_width": Range(0.08, 0.02, 0.2, by_ratio=True),
-    "seeker_start": Range(0.01, 0.005, 0.05, by_ratio=True),
-    "seeker_tracker": Range(60.0, 20.0, 200.0, by_ratio=True),
-    "barrier_gain": Range(20.0, 5.0, 80.0, by_ratio=True),
-    "barrier_below": Range(0.1, 0.03, 0.2, by_ratio=True),
-    "barrier_above": Range(0.3, 0.1, 0.5, by_ratio=True),
-    "sliding_gain": Range(1500.0, 500.0, 4000.0, by_ratio=True),
-    "ramp": Range(12e3, 4e3, 30e3, by_ratio=True),
-    "trip": Range(1.0, 0.3, 3.0, by_ratio=True),
-    "released": Range(0.3, 0.1, 1.0, by_ratio=True),
-    "calm": Range(0.2, 0.1, 0.5, by_ratio=True),
-    "unloading": Range(6.0, 2.0, 20.0, by_ratio=True),
-    "hold": Range(0.1, 0.03, 0.3, by_ratio=True),
-    "haste": Range(3.0, 1.0, 6.0, by_ratio=True),
-    "back": Range(0.85, 0.6, 0.95),
-    "filter_time": Range(0.01, 0.003, 0.03, by_ratio=True),
-}
 
 #: "Good" use of a rail is read as this share of the largest adhesion, at least.
 _GOOD = 0.9
 
 _SEGMENTS = (*SURFACES,)
 
-#: The load that the observers are to find, N m.
-_LOAD = 3000.0
 
 #: Lags of the torque in s, and upper ends of the interval of the barrier in m/s.
 _INTERVALS = ((2e-4, 0.05), (1e-2, 0.20), (1e-2, 0.22))
@@ -103,12 +64,12 @@ _INTERVALS = ((2e-4, 0.05), (1e-2, 0.20), (1e-2, 0.22))
 def hxd1f_claims(progress: Callable[[str], None]) -> Found:
     """Each form of the loop at our own setting, then at those drawn."""
     settings = drawn(RANGES)
-    plain = [_loop(setting) for setting in settings]
-    narrow = [_narrow(plain[0], *pair) for pair in _INTERVALS]
+    plain = [loop_of(setting) for setting in settings]
+    narrow = [narrow_loop(plain[0], *pair) for pair in _INTERVALS]
     found = _run([*plain, *narrow])
     progress("HXD1F 2019")
     seeking = found.part(0, len(settings))
-    sampled = _run([_with(loop, sampled=1e-3) for loop in plain])
+    sampled = _run([sampled_loop(loop, sampled=1e-3) for loop in plain])
     progress("HXD1F 2019, speed held")
     slow = _run(
         [
@@ -118,13 +79,13 @@ def hxd1f_claims(progress: Callable[[str], None]) -> Found:
     )
     progress("HXD1F 2019, full dimension")
     differential = _run(
-        [_differential(*pair) for pair in zip(plain, settings, strict=True)],
+        [differential_loop(*pair) for pair in zip(plain, settings, strict=True)],
     )
     progress("HXD1F 2019, differential acceleration")
     pairs = [*zip(plain, settings, strict=True)]
-    sliding = _run([*(_sliding(*pair) for pair in pairs), _sliding(*pairs[0], layer=0.05)])
+    sliding = _run([*(sliding_loop(*pair) for pair in pairs), sliding_loop(*pairs[0], layer=0.05)])
     progress("HXD1F 2019, sliding mode")
-    axles = _run([_own_axles(loop) for loop in plain])
+    axles = _run([own_axles_loop(loop) for loop in plain])
     progress("HXD1F 2019, axles of their own")
     held = values(settings, "sampling") >= 0.5
     claims = [
@@ -156,75 +117,6 @@ def _run(loops: Sequence[Loop]) -> Runs:
     return runs_of(SYSTEM, _SEGMENTS, loops)
 
 
-def _loop(setting: Setting) -> Loop:
-    """The paper's own method at a setting, on a speed that is not sampled."""
-    number = {name: jnp.asarray(value) for name, value in setting.items()}
-    plant = plant_of(SYSTEM)
-    names = ("motor_inertia", "wheelset_inertia", "train_mass", "gear_efficiency", "torque_lag")
-    plant = changed(plant, **{name: number[name] for name in names})
-    load = plant.load_of(number["dry"] * jnp.ones(1))[0]
-    plant = changed(plant, torque_limit=setting["torque_over_dry"] * load)
-    slips = {"dry": 0.2, "wet": 0.08, "snow": setting["snow_slip"]}
-    surfaces = [with_peak(setting[name], slip, setting["curve"]) for name, slip in slips.items()]
-    own = SYSTEM.cases(SYSTEM.step)[0]
-    case = own._replace(
-        rails=by_time(surfaces, STARTS, SYSTEM.step),
-        observer=TerminalSliding(
-            number["observer_surface"], number["observer_rate"], number["observer_switching"]
-        ),
-        seeker=SlidingExtremum(
-            number["seeker_speed"],
-            number["seeker_rise"],
-            number["seeker_width"],
-            number["seeker_start"],
-            jnp.asarray(0.005),
-            jnp.asarray(0.6),
-            number["seeker_tracker"],
-        ),
-        controller=Barrier(
-            number["barrier_gain"],
-            number["barrier_below"],
-            number["barrier_above"],
-            jnp.asarray(-0.3),
-        ),
-    )
-    loop = built(SYSTEM, case, plant)
-    driver = changed(loop.driver, traction=plant.torque_limit)
-    return changed(loop, driver=driver, train_speed=number["train_speed"])
-
-
-def _with(loop: Loop, sampled: float) -> Loop:
-    return changed(loop, sensors=changed(loop.sensors, period=sampled))
-
-
-def _narrow(loop: Loop, lag: float, above: float) -> Loop:
-    plant = changed(loop.plant, torque_lag=jnp.asarray(lag))
-    controller = changed(loop.controller, above=jnp.asarray(above))
-    return changed(loop, plant=plant, nominal=plant, controller=controller)
-
-
-def _differential(loop: Loop, setting: Setting) -> Loop:
-    names = ("ramp", "trip", "released", "calm", "unloading", "hold", "haste", "back")
-    controller = DifferentialAcceleration(
-        **{name: jnp.asarray(setting[name]) for name in (*names, "filter_time")},
-        least=jnp.asarray(-0.15),
-    )
-    return changed(loop, seeker=None, controller=controller)
-
-
-def _sliding(loop: Loop, setting: Setting, layer: float = 0.0) -> Loop:
-    controller = SlidingMode(*map(jnp.asarray, (setting["sliding_gain"], layer, -0.3)))
-    return changed(loop, controller=controller)
-
-
-def _own_axles(loop: Loop) -> Loop:
-    """Two units of four axles, each axle with its own load and its own control."""
-    plant = read_plant(shipped()["hxd1f_axles"]).plant
-    names = ("motor_inertia", "wheelset_inertia", "train_mass", "gear_efficiency", "torque_lag")
-    plant = changed(plant, **{name: getattr(loop.plant, name) for name in (*names, "torque_limit")})
-    return changed(loop, plant=plant, nominal=plant, slip=jnp.zeros_like(plant.radius))
-
-
 @jax.jit
 @jax.vmap
 def _observed(observer: Observer, nominal: Plant) -> jax.Array:
@@ -235,9 +127,9 @@ def _observed(observer: Observer, nominal: Plant) -> jax.Array:
         both: tuple[jax.Array, object], _: jax.Array
     ) -> tuple[tuple[jax.Array, object], jax.Array]:
         speed, state = both
-        measured = Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.full(1, _LOAD))
+        measured = Measurement(speed, jnp.asarray(5.0), jnp.zeros(1), jnp.full(1, LOAD))
         state = observer.update(state, nominal, measured, jnp.full(1, 5000.0), step)
-        speed = speed + step * (5000.0 - _LOAD) / nominal.inertia
+        speed = speed + step * (5000.0 - LOAD) / nominal.inertia
         return (speed, state), state.load[0]
 
     speed = jnp.full(1, 50.0)
@@ -255,11 +147,11 @@ def settling(observers: Sequence[Observer], plants: Sequence[Plant]) -> tuple[Nu
     block = round(2e-3 / SYSTEM.step)
     found = np.asarray(_observed(*stacked))
     means = found.reshape(len(found), -1, block).mean(axis=2)
-    off = np.abs(means / _LOAD - 1) > 0.02
+    off = np.abs(means / LOAD - 1) > 0.02
     last = off.shape[1] - np.argmax(off[:, ::-1], axis=1)
     times = np.where(off.any(axis=1), last, 0) * block * SYSTEM.step
     times = np.where(off[:, -1], np.inf, times)
-    return times, np.abs(found[:, -1000:].mean(axis=1) / _LOAD - 1)
+    return times, np.abs(found[:, -1000:].mean(axis=1) / LOAD - 1)
 
 
 def _observers(

@@ -1,25 +1,18 @@
 """Uyulan et al. 2018: optimal slip seeking with an adaptive robust controller."""
 
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from adhesion_jax.curves import Exponential
 from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
 from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.plants.base import GRAVITY, Plant
 from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
-from adhesion_jax.traction.rails import Rails
-from adhesion_jax.traction.seekers.base import Seeker
-from adhesion_jax.traction.signals import Number, PerAxle, Reference, Signals
 from adhesion_jax.traction.systems import uyulan2018
-from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.uyulan2018 import PRINTED_BEST_SLIP, SURFACES, SYSTEM, lyapunov
 from experiments.claims import claim
 from experiments.claims.claim import (
@@ -35,38 +28,33 @@ from experiments.claims.settings import (
     Cloud,
     Found,
     Numbers,
-    Range,
     Setting,
     drawn,
     over_settings,
     values,
 )
-from experiments.claims.traction import Runs, changed, plant_of, runs_of
+from experiments.claims.traction import Runs, runs_of
+from experiments.claims.uyulan2018_settings import (
+    MOTOR,
+    RANGES,
+    SEGMENTS,
+    best_slip,
+    braking_loop,
+    exact_loop,
+    layered_loop,
+    loops_of,
+    observing_loop,
+    own_motors_loop,
+    own_rails_loop,
+    sided_loop,
+    steeper_loop,
+    tighter_loop,
+    varied_loop,
+)
 
 _PAPER = "Uyulan et al. 2018"
 _claim = partial(over_settings, _PAPER)
 
-#: What the paper does not print. `near` is the reading of "near the optimum", a share of the best
-#: slip; `mass` and `inertia` are by what train and wheels differ from those that are printed, in
-#: the claim that control need not know them.
-RANGES = {
-    "torque_limit": Range(17670.0, 10e3, 40e3, by_ratio=True),
-    "linear": Range(0.0154, 0.0, 0.03),
-    "square": Range(0.00467, 0.0, 0.01),
-    "layer": Range(0.05, 0.005, 0.1, by_ratio=True),
-    "observer_gain": Range(400.0, 10.0, 1000.0, by_ratio=True),
-    "slope_limit": Range(1.0, 0.3, 10.0, by_ratio=True),
-    "seeker_start": Range(1.20986, 0.5, 5.0, by_ratio=True),
-    "frontal_area": Range(9.0, 6.0, 12.0),
-    "slip_ratio": Range(0.0, 0.0, 0.2),  # mean, in the dynamic mass
-    "near": Range(0.10, 0.05, 0.20, by_ratio=True),
-    "mass": Range(1.0, 0.8, 1.2),
-    "inertia": Range(1.0, 0.8, 1.2),
-    "left": Range(0.1, 0.1, 1.0, by_ratio=True),  # adhesion of the left rail over the right one
-}
-
-#: Power of a motor of the train, W.
-_MOTOR = 120e3
 
 #: Coefficients of F_roll in Eq. 19.
 _ROLL = (6.4, 55.0)
@@ -75,34 +63,6 @@ _ROLL = (6.4, 55.0)
 _SIGN = 1e-9
 
 _COLUMNS = [*uyulan2018.PRINTED]
-_SEGMENTS = ("first", "second", "third")
-
-
-class ExactSlope(Seeker):
-    """The seeker as printed, given the true slope of the rail at the slip that is measured."""
-
-    rails: Rails
-    step: Number  # s, of the plant
-    gamma: Number
-    switch: Number  # s
-    start: Number  # m/s
-
-    def init(self, nominal: Plant, signals: Signals) -> tuple[PerAxle, Array]:
-        return jnp.full_like(signals.slip, self.start), jnp.zeros(())
-
-    def update(
-        self, state: tuple[PerAxle, Array], nominal: Plant, signals: Signals, period: float
-    ) -> tuple[tuple[PerAxle, Array], Reference]:
-        asked, since = state
-        number = jnp.round(signals.time / self.step).astype(int)
-        speed = signals.train_speed
-        surface = self.rails.surface(self.rails.segment(number, speed, jnp.asarray(False)))
-        slope = jax.vmap(jax.grad(surface), (0, None))(signals.slip, speed)
-        rate = self.gamma * slope
-        since = since + period
-        switches = since > self.switch + period / 2
-        asked = jnp.where(switches, signals.slip, asked + period * rate)
-        return (asked, jnp.where(switches, period, since)), Reference(asked, rate)
 
 
 class _Columns(NamedTuple):
@@ -116,48 +76,46 @@ class _Columns(NamedTuple):
 
     def worst(self, name: str) -> Numbers:
         """Of each setting, the largest of its 18 segments."""
-        return np.max([self.figure(name, one) for one in _SEGMENTS], axis=(0, 2))
+        return np.max([self.figure(name, one) for one in SEGMENTS], axis=(0, 2))
 
     def axle(self, name: str) -> Numbers:
         rows = self.runs.axle(name)[: self.all]
         return rows.reshape(-1, len(_COLUMNS), rows.shape[-1])
 
 
-@cache
-def _best(surface: str = "dry") -> float:
-    """The best slip on a surface, m/s."""
-    return float(SURFACES[surface].peak(jnp.asarray(10.0)).slip)
-
-
 def uyulan_claims(progress: Callable[[str], None]) -> Found:
     settings = drawn(RANGES)
-    tracking = [loop for one in settings for loop in _loops(one, "true optimum")]
+    tracking = [loop for one in settings for loop in loops_of(one, "true optimum")]
     own = tracking[: len(_COLUMNS)]
     extra = [
-        *(_layered(loop, layer) for layer in (_SIGN, 0.01) for loop in own),
-        *(_steeper(loop) for loop in own),
-        _tighter(own[0], 300.0),
+        *(layered_loop(loop, layer) for layer in (_SIGN, 0.01) for loop in own),
+        *(steeper_loop(loop) for loop in own),
+        tighter_loop(own[0], 300.0),
     ]
-    varied = [_varied(*pair) for pair in zip(tracking[:: len(_COLUMNS)], settings, strict=True)]
-    motors = [_own_motors(loop) for loop in tracking[:: len(_COLUMNS)]]
-    sides = [_sided(*pair) for pair in zip(tracking[:: len(_COLUMNS)], settings, strict=True)]
-    braking = [_braking(loop) for loop in tracking[:: len(_COLUMNS)]]
+    varied = [varied_loop(*pair) for pair in zip(tracking[:: len(_COLUMNS)], settings, strict=True)]
+    motors = [own_motors_loop(loop) for loop in tracking[:: len(_COLUMNS)]]
+    sides = [sided_loop(*pair) for pair in zip(tracking[:: len(_COLUMNS)], settings, strict=True)]
+    braking = [braking_loop(loop) for loop in tracking[:: len(_COLUMNS)]]
     parts = (tracking, extra, varied, motors, sides, braking)
-    found = runs_of(SYSTEM, _SEGMENTS, [loop for part in parts for loop in part])
+    found = runs_of(SYSTEM, SEGMENTS, [loop for part in parts for loop in part])
     progress("Uyulan 2018, true optimum")
     ends = np.cumsum([0, *map(len, parts)])
     pieces = [found.part(*pair) for pair in pairwise(ends)]
     true = _Columns(pieces[0], len(tracking))
-    printed = [loop for one in settings for loop in _loops(one, "as printed")]
+    printed = [loop for one in settings for loop in loops_of(one, "as printed")]
     slower = [
-        _observing(loop, gain) for gain in (100.0, 30.0, 10.0) for loop in printed[: len(_COLUMNS)]
+        observing_loop(loop, gain)
+        for gain in (100.0, 30.0, 10.0)
+        for loop in printed[: len(_COLUMNS)]
     ]
-    seeking = runs_of(SYSTEM, _SEGMENTS, [*printed, *slower])
+    seeking = runs_of(SYSTEM, SEGMENTS, [*printed, *slower])
     progress("Uyulan 2018, seeker as printed")
     sought = _Columns(seeking, len(printed))
-    exact = _Columns(runs_of(SYSTEM, _SEGMENTS, [_exact(loop) for loop in tracking]), len(tracking))
+    exact = _Columns(
+        runs_of(SYSTEM, SEGMENTS, [exact_loop(loop) for loop in tracking]), len(tracking)
+    )
     progress("Uyulan 2018, exact slope")
-    axles = runs_of(SYSTEM, _SEGMENTS, [_own_rails(loop) for loop in tracking[:: len(_COLUMNS)]])
+    axles = runs_of(SYSTEM, SEGMENTS, [own_rails_loop(loop) for loop in tracking[:: len(_COLUMNS)]])
     progress("Uyulan 2018, axles of their own")
     claims = [
         *_best_slips(),
@@ -175,134 +133,16 @@ def uyulan_claims(progress: Callable[[str], None]) -> Found:
         _brakes(pieces[5], settings),
         _roll(own[0].plant),
     ]
-    worst = sought.worst("tracking_rms_settled") / _best()
+    worst = sought.worst("tracking_rms_settled") / best_slip()
     cloud = Cloud(
         "Uyulan et al. 2018: slip converges to near the best with the seeker as printed",
         "gain L of the observer (rad/s³)",
         values(settings, "observer_gain"),
         "error on the worst of 18 rails (% of the best slip)",
         100 * worst,
-        worst <= _read(settings),
+        worst <= values(settings, "near"),
     )
     return Found(claims, cloud)
-
-
-def _read(settings: Sequence[Setting]) -> Numbers:
-    """The reading of "near" in each setting."""
-    return values(settings, "near")
-
-
-def _loops(setting: Setting, method: str) -> list[Loop]:
-    """The six columns of Table 1 at a setting, of one of the two methods."""
-    plant = _plant(setting)
-    names = ("linear", "square", "layer")
-    found = []
-    for case in SYSTEM.cases(SYSTEM.step):
-        if case.method != method:
-            continue
-        loop = built(SYSTEM, case, plant)
-        controller = changed(
-            loop.controller, **{name: jnp.asarray(setting[name]) for name in names}
-        )
-        observer = changed(loop.observer, gain=jnp.asarray(setting["observer_gain"]))
-        loop = changed(loop, controller=controller, observer=observer)
-        if method == "as printed":
-            seeker = changed(
-                loop.seeker,
-                gain=jnp.asarray(setting["observer_gain"]),
-                limit=jnp.asarray(setting["slope_limit"]),
-                start=jnp.asarray(setting["seeker_start"]),
-            )
-            loop = changed(loop, seeker=seeker)
-        driver = changed(loop.driver, traction=jnp.asarray(setting["torque_limit"]))
-        found.append(changed(loop, driver=driver))
-    return found
-
-
-def _plant(setting: Setting) -> ElasticAxles:
-    plant = plant_of(SYSTEM)
-    assert isinstance(plant, ElasticAxles)
-    turning = (plant.dynamic_mass - plant.static_mass) / (1 - setting["slip_ratio"]) ** 2
-    return changed(
-        plant,
-        torque_limit=jnp.asarray(setting["torque_limit"]),
-        frontal_area=jnp.asarray(setting["frontal_area"]),
-        dynamic_mass=plant.static_mass + turning,
-    )
-
-
-def _on(loop: Loop, plant: Plant) -> Loop:
-    return changed(loop, plant=plant, nominal=plant)
-
-
-def _layered(loop: Loop, layer: float) -> Loop:
-    return changed(loop, controller=changed(loop.controller, layer=jnp.asarray(layer)))
-
-
-def _steeper(loop: Loop) -> Loop:
-    """The grade as printed, m_dyn g sin(slope)."""
-    assert isinstance(loop.plant, ElasticAxles)
-    share = loop.plant.dynamic_mass / loop.plant.static_mass
-    return changed(loop, slope=jnp.arcsin(share * jnp.sin(loop.slope)))
-
-
-def _tighter(loop: Loop, radius: float) -> Loop:
-    return _on(loop, changed(loop.plant, curve_radius=jnp.asarray(radius)))
-
-
-def _varied(loop: Loop, setting: Setting) -> Loop:
-    """Masses and inertias that control does not know."""
-    plant, mass, inertia = loop.plant, setting["mass"], setting["inertia"]
-    factors = {
-        "static_mass": mass,
-        "dynamic_mass": mass,
-        "wheel_load": mass,
-        "motor_inertia": inertia,
-        "wheel_inertia": inertia,
-    }
-    other = {name: factor * getattr(plant, name) for name, factor in factors.items()}
-    return changed(loop, plant=changed(plant, **other))
-
-
-def _own_motors(loop: Loop) -> Loop:
-    return _on(loop, changed(loop.plant, power_limit=jnp.asarray(_MOTOR)))
-
-
-def _sided(loop: Loop, setting: Setting) -> Loop:
-    return _on(loop, changed(loop.plant, left_adhesion=jnp.full(1, setting["left"])))
-
-
-def _braking(loop: Loop) -> Loop:
-    """Traction to 12 m/s, then braking to 5 m/s."""
-    limit = loop.driver.traction
-    most, least = jnp.asarray(12.0), jnp.asarray(5.0)
-    return changed(loop, driver=changed(loop.driver, until=most, braking=limit, down_to=least))
-
-
-def _observing(loop: Loop, gain: float) -> Loop:
-    other = jnp.asarray(gain)
-    observer, seeker = changed(loop.observer, gain=other), changed(loop.seeker, gain=other)
-    return changed(loop, observer=observer, seeker=seeker)
-
-
-def _exact(loop: Loop) -> Loop:
-    numbers = (SYSTEM.step, 0.65, 10.0, _best())
-    return changed(loop, seeker=ExactSlope(loop.rails, *map(jnp.asarray, numbers)))
-
-
-def _own_rails(loop: Loop) -> Loop:
-    """Four axles, each on a surface of its own: dry, wet, low and a fifth of the dry one."""
-    level = jnp.array([1.0, 0.35, 0.1, 0.2])
-    law = loop.rails.surfaces.law
-    assert isinstance(law, Exponential)
-    a, b, c = (jnp.asarray(number)[:, None] for number in (law.a, law.b, law.c))
-    law = Exponential(a=a + 0 * level, b=b + 0 * level, c=c * level)
-    rails = changed(loop.rails, surfaces=changed(loop.rails.surfaces, law=law))
-    each = jnp.ones(4)
-    names = ("radius_right", "radius_left", "wheel_load", "left_adhesion")
-    own = {name: each * getattr(loop.plant, name) for name in names}
-    plant = changed(loop.plant, axles_alike=jnp.asarray(1.0), **own)
-    return changed(_on(loop, plant), rails=rails, slip=each * loop.slip)
 
 
 # ------------------------------------------------------------------------------- on print alone
@@ -316,9 +156,9 @@ def _best_slips() -> list[Claim]:
             judged(
                 _PAPER,
                 f"The best slip on the {name} surface (to {TO_PRINT:.0%})",
-                _best(name),
+                best_slip(name),
                 "m/s",
-                near(_best(name), printed, TO_PRINT),
+                near(best_slip(name), printed, TO_PRINT),
                 claim.PRINTED,
                 "The peak of the curve with the parameters of Appendix 2, ln(b/a)/(b - a); its "
                 f"adhesion is {adhesion:.4f}.",
@@ -330,9 +170,9 @@ def _best_slips() -> list[Claim]:
         judged(
             _PAPER,
             "The best slips on the dry, the wet and the low surface differ",
-            _best("low") - _best("dry"),
+            best_slip("low") - best_slip("dry"),
             "m/s",
-            holding(_best("low") != _best("dry")),
+            holding(best_slip("low") != best_slip("dry")),
             claim.PRINTED,
             "The three curves of Appendix 2 differ in their height alone, so that they have the "
             "same best slip whatever it is: the three printed values contradict each other.",
@@ -581,7 +421,7 @@ def _boundedness(true: _Columns, settings: Sequence[Setting]) -> list[Claim]:
             "what counts as near)",
             largest,
             "m/s",
-            largest < 2 * _read(settings) * _best(),
+            largest < 2 * values(settings, "near") * best_slip(),
             "The largest error of slip in the six columns, with the true optimum as reference.",
         ),
         _claim(
@@ -603,7 +443,7 @@ def _convergence(
     true, exact, sought = seekers
     gains = slower.figures["tracking_rms_settled"].reshape(3, -1)
     told = ", ".join(
-        f"{100 * np.nanmax(worst) / _best():.0f} % at L = {gain}"
+        f"{100 * np.nanmax(worst) / best_slip():.0f} % at L = {gain}"
         for gain, worst in zip((100, 30, 10), gains, strict=True)
     )
     found = []
@@ -626,16 +466,14 @@ def _convergence(
             f"printed: {told}.",
         ),
     ):
-        share = columns.worst("tracking_rms_settled") / _best()
-        used = np.min(
-            [columns.figure("utilisation_settled", one) for one in _SEGMENTS], axis=(0, 2)
-        )
+        share = columns.worst("tracking_rms_settled") / best_slip()
+        used = np.min([columns.figure("utilisation_settled", one) for one in SEGMENTS], axis=(0, 2))
         found.append(
             _claim(
                 f"Slip converges to near the best slip {words}",
                 100 * share,
                 "% of the best slip",
-                share <= _read(settings),
+                share <= values(settings, "near"),
                 "RMS error from 2 s after a switch on, on the worst of 18 rails; near is read as 5 "
                 f"to 20 % of the best slip, drawn with the settings. At ours {100 * used[0]:.1f} % "
                 f"of the adhesion is used at least. {remark}",
@@ -645,13 +483,13 @@ def _convergence(
 
 
 def _other_parameters(varied: Runs, settings: Sequence[Setting]) -> Claim:
-    ours = varied.figure("tracking_rms_settled", "second") / _best()
+    ours = varied.figure("tracking_rms_settled", "second") / best_slip()
     return _claim(
         "The controller needs no exact parameters (near the best slip with masses and inertias off "
         "by up to 20 %)",
         100 * ours,
         "% of the best slip",
-        ours <= _read(settings),
+        ours <= values(settings, "near"),
         "On the low surface. The law itself has no parameter of the train in it; the gain k0 was "
         "found on this one.",
     )
@@ -668,11 +506,11 @@ def _power(true: _Columns, motors: Runs, settings: Sequence[Setting], plant: Pla
     downhill = float(plant.static_mass) * GRAVITY * np.sin(SYSTEM.slope)
     # Four driven axles accelerate the train; Eq. 20 has the pull of one.
     torque = (pull + share * (4 * pull - radius * downhill)) / ratio
-    speed = ratio * (10.5 + _best()) / radius
+    speed = ratio * (10.5 + best_slip()) / radius
     ours = torque * speed / 1e3
     at_end = np.abs(true.runs.axle("torque") * np.asarray(true.runs.trace.motor_speed)[..., 0])[0]
     later = at_end[np.searchsorted(true.runs.time, 9.9)] / 1e3
-    settled = motors.figure("tracking_rms_settled", "first") / _best()
+    settled = motors.figure("tracking_rms_settled", "first") / best_slip()
     used = motors.figure("utilisation", "first")
     return [
         judged(
@@ -680,18 +518,18 @@ def _power(true: _Columns, motors: Runs, settings: Sequence[Setting], plant: Pla
             "Motors of 120 kW drive the train as in Fig. 5 to 9",
             ours,
             "kW a motor",
-            holding(ours <= _MOTOR / 1e3),
+            holding(ours <= MOTOR / 1e3),
             REPAIRED,
             "What holds slip at its best on the dry surface at 10.5 m/s, the speed at the start, "
             f"by Eq. 20 with the inertia of both wheels. At 10 s it is {later:.0f} kW. The paper "
             "does not limit the power.",
-            _MOTOR / 1e3,
+            MOTOR / 1e3,
         ),
         _claim(
             "Limited to their own 120 kW the motors bring slip near its best on the dry surface",
             100 * settled,
             "% of the best slip",
-            settled <= _read(settings),
+            settled <= values(settings, "near"),
             f"They use {100 * used[0]:.0f} % of the dry surface at our setting.",
         ),
     ]
@@ -704,9 +542,9 @@ def _sides(sides: Runs, settings: Sequence[Setting]) -> Claim:
     return _claim(
         "Slip converges where each side has an adhesion of its own (Eq. 11 and 12), the left of a "
         "tenth of the right to as much",
-        100 * ours / _best(),
+        100 * ours / best_slip(),
         "% of the best slip",
-        ours / _best() <= _read(settings),
+        ours / best_slip() <= values(settings, "near"),
         "Column dry-low; slip and reference are those of the right wheel, beside the gear. The "
         "axle carries what the left wheel does not need.",
     )
@@ -716,12 +554,12 @@ def _axles(axles: Runs, settings: Sequence[Setting]) -> Claim:
     sample = axles.trace.sample
     at = axles.time > 2.0
     error = np.asarray(sample.slip - sample.optimum)[:, at & (axles.time < 10.0)]
-    ours = np.sqrt(np.mean(error**2, axis=1)).max(axis=1) / _best()
+    ours = np.sqrt(np.mean(error**2, axis=1)).max(axis=1) / best_slip()
     return _claim(
         "Four axles on rails of their own each come near the best slip",
         100 * ours,
         "% of the best slip, worst axle",
-        ours <= _read(settings),
+        ours <= values(settings, "near"),
         "Dry, wet, low and a fifth of the dry one under one train, each axle with a control of its "
         "own; from 2 to 10 s.",
     )
@@ -735,12 +573,12 @@ def _brakes(braking: Runs, settings: Sequence[Setting]) -> Claim:
     counted = np.where(settled & np.asarray(rows.counts), error, np.nan)
     seen = np.asarray(np.isfinite(counted).any(axis=1))
     mean = np.nanmean(np.where(seen[:, None], counted, 0.0) ** 2, axis=1)
-    ours = np.where(seen, np.sqrt(mean), np.inf) / _best()
+    ours = np.where(seen, np.sqrt(mean), np.inf) / best_slip()
     return _claim(
         "In braking slip converges to near the best slip, too",
         100 * ours,
         "% of the best slip",
-        ours <= _read(settings),
+        ours <= values(settings, "near"),
         "Column dry-low: traction to 12 m/s, then braking, from 2 s after its begin on. Uphill the "
         "train slows down fast, which asks for 3.3 kN m: k0 gives that with a larger offset.",
     )

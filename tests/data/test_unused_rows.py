@@ -112,6 +112,43 @@ def test_rows_of_no_use_are_left_out_counted_and_told(case):
     np.testing.assert_allclose(found.table["slip_ratio"], slip, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("place", "leap", "is_left_out"),
+    [
+        # Steps of .05 s: a wheel gains at most 60 m/s^2, or 3 m/s, from row to row.
+        (200, 3.1, True),
+        (200, 2.9, False),
+        (200, -3.1, True),
+        (0, 3.1, True),  # the first and the last row have one neighbour
+        (399, 3.1, True),
+    ],
+)
+def test_a_leap_is_one_where_no_wheel_could_be_accelerated_so_fast(place, leap, is_left_out):
+    table = log()
+    table.loc[place - 1 : place + 1, "wheel_speed_mps"] = 10.2
+    table.loc[place, "wheel_speed_mps"] += leap
+    found = to_measured("log", table)
+    assert {*range(400)} - {*found.table.index} == ({place} if is_left_out else set())
+
+
+def test_what_leaps_less_than_twenty_usual_steps_is_noise():
+    """White noise of .15 m/s at 1 kHz."""
+    table = pd.concat([log()] * 5, ignore_index=True)
+    table["time_s"] = 0.001 * np.arange(len(table))
+    table["wheel_speed_mps"] = 10.0 + 0.15 * np.random.default_rng(0).normal(size=len(table))
+    usual = np.median(np.abs(np.diff(table["wheel_speed_mps"])))
+    for leap, lost in ((19.2, 0), (20.8, 1)):
+        leaping = table.copy()
+        leaping.loc[999:1001, "wheel_speed_mps"] = 10.0 + usual * np.array([0.0, leap, 0.0])
+        assert len(table) - len(to_measured("log", leaping).table) == lost
+
+
+def test_a_row_between_two_leaps_is_none():
+    table = log()
+    table.loc[[100, 102], "wheel_speed_mps"] *= 1.5
+    assert {*range(400)} - {*to_measured("log", table).table.index} == {100, 102}
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_a_log_that_is_nothing_else_is_refused(case):
     table, left_out, _ = CASES[case]

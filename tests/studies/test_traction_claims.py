@@ -7,7 +7,7 @@ import pytest
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.systems import SYSTEMS, fang2018
 from adhesion_jax.traction.systems.base import built
-from experiments.claims.fang2018_control import _critical
+from experiments.claims.fang2018_settings import critical_gain_of
 from experiments.claims.hxd1f import settling
 from experiments.claims.qian2024_settings import _delay
 from experiments.claims.traction import plant_of
@@ -27,8 +27,8 @@ def test_the_critical_gain_is_that_of_eq_18_by_hand():
     """R W g/(i eta) = .43 14000 9.81/(3.036 .98) = 19849; i J/R W g M = 3.036 13.07/.43 5.3795."""
     system = SYSTEMS["fang2018"]
     loop = built(system, system.cases(system.step)[0], plant_of(system))
-    assert _critical(loop) == pytest.approx(19849 + 3.036 * 13.071 / 0.43 * 5.3795, rel=1e-3)
-    assert _critical(loop) == pytest.approx(fang2018.CRITICAL, rel=1e-4)
+    assert critical_gain_of(loop) == pytest.approx(19849 + 3.036 * 13.071 / 0.43 * 5.3795, rel=1e-3)
+    assert critical_gain_of(loop) == pytest.approx(fang2018.CRITICAL, rel=1e-4)
 
 
 def test_the_printed_rolling_resistance_and_bound_of_uyulan_by_hand():
