@@ -1,6 +1,5 @@
 """`identify`: which adhesion curve measured points follow."""
 
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -51,14 +50,11 @@ from adhesion_jax.report.measured.tables import (
     short_report,
 )
 from adhesion_jax.report.measured.words import (
-    differ,
+    different_rails,
     in_lines,
-    mixed_sentence,
-    of_groups,
     verdict,
 )
 from adhesion_jax.report.page_html import page_html
-from adhesion_jax.report.text import WIDTH
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
 
@@ -210,7 +206,7 @@ class Identification:
         return in_lines(self._sections())
 
     def _sections(self) -> Sequence[tuple[str, Sequence[str]]]:
-        told = verdict(
+        return verdict(
             self.measured,
             " ".join(filter(None, (*(log.sentence for log in self.logs), self.citation))),
             self.fits,
@@ -223,10 +219,8 @@ class Identification:
             [one for one in (self.comparison, self.branches) if one is not None],
             self.groups,
             self.in_vain,
+            self.mixed,
         )
-        mixed = "" if self.mixed is None else mixed_sentence(self.mixed)
-        warnings = [*filter(None, [mixed, self.judgement.warning])]
-        return [("Warning", warnings), *told] if warnings else told
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them; those of runs if compared.
@@ -258,19 +252,12 @@ class Identification:
 
     def report(self) -> str:
         """The peak, the best curve and its parameters in a few lines; `verdict` has the rest."""
-        return short_report(self.fits, self.best, self.answer, self.judgement)
+        return short_report(self.fits, self.best, self._lines)
 
     @property
     def _lines(self) -> str:
-        """The answer for a terminal; before it those of the groups, where they differ."""
-        lines = answer_lines(self.answer, self.fit, self.judgement)
-        if self.comparison is None or not self.groups or not differ(self.comparison):
-            return lines
-        said = (
-            f"Adhesion differs by {self.comparison.by}: largest adhesion {of_groups(self.groups)}. "
-            "What follows is of one curve for all, which is a mean of these."
-        )
-        return f"{textwrap.fill(said, WIDTH)}\n\n{lines}"
+        first = different_rails(self.comparison, self.groups, self.mixed)
+        return answer_lines(self.answer, self.fit, self.judgement, first)
 
     def __repr__(self) -> str:
         return f"{self._lines}\n\n{printed_table(self.fits, self.answer)}\n\n{self.verdict}"

@@ -57,9 +57,15 @@ def test_labels_that_are_known_are_looked_at_too(name):
 
 
 def test_rails_that_are_mixed_are_told_though_nobody_asked():
-    mixed = " ".join(aj.identify(table(0.8), "burckhardt").verdict.split())
-    assert mixed.startswith("Warning: The rows are of different rails: their level differs by rail")
-    assert 'the peak of each is told by --by "rail".' in mixed
+    unasked = aj.identify(table(0.8), "burckhardt")
+    said = "The rows are of different rails: their level differs by rail"
+    assert " ".join(unasked.verdict.split()).startswith(f"Warning: {said}")
+    for printed in (repr(unasked), unasked.report()):  # before any number
+        first = " ".join(printed.split("mu_max ")[0].split())
+        assert first.startswith(said)
+        assert first.endswith('the peak of each is told by --by "rail".')
+    levels = unasked.mixed.table.set_index("rail")["mu_max"]
+    assert levels["wet"] / levels["dry"] == pytest.approx(0.8, rel=0.02)
     alike = " ".join(aj.identify(table(1.0), "burckhardt").verdict.split())
     assert "different rails" not in alike
     asked = aj.identify(table(0.8), "burckhardt", by="rail")

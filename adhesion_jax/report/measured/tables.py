@@ -14,37 +14,34 @@ from adhesion_jax.report.text import WIDTH, flush_left
 from adhesion_jax.wording import plus_minus
 
 
-def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement) -> str:
-    """The peak by all curves together, for a terminal; `fit` is that of any of them."""
-    unit = fit.slip_unit
+def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement, first: str) -> str:
+    """The peak by all curves together, for a terminal; `fit` is that of any of them.
+
+    Before it what must be said `first`, if anything.
+    """
     if judgement.vetoes:
-        return "\n".join(
-            (
-                "mu_max    not known",
-                "slip_opt  not known",
-                *textwrap.wrap(" ".join(judgement.vetoes), WIDTH, break_on_hyphens=False),
-            )
-        )
-    if judgement.at_least is not None:
-        return "\n".join(
-            (
-                f"mu_max    at least {judgement.at_least.value:.4f} "
-                f"(95 %: {judgement.at_least.low:.4f})",
-                "slip_opt  no peak is seen among the points",
-                *textwrap.wrap(judgement.why, WIDTH, break_on_hyphens=False),
-            )
-        )
-    said = (
-        "The peak with its 95 % interval, the choice of the curve included. Weights of the curves "
-        f"by cross-validation: {weights_of(answer)}."
-    )
-    return "\n".join(
-        (
+        lines = ["mu_max    not known", "slip_opt  not known", *_wrapped(*judgement.vetoes)]
+    elif judgement.at_least is not None:
+        least = judgement.at_least
+        lines = [
+            f"mu_max    at least {least.value:.4f} (95 %: {least.low:.4f})",
+            "slip_opt  no peak is seen among the points",
+            *_wrapped(judgement.why),
+        ]
+    else:
+        lines = [
             f"mu_max    {_interval(answer.mu_max)}",
-            f"slip_opt  {_interval(answer.slip_opt)}{unit}",
-            *textwrap.wrap(said, WIDTH, break_on_hyphens=False),
-        )
-    )
+            f"slip_opt  {_interval(answer.slip_opt)}{fit.slip_unit}",
+            *_wrapped(
+                "The peak with its 95 % interval, the choice of the curve included. Weights of the "
+                f"curves by cross-validation: {weights_of(answer)}."
+            ),
+        ]
+    return "\n".join([*_wrapped(first), "", *lines] if first else lines)
+
+
+def _wrapped(*sentences: str) -> list[str]:
+    return textwrap.wrap(" ".join(sentences), WIDTH, break_on_hyphens=False)
 
 
 def _interval(found: Estimate) -> str:
@@ -115,13 +112,11 @@ def _parameters(fit: MeasuredFit) -> Iterator[tuple[str, float, float]]:
     return zip(fit.curve.free, values, errors, strict=True)
 
 
-def short_report(
-    fits: Mapping[str, MeasuredFit], best: str, answer: Answer, judgement: Judgement
-) -> str:
-    """The answer and, of the best curve, what it is worth and its parameters, for a terminal."""
+def short_report(fits: Mapping[str, MeasuredFit], best: str, answer: str) -> str:
+    """The lines of the answer and, of the best curve, what it is worth and its parameters."""
     fit = fits[best]
     lines = [
-        answer_lines(answer, fit, judgement),
+        answer,
         f"{best}: rms {fit.rms:.3g} over {fit.points} points, {fit.status.name}",
     ]
     for parameter, value, error in _parameters(fit):

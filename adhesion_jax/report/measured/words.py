@@ -49,16 +49,20 @@ def verdict(
     comparisons: Sequence[Comparison],
     groups: Mapping[str, Group],
     in_vain: Sequence[str] | None,
+    mixed: Comparison | None,
 ) -> Sections:
     """The verdict in sentences under titles: what forbids an answer comes first.
 
     `left` is the residual of the curve with the largest log density, and `in_vain` are the columns
-    whose groups were looked at without one that predicts.
+    whose groups were looked at without one that predicts; `mixed` are the levels by a column that
+    nobody named and that predicts them.
     """
     ranked = best_first(fits)
     best = fits[ranked[0]]
     peak = [] if judgement.vetoes else _peak_sentences(answer, judgement, best, measured)
+    warnings = [different_rails(None, {}, mixed), judgement.warning]
     sections = [
+        ("Warning", [*filter(None, warnings)]),
         ("No answer", list(judgement.vetoes)),
         ("Data", _data_sentences(measured, citation)),
         ("Curve", _curve_sentences(fits, ranked, answer)),
@@ -293,32 +297,36 @@ def _group_sentences(comparison: Comparison, groups: Mapping[str, Group]) -> lis
         f"Its course over slip {'differs' if comparison.bent else 'shows no difference'} "
         f"(p = {comparison.p_shape:.2g}).",
     ]
-    if differ(comparison) and by != "branch":
+    if (comparison.changed or comparison.bent) and by != "branch":
         sentences.append(
             f"One curve for all of {by} is a mean of different rails: use the answer of each"
-            + (f", each fitted by itself: {of_groups(groups)}." if groups else ".")
+            + (f", each fitted by itself: {_of_groups(groups)}." if groups else ".")
         )
     return sentences
 
 
-def differ(comparison: Comparison) -> bool:
-    """Whether one curve for all groups is none of theirs."""
-    return comparison.changed or comparison.bent
-
-
-def of_groups(groups: Mapping[str, Group]) -> str:
+def _of_groups(groups: Mapping[str, Group]) -> str:
     """What each group says by itself, as clauses."""
     return "; ".join(_of_group(name, one) for name, one in groups.items())
 
 
-def mixed_sentence(comparison: Comparison) -> str:
-    """What is said where the groups of a column that nobody named predict the levels of rows."""
-    table, by = comparison.table, comparison.by
+def different_rails(
+    comparison: Comparison | None, groups: Mapping[str, Group], mixed: Comparison | None
+) -> str:
+    """What is said before one answer for rows of different rails; empty for most measurements."""
+    if mixed is not None:
+        levels, by = mixed.table["mu_max"], mixed.by
+        return (
+            f"The rows are of different rails: their level differs by {by} (p = {mixed.p:.1g}), so "
+            f"that under one curve the largest adhesion is from {levels.min():.4f} to "
+            f"{levels.max():.4f}, and one peak for all is a mean of these; the peak of each is "
+            f'told by --by "{by}".'
+        )
+    if comparison is None or not groups or not (comparison.changed or comparison.bent):
+        return ""
     return (
-        f"The rows are of different rails: their level differs by {by} (p = {comparison.p:.1g}), "
-        f"so that under one curve the largest adhesion is from {table['mu_max'].min():.4f} to "
-        f"{table['mu_max'].max():.4f}, and one peak for all is a mean of these; the peak of each "
-        f'is told by --by "{by}".'
+        f"Adhesion differs by {comparison.by}: largest adhesion {_of_groups(groups)}. What follows "
+        "is of one curve for all, which is a mean of these."
     )
 
 
