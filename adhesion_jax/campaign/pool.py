@@ -62,8 +62,9 @@ class Processes:
 
     Processes rather than threads, because compiled programs that call LAPACK on stacks of large
     matrices deadlock when two run at once (`runtime.threads`); spawned ones, because a fork of a
-    process in which jax runs is not safe. They share what they compile. Where one dies, others are
-    started for what is not finished; WorkerError where that has been as often as a unit is tried.
+    process in which jax runs is not safe. They share what they compile. Where one dies, the units
+    that may have been its last are tried again one by one; WorkerError where one of them ends its
+    process as often as a unit is tried.
     No process outlives this one, however it ends.
     """
 
@@ -87,20 +88,26 @@ class Processes:
         if workers <= 1:
             yield from ((number, function(*unit)) for number, unit in enumerate(work))
             return
-        left, tried = dict(enumerate(work)), Counter[int]()
+        left, tried, one_by_one = dict(enumerate(work)), Counter[int](), False
         while left:
+            # Which of the units that were computed ended its process is seen where one process
+            # computes them in their order: it is the first that has no result.
+            units = dict(islice(left.items(), workers)) if one_by_one else left
             try:
-                with _started(workers) as executor:
+                with _started(1 if one_by_one else workers) as executor:
                     begin = partial(executor.submit, plugins.worded, function)
-                    for number, future in finished(begin, left):
+                    for number, future in finished(begin, units):
                         result = future.result()
                         del left[number]
                         yield number, result
+                one_by_one = False
             except BrokenProcessPool:
-                first = min(left)  # it was among those that were computed
-                tried[first] += 1
-                if tried[first] == TRIES:
-                    raise died(TRIES) from None
+                if one_by_one:
+                    first = min(left)
+                    tried[first] += 1
+                    if tried[first] == TRIES:
+                        raise died(TRIES) from None
+                one_by_one = True
 
 
 def finished(
