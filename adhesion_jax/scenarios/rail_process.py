@@ -59,23 +59,48 @@ class RailProcess(eqx.Module):
     def sensitivity(
         self, curve: Curve, slip: Float[Array, " points"], conditions: Conditions
     ) -> Float[Array, "free points"]:
-        """The derivatives of the adhesion by the free parameters of the curve, were it this one."""
+        """The derivatives of the adhesion by the free parameters of the curve, were it this one.
+
+        Parameters that differ from point to point change by the same at all of them.
+        """
+        values = free_values(curve)
+        _, push = jax.linearize(lambda x: self._were(curve, x, slip, conditions), values)
+        units = jnp.eye(len(values)).reshape(values.shape[0], -1, *(1,) * (values.ndim - 1))
+        return jax.vmap(push)(jnp.broadcast_to(units, (len(values), *values.shape)))
+
+    def slope(
+        self, curve: Curve, slip: Float[Array, " points"], conditions: Conditions
+    ) -> Float[Array, " points"]:
+        """The derivative of the adhesion by the slip."""
+        values = free_values(curve)
+        _, slope = jax.jvp(
+            lambda slip: self._were(curve, values, slip, conditions),
+            (slip,),
+            (jnp.ones_like(slip),),
+        )
+        return slope
+
+    def _were(
+        self,
+        curve: Curve,
+        values: Float[Array, "*free_and_points"],
+        slip: Float[Array, " points"],
+        conditions: Conditions,
+    ) -> Float[Array, " points"]:
+        """The adhesion, were the curve this one with these free parameters."""
+        changed = with_free_values(curve, values)
         conditions = {**conditions, **self.conditions}
-
-        def adhesion(values: Float[Array, " free"]) -> Float[Array, " points"]:
-            changed = with_free_values(curve, values)
-            if isinstance(self.law, CorrectedLaw):
-                return dataclasses.replace(self.law, curve=changed)(slip, conditions)
-            return changed(slip, conditions)
-
-        _, push = jax.linearize(adhesion, free_values(curve))
-        return jax.vmap(push)(jnp.eye(len(curve.free)))
+        if isinstance(self.law, CorrectedLaw):
+            return dataclasses.replace(self.law, curve=changed)(slip, conditions)
+        return changed(slip, conditions)
 
 
-def steady(curves: Mapping[str, Curve], rail: str, blocks: int = 1) -> RailProcess:
+def steady(
+    curves: Mapping[str, Curve], rail: str, blocks: int = 1, option: str = "rail"
+) -> RailProcess:
     """One rail, of this name; InputError if there is none."""
     if rail not in curves:
-        raise InputError(f"--rail {rail} is unknown; the rails are {', '.join(curves)}.")
+        raise InputError(f"--{option} {rail} is unknown; the rails are {', '.join(curves)}.")
     return RailProcess((rail,) * blocks, curves[rail])
 
 
