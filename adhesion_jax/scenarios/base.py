@@ -73,16 +73,19 @@ class Scenario(eqx.Module):
         names = self._names()
         if "slope" in names:
             return jnp.full((len(self.rails), len(names)), jnp.nan)
-        ends = self._ends()
-        curves = self._along() if self.rail.drifts else ends
-        sensitivity = jax.vmap(self.rail.sensitivity)(curves, record.slip, record.conditions)
+        ends, path = self._ends(), None
+        by_values, slope = jax.vmap(self.rail.derivatives)(ends, record.slip, record.conditions)
+        if self.rail.drifts:  # every point is a block of its own
+            curves, of_point = self._along(), jax.vmap(jax.vmap(self.rail.derivatives))
+            alone = jax.tree.map(lambda x: x[..., None], (record.slip, record.conditions))
+            by_values, slope = of_point(curves, *alone)
+            by_values, slope = jnp.swapaxes(by_values[..., 0], 1, 2), slope[..., 0]
+            path = jax.vmap(jax.vmap(free_values))(curves)
         slip_noise, noise = self.excitation.slip_noise, self.noise
         if slip_noise and not noise.autocorrelation:
-            slope = jax.vmap(self.rail.slope)(curves, record.slip, record.conditions)
             spread = jnp.hypot(noise.sigma, slope * slip_noise)
-            sensitivity = sensitivity * (noise.sigma / spread)[:, None]
-        path = jax.vmap(free_values)(curves) if self.rail.drifts else None
-        information = self.course.information(sensitivity, record.mask, noise, self.rails, path)
+            by_values = by_values * (noise.sigma / spread)[:, None]
+        information = self.course.information(by_values, record.mask, noise, self.rails, path)
         bound = jax.vmap(bound_of_information, (0, 0, None, None))(
             ends, information, self.noise.sigma, self._of_truth()
         )

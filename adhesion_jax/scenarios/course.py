@@ -75,7 +75,7 @@ class Course(eqx.Module):
         mask: Bool[Array, "blocks points"],
         noise: Noise,
         rails: Sequence[str],
-        path: Float[Array, "blocks free points"] | None,
+        path: Float[Array, "blocks points free"] | None,
     ) -> Float[Array, "blocks free free"]:
         """J'J over those points, J made white as the noise is by `Noise.whitened`.
 
@@ -100,7 +100,7 @@ class EachByItself(Course):
         mask: Bool[Array, "blocks points"],
         noise: Noise,
         rails: Sequence[str],
-        path: Float[Array, "blocks free points"] | None,
+        path: Float[Array, "blocks points free"] | None,
     ) -> Float[Array, "blocks free free"]:
         return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
             sensitivity, mask
@@ -221,14 +221,14 @@ class Followed(Course):
         mask: Bool[Array, "blocks points"],
         noise: Noise,
         rails: Sequence[str],
-        path: Float[Array, "blocks free points"] | None,
+        path: Float[Array, "blocks points free"] | None,
     ) -> Float[Array, "blocks free free"]:
         def of_stretch(
             sensitivity: Float[Array, "blocks free points"],
-            path: Float[Array, "blocks free points"] | None,
+            path: Float[Array, "blocks points free"] | None,
         ) -> Float[Array, "blocks free free"]:
             along = jnp.swapaxes(sensitivity, 0, 1).reshape(sensitivity.shape[1], -1)
-            way = None if path is None else jnp.swapaxes(path, 0, 1).reshape(along.shape)
+            way = None if path is None else path.reshape(-1, len(along)).T
             return information_along(noise.whitened(along), way, noise.sigma, REPORT)
 
         starts = switches(rails)

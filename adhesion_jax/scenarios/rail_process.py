@@ -56,43 +56,24 @@ class RailProcess(eqx.Module):
             return jax.vmap(self.law)(slip, conditions)
         return self.law(slip, conditions)
 
-    def sensitivity(
+    def derivatives(
         self, curve: Curve, slip: Float[Array, " points"], conditions: Conditions
-    ) -> Float[Array, "free points"]:
-        """The derivatives of the adhesion by the free parameters of the curve, were it this one.
-
-        Parameters that differ from point to point change by the same at all of them.
-        """
-        values = free_values(curve)
-        _, push = jax.linearize(lambda x: self._were(curve, x, slip, conditions), values)
-        units = jnp.eye(len(values)).reshape(values.shape[0], -1, *(1,) * (values.ndim - 1))
-        return jax.vmap(push)(jnp.broadcast_to(units, (len(values), *values.shape)))
-
-    def slope(
-        self, curve: Curve, slip: Float[Array, " points"], conditions: Conditions
-    ) -> Float[Array, " points"]:
-        """The derivative of the adhesion by the slip."""
-        values = free_values(curve)
-        _, slope = jax.jvp(
-            lambda slip: self._were(curve, values, slip, conditions),
-            (slip,),
-            (jnp.ones_like(slip),),
-        )
-        return slope
-
-    def _were(
-        self,
-        curve: Curve,
-        values: Float[Array, "*free_and_points"],
-        slip: Float[Array, " points"],
-        conditions: Conditions,
-    ) -> Float[Array, " points"]:
-        """The adhesion, were the curve this one with these free parameters."""
-        changed = with_free_values(curve, values)
+    ) -> tuple[Float[Array, "free points"], Float[Array, " points"]]:
+        """Those of the adhesion by the free parameters and by the slip, were the curve this one."""
         conditions = {**conditions, **self.conditions}
-        if isinstance(self.law, CorrectedLaw):
-            return dataclasses.replace(self.law, curve=changed)(slip, conditions)
-        return changed(slip, conditions)
+
+        def adhesion(
+            values: Float[Array, " free"], slip: Float[Array, " points"]
+        ) -> Float[Array, " points"]:
+            changed = with_free_values(curve, values)
+            if isinstance(self.law, CorrectedLaw):
+                return dataclasses.replace(self.law, curve=changed)(slip, conditions)
+            return changed(slip, conditions)
+
+        values = free_values(curve)
+        _, push = jax.linearize(lambda values: adhesion(values, slip), values)
+        by_slip = jax.jvp(lambda slip: adhesion(values, slip), (slip,), (jnp.ones_like(slip),))[1]
+        return jax.vmap(push)(jnp.eye(len(curve.free))), by_slip
 
 
 def steady(
