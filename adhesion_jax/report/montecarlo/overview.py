@@ -155,13 +155,15 @@ def _out_of_reach(table: pd.DataFrame) -> list[str]:
     far = best["rmse_over_crlb"].min()
     far = far[far > _NEAR]
     if len(far):
-        words.append(f"No method comes within twice the bound on {listed([*far.index])}.")
+        where = listed([*far.index])
+        words.append(f"None of these methods comes within twice the bound on {where}.")
     doubtful = best["coverage95"].max()
     doubtful = doubtful[doubtful < _BELIEVED]
     if len(doubtful):
+        share, where = f"{100 * _BELIEVED:.0f} %", listed([*doubtful.index])
         words.append(
-            f"No method has intervals that hold the truth in {100 * _BELIEVED:.0f} % of the runs "
-            f"on {listed([*doubtful.index])}."
+            f"None of these methods has intervals that hold the truth in {share} of the runs "
+            f"on {where}."
         )
     return words
 
