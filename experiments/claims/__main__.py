@@ -58,6 +58,10 @@ from experiments.claims.settings import Found
 from experiments.claims.uyulan2018 import uyulan_claims
 
 
+#: Where a search is held against another the effects are small: so many times the runs.
+MANY = 5
+
+
 class Work(NamedTuple):
     """What the claims of a paper are computed with, and where their figures go."""
 
@@ -75,16 +79,17 @@ def he2018(work: Work) -> list[Claim]:
     runs, seed, progress = work.runs, work.seed, work.progress
     experiment = Config("he2018-1", ("ml-exact", "ml-de"), Options(), runs, seed)
     found = convergence_claims(experiment, progress)
-    experiment = Config("he2018-blocks", ("ml-exact", "ml-de", *VARIANTS), Options(), runs, seed)
+    many = MANY * runs
+    experiment = Config("he2018-blocks", ("ml-exact", "ml-de", *VARIANTS), Options(), many, seed)
     rows: list[pd.DataFrame] = []
     campaign = run_campaign(experiment, rows.append, progress)
     blocks = as_blocks(pd.concat(rows, ignore_index=True), build_scenario(experiment))
     random = np.random.default_rng(seed)
     found += scatter_claims(blocks, random)
-    found += tracking_claims(campaign.tables, runs)
-    found += volatility_claims(campaign.tables, runs)
+    found += tracking_claims(campaign.tables, many)
+    found += volatility_claims(campaign.tables, many)
     pairs = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
-    panels = generation_panels(count_generations(pairs, seed, runs, progress), pairs.rails)
+    panels = generation_panels(count_generations(pairs, seed, many, progress), pairs.rails)
     found += generation_claims(panels, random)
     found += innovation_claims(panels, random)
     found += setting_claims(pairs, seed, progress)
