@@ -15,6 +15,7 @@ from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.files import output_directory, staged, write_table
 from adhesion_jax.identifiers.ml_de import GENERATIONS
+from adhesion_jax.report.traction.panels import draw
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, RAILS
 from experiments.claims import report
@@ -72,6 +73,8 @@ class Work(NamedTuple):
 
     def drawn(self, name: str, found: Found) -> list[Claim]:
         report.settings(self.folder / f"claims_{name}.png", found.cloud)
+        if found.panels:
+            draw(self.folder / f"claims_{name}_runs.png", found.panels)
         return [*found.claims]
 
 
@@ -135,7 +138,7 @@ PAPERS: Mapping[str, Callable[[Work], list[Claim]]] = {
 
 _FIGURES = (
     *("generations", "consistency", "factorial", "curves"),
-    *("fang2018", "uyulan2018", "hxd1f"),
+    *("fang2018", "fang2018_runs", "uyulan2018", "uyulan2018_runs", "hxd1f"),
 )
 
 
