@@ -58,7 +58,6 @@ from experiments.claims.qian2024_settings import outcomes
 from experiments.claims.settings import Found
 from experiments.claims.uyulan2018 import uyulan_claims
 
-
 #: Where a search is held against another the effects are small: so many times the runs.
 MANY = 5
 

@@ -78,8 +78,9 @@ class Cloud(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The claims of a control system, the one over the settings that matters most, and what else
-    is drawn."""
+    """The claims of a control system, the one over the settings that matters most, and more to
+    draw.
+    """
 
     claims: Sequence[Claim]
     cloud: Cloud

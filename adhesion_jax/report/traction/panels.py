@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import SymmetricalLogLocator
+from matplotlib.ticker import FuncFormatter, SymmetricalLogLocator
 from numpy.typing import ArrayLike
 
 from adhesion_jax.report.style import light_frame, line_styles, one_legend
@@ -37,6 +37,7 @@ class Panel(NamedTuple):
     lines: Sequence[Line]
     marks: Sequence[Mark] = ()
     limits: tuple[float, float] | None = None  # of y
+    ratio: bool = False  # the axis of x is logarithmic
     linear: float | None = None  # of y: beyond it, to both sides, the axis is logarithmic
 
 
@@ -57,6 +58,9 @@ def draw(path: Path, panels: Sequence[Panel]) -> None:
         axis.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
         if panel.limits is not None:
             axis.set_ylim(*panel.limits)
+        if panel.ratio:
+            axis.set_xscale("log")
+            axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         if panel.linear is not None:
             axis.set_yscale("symlog", linthresh=panel.linear)
             axis.yaxis.set_major_locator(SymmetricalLogLocator(base=100, linthresh=panel.linear))

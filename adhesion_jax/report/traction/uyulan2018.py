@@ -83,9 +83,9 @@ CAPTIONS: Mapping[str, str] = {
     "fig_08_slip": "Figure 8: slip with the true optimum as reference, and slip with the seeker as "
     "the paper prints it. Dotted: the best slips that the paper prints. Slip beyond 3 m/s is cut.",
     "fig_09_map": "Figure 9: the operating point over the adhesion curves.",
-    "fig_10_lyapunov": "Figure 10: the Lyapunov function L and, below, how fast it changes; the axis "
-    "of the rate is logarithmic to both sides of zero. L rises only within the layer that is in "
-    "the place of the sign of Eq. 28.",
+    "fig_10_lyapunov": "Figure 10: the Lyapunov function L and, below, how fast it changes; the "
+    "axis of the rate is logarithmic to both sides of zero. L rises only within the layer that is "
+    "in the place of the sign of Eq. 28, and when the best slip jumps with the rail.",
 }
 
 
