@@ -135,7 +135,8 @@ def control_claims(progress: Callable[[str], None]) -> Found:
     ]
     used = _least_used(slopes["km/h"])
     cloud = Cloud(
-        "Fang et al. 2018: with K1 = 19000 for slip in km/h and K2 = 7000 near the peak",
+        "Fang et al. 2018: with K1 = 19000 for slip in km/h and K2 = 7000 near the peak\n"
+        "(near, at least 90 to 99 % of the adhesion, is drawn with the settings)",
         "largest adhesion of road 2 (1)",
         values(settings, "second"),
         "adhesion used on the worse road (%)",
