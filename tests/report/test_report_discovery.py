@@ -236,6 +236,14 @@ def test_a_p_at_the_least_that_signs_can_show_is_told_as_such():
     assert "humidity (adjusted p = 0.0005;" in verdict(eight)
 
 
+def test_what_was_stated_has_no_p():
+    findings = two_effects()
+    humidity, speed = findings.effects
+    stated = findings._replace(effects=(humidity._replace(p_adjusted=np.nan), speed))
+    assert "humidity (stated, and not tested;" in verdict(stated)
+    assert next(row[1] for row in effects_table(stated).rows) == ""
+
+
 def test_verdict_says_where_an_effect_acts():
     findings = two_effects()
     humidity, speed = findings.dependences
