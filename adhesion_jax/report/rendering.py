@@ -1,6 +1,7 @@
 """Pages and texts from the templates, in which a reader finds every sentence as it is written."""
 
 import base64
+import math
 from collections.abc import Mapping, Sequence
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
@@ -30,6 +31,7 @@ _TEMPLATES.filters |= {
     **{one.__name__: one for one in (format, listed, number, p_is, percent, plus_minus)},
     "paragraph": _paragraph,
 }
+_TEMPLATES.tests["finite"] = math.isfinite
 
 
 def page_html(page: Page, pictures: Mapping[str, bytes]) -> str:
