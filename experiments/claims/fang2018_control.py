@@ -34,11 +34,11 @@ from experiments.claims.claim import (
 )
 from experiments.claims.fang2018 import FANG2018
 from experiments.claims.fang2018_settings import (
-    BENCH_DELAY,
     DURATION,
     POOR,
     RANGES,
     SLOPE_GAINS,
+    bench_delay,
     bench_loop,
     critical_gain_of,
     loop_of,
@@ -435,7 +435,7 @@ class _Delayed(NamedTuple):
 def _delayed(loops: Sequence[Loop]) -> _Delayed:
     """The dead times in turn over the settings."""
     drawn_ones = len(loops) - 1
-    turn = np.array([_DELAYS.index(BENCH_DELAY), *(np.arange(drawn_ones) % len(_DELAYS))])
+    turn = np.array([_DELAYS.index(bench_delay()), *(np.arange(drawn_ones) % len(_DELAYS))])
     slips, ours = np.empty((len(POOR), len(loops))), []
     for place, delay in enumerate(_DELAYS):
         chosen = np.flatnonzero(turn == place)

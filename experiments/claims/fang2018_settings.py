@@ -69,10 +69,6 @@ DURATION = 150.0
 POOR = ("2", "3")
 
 
-#: The dead time of the bench that ships, s.
-BENCH_DELAY = float(read_plant(shipped()["fang2018_bench"]).plant.dead_time)
-
-
 def loop_of(setting: Setting) -> Loop:
     """The loop of a setting, under the first controller of the system."""
     plant = plant_of(SYSTEM)
@@ -133,6 +129,11 @@ def rate_loop(loop: Loop, setting: Setting, engaged_kmh: float, open_loop: float
 def threshold_loop(loop: Loop, setting: Setting) -> Loop:
     names = ("difference", "creepage", "released", "unloading", "ramp")
     return under_controller(loop, Threshold(**{name: jnp.asarray(setting[name]) for name in names}))
+
+
+def bench_delay() -> float:
+    """The dead time of the bench that ships, s."""
+    return float(read_plant(shipped()["fang2018_bench"]).plant.dead_time)
 
 
 def bench_loop(loop: Loop, delay: float) -> Loop:
