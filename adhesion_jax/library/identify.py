@@ -231,7 +231,7 @@ class Identification:
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "curves.csv", self.table)
         write_table(path / "parameters.csv", self.parameters)
-        (path / "verdict.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
+        (path / "verdict.txt").write_text(f"{self}\n", encoding="utf-8")
         save_law(path / "law.json", self.curve)
         title = Path(self.measured.name).name
         self.plot().savefig(path / "curves.png", dpi=150)
