@@ -139,7 +139,9 @@ def test_columns_are_told_as_the_command_is_told():
     for name in ("slip_ratio", "adhesion", "normal_load_N", "vehicle_speed_mps"):
         np.testing.assert_allclose(measured.table[name], FRAME[name], rtol=1e-12)
     assert measured.understood["column"].tolist()[:4] == [*shown]
-    with pytest.raises(aj.InputError, match="whether the slip in column Schlupf is a ratio"):
+    # The answers are those of a function, not of the command.
+    asked = r'column Schlupf is a ratio or in per cent \(columns=\{"slip": "Schlupf \[1\]"\} or'
+    with pytest.raises(aj.InputError, match=asked):
         aj.identify(shown, columns={name: said[name] for name in ("speed", "wheel_force")})
     with pytest.raises(aj.InputError, match=r"whether column F .kN. is the wheel force"):
         aj.discover(shown, columns={name: said[name] for name in ("speed", "slip")})

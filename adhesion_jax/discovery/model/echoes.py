@@ -15,9 +15,9 @@ _WINDOW = 9
 #: A column repeats a signal if its fast changes explain this share of the variance of the signal's.
 _SAME = 0.75
 
-#: The load follows the force if that explains this share of its variance within the runs, which is
-#: most of its variance.
-_FOLLOWS, _MOST = 0.9, 0.5
+#: The load follows the force if one line through both explains this share of its variance within
+#: the runs, and over all of them.
+_FOLLOWS = 0.8
 
 
 def echoes(fitted: Fitted) -> Mapping[str, str]:
@@ -64,9 +64,11 @@ def _moved_by(fitted: Fitted, load: np.ndarray, force: np.ndarray) -> bool:
     inside = fitted.setting.problem.points > 0
     if fitted.base == "level":  # where the slip stands still the load may well move the force
         return False
-    within = [_within(one, inside) for one in (load, force)]
-    most = np.sum(within[0] ** 2) > _MOST * inside.sum() * np.var(load[inside])
-    return bool(most) and _share(*within) > _FOLLOWS
+    loads, forces = (_within(one, inside) for one in (load, force))
+    if not _share(loads, forces) > _FOLLOWS:
+        return False
+    left = (load - load[inside].mean() - loads @ forces / (forces @ forces) * force)[inside]
+    return bool(np.var(left) < (1 - _FOLLOWS) * np.var(load[inside]))
 
 
 def _within(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
