@@ -13,6 +13,7 @@ from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.kiencke_linear import OnlineKiencke, online_estimate, start_of
 from adhesion_jax.identifiers.online import LARGEST, OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import (
+    Element,
     Square,
     Symmetric,
     Vector,
@@ -150,8 +151,9 @@ class Bank(OnlineKiencke):
         scale, kept = recursion.scale, recursion.kept
         memory = correlation(recursion)
         members = self._moved(known, self._dealt(recursion.members, scale), scale)
-        now = predicted(known, members.x, size, adhesion)
-        before = predicted(known, members.x, kept.size[0], kept.adhesion[0])
+        by_member = jax.vmap(predicted, (None, 0, None, None))
+        now = by_member(known, members.x, size, adhesion)
+        before = by_member(known, members.x, kept.size[0], kept.adhesion[0])
         residual = now.residual - memory * before.residual
         gradient = now.gradient - memory * before.gradient
         grown, spread = self._updated(known, members, residual, gradient, scale)
@@ -292,7 +294,7 @@ class Bank(OnlineKiencke):
 class Prediction(NamedTuple):
     """What is measured less what is predicted, and d mu/d x."""
 
-    residual: Of
+    residual: Element
     gradient: Vector
 
 
@@ -327,18 +329,18 @@ def _heard(recursion: BankRecursion, now: Value, before: Value) -> BankRecursion
     )
 
 
-def peak_of(known: Known, x: Vector) -> tuple[Of, Of]:
+def peak_of(known: Known, x: Vector) -> tuple[Element, Element]:
     """mu_max = a0/(p1 + 2 root) and the root of p2, one over the slip of the peak."""
     a0, root = cast(Kiencke, known.curve).a0, jnp.sqrt(x.b)
     return a0 / jnp.maximum(x.a + 2 * root, a0 / LARGEST), root
 
 
-def x_of(known: Known, peak: Of, root: Of) -> Vector:
+def x_of(known: Known, peak: Element, root: Element) -> Vector:
     """p1 and p2 of the curve with this peak."""
     return Vector(cast(Kiencke, known.curve).a0 / peak - 2 * root, root**2)
 
 
-def bend_of(known: Known, peak: Of, root: Of) -> Square:
+def bend_of(known: Known, peak: Element, root: Element) -> Square:
     """The derivatives of p1 and p2 by mu_max and by log root."""
     a0 = cast(Kiencke, known.curve).a0
     return Square(-a0 / peak**2, -2 * root, jnp.zeros_like(root), 2 * root**2)
@@ -351,7 +353,8 @@ def bank(without: dict[float, float], *trends: tuple[float, dict[float, float]])
         for slope, weights in ((0.0, without), *trends)
         for factor, weight in weights.items()
     ]
-    return Bank(*np.array(rows).T, 1e-4, 2.0, 0.02, 0.1)
+    factor, slope, prior = np.array(rows).T
+    return Bank(factor, slope, prior, 1e-4, 2.0, 0.02, 0.1)
 
 
 #: Nine tenths of the weight before any data are on rails that stay or go evenly, slowly or not; the
