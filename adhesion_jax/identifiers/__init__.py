@@ -9,6 +9,7 @@ from adhesion_jax.identifiers.base import follow as follow
 from adhesion_jax.identifiers.base import identify as identify
 from adhesion_jax.identifiers.ekf import ekf
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
+from adhesion_jax.identifiers.imm_rails import imm_rails
 from adhesion_jax.identifiers.ls_kiencke import LinearLeastSquares
 from adhesion_jax.identifiers.ml_de import ml_de, ml_de_eq16, ml_de_eq17, ml_de_he2018, ml_de_robust
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
@@ -45,6 +46,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "ekf": ekf,
     "ukf": ukf,
     "particle": particle,
+    "imm-rails": imm_rails,
     "rls-slope": rls_slope,
 }
 

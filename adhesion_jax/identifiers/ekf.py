@@ -10,7 +10,7 @@ class ExtendedKalmanFilter(KalmanFilter):
     Source: Jazwinski 1970, Stochastic Processes and Filtering Theory, theorem 8.1.
     """
 
-    def predicted(self, belief: Gaussian, model: Model) -> Predicted:
+    def sample_of(self, belief: Gaussian, model: Model) -> Predicted:
         return extended(belief, model)
 
 

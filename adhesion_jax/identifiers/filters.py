@@ -14,7 +14,7 @@ from adhesion_jax.identifiers.innovations import SLOW, followed, huber_weight, v
 from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
 from adhesion_jax.optim.arrays import Count, Value, Vector, Whether
 from adhesion_jax.optim.box import Logit
-from adhesion_jax.optim.kalman import Gaussian, Model, Predicted
+from adhesion_jax.optim.kalman import Gaussian, Model
 from adhesion_jax.records import Known, Record
 
 #: After the start and after a reset this many samples have no vote: the belief about the parameters
@@ -88,21 +88,23 @@ class RandomWalkFilter(Identifier):
         """The belief after a reset, around this mean."""
 
     @abstractmethod
-    def ahead(self, belief: Any, walk: Value, model: Model) -> tuple[Any, Predicted]:
-        """The belief after a step of the walk, and what it predicts."""
+    def walked(self, belief: Any, walk: Value) -> Any:
+        """The belief after a step of the walk."""
 
     @abstractmethod
-    def learned(
-        self, belief: Any, predicted: Predicted, model: Model, measured: Value, noise: Value
-    ) -> Any:
-        """The belief after a measurement whose noise has this variance."""
+    def predicted(self, belief: Any, model: Model) -> tuple[Value, Value]:
+        """Mean and variance of the next sample without its noise."""
+
+    @abstractmethod
+    def learned(self, belief: Any, model: Model, measured: Value, noise: Value) -> Any:
+        """The belief after a sample whose noise has this variance."""
 
     @abstractmethod
     def summary(self, belief: Any) -> Gaussian:
         """Mean and covariance of the coordinates."""
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        mean = _coordinates(known).from_box(free_values(known.curve))
+        mean = coordinates_of(known).from_box(free_values(known.curve))
         zero, none = jnp.zeros(()), jnp.zeros((), dtype=bool)
         return begin(known, self._begun(self.start(known, mean, key), zero, zero, none))
 
@@ -131,7 +133,7 @@ class RandomWalkFilter(Identifier):
         conditions = dict(zip(known.curve.NEEDS, others, strict=True))
         repeats = (size == recursion.size) & (adhesion == recursion.adhesion)
         taken = taken & (size > 0) & ~repeats
-        coordinates = _coordinates(known)
+        coordinates = coordinates_of(known)
 
         def model(x: Vector) -> Value:
             return with_free_values(known.curve, coordinates.to_box(x))(size, conditions)
@@ -142,11 +144,10 @@ class RandomWalkFilter(Identifier):
     def _after(
         self, known: Known, recursion: FilterRecursion, model: Model, size: Value, adhesion: Value
     ) -> FilterRecursion:
-        belief, predicted = self.ahead(recursion.belief, recursion.walk, model)
-        variance = recursion.scale**2
-        nu = (adhesion - predicted.mean) / jnp.sqrt(predicted.variance + variance)
-        noise = variance / huber_weight(nu, self.huber)
-        belief = self.learned(belief, predicted, model, adhesion, noise)
+        belief, noise = self.walked(recursion.belief, recursion.walk), recursion.scale**2
+        mean, variance = self.predicted(belief, model)
+        nu = (adhesion - mean) / jnp.sqrt(variance + noise)
+        belief = self.learned(belief, model, adhesion, noise / huber_weight(nu, self.huber))
 
         samples = recursion.samples + 1
         vote = jnp.where(samples <= _YOUNG, 0.0, jnp.abs(nu))
@@ -168,13 +169,13 @@ class RandomWalkFilter(Identifier):
             adhesion,
             recursion.reset,
         )
-        mean = self.summary(belief).mean
-        anew = self._begun(self.again(known, belief, mean), size, adhesion, reset)
+        centre = self.summary(belief).mean
+        anew = self._begun(self.again(known, belief, centre), size, adhesion, reset)
         return jax.tree.map(lambda new, old: jnp.where(reset, new, old), anew, later)
 
     def estimate(self, state: OnlineState) -> Estimate:
         known, recursion = state.known, state.recursion
-        coordinates = _coordinates(known)
+        coordinates = coordinates_of(known)
         mean, covariance = self.summary(recursion.belief)
         slope = coordinates.slope(mean)
         parameters = self._parameters(state)
@@ -193,9 +194,9 @@ class RandomWalkFilter(Identifier):
     def _parameters(self, state: OnlineState) -> Vector:
         """Those at the mean; should that have overflowed, those of the start."""
         mean = self.summary(state.recursion.belief).mean
-        inside = _coordinates(state.known).to_box(mean)
+        inside = coordinates_of(state.known).to_box(mean)
         return jnp.where(jnp.all(jnp.isfinite(mean)), inside, free_values(state.known.curve))
 
 
-def _coordinates(known: Known) -> Logit:
+def coordinates_of(known: Known) -> Logit:
     return Logit(jnp.asarray(known.lower), jnp.asarray(known.upper))

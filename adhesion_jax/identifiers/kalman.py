@@ -15,8 +15,8 @@ class KalmanFilter(RandomWalkFilter):
     """A filter whose members differ in how they predict a sample from the belief."""
 
     @abstractmethod
-    def predicted(self, belief: Gaussian, model: Model) -> Predicted:
-        """The sample as the belief has it."""
+    def sample_of(self, belief: Gaussian, model: Model) -> Predicted:
+        """The next sample as the belief has it."""
 
     def start(self, known: Known, mean: Vector, key: PRNGKeyArray) -> Gaussian:
         return Gaussian(mean, self.spread**2 * jnp.eye(mean.size))
@@ -24,15 +24,16 @@ class KalmanFilter(RandomWalkFilter):
     def again(self, known: Known, belief: Gaussian, mean: Vector) -> Gaussian:
         return Gaussian(mean, self.spread**2 * jnp.eye(mean.size))
 
-    def ahead(self, belief: Gaussian, walk: Value, model: Model) -> tuple[Gaussian, Predicted]:
-        spread = belief.covariance + walk**2 * jnp.eye(belief.mean.size)
-        belief = Gaussian(belief.mean, spread)
-        return belief, self.predicted(belief, model)
+    def walked(self, belief: Gaussian, walk: Value) -> Gaussian:
+        step = walk**2 * jnp.eye(belief.mean.size)
+        return belief._replace(covariance=belief.covariance + step)
 
-    def learned(
-        self, belief: Gaussian, predicted: Predicted, model: Model, measured: Value, noise: Value
-    ) -> Gaussian:
-        return corrected(belief, predicted, measured, noise)
+    def predicted(self, belief: Gaussian, model: Model) -> tuple[Value, Value]:
+        sample = self.sample_of(belief, model)
+        return sample.mean, sample.variance
+
+    def learned(self, belief: Gaussian, model: Model, measured: Value, noise: Value) -> Gaussian:
+        return corrected(belief, self.sample_of(belief, model), measured, noise)
 
     def summary(self, belief: Gaussian) -> Gaussian:
         return belief

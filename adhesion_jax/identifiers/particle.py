@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.identifiers.filters import RandomWalkFilter
 from adhesion_jax.optim.arrays import Matrix, Value, Vector
-from adhesion_jax.optim.kalman import Gaussian, Model, Predicted, lower_root
+from adhesion_jax.optim.kalman import Gaussian, Model, lower_root
 from adhesion_jax.records import Known
 
 
@@ -46,19 +46,15 @@ class ParticleFilter(RandomWalkFilter):
     def again(self, known: Known, belief: Particles, mean: Vector) -> Particles:
         return self.start(known, mean, belief.key)
 
-    def ahead(self, belief: Particles, walk: Value, model: Model) -> tuple[Particles, Predicted]:
-        belief = spread_anew(belief, walk)
-        values = jax.vmap(model)(belief.x)
-        weight = belief.weight()
-        mean = jnp.sum(weight * values)
-        apart = values - mean
-        off = belief.x - jnp.sum(weight[:, None] * belief.x, axis=0)
-        cross = jnp.sum((weight * apart)[:, None] * off, axis=0)
-        return belief, Predicted(mean, jnp.sum(weight * apart**2), cross)
+    def walked(self, belief: Particles, walk: Value) -> Particles:
+        return spread_anew(belief, walk)
 
-    def learned(
-        self, belief: Particles, predicted: Predicted, model: Model, measured: Value, noise: Value
-    ) -> Particles:
+    def predicted(self, belief: Particles, model: Model) -> tuple[Value, Value]:
+        values, weight = jax.vmap(model)(belief.x), belief.weight()
+        mean = jnp.sum(weight * values)
+        return mean, jnp.sum(weight * (values - mean) ** 2)
+
+    def learned(self, belief: Particles, model: Model, measured: Value, noise: Value) -> Particles:
         misfit = measured - jax.vmap(model)(belief.x)
         log_weight = belief.log_weight - misfit**2 / (2 * noise)
         return belief._replace(log_weight=log_weight - jnp.max(log_weight))

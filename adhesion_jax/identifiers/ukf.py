@@ -15,7 +15,7 @@ class UnscentedKalmanFilter(KalmanFilter):
     beta: Scalar = 2.0
     kappa: Scalar = 1.0
 
-    def predicted(self, belief: Gaussian, model: Model) -> Predicted:
+    def sample_of(self, belief: Gaussian, model: Model) -> Predicted:
         return unscented(belief, model, self.alpha, self.beta, self.kappa)
 
 
