@@ -18,6 +18,7 @@ from adhesion_jax.effects.humidity import Humidity
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.identifiers import IDENTIFIERS, identify
+from adhesion_jax.identifiers.filters import RandomWalkFilter
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.records import Known
 from adhesion_jax.scenarios import SCENARIOS, Options, build
@@ -61,6 +62,10 @@ NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
 CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name != "rls-slope"}
 GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
 EVOLUTION = [name for name in IDENTIFIERS if name.startswith("ml-de")]
+FILTERS = [name for name, i in IDENTIFIERS.items() if isinstance(i, RandomWalkFilter)]
+
+#: Methods that draw random numbers of their own.
+RANDOM = (*EVOLUTION, "particle")
 
 # Without optimisation: many programs, each run a few times on few runs.
 quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
