@@ -44,7 +44,7 @@ from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.overview import figure as overview_figure
 from adhesion_jax.report.montecarlo.overview import page as overview_page
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
-from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.scenarios import SCENARIOS, Options, declared
 from adhesion_jax.wording import listed
