@@ -1,4 +1,4 @@
-"""How accurate every identifier is, each on one scenario of its own."""
+"""How accurate every identifier is, each on a scenario of its own; on streams on three more."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -15,11 +15,11 @@ from experiments.regression.table import ACCURACY, KEYS
 
 #: Preferred scenarios. An identifier is measured on the first of these that it accepts, so that it
 #: compiles once; if it accepts none of them, on the first of all scenarios that it accepts.
-HOMES = (
-    Config("he2018-blocks", options=Options(blocks=6)),
-    Config("qian2024-switch"),
-    Config("qian2024"),
-)
+_STREAM = Config("qian2024-switch")
+HOMES = (Config("he2018-blocks", options=Options(blocks=6)), _STREAM, Config("qian2024"))
+
+#: Where those that live on the stream are measured, too: off the textbook.
+AWAY = (Config("stream-coloured"), Config("stream-burckhardt"), Config("switch-drift"))
 
 
 def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
@@ -63,7 +63,8 @@ def _campaigns(identifiers: Mapping[str, Identifier], runs: int, seed: int) -> t
     """One campaign for each scenario, of all identifiers that are measured on it."""
     residents: dict[Config, list[str]] = {}
     for name, home in homes(identifiers).items():
-        residents.setdefault(home, []).append(name)
+        for place in (home, *(AWAY if home == _STREAM else ())):
+            residents.setdefault(place, []).append(name)
     return tuple(
         replace(home, identifiers=tuple(names), runs=runs, seed=seed)
         for home, names in residents.items()

@@ -404,3 +404,19 @@ def test_the_command_updates_passes_and_fails(tmp_path, monkeypatch):
     assert done.exit_code == 1, done.output
     assert "moved" in done.output
     assert set(ACCURACY) < set(worse)
+
+
+def test_methods_on_streams_are_measured_off_the_textbook_too(monkeypatch):
+    asked = []
+
+    def campaign(config, *_):
+        asked.append((config.scenario, config.identifiers))
+        columns = {name: [1.0] for name in ACCURACY} | dict.fromkeys(KEYS, "x")
+        return SimpleNamespace(tables={"summary": pd.DataFrame(columns)})
+
+    monkeypatch.setattr("experiments.regression.accuracy.run_campaign", campaign)
+    some = {name: IDENTIFIERS[name] for name in ("ml-exact", "riv", "rls-kiencke")}
+    measure_accuracy(some, RUNS, 0, lambda _: None)
+    away = ("qian2024-switch", "stream-coloured", "stream-burckhardt", "switch-drift")
+    streams = [(scenario, ("riv", "rls-kiencke")) for scenario in away]
+    assert asked == [("he2018-blocks", ("ml-exact",)), *streams]
