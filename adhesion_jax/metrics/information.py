@@ -69,21 +69,33 @@ def information_along(
 ) -> Float[Array, "reports free free"]:
     """The posterior information after every so many samples of a stream, in units of 1/sigma^2.
 
-    J(k+1) = (Q + J(k)^-1)^-1 + j j'/sigma^2 from J = 0, j the sensitivity of a sample and Q the
-    mean square of the steps that the parameters take along their path, 0 without one. For a linear
-    model and a random walk of such steps its inverse is the covariance of the exact Kalman filter.
-    Source: Tichavsky, Muravchik and Nehorai 1998, Eq. 21, with the identity as transition.
+    J(k+1) = (Q + F J(k)^-1 F')^-1 + j j'/sigma^2, j the sensitivity of a sample. Along a path the
+    state is that of the parameters and of the step that they take from sample to sample. Nothing
+    is known of the first parameters; the first step has the mean square of the steps of the path,
+    and each of its changes, of which Q is the covariance, that of their changes. For a linear model
+    and such a prior the inverse is the covariance of the exact Kalman filter. Source: Tichavsky,
+    Muravchik and Nehorai 1998, Eq. 21.
     """
     free = sensitivity.shape[0]
-    # Q as the sum of g g' over the rows g of a triangle.
-    walk = jnp.zeros((0, free))
+    size = free if path is None else 2 * free
+    start, back, walk = jnp.zeros((size, size)), jnp.eye(size), jnp.zeros((0, size))
     if path is not None:
+        # A step is a mean of rows of `reach` with weights that have the mean square 1.
         steps = jnp.diff(path).T
-        walk = jnp.linalg.qr(steps / np.sqrt(len(steps)), mode="r")
+        count = len(steps)
+        weights, spreads, rows = jnp.linalg.svd(steps, full_matrices=False)
+        reach = spreads[:, None] * rows / np.sqrt(count)
+        changes = jnp.diff(weights * np.sqrt(count), axis=0)
+        walk = jnp.linalg.qr(changes / np.sqrt(count - 1), mode="r")
+        walk = jnp.concatenate([jnp.zeros_like(walk), walk], axis=1)
+        back = back.at[:free, free:].set(-reach.T)
+        start = start.at[free:, free:].set(sigma**2 * jnp.eye(free))
 
     def sample(
-        information: Float[Array, "free free"], own: Float[Array, " free"]
-    ) -> tuple[Float[Array, "free free"], None]:
+        information: Float[Array, "size size"], own: Float[Array, " free"]
+    ) -> tuple[Float[Array, "size size"], None]:
+        if path is not None:
+            information = back.T @ information @ back
         # Q + J^-1 inverted a row of the walk at a time: it takes no inverse of J, which is
         # singular at first.
         for row in walk:
@@ -91,18 +103,20 @@ def information_along(
             spread = sigma**2 + jnp.sum(towards * row)
             known = jnp.where(spread > 0, spread, 1.0)
             information = information - towards[:, None] * towards / known
-        return information + own[:, None] * own, None
+        return information.at[:free, :free].add(own[:, None] * own), None
 
     def report(
-        information: Float[Array, "free free"], seen: Float[Array, "every free"]
-    ) -> tuple[Float[Array, "free free"], Float[Array, "free free"]]:
+        information: Float[Array, "size size"], seen: Float[Array, "every free"]
+    ) -> tuple[Float[Array, "size size"], Float[Array, "free free"]]:
         information, _ = jax.lax.scan(sample, information, seen)
-        return information, information
+        known, tied = information[:free, :free], information[:free, free:]
+        if path is not None:  # whatever the step is
+            of_step = information[free:, free:]
+            known = known - tied @ jax.vmap(lambda row: solved(of_step, row).x)(tied).T
+        return information, known
 
     parts = sensitivity.T.reshape(-1, every, free)
-    found: Float[Array, "reports free free"] = jax.lax.scan(report, jnp.zeros((free, free)), parts)[
-        1
-    ]
+    found: Float[Array, "reports free free"] = jax.lax.scan(report, start, parts)[1]
     return found
 
 

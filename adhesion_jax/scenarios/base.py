@@ -66,9 +66,9 @@ class Scenario(eqx.Module):
         It is the bound for the last `support` points of one run up to each block, conditions and
         effects known; a method that uses more points may come below it. Of a rail that drifts it is
         the posterior bound of a method that is told the mean square of the steps that the
-        parameters take, and no more of their path. Noise of the slip counts by the noise of
-        adhesion that it is to first order; beside noise with a memory it is taken as told. Where
-        every sample asks for another slope there is none.
+        parameters take, and of the changes of these, and no more of their path. Noise of the slip
+        counts by the noise of adhesion that it is to first order; beside noise with a memory it is
+        taken as told. Where every sample asks for another slope there is none.
         """
         names = self._names()
         if "slope" in names:
