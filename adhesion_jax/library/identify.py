@@ -20,7 +20,7 @@ from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import METADATA, write_table
+from adhesion_jax.files import METADATA, output_directory, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
@@ -39,7 +39,7 @@ from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.plugins import add
-from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
+from adhesion_jax.report.events import draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, measured_figure
 from adhesion_jax.report.measured.page import page_of
 from adhesion_jax.report.measured.tables import (
@@ -54,6 +54,7 @@ from adhesion_jax.report.measured.words import (
     in_lines,
     verdict,
 )
+from adhesion_jax.report.page import CAPTIONS
 from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
@@ -65,11 +66,9 @@ IDENTIFY_FILES = (
     "law.json",
     "verdict.txt",
     "report.html",
-    "curves.png",
-    EVENTS_FIGURE,
     "runs.csv",
-    "runs.png",
     METADATA,
+    *CAPTIONS["identify"],
 )
 
 
@@ -227,8 +226,7 @@ class Identification:
 
         law.json has the best curve with its departure, as `load_law` reads it.
         """
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         write_table(path / "curves.csv", self.table)
         write_table(path / "parameters.csv", self.parameters)
         (path / "verdict.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
@@ -239,9 +237,9 @@ class Identification:
         if self.comparison is not None:
             write_table(path / "runs.csv", self.comparison.table)
             draw_comparison(path / "runs.png", title, self.comparison)
-        names = ("curves.png", "runs.png", EVENTS_FIGURE)
-        pictures = {name: (path / name).read_bytes() for name in names if (path / name).exists()}
-        page = page_of(title, self._lines, self._sections(), self.table, [*pictures])
+        drawn = [name for name in CAPTIONS["identify"] if (path / name).exists()]
+        pictures = {name: (path / name).read_bytes() for name in drawn}
+        page = page_of(title, self._lines, self._sections(), self.table, drawn)
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
 
     @as_in_commands

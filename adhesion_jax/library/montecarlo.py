@@ -90,8 +90,7 @@ class MonteCarlo:
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files MONTECARLO_FILES that apply, as the command writes them."""
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         if not (path / "runs.parquet").exists():
             self.estimates.to_parquet(path / "runs.parquet", index=False)
         for name, table in self.tables.items():
