@@ -11,17 +11,15 @@ from adhesion_jax import runtime
 from adhesion_jax.curves import BASES
 from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.discovery.model.levenberg_marquardt import fit
-from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import (
-    PROBES,
-    Data,
+from adhesion_jax.discovery.model.packing import (
     Model,
     base_places,
-    changes,
     effect_places,
     pack,
     unpack,
 )
+from adhesion_jax.discovery.model.problem import Problem
+from adhesion_jax.discovery.model.program import PROBES, Data, changes
 from adhesion_jax.effects import Covariate, Effect
 
 #: Sizes of the program: (slots, free parameters). Each is compiled when it is needed. Most fits are
