@@ -57,13 +57,13 @@ def joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
     if len(tables) == 1:
         return tables[0], []
     # The runs of all tables are told apart by `group`.
-    columns = {
+    shared_by_all = {
         name: _one_after_the_other([table[name] for table in tables])
         for name in shared
         if name != "run"
     }
     lacking = [name for name in names if name not in {*shared, "run"}]
-    return pd.DataFrame(columns, copy=False), lacking
+    return pd.DataFrame(shared_by_all, copy=False), lacking
 
 
 def _one_after_the_other(parts: Sequence[pd.Series]) -> np.ndarray | pd.Categorical:

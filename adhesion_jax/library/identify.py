@@ -26,15 +26,8 @@ from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
 from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
-from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
-from adhesion_jax.measured.groups import (
-    Group,
-    beside,
-    branches_of,
-    candidates,
-    each_by_itself,
-    labels_of,
-)
+from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.measured.groups import AUTO, Group, asked_of, branches_of, labels_of, split
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
@@ -70,13 +63,6 @@ IDENTIFY_FILES = (
     METADATA,
     *CAPTIONS["identify"],
 )
-
-
-#: The most axles of which each is told by itself beside all of them.
-MOST_AXLES = 8
-
-#: The word for the best of all splits.
-_AUTO = "auto"
 
 
 class Param(NamedTuple):
@@ -326,7 +312,7 @@ def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, o
 
     A column that is read without that, such as axle or temperature_C, is compared by as it is.
     """
-    if by in (None, _AUTO) or guess(by).quantity:
+    if by in (None, AUTO) or guess(by).quantity:
         return columns
     return {**columns, GROUP: by}
 
@@ -354,32 +340,14 @@ def identify_chosen(
             f"{points.name} lacks the column {listed(lacks)}, which the curve {name} needs; "
             "add it or name another curve."
         )
-    grouping = group([points])
-    if by is None and "axle" in points.table and 1 < points.table["axle"].nunique() <= MOST_AXLES:
-        by = "axle"
-    labels = labels_of(points, by, grouping.run) if by not in (None, _AUTO) else None
+    grouping, by = group([points]), asked_of(points, by)
+    labels = labels_of(points, by, grouping.run) if by not in (None, AUTO) else None
     velocity = points.slip == "slip_velocity_mps"
     found = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
-    fits = {name: of_numbers(fit) for name, fit in found.curves.items()}
-    answer, step = answered(fits), _step(points)
-    best, rows = fits[found.best], found.rows
-    order = np.argsort(grouping.run, kind="stable")
-    splits = {name: column.iloc[order] for name, column in candidates(points).items()}
-    likeliest = split_that_predicts(best, rows, splits) if labels is None or by == "axle" else None
-    in_vain = [*splits] if by == _AUTO and likeliest is None else None
-    if by == _AUTO:
-        by = likeliest
-        labels = None if by is None else labels_of(points, by, grouping.run)
-    mixed = None
-    if likeliest is not None and likeliest != by:
-        mixed = compared(best, rows, splits[likeliest], likeliest)
-    comparison = None
-    groups: Mapping[str, Group] = {}
-    if labels is not None and by is not None:
-        comparison = compared(best, rows, labels.iloc[order], by)
-        groups = each_by_itself(labels, fits, record, grouping.run, velocity, slip_noise, step)
-        comparison = comparison._replace(table=beside(comparison.table, by, groups))
-    branches = branches_of(best, rows)
+    found = found._replace(curves={name: of_numbers(fit) for name, fit in found.curves.items()})
+    fits, rows, answer, step = found.curves, found.rows, answered(found.curves), _step(points)
+    branches = branches_of(fits[found.best], rows)
+    parts = split(points, by, labels, found, record, grouping.run, slip_noise, step)
     identified = Identification(
         points,
         logs,
@@ -391,11 +359,11 @@ def identify_chosen(
         judged(fits, answer, rows, step, branches),
         found.slip,
         grouping.names,
-        comparison,
-        groups,
+        parts.comparison,
+        parts.groups,
         branches,
-        in_vain,
-        mixed,
+        parts.in_vain,
+        parts.mixed,
     )
     return written(identified, out, IDENTIFY_FILES, columns_of([log.points for log in logs]))
 
