@@ -8,8 +8,8 @@ import pandas as pd
 
 from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
+from adhesion_jax.inference.cosines import COSINES
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.sandwich import COSINES
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.inference.weighing import EXACT
 from adhesion_jax.measured.answer import Answer

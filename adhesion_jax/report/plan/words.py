@@ -108,7 +108,7 @@ def told(
     )
 
 
-def checked(cells: pd.DataFrame, measurements: int) -> str:
+def checked(cells: pd.DataFrame) -> str:
     """What simulated measurements say of a plan, as `planning.check.check_plan` tells it."""
     if cells.empty:
         return (
@@ -125,7 +125,8 @@ def checked(cells: pd.DataFrame, measurements: int) -> str:
         "fits without a peak": cells["failed"].astype(str),
     }
     table = pd.DataFrame(shown).to_string(index=False)
-    return f"Standard error of mu_max in {measurements:,} simulated measurements\n{table}"
+    measurements = f"{cells['measurements'].iloc[0]:,} simulated measurements"
+    return f"Standard error of mu_max in {measurements}\n{table}"
 
 
 def _table(plan: Plan, quantity: int) -> str:
