@@ -55,7 +55,7 @@ from adhesion_jax.report.measured.words import (
     in_lines,
     verdict,
 )
-from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
 
