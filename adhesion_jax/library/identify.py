@@ -389,7 +389,7 @@ def _curves(
         forms = {type(known) for known in BASES.values()}
         add("curve", {name: own for name, own in curves.items() if type(own) not in forms})
         return curves
-    names: list[Any] = [*curves] if isinstance(curves, (list, tuple)) else [curves]
+    names: list[Any] = [curves] if isinstance(curves, str) else [*curves]
     unknown = [called(one) for one in names if one not in CURVES]
     if unknown or not names:
         raise InputError(
