@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
-from adhesion_jax.campaign.config import Config, main_job
+from adhesion_jax.campaign.config import ALL, SEVERAL, Config, parts_of
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import (
     Campaign,
@@ -28,6 +28,7 @@ from adhesion_jax.campaign.monte_carlo import (
     run_campaign,
     suited,
 )
+from adhesion_jax.campaign.overview import OVERVIEW, overview
 from adhesion_jax.campaign.shard import content, reduced_of
 from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.effects.law import CorrectedLaw
@@ -40,7 +41,10 @@ from adhesion_jax.library.results import recorded
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.options import MOST_RUNS
 from adhesion_jax.report.montecarlo import figures
+from adhesion_jax.report.montecarlo.overview import figure as overview_figure
+from adhesion_jax.report.montecarlo.overview import page as overview_page
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
+from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.scenarios import SCENARIOS, Options, declared
 from adhesion_jax.wording import listed
@@ -49,7 +53,8 @@ from adhesion_jax.wording import listed
 MONTECARLO_FILES = (
     *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", METADATA),
     *("steady.csv", "tracking.csv", "bands.csv"),
-    *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png"),
+    *(f"{OVERVIEW}.csv", f"{OVERVIEW}.png", "report.html"),
+    *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png", "drift.png"),
 )
 
 
@@ -75,8 +80,14 @@ class MonteCarlo:
 
     @cached_property
     def tables(self) -> Mapping[str, pd.DataFrame]:
-        """By name: summary, and where a scenario has them switches, checkpoints, tracking, ..."""
-        return _joined([campaign.tables for campaign in self.campaigns])
+        """By name: summary, and where a scenario has them switches, checkpoints, tracking, ...
+
+        Of all scenarios there is an overview, too.
+        """
+        tables = _joined([campaign.tables for campaign in self.campaigns])
+        if self.asked.scenario != ALL:
+            return tables
+        return {OVERVIEW: overview(self.jobs, self.campaigns), **tables}
 
     @property
     def summary(self) -> pd.DataFrame:
@@ -97,6 +108,11 @@ class MonteCarlo:
             write_table(path / f"{name}.csv", table)
         for name, figure in self._figures():
             figure.savefig(path / f"{name}.png")
+        if OVERVIEW in self.tables:
+            picture = f"{OVERVIEW}.png"
+            page = overview_page(self.tables[OVERVIEW], self.asked.runs, picture)
+            html = page_html(page, {picture: (path / picture).read_bytes()})
+            (path / "report.html").write_text(html, encoding="utf-8")
         names = [job.config.scenario for job in self.jobs]
         of_campaigns = zip(names, self.campaigns, strict=True)
         metadata = {
@@ -118,6 +134,9 @@ class MonteCarlo:
 
     def _figures(self) -> Iterator[tuple[str, Figure]]:
         """The figures with their names, each drawn when it is asked for."""
+        if OVERVIEW in self.tables:
+            yield OVERVIEW, overview_figure(self.tables[OVERVIEW])
+            return
         densities = [found.histogram for found in self.campaigns if len(found.histogram)]
         if densities:
             several = pd.concat(densities, ignore_index=True)
@@ -132,6 +151,8 @@ class MonteCarlo:
                     yield name, figures.bands(truth, campaign.bands, steps)
                 elif name == "tracking":
                     yield name, figures.tracking(truth, campaign.bands)
+                elif name == "drift":
+                    yield name, figures.drift(campaign.tables["checkpoints"])
                 elif reached is not None:
                     course = self.tables["checkpoints"], campaign.bands
                     yield name, figures.convergence(*course, *reached)
@@ -164,7 +185,8 @@ def montecarlo(
     With a folder memory does not grow with the number of runs.
 
     Args:
-        scenario: a name of SCENARIOS, or None for those of the main job of the command.
+        scenario: a name of SCENARIOS, None for those of the main job of the command, or all for
+            every one, with a page on which method to take when.
         identifiers: names of IDENTIFIERS, or methods of your own by name, functions of the slips
             and adhesions of a block among them; by default all that accept the scenario.
         runs: their number; run r of a seed has the same noise whatever else is asked for.
@@ -188,7 +210,7 @@ def montecarlo(
     """
     began = time.perf_counter()
     given = {name: value for name, value in options.items() if value is not None}
-    whole = Options(**given) if scenario is None else _options(scenario, given)
+    whole = Options(**given) if scenario in SEVERAL else _options(str(scenario), given)
     if not 1 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
         raise InputError(
             f"runs are from 1 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
@@ -198,8 +220,9 @@ def montecarlo(
     methods = {**IDENTIFIERS, **named}
     if extend and out is not None:
         runs = extended(Path(out), extend)
-    asked = Config("", tuple(named), whole, int(runs), int(seed))
-    parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
+    asked = Config(scenario or "", tuple(named), whole, int(runs), int(seed))
+    several = SEVERAL.get(scenario)
+    parts = parts_of(asked, several) if several else [replace(asked, scenario=str(scenario))]
     jobs = [Job.of(config, methods, every_block=out is None or keep == "all") for config in parts]
     if out is None:
         estimates: list[pd.DataFrame] = []
