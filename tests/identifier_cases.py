@@ -60,8 +60,9 @@ KIENCKE = Known(
 )
 NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
 
-#: `rls-slope` knows no curve; its contract is another one, and so are its tests.
-CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name != "rls-slope"}
+#: These know no curve; their contract is another one, and so are their tests.
+WITHOUT_CURVE = ("rls-slope", "bayes-departure")
+CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name not in WITHOUT_CURVE}
 GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
 EVOLUTION = [name for name in IDENTIFIERS if name.startswith("ml-de")]
 
@@ -125,7 +126,10 @@ HAVE_TRUTH = [p for p in CURVE_PAIRS if not p[1].startswith(("drift", "mismatch"
 BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
 
 #: A short scenario that each method takes.
-HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
+HOME = {
+    name: "single" if accepts(name, "single") else "qian2024"
+    for name in (*CURVE_METHODS, "bayes-departure")
+}
 
 
 #: One method of each form; those that differ from it in numbers alone share its program.

@@ -8,6 +8,7 @@ from adhesion_jax.identifiers.base import Identifier as Identifier
 from adhesion_jax.identifiers.base import Status as Status
 from adhesion_jax.identifiers.base import follow as follow
 from adhesion_jax.identifiers.base import identify as identify
+from adhesion_jax.identifiers.bayes_departure import bayes_departure
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.identifiers.ls_kiencke import LinearLeastSquares
 from adhesion_jax.identifiers.ml_de import ml_de, ml_de_eq16, ml_de_eq17, ml_de_he2018, ml_de_robust
@@ -33,6 +34,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton, steps=20),
     "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt, steps=50),
     "gn-optimistix": GradientLeastSquares(optimistix_solvers.gauss_newton, steps=20),
+    "bayes-departure": bayes_departure,
     "ls-kiencke": LinearLeastSquares(),
     "qp-qian2024-1": qp_qian2024_1,
     "qp-qian2024-2": qp_qian2024_2,
