@@ -1,5 +1,6 @@
 """Every identifier on a small run of every scenario that it accepts."""
 
+import dataclasses
 import functools
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -122,14 +123,19 @@ CURVE_PAIRS = [pair for pair in PAIRS if pair[0] in CURVE_METHODS]
 #: Where a rail drifts, has another curve or an effect on it, no curve is the truth of a block.
 HAVE_TRUTH = [p for p in CURVE_PAIRS if not p[1].startswith(("drift", "mismatch", "corrected"))]
 
-#: Methods that take whole blocks; the others take one sample after the other.
-BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
-
 #: A short scenario that each method takes.
 HOME = {
     name: "single" if accepts(name, "single") else "qian2024"
     for name in (*CURVE_METHODS, "bayes-departure")
 }
+
+
+#: Methods that take whole blocks; the others take one sample after the other.
+BATCH = [
+    name
+    for name, method in CURVE_METHODS.items()
+    if method.accepts(dataclasses.replace(scenario_of(HOME[name]).known, by_sample=True))
+]
 
 
 #: One method of each form; those that differ from it in numbers alone share its program.

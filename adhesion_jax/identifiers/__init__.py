@@ -19,6 +19,10 @@ from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
 from adhesion_jax.identifiers.riv import riv
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.identifiers.rls_slope import rls_slope
+from adhesion_jax.identifiers.varpro_forgetting import (
+    varpro_forgetting,
+    varpro_forgetting_offset,
+)
 from adhesion_jax.optim import jaxopt_solvers, levenberg_marquardt, optimistix_solvers
 
 IDENTIFIERS: Mapping[str, Identifier] = {
@@ -43,6 +47,8 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "rls-kiencke-variable": rls_kiencke_variable,
     "riv": riv,
     "bank-kiencke": bank_kiencke,
+    "varpro-forgetting": varpro_forgetting,
+    "varpro-forgetting-offset": varpro_forgetting_offset,
     "rls-slope": rls_slope,
 }
 
