@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from adhesion_jax.library.identify import identify as identify
     from adhesion_jax.library.montecarlo import MonteCarlo as MonteCarlo
     from adhesion_jax.library.montecarlo import montecarlo as montecarlo
+    from adhesion_jax.library.online import Online as Online
+    from adhesion_jax.library.online import OnlineEstimate as OnlineEstimate
+    from adhesion_jax.library.online import online as online
     from adhesion_jax.library.plan import Planning as Planning
     from adhesion_jax.library.plan import plan as plan
     from adhesion_jax.library.sample import sample as sample
@@ -53,6 +56,7 @@ _EXPORTS = {
     "library.discover": ("Discovery", "discover"),
     "library.identify": ("Identification", "identify"),
     "library.montecarlo": ("MonteCarlo", "montecarlo"),
+    "library.online": ("Online", "OnlineEstimate", "online"),
     "library.plan": ("Planning", "plan"),
     "library.sample": ("sample",),
     "library.track": ("Track", "track"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from adhesion_jax.identifiers.bank_kiencke import bank_kiencke
 from adhesion_jax.identifiers.base import Estimate as Estimate
 from adhesion_jax.identifiers.base import Identifier as Identifier
 from adhesion_jax.identifiers.base import Status as Status
@@ -43,6 +44,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "rls-kiencke": rls_kiencke,
     "rls-kiencke-variable": rls_kiencke_variable,
     "riv": riv,
+    "bank-kiencke": bank_kiencke,
     "ekf": ekf,
     "ukf": ukf,
     "particle": particle,
