@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -423,7 +423,7 @@ def _curves(
         forms = {type(known) for known in BASES.values()}
         add("curve", {name: own for name, own in curves.items() if type(own) not in forms})
         return curves
-    names = [*curves] if isinstance(curves, (list, tuple)) else [curves]
+    names: list[Any] = [*curves] if isinstance(curves, (list, tuple)) else [curves]
     unknown = [called(one) for one in names if one not in CURVES]
     if unknown or not names:
         raise InputError(

@@ -29,7 +29,7 @@ def methods_named(identifiers: Methods) -> Mapping[str, Identifier]:
                 f"{listed(taken)} is the name of a method of the package; name yours otherwise."
             )
         return {name: made("identifier", name, own) for name, own in identifiers.items()}
-    names = [*identifiers] if isinstance(identifiers, (list, tuple)) else [identifiers]
+    names: list[Any] = [*identifiers] if isinstance(identifiers, (list, tuple)) else [identifiers]
     unknown = [called(one) for one in names if one not in IDENTIFIERS]
     if unknown or not names:
         raise InputError(

@@ -44,7 +44,7 @@ def residual_panels(findings: Findings) -> Figure | None:
     points = findings.points
     # Turned by the sign of the slip: what lowers adhesion would else part traction and braking.
     sign = np.where(points["slip"] < 0, -1.0, 1.0)
-    left = {when: sign * (points["adhesion"] - points[when]) for when in ("before", "after")}
+    left = {when: (points["adhesion"] - points[when]) * sign for when in ("before", "after")}
     reach = _REACH * float(np.sqrt(np.mean(left["before"] ** 2)))
     for axis, name in zip(axes, names, strict=True):
         place, ticks = _places(points[name])
