@@ -64,13 +64,48 @@ class Symmetric(_Elements):
         size = self.determinant()
         return 1 / jnp.where(size > 0, size, jnp.nan) * Symmetric(self.c, -self.b, self.a)
 
+    def full(self) -> "Square":
+        return Square(self.a, self.b, self.b, self.c)
+
     def array(self) -> Float[Array, "2 2"]:
         return jnp.array([[self.a, self.b], [self.b, self.c]])
+
+
+class Square(_Elements):
+    """[[a, b], [c, d]]."""
+
+    a: Element
+    b: Element
+    c: Element
+    d: Element
+
+    def transposed(self) -> "Square":
+        return Square(self.a, self.c, self.b, self.d)
+
+    def times(self, vector: Vector) -> Vector:
+        return Vector(self.a * vector.a + self.b * vector.b, self.c * vector.a + self.d * vector.b)
+
+    def __matmul__(self, other: "Square") -> "Square":
+        return Square(
+            self.a * other.a + self.b * other.c,
+            self.a * other.b + self.b * other.d,
+            self.c * other.a + self.d * other.c,
+            self.c * other.b + self.d * other.d,
+        )
+
+    def symmetric(self) -> Symmetric:
+        """Of one that is symmetric but for rounding."""
+        return Symmetric(self.a, self.b, self.d)
 
 
 def square(vector: Vector) -> Symmetric:
     """V v'."""
     return Symmetric(vector.a**2, vector.a * vector.b, vector.b**2)
+
+
+def outer(left: Vector, right: Vector) -> Square:
+    """L r'."""
+    return Square(left.a * right.a, left.a * right.b, left.b * right.a, left.b * right.b)
 
 
 def no_vector() -> Vector:

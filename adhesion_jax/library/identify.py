@@ -23,6 +23,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
+from adhesion_jax.library.methods import called
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
 from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
@@ -54,7 +55,7 @@ from adhesion_jax.report.measured.words import (
     in_lines,
     verdict,
 )
-from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
 
@@ -164,7 +165,10 @@ class Identification:
 
     @property
     def curve(self) -> Bent:
-        """The best curve with its departure, whose peak the table has: `curve(0.02, {})`."""
+        """The best curve with its departure, whose peak the table has: `curve(0.02)`.
+
+        Where it needs more than the slip: `curve(0.02, found.conditions)`.
+        """
         return of_numbers(self.fit.law.bent)
 
     @property
@@ -231,7 +235,7 @@ class Identification:
         path.mkdir(parents=True, exist_ok=True)
         write_table(path / "curves.csv", self.table)
         write_table(path / "parameters.csv", self.parameters)
-        (path / "verdict.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
+        (path / "verdict.txt").write_text(f"{self}\n", encoding="utf-8")
         save_law(path / "law.json", self.curve)
         title = Path(self.measured.name).name
         self.plot().savefig(path / "curves.png", dpi=150)
@@ -419,11 +423,12 @@ def _curves(
         forms = {type(known) for known in BASES.values()}
         add("curve", {name: own for name, own in curves.items() if type(own) not in forms})
         return curves
-    names = [curves] if isinstance(curves, str) else curves
-    unknown = [name for name in names if name not in CURVES]
+    names = [*curves] if isinstance(curves, (list, tuple)) else [curves]
+    unknown = [called(one) for one in names if one not in CURVES]
     if unknown or not names:
         raise InputError(
             f"There is no curve {listed(unknown) if unknown else 'named'}; name some of "
-            f"{', '.join(CURVES)}, or give curves of your own by name."
+            f"{', '.join(CURVES)}, or give curves of your own by name: "
+            "{'mine': Mine(...)}."
         )
     return {name: CURVES[name] for name in names}

@@ -30,7 +30,7 @@ from adhesion_jax.files import METADATA, output_directory, write_metadata, write
 from adhesion_jax.library.results import recorded, text_html
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.options import MOST_RUNS
-from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.rendering import page_html
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import (
     animate_operating_point,

@@ -19,7 +19,7 @@ def test_the_operating_point_is_drawn_in_traction_and_as_far_as_the_curves_go():
     curve = Line("dry", np.linspace(0.0, 3.6 * 4.0, 10), np.zeros(10))
     panel = over_curves(run, "title", [curve], KMH)
     assert panel.x_label == "slip velocity (km/h)"
-    drawn, track = panel.lines
+    track, drawn = panel.lines
     assert drawn is curve
     np.testing.assert_allclose(track.x, [7.2, 10.8, np.nan])
     np.testing.assert_allclose(track.y, [0.2, 0.3, 0.1])

@@ -94,7 +94,8 @@ def summarise(
         base_parameters=_base_parameters(plain, final),
         law=bare if refuted else law,
         law_before=bare,
-        noise_floor=_noise_floor(runs, noise),
+        # What runs left out were predicted to is no error that no law can reach.
+        noise_floor=min(_noise_floor(runs, noise), validation.after.value),
         noise={name: float(getattr(noise, name)) for name in _NOISE},
         train=_errors(runs, before, after, seed),
         validation=validation,

@@ -34,6 +34,10 @@ _TOGETHER = 24
 _APART = 0.5
 _SMOOTH = 1 / (2 * np.arange(BELOW_EFFECTS) + 1.0)
 
+#: Means of the functions of a departure over its range, and the prior standard deviation of the
+#: mean of what braking adds where an effect tells that mean.
+_MEANS, _NO_MEAN = 1 / (np.pi * (np.arange(BELOW_EFFECTS) + 0.5)), 0.01
+
 
 class _Layout(NamedTuple):
     """Where numbers stand in a model, and the branches of the program."""
@@ -169,6 +173,11 @@ def pack(
     sizes = bend * np.concatenate([_SMOOTH, _APART * _SMOOTH])[:bends]
     bent = range(len(described), len(places))
     precision[bent, bent] = sizes**-2.0
+    if branches == 2 and any("mode" in effect.FACTS.needs for effect in effects):
+        # The departure is 0 at slip 0, so that the effect would otherwise fit the least slips alone
+        # and leave the difference of traction and braking to the departure.
+        braking = bent[BELOW_EFFECTS:]
+        precision[np.ix_(braking, braking)] += np.outer(_MEANS, _MEANS) / _NO_MEAN**2
     for slot, effect in enumerate(effects):
         kind[slot] = 1 + _layout().kinds[type(effect)]
         named = [getattr(effect, name) for name in words_of(type(effect))]

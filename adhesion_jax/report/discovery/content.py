@@ -183,9 +183,9 @@ def _doubts(findings: Findings) -> list[Section]:
 
 def _residual(findings: Findings) -> list[Section]:
     caption = (
-        "Measured less law: grey points before; means in bins before (open) and after (filled), "
-        "with two standard errors from the scatter between runs. The means of a law that lacks "
-        "nothing are zero within their errors in every panel."
+        "Measured less law, turned by the sign of the slip: grey points before; means in bins "
+        "before (open) and after (filled), with two standard errors from the scatter between runs. "
+        "The means of a law that lacks nothing are zero within their errors in every panel."
     )
     title = "The residual, against every column"
     return _against_columns(title, "residuals.png", caption, residual_columns(findings))

@@ -15,7 +15,7 @@ from adhesion_jax.report.style import (
     label_text,
     one_legend,
     panels,
-    root_axis,
+    slip_axis,
     thinned,
 )
 
@@ -42,7 +42,9 @@ def residual_panels(findings: Findings) -> Figure | None:
         return None
     figure, axes = panels(len(names), 1.75, "measured less law (1)")
     points = findings.points
-    left = {when: points["adhesion"] - points[when] for when in ("before", "after")}
+    # Turned by the sign of the slip: what lowers adhesion would else part traction and braking.
+    sign = np.where(points["slip"] < 0, -1.0, 1.0)
+    left = {when: sign * (points["adhesion"] - points[when]) for when in ("before", "after")}
     reach = _REACH * float(np.sqrt(np.mean(left["before"] ** 2)))
     for axis, name in zip(axes, names, strict=True):
         place, ticks = _places(points[name])
@@ -68,7 +70,7 @@ def residual_panels(findings: Findings) -> Figure | None:
             axis.set_xlim(-0.5, len(ticks) - 0.5)
         elif name == "slip":
             low, high = min(0.0, 1.04 * place.min()), max(0.0, 1.04 * place.max())
-            root_axis(axis, low, high, gap=0.13)
+            slip_axis(axis, low, high, gap=0.13)
             axis.set_xlim(low, high)
         else:
             axis.xaxis.set_major_locator(MaxNLocator(4))

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from adhesion_jax.report.measured.words import Sections
 from adhesion_jax.report.page import Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.report.rendering import Sections
 
 #: What each picture shows, by its file.
 _CAPTIONS = {

@@ -1,0 +1,17 @@
+"""Extended Kalman filter of parameters that walk at random."""
+
+from adhesion_jax.identifiers.kalman import KalmanFilter
+from adhesion_jax.optim.kalman import Gaussian, Model, Predicted, extended
+
+
+class ExtendedKalmanFilter(KalmanFilter):
+    """Each sample is predicted by the slope of the curve at the mean of the parameters.
+
+    Source: Jazwinski 1970, Stochastic Processes and Filtering Theory, theorem 8.1.
+    """
+
+    def sample_of(self, belief: Gaussian, model: Model) -> Predicted:
+        return extended(belief, model)
+
+
+ekf = ExtendedKalmanFilter()

@@ -1,0 +1,22 @@
+"""Unscented Kalman filter of parameters that walk at random."""
+
+from adhesion_jax.curves import Scalar
+from adhesion_jax.identifiers.kalman import KalmanFilter
+from adhesion_jax.optim.kalman import Gaussian, Model, Predicted, unscented
+
+
+class UnscentedKalmanFilter(KalmanFilter):
+    """Each sample is predicted by the curve at the mean of the parameters and points around it.
+
+    Source: Julier and Uhlmann 1997, SPIE 3068:182-193; Wan and van der Merwe 2000, AS-SPCC.
+    """
+
+    alpha: Scalar = 1.0
+    beta: Scalar = 2.0
+    kappa: Scalar = 1.0
+
+    def sample_of(self, belief: Gaussian, model: Model) -> Predicted:
+        return unscented(belief, model, self.alpha, self.beta, self.kappa)
+
+
+ukf = UnscentedKalmanFilter()

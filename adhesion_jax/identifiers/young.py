@@ -1,0 +1,235 @@
+"""An estimate of Kiencke's curve from the latest samples, and the votes that begin it anew."""
+
+from typing import NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from adhesion_jax.curves import Scalar
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.identifiers.kiencke_linear import regression, start_of
+from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
+from adhesion_jax.optim.arrays import Count, Value, Whether
+from adhesion_jax.optim.quadratic_program import Products, bounded_pair
+from adhesion_jax.records import Known
+
+#: Number of latest samples that are kept. Until an estimate rests on this many it is fitted to all
+#: of them again with every sample; after that it is close enough to the truth that the instruments
+#: of a sample need not be computed a second time.
+LENGTH = 40
+
+#: Passes over the kept samples: without an estimate to begin with (the first pass is then ordinary
+#: least squares), and with the estimate of the sample before, which differs by one sample.
+_FROM_NOTHING, _FROM_ESTIMATE = 5, 2
+
+#: An estimate that rests on fewer samples than this is not used to begin the next one.
+_FEW = 10
+
+#: (votes, samples, limit): a reset takes this many of this many latest samples whose innovation
+#: exceeds this many of its standard deviations. The first rule finds a switch, the second one that
+#: is too small for the first. With Gaussian noise either rule holds less than once in 10^9 samples;
+#: with three per cent of outliers ten times as wide the first one holds twice in 10^6. The first
+#: `LENGTH` samples of a run have no vote, because a scale from twenty residuals may be a third of
+#: the true one; a switch among them is missed if it makes the residuals, and so the scale, large.
+_FAST, _SLOW = (4, 5, 3.0), (8, 10, 2.2)
+
+#: Median of |n| for a standard Gaussian n.
+_MEDIAN = 0.6745
+
+#: Step of the recursion for the logarithm of that median, of least variance: 1/(density of log |n|
+#: at the median).
+_STEP = 2.333
+
+#: Least standard deviation of the noise, finer than any sensor of adhesion: data without noise
+#: would otherwise bring the scale to zero, and residuals are divided by it.
+FINEST = 1e-9
+
+#: With fewer than five samples two parameters leave too few residuals to tell their scale; until
+#: then it is at least this share of the largest adhesion.
+_SCALE_OF_ADHESION = 0.05
+
+
+class LatestSamples(NamedTuple):
+    """The last samples, the latest first."""
+
+    size: Float[Array, " length"]  # |slip|
+    adhesion: Float[Array, " length"]
+    surprise: Float[Array, " length"]  # |nu|, or 0 where it is no vote
+    used: Bool[Array, " length"]  # whether it came after the last reset, or was a vote for it
+
+
+class InstrumentSums(NamedTuple):
+    """Sum w zeta U' and sum w zeta Z with the prior, then sums that the covariance needs.
+
+    zeta and U have one direction, [1, l], so that their product is symmetric.
+    """
+
+    h: Symmetric
+    f: Vector
+    number: Value
+    weights: Value
+    unclipped: Value
+    squares: Value  # sum (w r)^2, each r scaled to the variance of the noise
+
+
+def no_latest() -> LatestSamples:
+    """Before any sample."""
+    empty = jnp.zeros(LENGTH)
+    return LatestSamples(empty, empty, empty, empty > 0)
+
+
+def no_sums() -> InstrumentSums:
+    """Before any sample."""
+    return InstrumentSums(no_matrix(), no_vector(), *4 * [jnp.zeros(())])
+
+
+def is_new(kept: LatestSamples, size: Value, adhesion: Value) -> Whether:
+    """Whether a sample tells anything.
+
+    At slip 0 adhesion is 0 whatever the curve: a wheel at standstill would make the scale that of
+    the sensor at rest, and every sample after it a vote. A sample that repeats the slip and the
+    adhesion of the one before to the last digit is that of a signal that has stopped: its noise
+    is the same again and does not average out.
+    """
+    repeats = (size == kept.size[0]) & (adhesion == kept.adhesion[0])
+    return (size > 0) & ~repeats
+
+
+def huber_weight(nu: Float[Array, "*points"], huber: Scalar) -> Float[Array, "*points"]:
+    """min(1, huber/|nu|)."""
+    return jnp.where(jnp.abs(nu) > huber, huber / jnp.abs(nu), 1.0)
+
+
+def along(size: Float[Array, "*points"]) -> Vector:
+    """The direction of the regressors and of the instruments of a sample."""
+    return Vector(jnp.ones_like(size), size)
+
+
+def curve_at(
+    known: Known, x: Vector, size: Float[Array, "*points"]
+) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
+    """D and mu_hat."""
+    d = 1 + x.a * size + x.b * size**2
+    return d, cast(Kiencke, known.curve).a0 * size / d
+
+
+def grown_older(age: Count, reset: Whether) -> Count:
+    """The number of samples that an estimate rests on, up to where it is no longer young."""
+    return jnp.where(reset, _SLOW[1], jnp.minimum(age + 1, LENGTH + 1))
+
+
+def followed_scale(scale: Value, nu: Value, samples: Count, least: Scalar) -> Value:
+    """The standard deviation of the noise after one more sample; the gain is `least` or more."""
+    step = jnp.maximum(_STEP / samples, least)
+    factor = jnp.exp(step * jnp.where(jnp.abs(nu) > _MEDIAN, 0.5, -0.5))
+    return jnp.maximum(scale * factor, FINEST)
+
+
+def voted(
+    before: LatestSamples, samples: Count, size: Value, adhesion: Value, nu: Value
+) -> tuple[LatestSamples, Whether]:
+    """The kept samples with the latest among them, and whether there is a reset.
+
+    After a reset only the samples that voted for it are used.
+    """
+    surprise = jnp.where(samples < LENGTH, 0.0, jnp.abs(nu))
+    latest = (size, adhesion, surprise, jnp.ones((), dtype=bool))
+    kept = LatestSamples(
+        *(jnp.concatenate([new[None], old[:-1]]) for new, old in zip(latest, before, strict=True))
+    )
+    place = jnp.arange(LENGTH)
+    fast, slow = ((place < last) & (kept.surprise > limit) for _, last, limit in (_FAST, _SLOW))
+    is_fast, is_slow = jnp.sum(fast) >= _FAST[0], jnp.sum(slow) >= _SLOW[0]
+    reset = is_fast | is_slow
+    return kept._replace(
+        surprise=jnp.where(reset, 0.0, kept.surprise),  # a sample votes for one reset at most
+        used=jnp.where(is_fast, fast, jnp.where(is_slow, slow, kept.used)),
+    ), reset
+
+
+def refitted(
+    known: Known,
+    kept: LatestSamples,
+    x: Vector,
+    sums: InstrumentSums,
+    scale: Value,
+    samples: Count,
+    age: Count,
+    reset: Whether,
+    huber: Scalar,
+    prior: Scalar,
+) -> tuple[Vector, InstrumentSums, Value]:
+    """x, sums and scale after some passes over the samples kept: none where x is old.
+
+    The scale is taken from them in the first `LENGTH` samples of a run. In a batch the passes are
+    as many as the youngest of its runs needs.
+    """
+    size, adhesion, _, used = kept
+    count = jnp.sum(used, dtype=float)
+    anew = reset | (jnp.sum(used) < _FEW)
+    passes = jnp.where(anew, _FROM_NOTHING, jnp.where(age <= LENGTH, _FROM_ESTIMATE, 0))
+    first = samples <= LENGTH
+    u, z = regression(known, size, adhesion)
+    ray, x0 = along(size), start_of(known)
+    precision = Vector(*(prior * (known.upper - known.lower)) ** -2)
+    largest = jnp.max(jnp.where(used, jnp.abs(adhesion), 0.0))
+
+    def one_pass(
+        number: Count, carry: tuple[Vector, InstrumentSums, Array]
+    ) -> tuple[Vector, InstrumentSums, Array]:
+        x, _, scale = carry
+        d, model = curve_at(known, x, size)
+        residual = adhesion - model
+        # Two parameters have been fitted, which makes the residuals smaller than the noise.
+        spread = jnp.sqrt(count / jnp.maximum(count - 2, 1)) / _MEDIAN
+        deviation = spread * _median(jnp.abs(residual), used)
+        deviation = jnp.where(
+            count < 5, jnp.maximum(deviation, _SCALE_OF_ADHESION * largest), deviation
+        )
+        scale = jnp.where(first, jnp.maximum(deviation, FINEST), scale)
+        linear = anew & (number == 0)
+        weight = jnp.where(used, jnp.where(linear, 1.0, huber_weight(residual / scale, huber)), 0.0)
+        zeta = weight * jnp.where(linear, u.a, model * size / d**2)
+        pull = scale**2 * precision
+        sums = InstrumentSums(
+            (zeta * u.a * square(ray)).sum() + Symmetric(pull.a, jnp.zeros(()), pull.b),
+            (zeta * z * ray).sum() + Vector(pull.a * x0.a, pull.b * x0.b),
+            count,
+            jnp.sum(weight),
+            jnp.sum(weight == 1, dtype=float),
+            jnp.sum((weight * residual) ** 2),
+        )
+        return solution(known, sums), sums, scale
+
+    return jax.lax.fori_loop(0, passes, one_pass, (x, sums, scale))
+
+
+def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Value:
+    """The median of the values that are used, of which there is at least one.
+
+    By the number of values below each: over a batch that takes less time than a sort.
+    """
+    values = jnp.where(used, values, jnp.inf)
+    below = jnp.sum(values[:, None] > values, axis=1)
+    upto = jnp.sum(values[:, None] >= values, axis=1)
+    count = jnp.sum(used)
+
+    def in_order(place: Count) -> Value:
+        return jnp.min(jnp.where((below <= place) & (place < upto), values, jnp.inf))
+
+    return (in_order((count - 1) // 2) + in_order(count // 2)) / 2
+
+
+def solution(known: Known, sums: InstrumentSums) -> Vector:
+    """The solution in the box, as if the sums were those of least squares."""
+    h, f = sums.h, sums.f
+    ranges = ((known.lower[i], known.upper[i]) for i in (0, 1))
+    return Vector(*bounded_pair(Products(f.a, f.b, h.a, h.c, h.b), *ranges))
+
+
+def inverse(sums: InstrumentSums) -> Symmetric:
+    """The inverse of sum w zeta U'; 0 before the first sample."""
+    h = sums.h
+    determinant = jnp.where(sums.number > 0, h.determinant(), jnp.inf)
+    return 1 / determinant * Symmetric(h.c, -h.b, h.a)
