@@ -20,7 +20,8 @@ def called(own: object) -> str:
 def methods_named(identifiers: Methods) -> Mapping[str, Identifier]:
     """The identifiers by name; InputError for a name that there is not, for none, or for no method.
 
-    A function of the slips and the adhesions of a block is a method, too (`OfFunction`).
+    A function of the slips and the adhesions of a block, or a class of NumPy that takes samples, is
+    a method, too (`OfNumpy`).
     """
     if isinstance(identifiers, Mapping):
         taken = [name for name, own in identifiers.items() if IDENTIFIERS.get(name, own) is not own]
