@@ -168,6 +168,7 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
     found = montecarlo(scenario, names or None, **job, **options)
     record(job["out"])
     click.echo(told(found.tables, found.asked.runs, [one.name for one in found.jobs]))
+    click.echo(found.remarks, nl=bool(found.remarks))
     click.echo(f"\nWritten to {job['out']} in {found.seconds:.0f} s")
 
 

@@ -14,4 +14,5 @@ class ExtendedKalmanFilter(KalmanFilter):
         return extended(belief, model)
 
 
-ekf = ExtendedKalmanFilter()
+#: Told a wider start than the others, it begins sooner after a switch and is no worse on a stream.
+ekf = ExtendedKalmanFilter(spread=1.4)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from adhesion_jax.curves import Scalar, free_values, with_free_values
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
-from adhesion_jax.identifiers.innovations import SLOW, followed, huber_weight, voted
+from adhesion_jax.identifiers.innovations import SLOW, followed_scale, huber_weight, votes
 from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
 from adhesion_jax.optim.arrays import Count, Value, Vector, Whether
 from adhesion_jax.optim.box import Logit
@@ -152,7 +152,7 @@ class RandomWalkFilter(Identifier):
         samples = recursion.samples + 1
         vote = jnp.where(samples <= _YOUNG, 0.0, jnp.abs(nu))
         surprise = jnp.concatenate([vote[None], recursion.surprise[:-1]])
-        _, reset = voted(surprise)
+        _, reset = votes(surprise)
 
         clipped = jnp.clip(nu, -_CLIP, _CLIP)
         # Of variance 1 as long as innovations are white.
@@ -162,7 +162,7 @@ class RandomWalkFilter(Identifier):
             belief,
             jnp.clip(walk, self.walk_least, self.walk_most),
             _TRAIL * recursion.trail + clipped,
-            followed(recursion.scale, nu, samples, self.gain),
+            followed_scale(recursion.scale, nu, samples, self.gain),
             samples,
             surprise,
             size,

@@ -24,7 +24,7 @@ STEP = 2.333
 FINEST = 1e-9
 
 
-def voted(surprise: Float[Array, " length"]) -> tuple[Bool[Array, " length"], Whether]:
+def votes(surprise: Float[Array, " length"]) -> tuple[Bool[Array, " length"], Whether]:
     """The samples that vote, and whether by one of the rules they are enough for a reset.
 
     `surprise` is |nu| of the latest samples, the latest first, and 0 where a sample has no vote.
@@ -35,13 +35,13 @@ def voted(surprise: Float[Array, " length"]) -> tuple[Bool[Array, " length"], Wh
     return jnp.where(is_fast, fast, slow), is_fast | is_slow
 
 
-def followed(scale: Value, nu: Value, samples: Count, gain: Scalar) -> Value:
-    """The scale of the noise after the innovation of this sample of a run, the first being 1."""
-    step = jnp.maximum(STEP / samples, gain)
+def followed_scale(scale: Value, nu: Value, samples: Count, least: Scalar) -> Value:
+    """The standard deviation of the noise after one more sample; the gain is `least` or more."""
+    step = jnp.maximum(STEP / samples, least)
     factor = jnp.exp(step * jnp.where(jnp.abs(nu) > MEDIAN, 0.5, -0.5))
     return jnp.maximum(scale * factor, FINEST)
 
 
-def huber_weight(nu: Float[Array, "*points"], clip: Scalar) -> Float[Array, "*points"]:
-    """1, and less where |nu| exceeds the clip, so that the product with nu stays there."""
-    return jnp.where(jnp.abs(nu) > clip, clip / jnp.abs(nu), 1.0)
+def huber_weight(nu: Float[Array, "*points"], huber: Scalar) -> Float[Array, "*points"]:
+    """min(1, huber/|nu|)."""
+    return jnp.where(jnp.abs(nu) > huber, huber / jnp.abs(nu), 1.0)

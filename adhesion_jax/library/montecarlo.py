@@ -36,6 +36,7 @@ from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Status
+from adhesion_jax.identifiers.of_numpy import OfNumpy
 from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.results import recorded
 from adhesion_jax.library.shards import compute, extended, opened_for
@@ -99,10 +100,16 @@ class MonteCarlo:
         """A row for each run, identifier and block, or some of the blocks (`keep`)."""
         return pd.read_parquet(self.rows) if isinstance(self.rows, Path) else self.rows
 
+    @property
+    def remarks(self) -> str:
+        """What is to be said of the methods: which are slow because Python computes them."""
+        methods = {name: one for job in self.jobs for name, one in job.methods.items()}
+        slow = [name for name, method in methods.items() if isinstance(method, OfNumpy)]
+        return f"\nSlow, because it is called in Python: {listed(slow)}" if slow else ""
+
     def write(self, folder: str | PathLike[str]) -> None:
         """The files MONTECARLO_FILES that apply, as the command writes them."""
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         if not (path / "runs.parquet").exists():
             self.estimates.to_parquet(path / "runs.parquet", index=False)
         for name, table in self.tables.items():
@@ -159,7 +166,7 @@ class MonteCarlo:
                     yield name, figures.convergence(*course, *reached)
 
     def __repr__(self) -> str:
-        return accuracy_table(self.summary, _quantities(self.summary))
+        return accuracy_table(self.summary, _quantities(self.summary)) + self.remarks
 
     def _repr_html_(self) -> str:
         return self.summary.to_html(index=False)

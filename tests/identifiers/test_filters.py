@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from identifier_cases import FILTERS
+from identifier_cases import FILTERS, identified
 
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.curves import with_free_values
+from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.identifiers.ekf import ExtendedKalmanFilter
 from adhesion_jax.identifiers.filters import coordinates_of
 from adhesion_jax.identifiers.imm_rails import InteractingModels, named_rails
@@ -198,6 +199,15 @@ def test_the_named_rails_are_their_own_parameters_on_their_own_curve():
     found = jax.vmap(coordinates_of(HE2018).to_box)(own)
     expected = [[rail.c1, rail.c2, rail.c3] for rail in RAILS.values()]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_hardly_any_noise_leaves_hardly_any_error(name):
+    """The walk of the parameters leaves a ten-thousandth of mu_max; the slip is random."""
+    scenario = build("qian2024", Options(sigma=1e-9, points=120))
+    _, estimate = identified(IDENTIFIERS[name], scenario)
+    truth = scenario.quantities()["mu_max"]
+    np.testing.assert_allclose(estimate.values["mu_max"][:, -1], truth[-1], rtol=1e-3)
 
 
 @functools.cache
