@@ -13,6 +13,9 @@ from adhesion_jax.errors import InputError
 
 T = TypeVar("T")
 
+#: The default of an argument that has none.
+_NONE = inspect.Parameter.empty
+
 
 class Option(NamedTuple):
     """How an argument of a scenario is asked for on the command line."""
@@ -57,13 +60,39 @@ NOISE: dict[str, Option] = {
     ),
 }
 
+#: How many measurements a cell of a plan is checked with.
+MEASUREMENTS = range(100, 10**6 + 1)
+
 #: Most runs of a job, and most blocks of a run: with more a job would not end, or not fit a memory.
 MOST_RUNS, _MOST_BLOCKS = 10**9, 1000
 
 Rail = Annotated[str, Option("Rail of a scenario that has one rail.")]
+Then = Annotated[str, Option("Rail of the second half of a stream, after a switch.")]
+Truth = Annotated[str, Option("Form of the curve that the rail has.")]
+Told = Annotated[str, Option("Form of the curve that identifiers are told.")]
+Fall = Annotated[
+    float, Option("Share of the adhesion that a rail loses in a run.", -1, 1, high_open=True)
+]
+Shift = Annotated[
+    float, Option("Share by which the slip of the peak grows meanwhile.", -1, 10, low_open=True)
+]
+WaveHeight = Annotated[
+    float, Option("Amplitude of a wave of the adhesion, as a share of it.", 0, 0.5)
+]
+Period = Annotated[float, Option("Samples of a wave.", 2, 10**6)]
+Recovery = Annotated[
+    float,
+    Option(
+        "Time constant in samples with which a rail recovers that loses its share of the adhesion "
+        "at once in the middle of the run; 0 for a loss spread over the run.",
+        0,
+        10**6,
+    ),
+]
 Sigma = Annotated[float, Option("Noise of the adhesion signal.", 0, 10)]
 Points = Annotated[int, Option("Points in a block, or samples of a stream.", 4, 10**6)]
 SlipMax = Annotated[float, Option("Largest slip of the excitation.", 0, 1, low_open=True)]
+SlipNoise = Annotated[float, Option("Standard deviation of the noise of the measured slip.", 0, 1)]
 Outliers = Annotated[
     float, Option("Share of points with ten times the noise.", 0, 1, high_open=True)
 ]
@@ -112,10 +141,10 @@ def declared(build: Callable[..., Any]) -> Mapping[str, Declared]:
     for name, argument in _arguments(build).items():
         own = {name: argument}
         if _is_part(argument):
-            made = argument.default is not inspect.Parameter.empty
+            part = argument.default
             own = {
-                field: one.replace(default=getattr(argument.default, field)) if made else one
-                for field, one in _arguments(argument.annotation).items()
+                field: one if part is _NONE else one.replace(default=getattr(part, field))
+                for field, one in _fields(argument).items()
             }
         found |= {field: _declared(one) for field, one in own.items()}
     return found
@@ -126,14 +155,18 @@ def built(build: Callable[..., T], options: Options) -> T:
     arguments: dict[str, Any] = {}
     for name, argument in _arguments(build).items():
         if _is_part(argument):
-            own = {n: options[n] for n in _arguments(argument.annotation) if n in options}
-            made = argument.default is not inspect.Parameter.empty
-            arguments[name] = (
-                replace(argument.default, **own) if made else argument.annotation(**own)
-            )
+            part = argument.default
+            own = {n: options[n] for n in _fields(argument) if n in options}
+            arguments[name] = argument.annotation(**own) if part is _NONE else replace(part, **own)
         elif name in options:
             arguments[name] = options[name]
     return build(**arguments)
+
+
+def _fields(argument: inspect.Parameter) -> Mapping[str, inspect.Parameter]:
+    """Those of a part: of the kind that is the default, which may be a special one."""
+    part = argument.default
+    return _arguments(argument.annotation if part is _NONE else type(part))
 
 
 def _arguments(build: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
@@ -149,7 +182,7 @@ def _declared(argument: inspect.Parameter) -> Declared:
     kinds = (argument.annotation, *get_args(argument.annotation))
     annotated = next(kind for kind in kinds if get_origin(kind) is Annotated)
     kind, option = get_args(annotated)
-    return Declared(kind, option, argument.default is inspect.Parameter.empty)
+    return Declared(kind, option, argument.default is _NONE)
 
 
 def check(name: str, known: Mapping[str, Declared], options: Options) -> None:

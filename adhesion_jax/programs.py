@@ -139,7 +139,18 @@ def program(
 
 
 def _made(function: Callable[[Any], Any], argument: Any, compiler: _Options) -> jax.stages.Compiled:
-    return jax.jit(function).lower(argument).compile(dict(compiler))
+    known = {name: value for name, value in compiler.items() if _is_option(name, value)}
+    return jax.jit(function).lower(argument).compile(known)
+
+
+@cache
+def _is_option(name: str, value: str | bool) -> bool:
+    """Whether the compiler that is installed has it: options change the time, never a result."""
+    try:
+        jax.jit(jnp.sin).lower(0.0).compile({name: value})
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
 
 
 class _StablePickler(pickle.Pickler):

@@ -19,6 +19,7 @@ from adhesion_jax.effects.humidity import Humidity
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.identifiers import IDENTIFIERS, identify
+from adhesion_jax.identifiers.filters import RandomWalkFilter
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.records import Known
 from adhesion_jax.scenarios import SCENARIOS, Options, build
@@ -42,18 +43,15 @@ SMALL = {
     "he2018-1": Options(points=100),
     "he2018-blocks": Options(points=100, blocks=20),
     "qian2024": Options(points=120),
-    "qian2024-switch": Options(points=200),
-    "drift": Options(points=200),
     "coloured": Options(points=120),
     "mismatch": Options(points=120),
     "mismatch-kiencke": Options(points=120),
-    "fang2018-slope": Options(points=200),
     "corrected": Options(points=120, law=law_text(Burckhardt(c1=0.8287, c2=45.45, c3=0.4))),
 }
 #: And a curve whose peak depends on a condition, which `Known` says.
 FALLING = "corrected: falling friction"
 _RAIL = PolachFalling(mu0=0.55, a=0.4, b=0.6, stiffness=150.0, k_s=0.4)
-CASES = {name: (name, SMALL.get(name, Options())) for name in SCENARIOS} | {
+CASES = {name: (name, SMALL.get(name, Options(points=200))) for name in SCENARIOS} | {
     FALLING: ("corrected", Options(points=120, law=law_text(_RAIL)))
 }
 KIENCKE = Known(
@@ -66,6 +64,10 @@ WITHOUT_CURVE = ("rls-slope", "bayes-departure")
 CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name not in WITHOUT_CURVE}
 GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
 EVOLUTION = [name for name in IDENTIFIERS if name.startswith("ml-de")]
+FILTERS = [name for name, i in IDENTIFIERS.items() if isinstance(i, RandomWalkFilter)]
+
+#: Methods that draw random numbers of their own.
+RANDOM = (*EVOLUTION, "particle")
 
 # Without optimisation: many programs, each run a few times on few runs.
 quick_jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
@@ -120,8 +122,18 @@ def accepts(name, case):
 PAIRS = [(name, case) for case in CASES for name in IDENTIFIERS if accepts(name, case)]
 CURVE_PAIRS = [pair for pair in PAIRS if pair[0] in CURVE_METHODS]
 
-#: Where a rail drifts, has another curve or an effect on it, no curve is the truth of a block.
-HAVE_TRUTH = [p for p in CURVE_PAIRS if not p[1].startswith(("drift", "mismatch", "corrected"))]
+
+def has_truth(scenario):
+    """Whether some curve of the kind that is told is the truth of a block, at the slips measured.
+
+    Where a rail drifts, has another curve or an effect on it, none is.
+    """
+    rail, known = scenario.rail, scenario.known
+    alike = type(rail.curve) is type(known.curve) and not isinstance(rail.law, CorrectedLaw)
+    return alike and not rail.drifts and not scenario.excitation.slip_noise
+
+
+HAVE_TRUTH = [pair for pair in CURVE_PAIRS if has_truth(scenario_of(pair[1]))]
 
 #: A short scenario that each method takes.
 HOME = {

@@ -325,3 +325,11 @@ def test_an_edited_method_gives_new_numbers_at_once(tmp_path, with_jax):
         method.read_text().replace(before, f"{before} * jnp.array([1.05, 1.0, 1.05])")
     )
     assert bias() == pytest.approx(0.05, abs=1e-3)
+
+
+@pytest.mark.usefixtures("store")
+def test_an_option_that_this_compiler_does_not_have_is_left_out():
+    """jaxlib 0.11 has none of the fusion emitters, which 0.10 has."""
+    options = {**programs.QUICKLY, "xla_cpu_option_of_another_version": True}
+    made = programs.program(jnp.exp, jnp.exp, 0.0, options)
+    assert float(made(0.0)) == 1.0

@@ -16,6 +16,7 @@ class Found(NamedTuple):
 
     values: Mapping[str, np.ndarray]
     standard_errors: Mapping[str, np.ndarray]
+    cosine_errors: Mapping[str, np.ndarray]  # of a method of least squares; NaN for another
     on_box: np.ndarray
     status: np.ndarray
     objective: np.ndarray

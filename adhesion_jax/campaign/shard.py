@@ -19,14 +19,18 @@ from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import Found, estimate_rows
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.campaign.tiles import TILE, TileResult, Tiles
-from adhesion_jax.identifiers import Estimate, Identifier, Status
+from adhesion_jax.identifiers import Identifier, Status
+from adhesion_jax.inference.cosines import COSINES
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics
 from adhesion_jax.metrics.counts import BINS, bins_of, share_bins_of
+from adhesion_jax.metrics.information import quantity_names
 from adhesion_jax.metrics.moments import Moments
-from adhesion_jax.metrics.tracking import delay_counts, tracking_statistics
+from adhesion_jax.metrics.tracking import delay_counts, lags, tracking_statistics
 from adhesion_jax.optim.box import on_bound
+from adhesion_jax.records import Record
 from adhesion_jax.runtime import silent
 from adhesion_jax.scenarios import Scenario
+from adhesion_jax.scenarios.course import switches
 
 #: Statuses that count as a failure for every method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
@@ -85,7 +89,7 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
         for name in _rotated(job.methods, number):
             tell(done, f"{name} on {config.scenario}")
             result = of_tile.identify(config.seed, tile, name, job.methods[name], records)
-            parts[name].append(_found(scenario, result))
+            parts[name].append(_found(of_tile, job.methods[name], records, result))
             spent[name] = result.seconds / (TILE * len(scenario.rails))
             compile_seconds[name] = max(compile_seconds[name], result.compile_seconds)
         seconds.append([spent[name] for name in job.methods])
@@ -97,7 +101,7 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
     truth = truth_of(scenario, np.concatenate(bounds)[:runs])
     sums = Sums(
         accuracy=_accuracy(job, found, truth, _pooled(scenario, np.asarray(records.fresh), truth)),
-        tracking=_tracking(job, found),
+        tracking=_tracking(job, found, truth, records.fresh.shape[-1]),
         delays=np.stack([delay_counts(found[name].tracking, job.longest) for name in job.names]),
         seconds=Moments.of({"seconds": np.array(seconds)}),
     )
@@ -119,29 +123,29 @@ def _rotated(methods: Mapping[str, Identifier], number: int) -> Sequence[str]:
     return names[first:] + names[:first]
 
 
-def _found(scenario: Scenario, result: TileResult) -> Found:
-    estimate = result.estimate
+def _found(tiles: Tiles, method: Identifier, records: Record, result: TileResult) -> Found:
+    estimate, known = result.estimate, tiles.scenario.known
     errors = np.sqrt(np.diagonal(estimate.covariance, axis1=-2, axis2=-1))
-    names = [*estimate.values]
+    values = {name: np.asarray(value) for name, value in estimate.values.items()}
+    on_box = np.zeros(estimate.status.shape, dtype=bool)
+    by_cosines = dict.fromkeys(values, np.full(estimate.status.shape, np.nan))
+    if set(known.curve.free) <= set(values):  # else it is a method without a curve
+        parameters = np.stack([values[name] for name in known.curve.free], axis=-1)
+        on_box = np.any(on_bound(parameters, np.asarray(known.lower), np.asarray(known.upper)), -1)
+        if method.FITS_LAST_RECORD:
+            found = np.moveaxis(np.asarray(tiles.cosine_errors(records, parameters)), -1, 0)
+            by_cosines |= dict(zip(quantity_names(known.curve), found, strict=True))
     return Found(
-        values={name: np.asarray(value) for name, value in estimate.values.items()},
-        standard_errors={name: errors[..., i] for i, name in enumerate(names)},
-        on_box=_on_box(scenario, estimate),
+        values=values,
+        standard_errors={name: errors[..., i] for i, name in enumerate(values)},
+        cosine_errors=by_cosines,
+        on_box=on_box,
         status=np.asarray(estimate.status),
         objective=np.asarray(estimate.objective),
         kept_share=np.where(estimate.reset, 0.0, estimate.forgetting),
         evaluations=np.asarray(estimate.evaluations),
         tracking=result.tracking,
     )
-
-
-def _on_box(scenario: Scenario, estimate: Estimate) -> NDArray[np.bool_]:
-    known = scenario.known
-    if not set(known.curve.free) <= set(estimate.values):  # a method without a curve
-        return np.zeros(estimate.status.shape, dtype=bool)
-    parameters = np.stack([estimate.values[name] for name in known.curve.free], axis=-1)
-    lower, upper = np.asarray(known.lower), np.asarray(known.upper)
-    return np.any(on_bound(parameters, lower, upper), axis=-1)
 
 
 def truth_of(scenario: Scenario, bound: NDArray[np.float64]) -> Truth:
@@ -194,6 +198,9 @@ def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequen
     return Outcome(
         values=np.stack([one.values[q] for q in quantities], axis=-1),
         standard_errors=np.stack([one.standard_errors[q] for q in quantities], axis=-1),
+        robust=np.stack(
+            [stdtrit(COSINES, 0.975) * one.cosine_errors[q] for q in quantities], axis=-1
+        ),
         on_box=one.on_box,
         unusable=np.isin(one.status, _UNUSABLE),
         objective=one.objective if fits else none,
@@ -204,8 +211,18 @@ def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequen
     )
 
 
-def _tracking(job: Job, found: Mapping[str, Found]) -> Moments:
-    of_name = [tracking_statistics(found[name].tracking) for name in job.names]
+def _tracking(job: Job, found: Mapping[str, Found], truth: Truth, points: int) -> Moments:
+    steps = points if job.scenario.known.by_sample else 1
+    rails = job.scenario.rails
+    stretch = np.searchsorted(switches(rails), np.arange(len(rails)), side="right")
+
+    def lag(one: Found) -> NDArray[np.float64]:
+        if "mu_max" not in truth.names:
+            return np.full(one.tracking.delay.shape, np.nan)
+        place = truth.names.index("mu_max")
+        return lags(one.values["mu_max"], truth.values[:, place], stretch, steps)
+
+    of_name = [tracking_statistics(found[name].tracking, lag(found[name])) for name in job.names]
     return Moments.of({key: np.stack([s[key] for s in of_name], axis=1) for key in of_name[0]})
 
 

@@ -18,6 +18,8 @@ from jaxtyping import Array, ArrayLike, Float, Int, Key
 from adhesion_jax import programs, runtime
 from adhesion_jax.campaign.keys import keys_of_runs, noise_key, solver_key
 from adhesion_jax.identifiers import Estimate, Identifier, follow
+from adhesion_jax.identifiers.of_numpy import complain
+from adhesion_jax.inference.curve_errors import cosine_errors
 from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Scenario
@@ -91,6 +93,29 @@ class Tiles:
         bound = jax.vmap(self.scenario.bound, in_axes=(axes,), axis_size=TILE)
         return programs.program(("bound", self._content), bound, self.draw(0, 0))
 
+    def cosine_errors(
+        self, records: Record, parameters: Float[ArrayLike, "runs blocks free"]
+    ) -> Float[Array, "runs blocks values"]:
+        """The `cosine_errors` of the curves with the least squares of the blocks of a tile."""
+        found: Float[Array, "runs blocks values"] = self._errors(records, parameters)
+        return found
+
+    @cached_property
+    def _errors(self) -> Callable[..., Float[Array, "runs blocks values"]]:
+        known, axes = self.scenario.known, self.scenario.run_axes
+
+        def errors(of_tile: tuple[Record, Array]) -> Array:
+            # The axis of the blocks to the front: one after the other, they stay in the cache.
+            blocks = jax.tree.map(lambda x: jnp.moveaxis(x, -2, 0), of_tile)
+            found = jax.lax.map(lambda one: cosine_errors(known, one[0], axes, one[1]), blocks)
+            return jnp.moveaxis(found, 0, 1)
+
+        parameters = np.zeros((TILE, len(self.scenario.rails), len(known.curve.free)))
+        example = (self.draw(0, 0), parameters)
+        name = ("errors by cosines", self._content)
+        compiled = programs.program(name, errors, example, COMPILER)
+        return lambda *of_tile: compiled(of_tile)
+
     def identify(
         self, seed: int, tile: int, name: str, method: Identifier, records: Record
     ) -> TileResult:
@@ -101,6 +126,7 @@ class Tiles:
         began = time.process_time()
         found = jax.block_until_ready(compiled(method, records, key, tile_runs(tile)))
         seconds = time.process_time() - began
+        complain()
         estimate, tracking = jax.tree.map(np.asarray, found)
         return TileResult(estimate, tracking, seconds, compile_seconds)
 

@@ -25,7 +25,7 @@ from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import NOISE
+from adhesion_jax.options import MEASUREMENTS, NOISE
 from adhesion_jax.wording import percent
 
 NAMES = catalogue().names
@@ -166,7 +166,7 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("--want", type=Share(), help="Relative standard error of mu_max to reach, as 1%.")
 @click.option(
     "--check",
-    type=click.IntRange(100, 10**6),
+    type=click.IntRange(MEASUREMENTS[0], MEASUREMENTS[-1]),
     help="Simulate six cells of the plan, each with this number of measurements.",
 )
 @click.option("--seed", type=SEED, default=0, help="Of --check.")
@@ -179,8 +179,6 @@ def main(
     law: str | None,
     curve: tuple[Any, ...] | None,
     conditions: tuple[tuple[str, float], ...],
-    seed: int,
-    out: Path,
     **asked: Any,
 ) -> None:
     """Say how far the slip must go, and how many samples it takes, to know the peak.
@@ -201,28 +199,22 @@ def main(
         raise InputError(f"--curve goes with LOG or --curves, not with {named[0]}.")
     _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
     columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
-    check = asked.pop("check")
     (names,) = begin(curve)
     from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
     from adhesion_jax.effects.saved import load_law
-    from adhesion_jax.files import output_directory, staged, write_table
     from adhesion_jax.library.identify import identify_chosen
-    from adhesion_jax.library.plan import PLAN_FILES, plan
+    from adhesion_jax.library.plan import plan
     from adhesion_jax.library.reading import citation_of
-    from adhesion_jax.library.results import columns_of
     from adhesion_jax.measured.saved import load_curve
-    from adhesion_jax.planning.check import check_plan
-    from adhesion_jax.report.plan.words import checked
 
     source: Any = rail
-    understood = None
     if log is not None:
         measured = read([log], columns, known)
         if dry_run:
             check_curve(as_one(measured))
             return
-        chosen, understood = events_of(measured, events), columns_of(measured)
+        chosen = events_of(measured, events)
         del measured  # nothing holds the log while curves are fitted to its events
         source = identify_chosen(chosen, names, citation_of(log))
     elif curves is not None:
@@ -231,17 +223,10 @@ def main(
             click.echo(_WITHOUT_DEPARTURE.format(percent(misfit)) + "\n")
     elif law is not None:
         source = load_law(law)
-    found = plan(source, conditions=dict(conditions), **asked)
-    words = f"{found}"
-    with staged(output_directory(out), PLAN_FILES) as stage:
-        found.write(stage)
-        if check is not None:
-            with shown() as progress:
-                table = check_plan(found.plan, check, seed, progress)
-            write_table(stage / "check.csv", table)
-            words += f"\n\n{checked(table, check)}"
-    record(out, understood)
-    click.echo(f"{words}\n\nWritten to {out}")
+    with shown() as progress:
+        found = plan(source, conditions=dict(conditions), progress=progress, **asked)
+    record(asked["out"])
+    click.echo(f"{found}\n\nWritten to {asked['out']}")
 
 
 def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: str) -> None:

@@ -14,10 +14,11 @@ from adhesion_jax.plugins import Part
 RECORDED = ("montecarlo", "identify", "track", "discover", "simulate", "plan", "traction")
 
 
-def record(folder: Path, columns: Mapping[str, object] | None = None) -> None:
-    """Write metadata.json: what was asked, how columns were understood, versions and machine.
+def record(folder: Path) -> None:
+    """Write metadata.json: what was asked, versions and machine.
 
-    What a result has written there before stays, but for the call of the function that made it.
+    What a result has written there before, as how columns were understood, stays, but for the call
+    of the function that made it.
     """
     from adhesion_jax import runtime
     from adhesion_jax.files import METADATA, staged, write_metadata
@@ -25,9 +26,8 @@ def record(folder: Path, columns: Mapping[str, object] | None = None) -> None:
     path = folder / METADATA
     told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else runtime.describe()
     told.pop("call", None)
-    understood = {"columns": columns} if columns else {}
     with staged(folder, [METADATA]) as stage:
-        write_metadata(stage / METADATA, {**_asked(), **understood, **told})
+        write_metadata(stage / METADATA, {**_asked(), **told})
 
 
 def _asked() -> Mapping[str, object]:

@@ -3,6 +3,7 @@
 from collections import ChainMap
 from collections.abc import Mapping, MutableMapping
 
+from adhesion_jax.curves.base import NO_CONDITIONS as NO_CONDITIONS
 from adhesion_jax.curves.base import SLIP_LIMIT as SLIP_LIMIT
 from adhesion_jax.curves.base import Conditions as Conditions
 from adhesion_jax.curves.base import Curve as Curve

@@ -3,6 +3,7 @@
 import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import equinox as eqx
@@ -17,6 +18,9 @@ from adhesion_jax.programs import kept
 
 Scalar = float | Float[Array, ""]
 Conditions = Mapping[str, Float[Array, "..."] | float]
+
+#: Those of a law that depends on the slip alone.
+NO_CONDITIONS: Conditions = MappingProxyType({})
 
 #: Arrays of one shape in a function: those of a steady state, or of the points of a run.
 Signal = Float[Array, "*shape"]

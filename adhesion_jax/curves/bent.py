@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from adhesion_jax.curves.base import Conditions, Curve, Law, Scalar, Signal
+from adhesion_jax.curves.base import NO_CONDITIONS, Conditions, Curve, Law, Scalar, Signal
 from adhesion_jax.curves.precision import precise_of_numbers
 
 #: Number of functions that the departure of a single curve is made of: of ten a kink at the peak
@@ -28,7 +28,7 @@ class Bent(Law):
     braking: Float[Array | np.ndarray, " functions"] | None = None
 
     @precise_of_numbers
-    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+    def __call__(self, slip: Signal, conditions: Conditions = NO_CONDITIONS) -> Signal:
         return self.curve(slip, conditions) * (1 + self.departure(slip))
 
     def departure(self, slip: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:

@@ -15,9 +15,9 @@ _SOURCE = "Polach 2005, Wear 258, 992-1000"
 def saturation(
     slip: Float[Array, "*shape"],
     friction: Float[Array, "*shape"] | Scalar,
-    stiffness: Scalar,
-    k_a: Scalar,
-    k_s: Scalar,
+    stiffness: Float[Array, "*shape"] | Scalar,
+    k_a: Float[Array, "*shape"] | Scalar,
+    k_s: Float[Array, "*shape"] | Scalar,
 ) -> Float[Array, "*shape"]:
     """Mu = (2 mu_f/pi) (kA e/(1 + (kA e)^2) + atan(kS e)), e = pi C |l| / (4 mu_f), odd in l.
 

@@ -1,7 +1,7 @@
 """From measured runs to findings: which effects the law lacks, and how far they lower its error."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Sequence
 
 import numpy as np
 
@@ -94,9 +94,9 @@ def discover(
     waves = any(isinstance(part, Wave) for part in parts_of(final.accepted))
     line = None if waves else torsion(final.fitted)
     progress("asking for a second opinion", 0.85)
-    opinion = opinion_of(final, seed)
+    opinion = opinion_of(final, seed, same)
     warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
-    warnings += [*_echo_words(same), *_few_runs(problem)]
+    warnings += [*same.values(), *_few_runs(problem)]
     if correct and (opinion is None or opinion.correction is None):
         warnings.append(
             "No correction by boosted trees was made: they predict nothing of what the law leaves."
@@ -129,14 +129,6 @@ def _test_words(runs: RunSet, test: RunSet | None) -> list[str]:
     """What reading the test data said, and reading the others did not."""
     told = () if test is None else (words for words in test.warnings if words not in runs.warnings)
     return [f"In the test data: {words}" for words in told]
-
-
-def _echo_words(same: Mapping[str, str]) -> list[str]:
-    return [
-        f"{name} repeats the {signal} row by row, noise and all: one was probably computed from "
-        "the other, so that it is no cause of it. It is left out."
-        for name, signal in same.items()
-    ]
 
 
 def _problem(blocks: RunSet) -> Problem:
@@ -224,14 +216,18 @@ def _condensing_words(runs: RunSet, blocks: RunSet) -> list[str]:
     return sentences
 
 
-def opinion_of(state: Selection, seed: int) -> Opinion | None:
-    """What boosted trees predict of the residual of a law; None for blocks of one run."""
+def opinion_of(state: Selection, seed: int, without: Container[str] = ()) -> Opinion | None:
+    """What boosted trees predict of the residual of a law; None for blocks of one run.
+
+    They do not know the columns `without`.
+    """
     problem = state.setting.problem
     if problem.blocks:
         return None
     inside = problem.points > 0
     slip = np.asarray(problem.data.slip)[inside]
-    features = features_of(problem, slip, problem.flat)
+    known = features_of(problem, slip, problem.flat)
+    features = {name: column for name, column in known.items() if name not in without}
     residual = state.fitted.error[inside] * np.sign(slip)
     runs = np.nonzero(inside)[0]
     return second_opinion(features, residual, runs, ("slip_ratio", "mode"), seed)

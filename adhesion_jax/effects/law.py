@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from adhesion_jax.curves import Conditions, Law, Scalar, Signal
+from adhesion_jax.curves import NO_CONDITIONS, Conditions, Law, Scalar, Signal
 from adhesion_jax.curves.precision import precise_of_numbers
 from adhesion_jax.effects.base import Effect, Value
 from adhesion_jax.effects.conditions import Calendar, completed
@@ -38,7 +38,7 @@ class CorrectedLaw(Law):
     calendar: Calendar = eqx.field(static=True)
 
     @precise_of_numbers
-    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+    def __call__(self, slip: Signal, conditions: Conditions = NO_CONDITIONS) -> Signal:
         # Conditions that depend on the slip are computed from the expected slip.
         for effect in self.effects:
             if isinstance(effect, SlipNoise):

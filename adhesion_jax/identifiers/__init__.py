@@ -9,16 +9,20 @@ from adhesion_jax.identifiers.base import Status as Status
 from adhesion_jax.identifiers.base import follow as follow
 from adhesion_jax.identifiers.base import identify as identify
 from adhesion_jax.identifiers.bayes_departure import bayes_departure
+from adhesion_jax.identifiers.ekf import ekf
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
+from adhesion_jax.identifiers.imm_rails import imm_rails
 from adhesion_jax.identifiers.ls_kiencke import LinearLeastSquares
 from adhesion_jax.identifiers.ml_de import ml_de, ml_de_eq16, ml_de_eq17, ml_de_he2018, ml_de_robust
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
 from adhesion_jax.identifiers.ml_pooled import PooledMaximumLikelihood
+from adhesion_jax.identifiers.particle import particle
 from adhesion_jax.identifiers.qp_bias_compensated import qp_bias_compensated
 from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
 from adhesion_jax.identifiers.riv import riv
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.identifiers.rls_slope import rls_slope
+from adhesion_jax.identifiers.ukf import ukf
 from adhesion_jax.identifiers.varpro_forgetting import (
     varpro_forgetting,
     varpro_forgetting_offset,
@@ -47,6 +51,10 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "rls-kiencke-variable": rls_kiencke_variable,
     "riv": riv,
     "bank-kiencke": bank_kiencke,
+    "ekf": ekf,
+    "ukf": ukf,
+    "particle": particle,
+    "imm-rails": imm_rails,
     "varpro-forgetting": varpro_forgetting,
     "varpro-forgetting-offset": varpro_forgetting_offset,
     "rls-slope": rls_slope,

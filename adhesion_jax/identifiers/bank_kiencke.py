@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from adhesion_jax.curves import Scalar
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate
+from adhesion_jax.identifiers.innovations import FINEST, followed_scale, huber_weight
 from adhesion_jax.identifiers.kiencke_linear import OnlineKiencke, online_estimate, start_of
 from adhesion_jax.identifiers.online import LARGEST, OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import (
@@ -22,15 +23,12 @@ from adhesion_jax.identifiers.pairs import (
     square,
 )
 from adhesion_jax.identifiers.young import (
-    FINEST,
     LENGTH,
     InstrumentSums,
     LatestSamples,
     along,
     curve_at,
-    followed_scale,
     grown_older,
-    huber_weight,
     inverse,
     is_new,
     no_latest,

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate
+from adhesion_jax.identifiers.innovations import FINEST, followed_scale, huber_weight
 from adhesion_jax.identifiers.kiencke_linear import (
     OnlineKiencke,
     online_estimate,
@@ -17,14 +18,11 @@ from adhesion_jax.identifiers.kiencke_linear import (
 from adhesion_jax.identifiers.online import OnlineState, Sample, begin
 from adhesion_jax.identifiers.pairs import Vector, square
 from adhesion_jax.identifiers.young import (
-    FINEST,
     InstrumentSums,
     LatestSamples,
     along,
     curve_at,
-    followed_scale,
     grown_older,
-    huber_weight,
     inverse,
     is_new,
     no_latest,

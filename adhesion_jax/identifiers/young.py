@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.identifiers.innovations import FINEST, MEDIAN, SLOW, huber_weight, votes
 from adhesion_jax.identifiers.kiencke_linear import regression, start_of
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.arrays import Count, Value, Whether
@@ -25,25 +26,6 @@ _FROM_NOTHING, _FROM_ESTIMATE = 5, 2
 
 #: An estimate that rests on fewer samples than this is not used to begin the next one.
 _FEW = 10
-
-#: (votes, samples, limit): a reset takes this many of this many latest samples whose innovation
-#: exceeds this many of its standard deviations. The first rule finds a switch, the second one that
-#: is too small for the first. With Gaussian noise either rule holds less than once in 10^9 samples;
-#: with three per cent of outliers ten times as wide the first one holds twice in 10^6. The first
-#: `LENGTH` samples of a run have no vote, because a scale from twenty residuals may be a third of
-#: the true one; a switch among them is missed if it makes the residuals, and so the scale, large.
-_FAST, _SLOW = (4, 5, 3.0), (8, 10, 2.2)
-
-#: Median of |n| for a standard Gaussian n.
-_MEDIAN = 0.6745
-
-#: Step of the recursion for the logarithm of that median, of least variance: 1/(density of log |n|
-#: at the median).
-_STEP = 2.333
-
-#: Least standard deviation of the noise, finer than any sensor of adhesion: data without noise
-#: would otherwise bring the scale to zero, and residuals are divided by it.
-FINEST = 1e-9
 
 #: With fewer than five samples two parameters leave too few residuals to tell their scale; until
 #: then it is at least this share of the largest adhesion.
@@ -96,11 +78,6 @@ def is_new(kept: LatestSamples, size: Value, adhesion: Value) -> Whether:
     return (size > 0) & ~repeats
 
 
-def huber_weight(nu: Float[Array, "*points"], huber: Scalar) -> Float[Array, "*points"]:
-    """min(1, huber/|nu|)."""
-    return jnp.where(jnp.abs(nu) > huber, huber / jnp.abs(nu), 1.0)
-
-
 def along(size: Float[Array, "*points"]) -> Vector:
     """The direction of the regressors and of the instruments of a sample."""
     return Vector(jnp.ones_like(size), size)
@@ -116,14 +93,7 @@ def curve_at(
 
 def grown_older(age: Count, reset: Whether) -> Count:
     """The number of samples that an estimate rests on, up to where it is no longer young."""
-    return jnp.where(reset, _SLOW[1], jnp.minimum(age + 1, LENGTH + 1))
-
-
-def followed_scale(scale: Value, nu: Value, samples: Count, least: Scalar) -> Value:
-    """The standard deviation of the noise after one more sample; the gain is `least` or more."""
-    step = jnp.maximum(_STEP / samples, least)
-    factor = jnp.exp(step * jnp.where(jnp.abs(nu) > _MEDIAN, 0.5, -0.5))
-    return jnp.maximum(scale * factor, FINEST)
+    return jnp.where(reset, SLOW[1], jnp.minimum(age + 1, LENGTH + 1))
 
 
 def voted(
@@ -131,20 +101,19 @@ def voted(
 ) -> tuple[LatestSamples, Whether]:
     """The kept samples with the latest among them, and whether there is a reset.
 
-    After a reset only the samples that voted for it are used.
+    After a reset only the samples that voted for it are used. The first `LENGTH` samples of a run
+    have no vote, because a scale from twenty residuals may be a third of the true one; a switch
+    among them is missed if it makes the residuals, and so the scale, large.
     """
     surprise = jnp.where(samples < LENGTH, 0.0, jnp.abs(nu))
     latest = (size, adhesion, surprise, jnp.ones((), dtype=bool))
     kept = LatestSamples(
         *(jnp.concatenate([new[None], old[:-1]]) for new, old in zip(latest, before, strict=True))
     )
-    place = jnp.arange(LENGTH)
-    fast, slow = ((place < last) & (kept.surprise > limit) for _, last, limit in (_FAST, _SLOW))
-    is_fast, is_slow = jnp.sum(fast) >= _FAST[0], jnp.sum(slow) >= _SLOW[0]
-    reset = is_fast | is_slow
+    voters, reset = votes(kept.surprise)
     return kept._replace(
         surprise=jnp.where(reset, 0.0, kept.surprise),  # a sample votes for one reset at most
-        used=jnp.where(is_fast, fast, jnp.where(is_slow, slow, kept.used)),
+        used=jnp.where(reset, voters, kept.used),
     ), reset
 
 
@@ -182,7 +151,7 @@ def refitted(
         d, model = curve_at(known, x, size)
         residual = adhesion - model
         # Two parameters have been fitted, which makes the residuals smaller than the noise.
-        spread = jnp.sqrt(count / jnp.maximum(count - 2, 1)) / _MEDIAN
+        spread = jnp.sqrt(count / jnp.maximum(count - 2, 1)) / MEDIAN
         deviation = spread * _median(jnp.abs(residual), used)
         deviation = jnp.where(
             count < 5, jnp.maximum(deviation, _SCALE_OF_ADHESION * largest), deviation

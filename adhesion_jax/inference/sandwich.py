@@ -1,23 +1,18 @@
-"""Standard errors that hold whatever the noise depends on: runs as clusters, cosines over time."""
+"""Standard errors that hold whatever the noise depends on, by runs as clusters and by cosines."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from adhesion_jax.inference.cosines import COSINES, Blocks, by_cosines
 from adhesion_jax.inference.sums import Sums
-
-#: Number of cosines, slower than which noise is not told from the curve.
-COSINES = 4
 
 #: Fewest degrees of freedom with which runs as clusters count: with fewer runs cosines alone do.
 _FEWEST_DEGREES = 4.0
 
 #: Degrees of freedom of the size of the departure, which its functions tell.
 _OF_PRIOR = 8.0
-
-#: Directions of which cosines are taken together: their products with all blocks are in memory.
-_AT_A_TIME = 50
 
 #: Largest leverage of a cluster: one alone that determines a direction has no residual there.
 _MOST_LEVERAGE = 1 - 1e-6
@@ -29,13 +24,6 @@ class Clusters(NamedTuple):
     score: Float[np.ndarray, "clusters all"]  # adjusted for leverage
     across: Float[np.ndarray, "clusters all all"]  # leverage/sqrt(1 - leverage), as matrices
     own: Float[np.ndarray, "clusters all all"]  # leverage/(1 - leverage)
-
-
-class Blocks(NamedTuple):
-    """Of each block in its order, in the same coordinates."""
-
-    score: Float[np.ndarray, "blocks all"]
-    matrix: Float[np.ndarray, "blocks all all"]
 
 
 class Sandwich(NamedTuple):
@@ -150,28 +138,3 @@ def by_clusters(
     squares += np.sum((across.mT @ across) ** 2, axis=(1, 2))
     degrees = np.sum(own - size, axis=1) ** 2 / np.maximum(squares, 1e-300)
     return variance, np.maximum(degrees, 1.0)
-
-
-def by_cosines(found: Blocks, along: Float[np.ndarray, "n all"]) -> Float[np.ndarray, " n"]:
-    """Variances from the COSINES slowest cosines of the score over information time.
-
-    Time is the share of the information about the quantity that has come so far, so that the
-    cosines have no part in common with the estimate. Each square is divided by its expectation for
-    independent rows. Degrees of freedom are the cosines (Mueller 2004; Lazarus, Lewis, Stock and
-    Watson 2018, J. Bus. Econ. Stat. 36:541-559).
-    """
-    variance = np.empty(len(along))
-    order = np.arange(1, COSINES + 1)[:, None, None]
-    for first in range(0, len(along), _AT_A_TIME):
-        some = along[first : first + _AT_A_TIME]
-        told = some @ found.matrix  # [blocks, some, all]
-        share = np.sum(told * some, axis=2)  # [blocks, some]
-        whole = np.maximum(share.sum(axis=0), 1e-300)
-        time = (np.cumsum(share, axis=0) - 0.5 * share) / whole
-        cosine = np.sqrt(2) * np.cos(np.pi * order * time)
-        amount = np.sum(cosine * (found.score @ some.T), axis=1)  # [cosines, some]
-        lean = np.einsum("kbn,bni->kni", cosine, told, optimize=True)
-        expected = np.sum(cosine**2 * share, axis=1) - np.sum(lean**2, axis=2)
-        parts = amount**2 / np.maximum(expected, 1e-3 * whole)
-        variance[first : first + _AT_A_TIME] = whole * np.mean(parts, axis=0)
-    return variance

@@ -80,7 +80,7 @@ def _frame(data: pd.DataFrame | Mapping[str, object]) -> pd.DataFrame:
         return pd.DataFrame({name: np.asarray(values) for name, values in data.items()})
     except ValueError as error:
         raise InputError(
-            f"The columns make no table ({error}); give arrays of one length."
+            f"The columns make no table ({error}); give arrays of one dimension and one length."
         ) from None
 
 
@@ -92,8 +92,9 @@ def citation_of(data: Data) -> str:
 def _path(data: object) -> Path:
     if not isinstance(data, (str, PathLike)):
         raise InputError(
-            "Data are a pandas DataFrame, arrays by the names of their columns, or the path of a "
-            f"file, not {type(data).__name__}."
+            "Data are a pandas DataFrame, arrays by the names of their columns, as "
+            '{"slip_ratio": slips, "adhesion": mu}, or the path of a file, not '
+            f"{type(data).__name__}."
         )
     name = str(data)
     return SHIPPED[name].path if name in SHIPPED else Path(data)

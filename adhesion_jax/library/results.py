@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from inspect import signature
@@ -15,12 +16,16 @@ import pandas as pd
 
 from adhesion_jax import runtime
 from adhesion_jax.data import Measured
+from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, staged, write_metadata
 from adhesion_jax.report.page import Table
 
 P = ParamSpec("P")
 T = TypeVar("T")
 Columns = Mapping[str, object]
+
+#: How a command is told what a column is.
+_OPTION = re.compile(r'--column "([^"=]+)=([^"]*)"')
 
 
 @runtime_checkable
@@ -50,11 +55,17 @@ def written(found: W, out: str | PathLike[str] | None, files: Sequence[str], col
 
 
 def recorded(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, whose name and arguments are told beside the files in the folder `out`."""
+    """The function, whose name and arguments are told beside the files in the folder `out`.
+
+    Where a column is not understood the answers to choose from are those of the function.
+    """
 
     @wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> T:
-        found = function(*args, **kwargs)
+        try:
+            found = function(*args, **kwargs)
+        except InputError as error:
+            raise InputError(_OPTION.sub(r'columns={"\1": "\2"}', str(error))) from None
         arguments = signature(function).bind(*args, **kwargs).arguments
         if arguments.get("out") is not None:
             folder = Path(arguments["out"])

@@ -30,7 +30,7 @@ from adhesion_jax.files import METADATA, output_directory, write_metadata, write
 from adhesion_jax.library.results import recorded, text_html
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.options import MOST_RUNS
-from adhesion_jax.report.page_html import page_html
+from adhesion_jax.report.rendering import page_html
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import (
     animate_operating_point,
@@ -102,8 +102,7 @@ class Traction:
 
     def write(self, folder: str | PathLike[str], animate: bool = False) -> None:
         """The table, metrics, figures, report and metadata that the command writes."""
-        path, subject = Path(folder), SUBJECTS[self.name]
-        path.mkdir(parents=True, exist_ok=True)
+        path, subject = output_directory(Path(folder)), SUBJECTS[self.name]
         write_table(path / "table.csv", self.table)
         write_table(path / "metrics.csv", self.metrics)
         runs_shown = [shown(*pair) for pair in zip(self.cases, self.judged.traces, strict=True)]

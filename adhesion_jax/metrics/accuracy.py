@@ -25,6 +25,7 @@ class Outcome(NamedTuple):
 
     values: Array
     standard_errors: Array
+    robust: Array  # half widths of 95 % intervals that hold whatever noise and misfit, or NaN
     on_box: NDArray[np.bool_]
     unusable: NDArray[np.bool_]  # whether the status is no peak, inadmissible or not finite
     objective: Array
@@ -54,9 +55,11 @@ def run_statistics(
     """
     b = list(blocks)
     error = outcome.values[:, b] - truth.values[b]
-    half_width = truth.quantile[b][:, None] * outcome.standard_errors[:, b]
-    covered = np.abs(error) <= half_width
-    has_errors = np.isfinite(half_width).any(axis=(0, 1))
+
+    def covered(half_width: Array) -> Array:
+        has_errors = np.isfinite(half_width).any(axis=(0, 1))
+        return np.where(has_errors, (np.abs(error) <= half_width).mean(axis=1), np.nan)
+
     gap = outcome.objective[:, b] - outcome.optimum[:, b]
     failed = outcome.unusable[:, b] | ~(gap <= FAILURE_GAP * truth.sigma**2 + _ROUNDING)
     unknown = np.full(len(outcome.delay), np.nan)
@@ -64,7 +67,8 @@ def run_statistics(
         "error": error.mean(axis=1),
         "squared_error": (error**2).mean(axis=1),
         "squared_bound": (truth.bound[:, b] ** 2).mean(axis=1),
-        "covered": np.where(has_errors, covered.mean(axis=1), np.nan),
+        "covered": covered(truth.quantile[b][:, None] * outcome.standard_errors[:, b]),
+        "covered_robust": covered(outcome.robust[:, b]),
         "on_box": outcome.on_box[:, b].mean(axis=1),
         "optimum_on_box": outcome.optimum_on_box[:, b].mean(axis=1),
         "failed": failed.mean(axis=1),
@@ -103,6 +107,8 @@ def table_rows(
         "rmse_over_crlb_se": efficiency_se,
         "coverage95": moments.mean("covered"),
         "coverage95_se": moments.standard_error("covered"),
+        "coverage95_robust": moments.mean("covered_robust"),
+        "coverage95_robust_se": moments.standard_error("covered_robust"),
         "at_bound_share": share,
         "at_bound_share_se": float(moments.standard_error("on_box")),
         "failure_share": float(moments.mean("failed")),

@@ -61,6 +61,51 @@ def information_of(sensitivity: Float[Array, "free points"]) -> Float[Array, "fr
     return jnp.sum(sensitivity[:, None] * sensitivity[None, :], axis=-1)
 
 
+def information_along(
+    sensitivity: Float[Array, "free samples"],
+    path: Float[Array, "free samples"] | None,
+    sigma: Scalar,
+    every: int,
+) -> Float[Array, "reports free free"]:
+    """The posterior information after every so many samples of a stream, in units of 1/sigma^2.
+
+    J(k+1) = (Q + J(k)^-1)^-1 + j j'/sigma^2 from J = 0, j the sensitivity of a sample and Q the
+    mean square of the steps that the parameters take along their path, 0 without one. For a linear
+    model and a random walk of such steps its inverse is the covariance of the exact Kalman filter.
+    Source: Tichavsky, Muravchik and Nehorai 1998, Eq. 21, with the identity as transition.
+    """
+    free = sensitivity.shape[0]
+    # Q as the sum of g g' over the rows g of a triangle.
+    walk = jnp.zeros((0, free))
+    if path is not None:
+        steps = jnp.diff(path).T
+        walk = jnp.linalg.qr(steps / np.sqrt(len(steps)), mode="r")
+
+    def sample(
+        information: Float[Array, "free free"], own: Float[Array, " free"]
+    ) -> tuple[Float[Array, "free free"], None]:
+        # Q + J^-1 inverted a row of the walk at a time: it takes no inverse of J, which is
+        # singular at first.
+        for row in walk:
+            towards = jnp.sum(information * row, axis=-1)
+            spread = sigma**2 + jnp.sum(towards * row)
+            known = jnp.where(spread > 0, spread, 1.0)
+            information = information - towards[:, None] * towards / known
+        return information + own[:, None] * own, None
+
+    def report(
+        information: Float[Array, "free free"], seen: Float[Array, "every free"]
+    ) -> tuple[Float[Array, "free free"], Float[Array, "free free"]]:
+        information, _ = jax.lax.scan(sample, information, seen)
+        return information, information
+
+    parts = sensitivity.T.reshape(-1, every, free)
+    found: Float[Array, "reports free free"] = jax.lax.scan(report, jnp.zeros((free, free)), parts)[
+        1
+    ]
+    return found
+
+
 def inverse_information(information: Float[Array, "free free"]) -> Float[Array, "free free"]:
     """(J'J)^-1, the parameters brought to one scale first.
 

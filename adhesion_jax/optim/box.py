@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -57,3 +58,27 @@ class Unbounded(NamedTuple):
         """x, moved inside the box if it lies on or beyond a bound."""
         share = jnp.clip((x - self.lower) / self.width, _START_MARGIN, 1 - _START_MARGIN)
         return jnp.where(self.bounded, jnp.arcsin(2 * share - 1), x / self.scale)
+
+
+class Logit(NamedTuple):
+    """Coordinates in which a box with finite ends has no ends: log((x - lower)/(upper - x)).
+
+    Far from the upper end a step of a coordinate is a share of x - lower.
+    """
+
+    lower: Vector
+    upper: Vector
+
+    def to_box(self, u: Vector) -> Vector:
+        return self.lower + (self.upper - self.lower) * jax.nn.sigmoid(u)
+
+    def from_box(self, x: Vector) -> Vector:
+        """x, moved inside the box if it lies on or beyond a bound."""
+        share = (x - self.lower) / (self.upper - self.lower)
+        share = jnp.clip(share, _ON_BOX, 1 - _ON_BOX)
+        return jnp.log(share / (1 - share))
+
+    def slope(self, u: Vector) -> Vector:
+        """The derivative of x by u."""
+        share = jax.nn.sigmoid(u)
+        return (self.upper - self.lower) * share * (1 - share)

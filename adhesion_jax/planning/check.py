@@ -31,10 +31,10 @@ def check_plan(
 ) -> pd.DataFrame:
     """Six cells of a plan of sweeps, evenly chosen among those that know slip_opt to 5 %.
 
-    Each cell is measured `measurements` times by simulation. Columns: largest_slip, samples, runs;
-    of mu_max the relative standard error as planned and as simulated, their ratio (simulated over
-    planned) with its standard error, and the bias in standard errors; failed, the number of
-    fits that did not end at a peak.
+    Each cell is measured `measurements` times by simulation. Columns: largest_slip, samples, runs,
+    measurements; of mu_max the relative standard error as planned and as simulated, their ratio
+    (simulated over planned) with its standard error, and the bias in standard errors; failed, the
+    number of fits that did not end at a peak.
     """
     cells = np.argwhere(plan.errors[..., 1] <= _SMALL)
     chosen = np.unique(np.linspace(0, len(cells) - 1, min(CELLS, len(cells))).astype(int))
@@ -53,6 +53,7 @@ def check_plan(
                 "largest_slip": largest,
                 "samples": round(excitation.samples),
                 "runs": round(excitation.runs),
+                "measurements": measurements,
                 "planned": planned,
                 "simulated": simulated,
                 "ratio": ratio,

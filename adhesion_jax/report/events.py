@@ -13,9 +13,10 @@ from adhesion_jax.report.style import (
     AFTER,
     BEFORE,
     POINT,
+    STRETCHED,
     light_frame,
     one_legend,
-    root_axis,
+    slip_axis,
     thinned,
 )
 
@@ -150,7 +151,7 @@ def _panels(
         _event(axis, events, event, rows)
     for axis in grid:
         axis.set(xlim=(low, high))
-        root_axis(axis, low, high, gap=0.16)
+        slip_axis(axis, low, high, gap=0.16)
     for axis in grid[len(chosen) :]:
         axis.set_axis_off()
     for axis in grid[: len(chosen)][-_COLUMNS:]:  # the lowest of each column
@@ -158,7 +159,7 @@ def _panels(
     margin = 0.04 * float(np.ptp(adhesion))
     grid[0].set_ylim(min(0.0, adhesion.min() - margin), max(0.0, adhesion.max() + margin))
     some = "" if len(chosen) == len(events.table) else f"; {len(chosen)} of the events"
-    figure.supxlabel(f"{_slip_label(events)}, root scale{some}", fontsize=10)
+    figure.supxlabel(f"{_slip_label(events)}, {STRETCHED}{some}", fontsize=10)
     figure.supylabel("adhesion (1)", fontsize=10)
     one_legend(figure, grid[:1], loc="outside upper left", ncols=2, markerscale=2.5)
 

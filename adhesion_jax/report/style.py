@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
-from matplotlib.ticker import FixedLocator
+from matplotlib.ticker import FixedLocator, NullLocator
 
 #: Okabe and Ito's colours, which colour-blind readers can distinguish, the darkest first.
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F")
@@ -32,17 +32,26 @@ def line_styles(names: list[str]) -> dict[str, dict[str, object]]:
     }
 
 
-def root_axis(axis: Axes, low: float, high: float, gap: float = 0.045) -> None:
-    """Equal steps of the root of slip from `low` to `high`: the rise is as wide as the fall.
+#: The axis of slip is linear up to this share of the largest slip, and logarithmic beyond it.
+_LINEAR = 1 / 30
 
-    Ticks keep `gap` of the length of the longer side from each other.
+#: How the label of such an axis tells that.
+STRETCHED = "stretched near 0"
+
+
+def slip_axis(axis: Axes, low: float, high: float, gap: float = 0.045) -> None:
+    """Slip from `low` to `high`, stretched near 0: the rise is as wide as the fall.
+
+    The scale is asinh(slip / width), which leaves a curve its slope at slip 0. Ticks keep `gap` of
+    the length of the longer side from each other.
     """
-    root = (lambda x: np.sign(x) * np.sqrt(np.abs(x)), lambda x: np.sign(x) * np.square(x))
-    axis.set_xscale("function", functions=root)
+    end = max(high, -low)
+    axis.set_xscale("asinh", linear_width=_LINEAR * end)
     # If braking is shown as well, each side has half of the axis.
-    ticks = _ticks(max(high, -low), gap * (2 if low < 0 < high else 1))
+    ticks = _ticks(end, gap * (2 if low < 0 < high else 1))
     both = [-tick for tick in reversed(ticks) if 0 < tick <= -low] + [t for t in ticks if t <= high]
     axis.xaxis.set_major_locator(FixedLocator(both))
+    axis.xaxis.set_minor_locator(NullLocator())
     axis.xaxis.set_major_formatter(lambda slip, _: f"{slip:g}")
 
 
@@ -54,9 +63,10 @@ def _ticks(end: float, gap: float) -> list[float]:
     # From the end inwards, where the round numbers are that a reader looks for.
     last = np.inf
     for tick in reversed(steps[(steps <= end) & (steps >= end / 60)]):
-        if min(np.sqrt(last) - np.sqrt(tick), np.sqrt(tick)) >= gap * np.sqrt(end):
+        place = np.arcsinh(tick / (_LINEAR * end)) / np.arcsinh(1 / _LINEAR)
+        if min(last - place, place) >= gap:
             kept.append(float(tick))
-            last = tick
+            last = place
     return sorted(kept)
 
 

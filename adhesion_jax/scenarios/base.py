@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.curves import Curve
+from adhesion_jax.curves import Curve, free_values
 from adhesion_jax.metrics.information import bound_of_information, quantity_names, true_quantities
 from adhesion_jax.records import Known, Record
 from adhesion_jax.scenarios.course import Course, Figure, Tables
@@ -38,7 +38,7 @@ class Scenario(eqx.Module):
 
     @property
     def run_axes(self) -> Any:
-        return self.excitation.AXES
+        return self.excitation.axes
 
     def draw(self, key: PRNGKeyArray) -> Record:
         """All the blocks of one run: arrays [blocks, points]."""
@@ -64,15 +64,28 @@ class Scenario(eqx.Module):
         """Cramer-Rao bound of `quantities`, [blocks, values]; NaN where there is none.
 
         It is the bound for the last `support` points of one run up to each block, conditions and
-        effects known; a method that uses more points may come below it. Where every sample has
-        another curve, or asks for another slope, there is none.
+        effects known; a method that uses more points may come below it. Of a rail that drifts it is
+        the posterior bound of a method that is told the mean square of the steps that the
+        parameters take, and no more of their path. Noise of the slip counts by the noise of
+        adhesion that it is to first order; beside noise with a memory it is taken as told. Where
+        every sample asks for another slope there is none.
         """
         names = self._names()
-        if self.rail.drifts or "slope" in names:
+        if "slope" in names:
             return jnp.full((len(self.rails), len(names)), jnp.nan)
-        ends = self._ends()
-        sensitivity = jax.vmap(self.rail.sensitivity)(ends, record.slip, record.conditions)
-        information = self.course.information(sensitivity, record.mask, self.noise, self.rails)
+        ends, path = self._ends(), None
+        by_values, slope = jax.vmap(self.rail.derivatives)(ends, record.slip, record.conditions)
+        if self.rail.drifts:  # every point is a block of its own
+            curves, of_point = self._along(), jax.vmap(jax.vmap(self.rail.derivatives))
+            alone = jax.tree.map(lambda x: x[..., None], (record.slip, record.conditions))
+            by_values, slope = of_point(curves, *alone)
+            by_values, slope = jnp.swapaxes(by_values[..., 0], 1, 2), slope[..., 0]
+            path = jax.vmap(jax.vmap(free_values))(curves)
+        slip_noise, noise = self.excitation.slip_noise, self.noise
+        if slip_noise and not noise.autocorrelation:
+            spread = jnp.hypot(noise.sigma, slope * slip_noise)
+            by_values = by_values * (noise.sigma / spread)[:, None]
+        information = self.course.information(by_values, record.mask, noise, self.rails, path)
         bound = jax.vmap(bound_of_information, (0, 0, None, None))(
             ends, information, self.noise.sigma, self._of_truth()
         )
@@ -88,7 +101,8 @@ class Scenario(eqx.Module):
 
     def figures(self) -> list[Figure]:
         """What is drawn over the blocks of a run."""
-        return self.course.figures(self.excitation)
+        drift = [Figure("drift")] if self.rail.drifts else []
+        return [*self.course.figures(self.excitation), *drift]
 
     def _names(self) -> tuple[str, ...]:
         if self.known.asked == ("slope",):
@@ -109,6 +123,14 @@ class Scenario(eqx.Module):
             lambda value: course.ends(jnp.broadcast_to(value, course.shape)), self.rail.curve
         )
         return ends
+
+    def _along(self) -> Curve:
+        """The curve at each point of each block: its parameters have the axes [blocks, points]."""
+        course = self.course
+        along: Curve = jax.tree.map(
+            lambda value: course.blocks_of(jnp.broadcast_to(value, course.shape)), self.rail.curve
+        )
+        return along
 
     def _slopes(self) -> np.ndarray:
         """The slopes d mu/d v_s in s/m at the ends of the blocks; all runs have the same slips."""

@@ -1,30 +1,34 @@
 """Independent blocks of points, each over the whole slip range, on one rail or several."""
 
+import dataclasses
+
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import BlockCount, Rail
+from adhesion_jax.options import BlockCount, Rail, Told, Truth
 from adhesion_jax.scenarios.base import Scenario
 from adhesion_jax.scenarios.course import Apart
 from adhesion_jax.scenarios.excitation import Sweep
 from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rail_process import RailProcess, steady
-from adhesion_jax.scenarios.rails import HE2018, RAILS
+from adhesion_jax.scenarios.rails import HE2018, RAILS, form_of, told_of
 
 
-def single(rail: Rail = "dry", sweep: Sweep = Sweep(), noise: Noise = Noise()) -> Scenario:
-    """One block of 500 points, slip 0 to 0.2, on one rail (dry)."""
-    return Scenario(steady(RAILS, rail), sweep, noise, Apart(sweep.points), HE2018)
-
-
-def coloured(
-    rail: Rail = "dry", sweep: Sweep = Sweep(), noise: Noise = Noise(autocorrelation=0.8)
+def single(
+    rail: Rail = "dry",
+    truth: Truth = "burckhardt",
+    told: Told = "burckhardt",
+    sweep: Sweep = Sweep(),
+    noise: Noise = Noise(),
 ) -> Scenario:
-    """As single, but neighbouring points share their noise (first-order autoregressive, 0.8).
+    """One block of 500 points, slip 0 to 0.2, on one rail (dry).
 
-    The noise of a point is as large as in single, and its time constant 4.5 samples. A method that
-    takes it as white loses at most a per cent or two of its accuracy; but it assumes nine times the
-    information that the points hold, so that its standard errors are a third of the true ones.
+    Where another form of curve is assumed than the rail has, the parameters of the assumed curve
+    have no true values; the quantities of the peak have. Their bound is that of a method that
+    assumes the true curve with its free parameters unknown, and holds for estimates without bias.
+    The estimate of a curve with fewer parameters may come below it if its bias happens to be small.
     """
-    return single(rail, sweep, noise)
+    form = form_of(truth)
+    process = dataclasses.replace(steady(form.rails, rail), conditions=form.conditions)
+    return Scenario(process, sweep, noise, Apart(sweep.points), told_of(told, truth, rail))
 
 
 def he2018_blocks(

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from adhesion_jax.metrics.information import information_of
+from adhesion_jax.metrics.information import information_along, information_of
 from adhesion_jax.scenarios.excitation import Excitation, Reached
 from adhesion_jax.scenarios.noise import Noise
 
@@ -32,7 +32,7 @@ class Group(NamedTuple):
 class Figure(NamedTuple):
     """A figure of estimates over the blocks of a run, by the name of its file."""
 
-    name: Literal["tracking", "bands", "convergence"]
+    name: Literal["tracking", "bands", "convergence", "drift"]
     reached: Reached | None = None  # of a convergence, at each block
 
 
@@ -75,8 +75,12 @@ class Course(eqx.Module):
         mask: Bool[Array, "blocks points"],
         noise: Noise,
         rails: Sequence[str],
+        path: Float[Array, "blocks points free"] | None,
     ) -> Float[Array, "blocks free free"]:
-        """J'J over those points, J made white as the noise is by `Noise.whitened`."""
+        """J'J over those points, J made white as the noise is by `Noise.whitened`.
+
+        `path` are the parameters of a rail that drifts, at each point.
+        """
 
     @abstractmethod
     def tables(self, rails: Sequence[str]) -> Tables:
@@ -96,6 +100,7 @@ class EachByItself(Course):
         mask: Bool[Array, "blocks points"],
         noise: Noise,
         rails: Sequence[str],
+        path: Float[Array, "blocks points free"] | None,
     ) -> Float[Array, "blocks free free"]:
         return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
             sensitivity, mask
@@ -216,15 +221,20 @@ class Followed(Course):
         mask: Bool[Array, "blocks points"],
         noise: Noise,
         rails: Sequence[str],
+        path: Float[Array, "blocks points free"] | None,
     ) -> Float[Array, "blocks free free"]:
-        blocks, free, points = sensitivity.shape
-        along = jnp.swapaxes(sensitivity, 0, 1).reshape(free, -1)
-        stretches = jnp.split(along, [points * b for b in switches(rails)], axis=-1)
-        white = jnp.concatenate([noise.whitened(stretch) for stretch in stretches], axis=-1)
-        of_block = jnp.swapaxes(white.reshape(free, blocks, points), 0, 1)
-        total = jnp.cumsum(jax.vmap(information_of)(of_block), axis=0)
-        first = np.arange(blocks) + 1 - self.support(rails) // points
-        return total - jnp.where((first > 0)[:, None, None], total[first - 1], 0.0)
+        def of_stretch(
+            sensitivity: Float[Array, "blocks free points"],
+            path: Float[Array, "blocks points free"] | None,
+        ) -> Float[Array, "blocks free free"]:
+            along = jnp.swapaxes(sensitivity, 0, 1).reshape(sensitivity.shape[1], -1)
+            way = None if path is None else path.reshape(-1, len(along)).T
+            return information_along(noise.whitened(along), way, noise.sigma, REPORT)
+
+        starts = switches(rails)
+        paths = [None] * (len(starts) + 1) if path is None else jnp.split(path, starts)
+        stretches = zip(jnp.split(sensitivity, starts), paths, strict=True)
+        return jnp.concatenate([of_stretch(*stretch) for stretch in stretches])
 
     def tables(self, rails: Sequence[str]) -> Tables:
         """The end of each stretch in the summary; k counts the samples seen.

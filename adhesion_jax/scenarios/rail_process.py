@@ -56,26 +56,32 @@ class RailProcess(eqx.Module):
             return jax.vmap(self.law)(slip, conditions)
         return self.law(slip, conditions)
 
-    def sensitivity(
+    def derivatives(
         self, curve: Curve, slip: Float[Array, " points"], conditions: Conditions
-    ) -> Float[Array, "free points"]:
-        """The derivatives of the adhesion by the free parameters of the curve, were it this one."""
+    ) -> tuple[Float[Array, "free points"], Float[Array, " points"]]:
+        """Those of the adhesion by the free parameters and by the slip, were the curve this one."""
         conditions = {**conditions, **self.conditions}
 
-        def adhesion(values: Float[Array, " free"]) -> Float[Array, " points"]:
+        def adhesion(
+            values: Float[Array, " free"], slip: Float[Array, " points"]
+        ) -> Float[Array, " points"]:
             changed = with_free_values(curve, values)
             if isinstance(self.law, CorrectedLaw):
                 return dataclasses.replace(self.law, curve=changed)(slip, conditions)
             return changed(slip, conditions)
 
-        _, push = jax.linearize(adhesion, free_values(curve))
-        return jax.vmap(push)(jnp.eye(len(curve.free)))
+        values = free_values(curve)
+        _, push = jax.linearize(lambda values: adhesion(values, slip), values)
+        by_slip = jax.jvp(lambda slip: adhesion(values, slip), (slip,), (jnp.ones_like(slip),))[1]
+        return jax.vmap(push)(jnp.eye(len(curve.free))), by_slip
 
 
-def steady(curves: Mapping[str, Curve], rail: str, blocks: int = 1) -> RailProcess:
+def steady(
+    curves: Mapping[str, Curve], rail: str, blocks: int = 1, option: str = "rail"
+) -> RailProcess:
     """One rail, of this name; InputError if there is none."""
     if rail not in curves:
-        raise InputError(f"--rail {rail} is unknown; the rails are {', '.join(curves)}.")
+        raise InputError(f"--{option} {rail} is unknown; the rails are {', '.join(curves)}.")
     return RailProcess((rail,) * blocks, curves[rail])
 
 

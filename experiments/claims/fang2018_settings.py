@@ -131,8 +131,12 @@ def threshold_loop(loop: Loop, setting: Setting) -> Loop:
     return under_controller(loop, Threshold(**{name: jnp.asarray(setting[name]) for name in names}))
 
 
-def bench_loop(loop: Loop) -> Loop:
-    """Behind a bus: the dead time is that of the bench in every setting."""
-    delay = read_plant(shipped()["fang2018_bench"]).plant.dead_time
-    plant = changed(loop.plant, dead_time=delay)
+def bench_delay() -> float:
+    """The dead time of the bench that ships, s."""
+    return float(read_plant(shipped()["fang2018_bench"]).plant.dead_time)
+
+
+def bench_loop(loop: Loop, delay: float) -> Loop:
+    """Behind a bus with a dead time in s."""
+    plant = changed(loop.plant, dead_time=jnp.asarray(delay))
     return changed(loop, plant=plant, nominal=plant)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from adhesion_jax.report.traction.panels import Panel
 from experiments.claims.claim import ASSUMED, Claim, judged, of_settings
 
 Numbers = NDArray[np.float64]
@@ -77,7 +78,10 @@ class Cloud(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The claims of a control system, and the one over the settings that matters most."""
+    """The claims of a control system, the one over the settings that matters most, and more to
+    draw.
+    """
 
     claims: Sequence[Claim]
     cloud: Cloud
+    panels: Sequence[Panel] = ()

@@ -1,6 +1,7 @@
 """The loops of Uyulan et al. 2018: as printed, in other readings, and at drawn settings."""
 
 from functools import cache
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,31 +49,40 @@ MOTOR = 120e3
 SEGMENTS = ("first", "second", "third")
 
 
+class ExactState(NamedTuple):
+    asked: PerAxle  # m/s
+    since: Array  # the last switch, s
+    slip: PerAxle  # a step ago, m/s
+
+
 class ExactSlope(Seeker):
     """The seeker as printed, given the true slope of the rail at the slip that is measured."""
 
     rails: Rails
     step: Number  # s, of the plant
     gamma: Number
+    threshold: Number  # eps, m/s^2
     switch: Number  # s
     start: Number  # m/s
 
-    def init(self, nominal: Plant, signals: Signals) -> tuple[PerAxle, Array]:
-        return jnp.full_like(signals.slip, self.start), jnp.zeros(())
+    def init(self, nominal: Plant, signals: Signals) -> ExactState:
+        asked = jnp.full_like(signals.slip, self.start)
+        return ExactState(asked, jnp.zeros(()), signals.slip)
 
     def update(
-        self, state: tuple[PerAxle, Array], nominal: Plant, signals: Signals, period: float
-    ) -> tuple[tuple[PerAxle, Array], Reference]:
-        asked, since = state
+        self, state: ExactState, nominal: Plant, signals: Signals, period: float
+    ) -> tuple[ExactState, Reference]:
         number = jnp.round(signals.time / self.step).astype(int)
         speed = signals.train_speed
         surface = self.rails.surface(self.rails.segment(number, speed, jnp.asarray(False)))
         slope = jax.vmap(jax.grad(surface), (0, None))(signals.slip, speed)
-        rate = self.gamma * slope
-        since = since + period
+        moves = jnp.abs(signals.slip - state.slip) >= period * self.threshold
+        rate = self.gamma * jnp.where(moves, slope, 0.0)
+        since = state.since + period
         switches = since > self.switch + period / 2
-        asked = jnp.where(switches, signals.slip, asked + period * rate)
-        return (asked, jnp.where(switches, period, since)), Reference(asked, rate)
+        asked = jnp.where(switches, signals.slip, state.asked + period * rate)
+        since = jnp.where(switches, period, since)
+        return ExactState(asked, since, signals.slip), Reference(asked, rate)
 
 
 @cache
@@ -168,14 +178,15 @@ def braking_loop(loop: Loop) -> Loop:
     return changed(loop, driver=changed(loop.driver, until=most, braking=limit, down_to=least))
 
 
-def observing_loop(loop: Loop, gain: float) -> Loop:
+def observing_loop(loop: Loop, gain: float, beside: int) -> Loop:
+    """With another gain L of the observer, from a start some billionths of a m/s beside ours."""
     other = jnp.asarray(gain)
     observer, seeker = changed(loop.observer, gain=other), changed(loop.seeker, gain=other)
-    return changed(loop, observer=observer, seeker=seeker)
+    return changed(loop, observer=observer, seeker=seeker, slip=loop.slip + 1e-9 * beside)
 
 
 def exact_loop(loop: Loop) -> Loop:
-    numbers = (SYSTEM.step, 0.65, 10.0, best_slip())
+    numbers = (SYSTEM.step, 0.65, 1e-4, 10.0, best_slip())
     return changed(loop, seeker=ExactSlope(loop.rails, *map(jnp.asarray, numbers)))
 
 

@@ -98,6 +98,7 @@ def hand_made():
     outcome = Outcome(
         values=values,
         standard_errors=np.full(values.shape, 0.1),
+        robust=np.full(values.shape, 0.15),
         on_box=np.array([[1, 0, 0, 0], [0, 0, 0, 0]], dtype=bool),
         unusable=np.array([[0, 1, 0, 0], [0, 0, 0, 0]], dtype=bool),
         objective=np.array([[1.0, 1, 1, 1], [1, 1.002, 1, 1]]),
@@ -124,6 +125,7 @@ def test_metrics_of_a_case_done_by_hand():
     assert row["bias"] == pytest.approx((0.1 - 0.1 + 0.3 + 0.1) / 4)
     assert row["rmse"] == pytest.approx(np.sqrt((0.01 + 0.01 + 0.09 + 0.01) / 4))
     assert row["coverage95"] == pytest.approx(3 / 4)  # 0.3 is beyond 1.96 * 0.1
+    assert row["coverage95_robust"] == pytest.approx(3 / 4)  # and beyond 0.15
     assert row["at_bound_share"] == pytest.approx(1 / 4)
     assert np.isnan(row["rmse_over_crlb"])  # too many runs on the box
     # One block unusable, one with a gap of 0.002 > sigma^2 = 0.0016.
@@ -329,6 +331,7 @@ def test_a_planted_error_of_a_tenth_of_a_per_cent_in_mu_max_is_seen(many):
         outcome = Outcome(
             values=values,
             standard_errors=rows["mu_max_se"].to_numpy()[:, None, None],
+            robust=np.full(peaks.shape, np.nan),
             on_box=plain.astype(bool),
             unusable=plain.astype(bool),
             objective=plain,

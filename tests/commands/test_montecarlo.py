@@ -14,7 +14,15 @@ from adhesion_jax.command_line.montecarlo import main
 
 COLUMNS = [
     *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
-    *("crlb", "rmse_over_crlb", "coverage95", "coverage95_se", "at_bound_share", "failure_share"),
+    *(
+        "crlb",
+        "rmse_over_crlb",
+        "coverage95",
+        "coverage95_se",
+        "coverage95_robust",
+        "at_bound_share",
+        "failure_share",
+    ),
     *("delay_steps", "runs", "seconds_per_identification", "evaluations"),
 ]
 

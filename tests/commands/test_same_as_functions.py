@@ -16,23 +16,28 @@ ASKED = ("command", "arguments", "folder", "options", "call")
 ALIKE = {
     "identify": (
         ["eurosprinter", "--curve", "kiencke"],
-        ("eurosprinter", "kiencke"),
+        {"data": "eurosprinter", "curves": "kiencke"},
         {"metadata.json": ASKED},
     ),
     "track": (
         ["eurosprinter", "--identifiers", "rls-kiencke"],
-        ("eurosprinter", "rls-kiencke"),
+        {"data": "eurosprinter", "identifiers": "rls-kiencke"},
         {"track.txt": None, "metadata.json": ASKED},  # it tells the time of a sample
     ),
     "montecarlo": (
         ["--scenario", "single", "--runs", "130", "--identifiers", "ml-exact"],
-        ("single", "ml-exact", 130),
+        {"scenario": "single", "identifiers": "ml-exact", "runs": 130},
         {"metadata.json": ["wall_seconds", "compile_seconds", *ASKED]},
     ),
     "discover": (
         ["roller-rig"],
-        ("roller-rig",),
+        {"data": "roller-rig"},
         {"report.json": ["seconds"], "metadata.json": ASKED},
+    ),
+    "plan": (
+        ["--rail", "common", "--want", "1%", "--check", "100", "--seed", "3"],
+        {"source": "common", "want": 0.01, "check": 100, "seed": 3},
+        {"metadata.json": ASKED},
     ),
 }
 
@@ -61,7 +66,7 @@ def test_a_command_and_its_function_write_the_same(name, tmp_path):
     by_command, by_function = tmp_path / "command", tmp_path / "function"
     done = CliRunner().invoke(main, [*words, "--out", str(by_command)], catch_exceptions=False)
     assert done.exit_code == 0
-    getattr(aj, name)(*arguments, out=by_function)
+    getattr(aj, name)(**arguments, out=by_function)
     told = json.loads((by_function / "metadata.json").read_text())
     assert told["call"]["function"] == name
     assert told["call"]["arguments"]["out"] == str(by_function)

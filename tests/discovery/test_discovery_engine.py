@@ -364,6 +364,7 @@ def test_three_runs_claim_nothing_and_say_so(campaign):
     found = discover(runs_of(few), base=campaign.base)
     assert found.effects == found.unexplained == ()
     assert any(words.startswith("There are 3 runs.") for words in found.warnings)
+    assert found.noise_floor <= found.validation.after.value
     assert all(row.p_adjusted > 0.01 for row in found.ranking)
 
 

@@ -9,12 +9,13 @@ from identifier_cases import (
     CASES,
     CURVE_METHODS,
     CURVE_PAIRS,
-    EVOLUTION,
     FALLING,
+    FILTERS,
     GRADIENT,
     HOME,
     KIENCKE,
     PAIRS,
+    RANDOM,
     RUNS,
     UNBOUNDED,
     WITHOUT_CURVE,
@@ -130,7 +131,7 @@ def test_the_same_key_gives_the_same_result_bit_for_bit(name):
         np.testing.assert_array_equal(one, other)
     _, elsewhere = identified(IDENTIFIERS[name], scenario, solver_seed=8)
     same = np.array_equal(elsewhere.objective, first.objective)
-    assert same == (name not in EVOLUTION)  # only a random search has a randomness of its own
+    assert same == (name not in RANDOM)
 
 
 @pytest.mark.parametrize("name", lanes(BATCH, always=2, thorough=2))
@@ -180,6 +181,10 @@ def test_a_method_takes_a_scenario_of_another_curve_or_says_why_not(name):
     if name.startswith(("ml", "varpro")):
         assert reason is not None
         assert "Burckhardt" in reason
+        return
+    if name in FILTERS:
+        assert reason is None
+        assert IDENTIFIERS[name].accepts(build("single").known) is None
         return
     if name not in GRADIENT:  # the conformance test runs it
         assert reason is None

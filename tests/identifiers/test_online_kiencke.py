@@ -12,8 +12,9 @@ from scipy.optimize import least_squares, lsq_linear
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS, identify
+from adhesion_jax.identifiers.innovations import MEDIAN, STEP
 from adhesion_jax.identifiers.qp_bias_compensated import BiasCompensatedProgram
-from adhesion_jax.identifiers.young import _MEDIAN, _STEP, _median
+from adhesion_jax.identifiers.young import _median
 from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import QIAN2024
 
@@ -349,5 +350,38 @@ def test_the_median_of_riv_is_that_of_the_samples_used(count):
 def test_the_scale_of_riv_steps_by_the_inverse_density_at_the_median():
     """Of y = log |n|, n standard Gaussian: 2 m phi(m) at the median m of |n|."""
     median = stats.norm.ppf(0.75)
-    assert pytest.approx(median, rel=1e-4) == _MEDIAN
-    assert pytest.approx(1 / (2 * median * stats.norm.pdf(median)), rel=1e-3) == _STEP
+    assert pytest.approx(median, rel=1e-4) == MEDIAN
+    assert pytest.approx(1 / (2 * median * stats.norm.pdf(median)), rel=1e-3) == STEP
+
+
+@pytest.mark.thorough
+def test_what_riv_finds_on_a_wrong_curve_rests_on_the_order_of_its_samples():
+    """On a sweep of Polach's rail: 64 runs, once as they come and once in random order.
+
+    No vote throws the rise away. A sample is weighed once, by the curve of the samples before it,
+    which is not that of all samples where no curve fits all: the order decides what comes out. As
+    the slip rises, mu_max has by chance hardly an error; in random order -.6 %, which is further
+    from the truth than the -.3 % of the least squares of the same curve.
+    """
+    scenario, runs = build("mismatch-kiencke"), 64
+    keys = jax.random.split(jax.random.key(21), runs)
+    record = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys)
+    truth = scenario.quantities()["mu_max"][-1]
+    mixed = np.random.default_rng(0).permutation(record.slip.shape[-1])
+    shuffled = record._replace(slip=record.slip[..., mixed], adhesion=record.adhesion[..., mixed])
+
+    def errors(name, record):
+        run = jax.jit(jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0)))
+        estimate = run(IDENTIFIERS[name], scenario.known, record, keys)
+        assert not np.any(estimate.reset)
+        error = np.asarray(estimate.values["mu_max"])[:, -1] / truth - 1
+        return error.mean(), 4 * error.std() / np.sqrt(runs)
+
+    for name, order, expected in (
+        ("riv", record, 0.0007),
+        ("riv", shuffled, -0.0063),
+        ("lm", record, -0.0034),
+        ("lm", shuffled, -0.0034),
+    ):
+        bias, error = errors(name, order)
+        assert abs(bias - expected) < error

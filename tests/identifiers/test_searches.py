@@ -8,6 +8,7 @@ from identifier_cases import (
     CASES,
     CURVE_METHODS,
     EVOLUTION,
+    FILTERS,
     GRADIENT,
     HAVE_TRUTH,
     HOME,
@@ -44,11 +45,15 @@ MEASURED = {
 #: The same of Gauss-Newton, which has no safeguard, on the random slips of `qian2024`.
 GAUSS_NEWTON = {"gn-jaxopt": 0.8745, "gn-optimistix": 0.8628}
 
+#: Searches that start anywhere, and filters, whose parameters never cease to walk: how near those
+#: come to the truth is said in test_filters.py.
+UNSURE = (*EVOLUTION, *FILTERS)
+
 #: What finds the truth in every run.
 SURE = [
     (name, case)
     for name, case in HAVE_TRUTH
-    if name not in EVOLUTION and (name not in GAUSS_NEWTON or case != "qian2024")
+    if name not in UNSURE and (name not in GAUSS_NEWTON or case != "qian2024")
 ]
 
 
@@ -101,7 +106,7 @@ def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
         assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
 
 
-@pytest.mark.parametrize("name", [name for name in CURVE_METHODS if name not in EVOLUTION])
+@pytest.mark.parametrize("name", [name for name in CURVE_METHODS if name not in UNSURE])
 def test_with_hardly_any_noise_every_rail_is_recovered(name):
     for rail in ("dry", "common", "wet"):
         scenario = build(HOME[name], Options(rail=rail, sigma=1e-9, points=120))

@@ -295,7 +295,9 @@ def test_a_curve_bends_where_it_misses_the_points(fits, eurosprinter):
     assert abs(np.diff(ends)[0] / 0.14 - line[0]) < 2 * np.sqrt(covariance[0, 0])
 
 
-@pytest.mark.parametrize(("lowest", "words"), [(0.05, "slip ratio (1)"), (0.001, "root scale")])
+@pytest.mark.parametrize(
+    ("lowest", "words"), [(0.05, "slip ratio (1)"), (0.001, "stretched near 0")]
+)
 def test_the_scale_of_slip_is_even_where_slips_are_of_one_size(lowest, words):
     slip = np.linspace(lowest, 0.2, 60)
     record = drawn(CURVES["kiencke"], slip, 0.001, seed=3)

@@ -18,6 +18,7 @@ def row_of(gap=0.0, on_box=0.0, optimum_on_box=0.0):
     outcome = Outcome(
         values=np.full((RUNS, 1, 1), 1.1),
         standard_errors=np.full((RUNS, 1, 1), 0.1),
+        robust=np.full((RUNS, 1, 1), np.nan),
         on_box=of_the_first(on_box),
         unusable=np.zeros((RUNS, 1), dtype=bool),
         objective=np.full((RUNS, 1), 2.0 + gap * SIGMA**2),

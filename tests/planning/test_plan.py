@@ -256,6 +256,8 @@ def test_a_law_with_effects_is_planned_at_its_conditions():
         ("dry", {"samples": [100]}, "two or more from 10 to"),
         ("dry", {"largest_slips": [0.1, 1.5]}, "between 0 and 1, where the peak is searched"),
         ("dry", {"samples_per_run": 1}, "samples_per_run is 2 or more"),
+        ("dry", {"check": 10}, "check is a number from 100 to 1,000,000"),
+        ("dry", {"check": 100, "seed": -1}, "a seed is from 0 to"),
         ("dry", {"want": 1.0}, "want is a share of mu_max"),
         ("dry", {"conditions": {"vehicle_speed_mps": 5.0}}, "is no condition of the law"),
         (CURVES["polach"], {}, "has no peak between slip 0 and 1"),

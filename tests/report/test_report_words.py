@@ -1,7 +1,5 @@
 """Names, numbers and axes of the reports."""
 
-import math
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -13,7 +11,7 @@ from adhesion_jax.report.discovery.words import (
     humanised,
     in_brackets,
 )
-from adhesion_jax.report.style import root_axis
+from adhesion_jax.report.style import slip_axis
 from adhesion_jax.wording import p_value, plus_minus
 
 NAN = float("nan")
@@ -60,8 +58,17 @@ def test_numbers_that_are_none_are_empty():
 @pytest.mark.parametrize("span", [(0.0, 0.2), (-0.2, 0.2), (-0.003, 0.9), (0.0, 4.1)])
 def test_ticks_of_slip_keep_apart(gap, span):
     axis = Figure().subplots()
-    root_axis(axis, *span, gap=gap)
+    slip_axis(axis, *span, gap=gap)
     ticks = axis.xaxis.get_major_locator()()
-    roots = [math.copysign(math.sqrt(abs(tick)), tick) for tick in ticks]
+    places = axis.get_xaxis().get_transform().transform(np.array([*ticks, max(map(abs, span))]))
     assert 3 <= len(ticks) <= 25
-    assert min(np.diff(roots)) >= 0.99 * gap * math.sqrt(max(map(abs, span)))
+    assert min(np.diff(places[:-1])) >= 0.99 * gap * places[-1]
+
+
+def test_the_axis_of_slip_leaves_a_curve_its_slope_at_slip_nought():
+    """A curve that is linear in slip is drawn straight about 0, and its rise is half as wide."""
+    axis = Figure().subplots()
+    slip_axis(axis, 0.0, 0.3)
+    small = axis.get_xaxis().get_transform().transform(np.array([0.0, 0.002, 0.004, 0.03, 0.3]))
+    assert small[2] / small[1] == pytest.approx(2.0, rel=0.03)
+    assert 0.4 < small[3] / small[4] < 0.6

@@ -18,7 +18,7 @@ from adhesion_jax.metrics.information import (
     quantity_names,
     true_quantities,
 )
-from adhesion_jax.scenarios import SCENARIOS, Options, build, needs_options
+from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.course import Followed
 from adhesion_jax.scenarios.rail_process import of_many
 from adhesion_jax.scenarios.rails import HE2018, KIENCKE_RAILS, QIAN2024, RAILS
@@ -37,8 +37,8 @@ SIZES = {
 SLIP_MAX = dict.fromkeys(SIZES, 0.2) | {"he2018-1": 0.5}
 
 #: The slope of fang2018-slope is another kind of question, and so are its tests; a law of a user's
-#: own has its tests with laws.
-NAMES = [name for name in SCENARIOS if name != "fang2018-slope" and not needs_options(name)]
+#: own has its tests with laws, and what is composed with `stream` those of its parts.
+NAMES = [*SIZES]
 WHITE = [name for name in NAMES if name != "coloured"]
 
 #: Streams, in which every sample has a slip of its own, and those followed at every sample.
@@ -297,6 +297,9 @@ def test_the_rails_are_those_of_the_paper_and_lie_inside_the_box_like_the_start(
         ("qian2024", Options(rail="icy"), "--rail icy"),
         ("qian2024", Options(points=29), "--points 29"),
         ("qian2024-switch", Options(rail="dry"), "--rail"),
+        ("stream", Options(then="icy"), "--then icy"),
+        ("stream", Options(truth="cubic"), "--truth cubic"),
+        ("single", Options(told="exponential"), "--told exponential"),
         ("qian2024-switch", Options(blocks=5), "--blocks"),
         ("qian2024-switch", Options(points=110), "--points 110"),
         ("qian2024-switch", Options(points=80), "--points 80"),
@@ -363,4 +366,3 @@ def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_sli
     assert end["mu_max"][-1] / values["mu_max"] == pytest.approx(0.83, rel=1e-12)
     np.testing.assert_allclose(end["slip_opt"], values["slip_opt"], rtol=1e-12)
     assert last.a0 == first.a0
-    assert np.isnan(np.asarray(scenario.bound(scenario.draw(jax.random.key(0))))).all()

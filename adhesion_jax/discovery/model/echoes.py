@@ -1,4 +1,4 @@
-"""Columns that repeat the measured slip or adhesion row by row, and are therefore no causes."""
+"""Columns that repeat the measured slip, adhesion or force, and are therefore no causes."""
 
 from collections.abc import Mapping
 
@@ -15,13 +15,19 @@ _WINDOW = 9
 #: A column repeats a signal if its fast changes explain this share of the variance of the signal's.
 _SAME = 0.75
 
+#: The load follows the force if one line through both explains this share of its variance within
+#: the runs, and over all of them.
+_FOLLOWS = 0.8
+
 
 def echoes(fitted: Fitted) -> Mapping[str, str]:
-    """The signal that each such column repeats, by the name of the column.
+    """Why each such column is no cause, a sentence by the name of the column.
 
     Motor torque or power goes with adhesion, and the speed of the wheel with slip, not as causes
     but because one was computed from the other. Then even the noise of both is the same: compared
     are the deviations from parabolas through nine neighbours, of which a cause shares only a part.
+    Nor is a load that rises and falls with the force as the slip does: the pull moves weight from
+    axle to axle.
     """
     problem = fitted.setting.problem
     data = problem.data
@@ -42,8 +48,33 @@ def echoes(fitted: Fitted) -> Mapping[str, str]:
         own = [_fast(fitted, values), _fast(fitted, values - speed)]
         for name, some in fast.items():
             if max(_share(one, other) for one in own for other in some) > _SAME:
-                found[column] = name
+                found[column] = (
+                    f"{column} repeats the {name} row by row, noise and all: one was probably "
+                    "computed from the other, so that it is no cause of it. It is left out."
+                )
+    if "normal_load_N" in problem.varying and _moved_by(fitted, load, adhesion * load):
+        found["normal_load_N"] = (
+            "The load rises and falls with the force within the runs, as the pull moves weight "
+            "from axle to axle: it is no cause of the adhesion. It is left out."
+        )
     return found
+
+
+def _moved_by(fitted: Fitted, load: np.ndarray, force: np.ndarray) -> bool:
+    inside = fitted.setting.problem.points > 0
+    if fitted.base == "level":  # where the slip stands still the load may well move the force
+        return False
+    loads, forces = (_within(one, inside) for one in (load, force))
+    if not _share(loads, forces) > _FOLLOWS:
+        return False
+    left = (load - load[inside].mean() - loads @ forces / (forces @ forces) * force)[inside]
+    return bool(np.var(left) < (1 - _FOLLOWS) * np.var(load[inside]))
+
+
+def _within(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """The values less their mean over the run, of the points there are."""
+    mean = np.sum(values * inside, axis=1) / np.maximum(inside.sum(axis=1), 1)
+    return (values - mean[:, None])[inside]
 
 
 def _fast(fitted: Fitted, values: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ class NoisySlip(NamedTuple):
 
     sigma: float  # of the wheel speed in m/s, or of the slip
     of_wheel_speed: bool
-    p: float
+    p: float  # NaN where the noise is stated, which nothing tests
 
 
 def rows_of(runs: RunSet) -> Rows:
@@ -102,7 +102,7 @@ def noisy_slip(left: Left) -> NoisySlip | None:
     if not slip.sigma:
         return None
     if slip.given:
-        return NoisySlip(slip.sigma, slip.of_wheel_speed, 0.0)
+        return NoisySlip(slip.sigma, slip.of_wheel_speed, float("nan"))
     probe = np.zeros(rows.slip.size)
     for first, last in zip(rows.starts[:-1], rows.starts[1:], strict=True):
         if last - first >= _WINDOW:

@@ -11,8 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from adhesion_jax.curves import adhesion_of
 from adhesion_jax.discovery.types import Candidate, Dependence, Findings, Interval
-from adhesion_jax.report.discovery.levels import level_panels
-from adhesion_jax.report.discovery.residuals import residual_panels
+from adhesion_jax.report.discovery.residuals import level_panels, residual_panels
 from adhesion_jax.report.discovery.shapes import law_grid, medians, shape_panels, slip_limits
 from adhesion_jax.report.discovery.tables import ranking
 from adhesion_jax.report.discovery.words import (
@@ -28,12 +27,13 @@ from adhesion_jax.report.style import (
     BEFORE,
     MARKS,
     POINT,
+    STRETCHED,
     Shown,
     label_text,
     light_frame,
     one_legend,
     panels,
-    root_axis,
+    slip_axis,
     thinned,
 )
 
@@ -83,18 +83,18 @@ def adhesion_over_slip(findings: Findings) -> Figure:
         rasterized=True,
         label="measured",
     )
-    grid = law_grid(low, high)
+    grid = law_grid(findings)
+    marks = MARKS if grid.size == 1 else {"before": {"color": BEFORE}, "after": {"color": AFTER}}
     conditions = medians(findings)
     before = np.asarray(adhesion_of(findings.law_before, grid, conditions))
-    axis.plot(
-        grid, before, color=BEFORE, linestyle=(0, (5, 2)), label="law before (median conditions)"
-    )
+    names = {when: f"law {when} (median conditions)" for when in marks}
+    axis.plot(grid, before, linestyle=(0, (5, 2)), label=names["before"], **marks["before"])
     after = np.asarray(adhesion_of(findings.law, grid, conditions))
-    axis.plot(grid, after, color=AFTER, linewidth=2.2, label="law after (median conditions)")
-    root_axis(axis, low, high)
+    axis.plot(grid, after, linewidth=2.2, label=names["after"], **marks["after"])
+    slip_axis(axis, low, high)
     axis.set(
         xlim=(low, high),
-        xlabel=f"{column_label(findings.slip)}, root scale",
+        xlabel=f"{column_label(findings.slip)}, {STRETCHED}",
         ylabel="adhesion, tangential force / normal load (1)",
     )
     light_frame(axis)
@@ -204,7 +204,7 @@ def _round(axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...]) -> 
         edgecolor="0.25",
         linewidth=0.6,
     )
-    names = [label_text(humanised(row.name), 44) for row in rows]
+    names = [label_text(humanised(row.name), 64) for row in rows]
     axis.set_yticks(np.arange(len(rows)), names, fontsize=8)
     words = [label_text(decision(row.decision), _WORDS) for row in rows]
     behind = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}

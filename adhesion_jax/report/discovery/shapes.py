@@ -10,7 +10,7 @@ from adhesion_jax.curves import adhesion_of
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.report.discovery.tables import shape_columns
 from adhesion_jax.report.discovery.words import column_label, humanised, number
-from adhesion_jax.report.style import AFTER, label_text, panels, root_axis
+from adhesion_jax.report.style import AFTER, STRETCHED, label_text, panels, slip_axis
 
 #: Shares of the points below the values that are drawn, and their lines.
 _QUANTILES: Mapping[float, Mapping[str, Any]] = {
@@ -19,6 +19,8 @@ _QUANTILES: Mapping[float, Mapping[str, Any]] = {
     0.95: {"color": "#D55E00", "linestyle": (0, (5, 1, 1, 1))},
 }
 
+#: The slip counts as one value if it varies by less than this share of its size.
+_ONE_SLIP = 1e-6
 
 #: A side of zero is reached if its largest slip exceeds this share of that of the other side.
 _REACHED = 0.05
@@ -30,7 +32,7 @@ def shape_panels(findings: Findings) -> Figure | None:
     if not shown:
         return None
     low, high = slip_limits(findings)
-    grid = law_grid(low, high)
+    grid = law_grid(findings)
     conditions = medians(findings)
     figure, axes = panels(len(shown), 2.6, "adhesion (1)")
     for axis, (effect, name) in zip(axes, shown, strict=True):
@@ -38,9 +40,9 @@ def shape_panels(findings: Findings) -> Figure | None:
             value = float(findings.points[name].quantile(quantile))
             adhesion = adhesion_of(findings.law, grid, {**conditions, name: value})
             axis.plot(grid, adhesion, label=f"{number(value)} ({100 * quantile:.0f} %)", **style)
-        root_axis(axis, low, high, gap=0.13)
+        slip_axis(axis, low, high, gap=0.13)
         axis.set_xlim(low, high)
-        axis.set_xlabel(f"{column_label(findings.slip)}, root scale")
+        axis.set_xlabel(f"{column_label(findings.slip)}, {STRETCHED}")
         axis.set_title(label_text(humanised(effect.name)), fontsize=9, loc="left")
         legend = axis.legend(fontsize=8, frameon=False, title=label_text(column_label(name), 34))
         legend.get_title().set_fontsize(8)
@@ -54,11 +56,16 @@ def slip_limits(findings: Findings) -> tuple[float, float]:
     return (low, high) if low < high else (low, 1.0)  # every slip may be zero
 
 
-def law_grid(low: float, high: float) -> np.ndarray:
+def law_grid(findings: Findings) -> np.ndarray:
     """The slips at which laws are drawn, in equal steps of their roots, [301].
 
     On both sides of zero only where both are reached: noise of the slip makes some of either sign.
+    Where all slips are one, that one, [1]: of the curve about it nothing was measured.
     """
+    slip = findings.points["slip"].to_numpy(dtype=float)
+    if np.ptp(slip) <= _ONE_SLIP * np.abs(slip).max():
+        return slip[:1]
+    low, high = slip_limits(findings)
     low, high = (low if -low > _REACHED * high else 0.0), (high if high > -_REACHED * low else 0.0)
     root = np.linspace(-np.sqrt(-low), np.sqrt(high), 301)
     return np.sign(root) * root**2

@@ -84,7 +84,7 @@ def _bracketed(value: str, low: str, high: str) -> str:
 
 def evidence(findings: Findings, effect: FoundEffect) -> str:
     if not np.isfinite(effect.p_adjusted):
-        return "no adjusted p"
+        return "stated, and not tested"
     return f"adjusted {p_is(effect.p_adjusted, findings.least_p)}"
 
 

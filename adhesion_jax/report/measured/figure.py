@@ -13,7 +13,7 @@ from adhesion_jax.measured.answer import Answer, Estimate, band_of_answer
 from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.residual import Residual, running_mean
 from adhesion_jax.report.measured.words import best_first
-from adhesion_jax.report.style import POINT, Shown, light_frame, root_axis
+from adhesion_jax.report.style import POINT, STRETCHED, Shown, light_frame, slip_axis
 
 #: Colour, line and peak marker by rank: each alone tells the curves apart, in grey as well.
 _STYLES = (
@@ -26,7 +26,7 @@ _STYLES = (
 )
 
 #: The scale of slip is even where the largest tenth begins below this multiple of the end of the
-#: smallest, and a root scale otherwise.
+#: smallest, and stretched near 0 otherwise.
 _OF_ONE_SIZE = 5.0
 
 
@@ -38,7 +38,7 @@ def measured_figure(
     level: Estimate,
     place: Estimate,
 ) -> Figure:
-    """The one answer over the points with the curves and, below it, what each curve leaves."""
+    """The peak over the points with the curves and, below it, what each curve leaves."""
     ranked = best_first(fits)
     best, left = fits[ranked[0]], residuals[ranked[0]]
     figure = Shown(figsize=(10, 8), layout="constrained")
@@ -52,7 +52,8 @@ def measured_figure(
         _curve(above, name, fits[name], answer.weights[name], grid, rank)
     above.set_title(
         textwrap.fill(
-            f"{title}: {best.points} points; the one answer with 95 % intervals, and the curves", 90
+            f"{title}: {best.points} points; the fitted curves and the peak with its 95 % interval",
+            90,
         ),
         loc="left",
         parse_math=False,  # a file may have dollars in its name
@@ -65,7 +66,7 @@ def measured_figure(
     low, high = np.quantile(left.slip, [0.1, 0.9])
     of_one_size = high < _OF_ONE_SIZE * low
     if not of_one_size:
-        root_axis(above, begin, end)  # the panels share it
+        slip_axis(above, begin, end)  # the panels share it
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
 
     below.axhspan(-left.scatter, left.scatter, color="0.9", zorder=0)
@@ -78,7 +79,7 @@ def measured_figure(
         below.plot(*means, color=colour, linestyle=line, linewidth=2.2 if rank == 0 else 1.4)
     below.set(
         xlabel=("slip velocity (m/s)" if best.slip_unit else "slip ratio (1)")
-        + ("" if of_one_size else ", root scale"),
+        + ("" if of_one_size else f", {STRETCHED}"),
         ylabel="measured less curve (1)",
         ylim=(-1.1 * np.abs(left.residual).max(), 1.1 * np.abs(left.residual).max()),
     )

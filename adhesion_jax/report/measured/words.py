@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 
 from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
+from adhesion_jax.inference.cosines import COSINES
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.sandwich import COSINES
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.inference.weighing import EXACT
 from adhesion_jax.measured.answer import Answer
@@ -16,8 +17,9 @@ from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.groups import Group
 from adhesion_jax.measured.residual import Residual
 from adhesion_jax.measured.vetoes import Judgement
+from adhesion_jax.report.rendering import Sections, sections_of
 from adhesion_jax.report.text import filled
-from adhesion_jax.wording import listed, percent, plus_minus
+from adhesion_jax.wording import listed
 
 #: The residual is said to have structure if the likeness of its neighbours exceeds this number of
 #: standard deviations.
@@ -31,9 +33,6 @@ _APART = 2.0
 
 #: Autocorrelation, run scatter, slow level and departure below this are not worth a number.
 _SLIGHT = 5e-4
-
-
-Sections = Sequence[tuple[str, Sequence[str]]]
 
 
 def verdict(
@@ -58,22 +57,61 @@ def verdict(
     nobody named and that predicts them.
     """
     ranked = best_first(fits)
-    best = fits[ranked[0]]
-    peak = [] if judgement.vetoes else _peak_sentences(answer, judgement, best, measured)
-    warnings = [different_rails(None, {}, mixed), judgement.warning]
-    sections = [
-        ("Warning", [*filter(None, warnings)]),
-        ("No answer", list(judgement.vetoes)),
-        ("Data", _data_sentences(measured, citation)),
-        ("Curve", _curve_sentences(fits, ranked, answer)),
-        ("Peak", peak),
-        ("Noise", _noise_sentences(best, slip, runs, measured)),
-        ("Residual", _residual_sentences(best, left)),
-        *(("Groups", _group_sentences(one, groups)) for one in comparisons),
-        ("Groups", [] if in_vain is None else [_no_groups(in_vain)]),
-        ("Not to be trusted", _doubts(fits, ranked, not_fitted, answer, slip, measured)),
-    ]
-    return [(title, sentences) for title, sentences in sections if sentences]
+    best, second = fits[ranked[0]], fits[ranked[min(1, len(ranked) - 1)]]
+    by_part = best.left_out - second.left_out
+    departure, at_slip = _departure(best)
+    table = measured.table
+    slips, adhesion = table[measured.slip], table["adhesion"]
+    return sections_of(
+        "identify.txt",
+        measured=measured,
+        citation=citation,
+        fits=fits,
+        not_fitted=not_fitted,
+        left=left,
+        answer=answer,
+        judgement=judgement,
+        slip=slip,
+        runs=runs,
+        groups=_of_groups(groups),
+        in_vain=in_vain,
+        ranked=ranked,
+        warnings=[*filter(None, [different_rails(None, {}, mixed), judgement.warning])],
+        braking=int(((slips < 0) & (adhesion < 0)).sum()),
+        apart=int((slips * adhesion < 0).sum()),
+        departure=departure,
+        at_slip=at_slip,
+        gain=best.log_density - second.log_density,
+        gain_se=float(np.sqrt(by_part.size) * np.std(by_part)),
+        weights=weights_of(answer),
+        exact_fit=best.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)),
+        compared=[(one, *_ends(one.table)) for one in comparisons],
+        untrusted=[
+            (name, reasons(fits[name]))
+            for name in ranked
+            if fits[name].status is not Status.TRUSTED
+        ],
+        exact=EXACT,
+        cosines=COSINES,
+        slight=_SLIGHT,
+        most_alike=_LIKENESS,
+        apart_errors=_APART,
+    )
+
+
+def _ends(table: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
+    """The rows of the smallest and of the largest adhesion."""
+    order = np.argsort(table["mu_max"].to_numpy())
+    return table.iloc[order[0]], table.iloc[order[-1]]
+
+
+def _departure(fit: MeasuredFit) -> tuple[float, float]:
+    """How far the points leave the nearest curve where they do most, as a share; and the slip."""
+    slip = np.linspace(0.02, 1.0, 50) * fit.law.span.largest
+    alone = np.asarray(fit.curve(jnp.asarray(slip), fit.conditions))
+    departure = (fit.law.at(slip).adhesion - alone) / np.abs(alone).max()
+    most = int(np.argmax(np.abs(departure)))
+    return float(departure[most]), float(slip[most])
 
 
 def best_first(fits: Mapping[str, MeasuredFit]) -> list[str]:
@@ -123,188 +161,6 @@ def reasons(fit: MeasuredFit) -> list[str]:
     return sentences or [Status.TRUSTED.sentence]
 
 
-def _data_sentences(measured: Measured, citation: str) -> list[str]:
-    unit = " m/s" if measured.slip == "slip_velocity_mps" else ""
-    slip, adhesion = measured.table[measured.slip], measured.table["adhesion"]
-    braking = int(((slip < 0) & (adhesion < 0)).sum())
-    apart = int((slip * adhesion < 0).sum())
-    sentences = [
-        f"{measured.name} {'have' if ', ' in measured.name else 'has'} {len(slip)} points with "
-        f"slip between {slip.abs().min():.4g} and {slip.abs().max():.4g}{unit}"
-        + (
-            f", {braking} of them braking (with both signs turned, since curves are odd)."
-            if braking
-            else "."
-        )
-    ]
-    if apart:
-        sentences.append(
-            f"In {apart} of them slip and adhesion have opposite signs, as noise makes near zero."
-        )
-    if measured.covariates:
-        sentences.append(f"Further columns: {', '.join(measured.covariates)}.")
-    if measured.left_out:
-        sentences.append(
-            f"Columns left out because a cell is no finite number: {', '.join(measured.left_out)}."
-        )
-    return [*sentences, citation] if citation else sentences
-
-
-def _curve_sentences(
-    fits: Mapping[str, MeasuredFit], ranked: Sequence[str], answer: Answer
-) -> list[str]:
-    best = fits[ranked[0]]
-    if len(ranked) == 1:
-        return [f"{ranked[0]}, rms {best.rms:.4f}; no other curve was fitted to compare it with."]
-    second = fits[ranked[1]]
-    by_part = best.left_out - second.left_out
-    gain, error = best.log_density - second.log_density, np.sqrt(by_part.size) * np.std(by_part)
-    apart = gain > _APART * error
-    return [
-        _departure_sentence(ranked[0], best),
-        f"{ranked[0]} predicts best the points that are left out of its fit: their log density, "
-        "less what the departure costs, is "
-        f"{plus_minus(gain, float(error))} above that by {ranked[1]} (rms {best.rms:.4f} "
-        f"against {second.rms:.4f}), so the points "
-        + ("speak for it." if apart else "do not tell these two apart."),
-        f"The weights in the answer by all curves, after the same density: {weights_of(answer)}.",
-    ]
-
-
-def _departure_sentence(name: str, fit: MeasuredFit) -> str:
-    """How far the points leave the nearest curve of this name, and where most."""
-    slip = np.linspace(0.02, 1.0, 50) * fit.law.span.largest
-    alone = np.asarray(fit.curve(jnp.asarray(slip), fit.conditions))
-    departure = (fit.law.at(slip).adhesion - alone) / np.abs(alone).max()
-    most = int(np.argmax(np.abs(departure)))
-    if abs(departure[most]) < _SLIGHT:
-        return f"The points follow {name} itself: no departure from it is seen."
-    return (
-        f"The points depart from the nearest curve of {name} by {percent(fit.misfit)} (rms), most "
-        f"at slip {slip[most]:.3g}{fit.slip_unit}, where they lie {percent(abs(departure[most]))} "
-        f"of its largest adhesion {'above' if departure[most] > 0 else 'below'} it; the peak is "
-        "that of the bent curve."
-    )
-
-
-def _peak_sentences(
-    answer: Answer, judgement: Judgement, fit: MeasuredFit, measured: Measured
-) -> list[str]:
-    if judgement.at_least is not None:
-        return [judgement.why]
-    slip = measured.table[measured.slip].abs()
-    level, place, unit = answer.mu_max, answer.slip_opt, fit.slip_unit
-    behind, largest = int((slip > place.value).sum()), float(slip.max())
-    return [
-        f"by all curves together, adhesion {level.value:.4f} (95 % interval {level.low:.4f} to "
-        f"{level.high:.4f}) at slip {place.value:.4g}{unit} (95 % interval {place.low:.4g} to "
-        f"{place.high:.4g}{unit}).",
-        f"It lies within the measured slips, with {behind} points beyond it."
-        if place.high <= largest
-        else "It lies within the measured slips, but its interval reaches beyond their end at "
-        f"{largest:.4g}{unit}.",
-    ]
-
-
-def _noise_sentences(fit: MeasuredFit, slip: SlipNoise, runs: int, measured: Measured) -> list[str]:
-    if fit.rms <= EXACT * float(fit.peak.adhesion):
-        return []
-    noise, in_time = fit.noise, "time_s" in measured.table
-    found = [f"standard deviation of a point {noise.sigma:.4f}"]
-    if in_time:
-        found.append(
-            f"correlation of consecutive points of a run {noise.autocorrelation:.2f}"
-            if noise.autocorrelation > _SLIGHT
-            else "no correlation of consecutive points"
-        )
-    if runs > 1:
-        found.append(
-            f"scatter of the levels of the {runs} runs {100 * noise.run_scatter:.2g} %"
-            if noise.run_scatter > _SLIGHT
-            else f"no scatter between the levels of the {runs} runs"
-        )
-    if noise.slow_level > _SLIGHT:
-        seconds = noise.slow_rows * float(np.median(np.diff(measured.table["time_s"])))
-        found.append(
-            f"a level of the rail that varies within a run by {100 * noise.slow_level:.2g} % with "
-            f"a correlation time of {seconds:.2g} s"
-        )
-    sentences = [f"{listed(found)}."]
-    if noise.slip_noise > 0:
-        unit = " m/s of wheel speed" if slip.of_wheel_speed else ""
-        sentences.append(
-            f"The slip has noise of standard deviation {noise.slip_noise:.2g}{unit} "
-            f"({'given' if slip.given else 'estimated from its course in time'}): points where the "
-            "curve is steep count less, and the curve is the mean over this noise."
-        )
-    slow = f"the {COSINES} slowest waves of the residual"
-    if fit.sandwich.blocks is None:
-        basis, reach = "the scatter of the points about the curve", "if points are independent"
-    else:
-        both = f"the scatter between runs or on {slow}, whichever is larger"
-        basis = both if fit.sandwich.clusters is not None else slow
-        reach = "whatever a point depends on within its run"
-    sentences.append(
-        f"The intervals rest on {basis}: they hold {reach} ({fit.degrees:.0f} degrees of freedom)."
-    )
-    return sentences
-
-
-def _residual_sentences(fit: MeasuredFit, left: Residual) -> list[str]:
-    if fit.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)):
-        return ["none: the points lie on the curve within the rounding of numbers."]
-    alike = (
-        f"the likeness of neighbours in slip is {left.likeness:.1f} standard deviations above that "
-        "of white noise"
-    )
-    noise = fit.noise
-    seen = max(noise.autocorrelation, noise.run_scatter, noise.slow_level) > _SLIGHT
-    sentences = [
-        f"rms {fit.rms:.4f}, where neighbouring points scatter by {left.scatter:.4f};",
-        f"structure is left ({alike})"
-        + (", which the noise above accounts for." if seen else ", and no noise accounts for it.")
-        if left.likeness > _LIKENESS
-        else f"no structure is left that these points could show ({alike}).",
-    ]
-    unit, scale = (" per m/s", 1.0) if fit.slip_unit else (" per % of slip", 0.01)
-    where = f"Beyond slip {left.behind:.4g}{fit.slip_unit}"
-    if np.isnan(left.slope):
-        sentences.append(f"{where} there are too few points ({left.points_behind}) for a slope.")
-        return sentences
-    slope, error = scale * left.slope, scale * left.slope_se
-    sentences.append(
-        f"{where} the residual has a slope of {slope:+.5f} ± {error:.5f}{unit}: "
-        + (
-            "the curve does not follow the fall of the points."
-            if abs(slope) > 2 * error
-            else "no slope is left there that exceeds two standard errors."
-        )
-    )
-    return sentences
-
-
-def _group_sentences(comparison: Comparison, groups: Mapping[str, Group]) -> list[str]:
-    table, by = comparison.table, comparison.by
-    order = np.argsort(table["mu_max"].to_numpy())
-    low, high = table.iloc[order[0]], table.iloc[order[-1]]
-    sentences = [
-        f"compared by {by}, the level of adhesion "
-        + ("differs" if comparison.changed else "shows no difference")
-        + f" (F = {comparison.statistic:.2f} with {comparison.differences} and "
-        f"{comparison.degrees:.0f} degrees of freedom, p = {comparison.p:.2g}); under one curve "
-        f"the largest adhesion is from {low['mu_max']:.4f} ({by} {low[by]}) to "
-        f"{high['mu_max']:.4f} ({by} {high[by]}).",
-        f"Its course over slip {'differs' if comparison.bent else 'shows no difference'} "
-        f"(p = {comparison.p_shape:.2g}).",
-    ]
-    if (comparison.changed or comparison.bent) and by != "branch":
-        sentences.append(
-            f"One curve for all of {by} is a mean of different rails: use the answer of each"
-            + (f", each fitted by itself: {_of_groups(groups)}." if groups else ".")
-        )
-    return sentences
-
-
 def _of_groups(groups: Mapping[str, Group]) -> str:
     """What each group says by itself, as clauses."""
     return "; ".join(_of_group(name, one) for name, one in groups.items())
@@ -330,17 +186,6 @@ def different_rails(
     )
 
 
-def _no_groups(looked_at: Sequence[str]) -> str:
-    if not looked_at:
-        return "There is no column of a few labels or levels by which the rows could be told apart."
-    one = len(looked_at) == 1
-    return (
-        f"The levels of rows that are left out are not predicted by the groups of "
-        f"{listed([*looked_at], 'or')}, the only column{'' if one else 's'} of a few labels or "
-        "levels: no groups are compared."
-    )
-
-
 def _of_group(name: str, group: Group) -> str:
     level = group.mu_max
     if group.judgement.vetoes:
@@ -348,34 +193,3 @@ def _of_group(name: str, group: Group) -> str:
     if group.judgement.at_least is not None:
         return f"{name}: at least {level.value:.4f}, no peak is seen"
     return f"{name}: {level.value:.4f} [{level.low:.4f}, {level.high:.4f}]"
-
-
-def _doubts(
-    fits: Mapping[str, MeasuredFit],
-    ranked: Sequence[str],
-    not_fitted: Mapping[str, Sequence[str]],
-    answer: Answer,
-    slip: SlipNoise,
-    measured: Measured,
-) -> list[str]:
-    doubts = []
-    if 0.05 < answer.without_peak < 0.95:
-        doubts.append(
-            f"Curves without a peak have {100 * answer.without_peak:.0f} % of the weight: whether "
-            "there is a peak is not certain."
-        )
-    if slip.sigma == 0 and not slip.given and "time_s" not in measured.table:
-        doubts.append(
-            "The slip is taken as exact: without the column time_s its noise cannot be estimated. "
-            "Where it is known, give it by --slip-noise."
-        )
-    doubts += [
-        f"{name}: {' '.join(reasons(fits[name]))}"
-        for name in ranked
-        if fits[name].status is not Status.TRUSTED
-    ]
-    doubts += [
-        f"{name} was not fitted: it needs the column {' and '.join(columns)}."
-        for name, columns in not_fitted.items()
-    ]
-    return doubts

@@ -184,7 +184,7 @@ def _signals(log: Log) -> Sequence[tuple[np.ndarray, str]]:
     slip = (log.slip, f"slip ({log.slip_unit.strip() or '1'})")
     if log.speed is None or np.ptp(log.speed) == 0:
         return [slip]
-    return [slip, (log.speed, "speed (m/s)")]
+    return [slip, (3.6 * log.speed, "speed (km/h)")]
 
 
 def _measured(panel: Axes, axis: _Axis, values: np.ndarray) -> None:

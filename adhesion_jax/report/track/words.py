@@ -1,6 +1,6 @@
 """The results of a followed log: the table of checkpoints, the summary, the words."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -10,7 +10,8 @@ from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.initial_slope import InitialSlope
 from adhesion_jax.measured.log import Log
 from adhesion_jax.report.measured.words import reasons
-from adhesion_jax.report.text import filled, flush_left, with_errors
+from adhesion_jax.report.rendering import text_of
+from adhesion_jax.report.text import flush_left, with_errors
 from adhesion_jax.wording import listed, number, plus_minus
 
 #: Above this share of the initial slope its standard error is said to be large.
@@ -28,6 +29,9 @@ _AT_THE_END = (
     *("identifier", "mu_max", "mu_max_se", "mu_max_lo", "mu_max_hi", "slip_opt", "slip_opt_se"),
     *("status", "at_least"),
 )
+
+#: Bands that noise makes this much wider than those of the methods are spoken of.
+_WIDER = 1.1
 
 #: Most resets whose time is told.
 _TOLD = 5
@@ -110,106 +114,33 @@ def printed_summary(summary: pd.DataFrame) -> str:
 
 def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Followed]) -> str:
     """In words: the log, the initial slope, what each method ends with, and what to doubt."""
-    summary = summary_rows(log, followed)
-    paragraphs = [
-        ("Log", [*_log(log), citation]),
-        ("Initial slope", _slope(slope, log)),
-        ("Estimates", _ends(log, followed, summary)),
-        ("Not to be trusted", _doubts(slope, followed, summary)),
-    ]
-    return "\n".join(
-        filled(f"{title}: {' '.join(filter(None, sentences))}") for title, sentences in paragraphs
-    )
-
-
-def _log(log: Log) -> Iterable[str]:
-    span = ""
-    if log.time is not None:
-        span = f" over {number(log.time[-1] - log.time[0])} s"
-    size = np.abs(log.slip)
-    yield (
-        f"{log.name} has {log.slip.size:,} samples{span}, with slip up to "
-        f"{size.max():.4g}{log.slip_unit}."
-    )
-    yield from log.sentences
-    braking = int(np.sum(log.slip[log.used] < 0))
-    if braking:
-        yield (
-            f"{braking:,} samples whose slip is negative, as in braking, have both signs turned, "
-            "since curves are odd."
-        )
-    still = int(np.sum(log.slip[log.used] == 0))
-    if still:
-        yield f"{still:,} samples have slip 0, which tells nothing of the curve."
-
-
-def _slope(slope: InitialSlope, log: Log) -> Iterable[str]:
-    per = f" per{log.slip_unit}" if log.slip_unit else ""
-    value, error = slope.fitted
-    fitted = (
-        f"{plus_minus(value, error)}{per}, that of Kiencke's curve fitted to {slope.samples:,} of "
-        "these samples, spread evenly over the slips."
-    )
-    if slope.given:
-        yield f"a0 = {number(slope.value)}{per}, as given; the methods take it as exact."
-        if abs(slope.value - value) > _FAR_OFF * error:
-            yield f"The log speaks for {fitted} Where a0 is wrong, every estimate is biased."
-    else:
-        yield (
-            f"a0 = {fitted} The methods know of later samples this one number; what its standard "
-            "error makes of an estimate is in the bands."
-        )
-        if error > _POORLY * value:
-            yield (
-                "The samples hardly determine it (standard error "
-                f"{100 * error / value:.0f} %): give it by --initial-slope if it is known."
-            )
-    if slope.fit.status is not Status.TRUSTED:
-        yield f"Of that fit: {' '.join(reasons(slope.fit))}"
-
-
-def _form(slope: InitialSlope) -> str:
-    alone, whole = slope.alone, slope.fit.peak
-    if not (alone.found and whole.found):
-        return (
-            "All these methods have Kiencke's curve, which has no peak when it is fitted to the "
-            "samples: the bands contain no error of its form."
-        )
-    if slope.form["mu_max"] < _NO_FORM and slope.form["slip_opt"] < _NO_FORM:
-        return "All these methods have Kiencke's curve, which describes the samples."
-    return (
-        "All these methods have Kiencke's curve. Fitted to the samples it has its peak at "
-        f"{float(alone.adhesion):.4f} and slip {float(alone.slip):.3g}; with what it misses of "
-        f"them, the peak is at {float(whole.adhesion):.4f} and slip {float(whole.slip):.3g}. The "
-        f"bands allow for {100 * slope.form['mu_max']:.1f} % of mu_max by this, and for "
-        f"{100 * slope.form['slip_opt']:.0f} % of slip_opt, as a standard error."
-    )
-
-
-def _ends(log: Log, followed: Mapping[str, Followed], summary: pd.DataFrame) -> Iterable[str]:
-    for row in summary.to_dict("records"):
-        name, status = str(row["identifier"]), Status[row["status"]]
-        if row["at_least"]:
-            yield (
-                f"{name} ends with mu_max at least {row['mu_max']:.3f}: adhesion does not fall in "
-                f"the window{_resets(log, followed[name])}; the driver or the brake may limit it."
-            )
-            continue
-        band = (
-            f" (95 % band {row['mu_max_lo']:.4f} to {row['mu_max_hi']:.4f})"
-            if np.isfinite(row["mu_max_se"])
-            else " (without a band)"
-        )
-        yield f"{name} ends with mu_max {row['mu_max']:.4f}{band}{_resets(log, followed[name])}."
-        if status is not Status.TRUSTED:
-            yield f"That is not to be trusted: {status.sentence}"
-    sure = summary[(summary["status"] == Status.TRUSTED.name) & np.isfinite(summary["mu_max_se"])]
+    summary, used = summary_rows(log, followed), log.slip[log.used]
+    status = summary["status"].map(Status.__getitem__)
+    sure = summary[(status == Status.TRUSTED) & np.isfinite(summary["mu_max_se"])]
+    disagree: Sequence[str] = ()
     if len(sure) > 1 and sure["mu_max_lo"].max() > sure["mu_max_hi"].min():
-        high, low = sure.loc[sure["mu_max_lo"].idxmax()], sure.loc[sure["mu_max_hi"].idxmin()]
-        yield (
-            f"{high['identifier']} and {low['identifier']} disagree by more than their bands: at "
-            "least one of them is biased, or they remember different stretches of the log."
-        )
+        apart = sure["mu_max_lo"].idxmax(), sure["mu_max_hi"].idxmin()
+        disagree = list(sure["identifier"].loc[[*apart]])
+    resets = [_resets(log, one) for one in followed.values()]
+    return text_of(
+        "track.txt",
+        log=log,
+        citation=citation,
+        slope=slope,
+        largest_slip=np.abs(log.slip).max(),
+        braking=int(np.sum(used < 0)),
+        still=int(np.sum(used == 0)),
+        doubts=[] if slope.fit.status is Status.TRUSTED else reasons(slope.fit),
+        ends=list(zip(summary.to_dict("records"), resets, status, strict=True)),
+        disagree=disagree,
+        reset=[name for name, one in followed.items() if one.resets],
+        wide={name: one for name, one in followed.items() if one.widening > _WIDER},
+        seldom=list(summary["identifier"][summary["trusted"] < 0.5]),
+        trusted=Status.TRUSTED,
+        far_off=_FAR_OFF,
+        poorly=_POORLY,
+        no_form=_NO_FORM,
+    )
 
 
 def _resets(log: Log, one: Followed) -> str:
@@ -224,35 +155,3 @@ def _resets(log: Log, one: Followed) -> str:
         f", after {one.resets} reset{'s' if one.resets > 1 else ''} {what} "
         f"{listed(places)}{unit}{more}"
     )
-
-
-def _doubts(
-    slope: InitialSlope, followed: Mapping[str, Followed], summary: pd.DataFrame
-) -> Iterable[str]:
-    yield _form(slope)
-    resets = [name for name, one in followed.items() if one.resets]
-    if resets and not slope.given:
-        yield (
-            f"{listed(resets)} gave up the past, as where the rail has changed: a0 is then that of "
-            "all rails together, and where their slopes differ every estimate is biased."
-        )
-    wide = {name: one.widening for name, one in followed.items() if one.widening > 1.1}
-    if wide:
-        least, most = min(wide.values()), max(wide.values())
-        factor = f"{least:.1f}" if most - least < 0.1 else f"{least:.1f} to {most:.1f}"
-        yield (
-            "Consecutive errors of prediction are correlated "
-            f"({', '.join(f'{name} {followed[name].correlation:.2f}' for name in wide)}): the "
-            f"noise makes the bands {factor} times as wide as those of the methods, which take it "
-            "as independent."
-        )
-    yield (
-        "A band holds for a rail that has not changed since the last reset or, of methods that "
-        "forget, over what they remember, and for a slip without noise."
-    )
-    seldom = summary[summary["trusted"] < 0.5]
-    if len(seldom):
-        yield (
-            f"{listed(list(seldom['identifier']))} "
-            f"{'is' if len(seldom) == 1 else 'are'} trusted after fewer than half of the samples."
-        )

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, SymmetricalLogLocator
 from numpy.typing import ArrayLike
 
 from adhesion_jax.report.style import light_frame, line_styles, one_legend
@@ -36,6 +37,8 @@ class Panel(NamedTuple):
     lines: Sequence[Line]
     marks: Sequence[Mark] = ()
     limits: tuple[float, float] | None = None  # of y
+    ratio: bool = False  # the axis of x is logarithmic
+    linear: float | None = None  # of y: beyond it, to both sides, the axis is logarithmic
 
 
 def draw(path: Path, panels: Sequence[Panel]) -> None:
@@ -43,7 +46,8 @@ def draw(path: Path, panels: Sequence[Panel]) -> None:
     columns = 2 if len(panels) == 4 else min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(4.3 * max(columns, 1.4), 3.1 * rows + 0.8), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    alike = len({panel.y_label for panel in panels}) == 1
+    axes = figure.subplots(rows, columns, sharey=alike, squeeze=False).ravel()
     for axis in axes[len(panels) :]:
         axis.set_axis_off()
     labels = dict.fromkeys(line.label for panel in panels for line in panel.lines)
@@ -54,6 +58,12 @@ def draw(path: Path, panels: Sequence[Panel]) -> None:
         axis.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
         if panel.limits is not None:
             axis.set_ylim(*panel.limits)
+        if panel.ratio:
+            axis.set_xscale("log")
+            axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        if panel.linear is not None:
+            axis.set_yscale("symlog", linthresh=panel.linear)
+            axis.yaxis.set_major_locator(SymmetricalLogLocator(base=100, linthresh=panel.linear))
         light_frame(axis)
     one_legend(figure, axes, loc="outside lower center", ncols=4, frameon=True)
     figure.savefig(path, dpi=110)

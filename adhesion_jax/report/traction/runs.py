@@ -117,7 +117,7 @@ def adhesions(one: Shown, title: str) -> Panel:
     rows = one.trace
     lines = [
         Line("adhesion", rows.time, mean_of_axles(rows.sample.adhesion)),
-        Line("largest", rows.time, mean_of_axles(rows.sample.largest)),
+        Line("largest of the rail", rows.time, mean_of_axles(rows.sample.largest)),
     ]
     return Panel(title, TIME, "adhesion (1)", lines)
 
@@ -138,7 +138,10 @@ def torques(one: Shown, title: str, marks: Sequence[Mark] = ()) -> Panel:
 
 
 def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: SpeedUnit = MPS) -> Panel:
-    """The operating point in traction over the adhesion curves, as far as they are drawn."""
+    """The operating point in traction over the adhesion curves, as far as they are drawn.
+
+    It is the first line, which is solid: the curves are seen where it does not go.
+    """
     rows = one.trace.sample
     driven = np.asarray(rows.counts) & (np.asarray(rows.direction) > 0)
     slip = unit.of(mean_of_axles(rows.slip))[driven]
@@ -148,4 +151,4 @@ def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: SpeedUnit =
         np.where(slip <= end, slip, np.nan),
         mean_of_axles(rows.adhesion)[driven],
     )
-    return Panel(title, f"slip velocity ({unit.name})", "adhesion (1)", [*lines, track])
+    return Panel(title, f"slip velocity ({unit.name})", "adhesion (1)", [track, *lines])

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
@@ -9,6 +10,7 @@ from adhesion_jax.campaign.traction import QUIET, WHOLE
 from adhesion_jax.report.traction.panels import Line, Mark, Panel
 from adhesion_jax.report.traction.runs import (
     TIME,
+    Array,
     Drawing,
     Shown,
     adhesion,
@@ -23,11 +25,15 @@ from adhesion_jax.report.traction.runs import (
     torques,
 )
 from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
+from adhesion_jax.traction.loop import Trace
 from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.systems.uyulan2018 import PRINTED, PRINTED_BEST_SLIP, lyapunov
 
 #: Speed of the train at which the curves are drawn, m/s; the surfaces do not depend on it.
 _SPEED = 10.0
+
+#: Rates of the Lyapunov function to which their axis is even, m^2/s^3.
+_LEVEL = 1e-6
 
 
 def table(metrics: pd.DataFrame) -> pd.DataFrame:
@@ -68,21 +74,6 @@ def figures(drawing: Drawing) -> Mapping[str, Sequence[Panel]]:
     }
 
 
-CAPTIONS: Mapping[str, str] = {
-    "fig_04_surfaces": "Figure 4: adhesion over slip velocity on the four surfaces. Stars mark the "
-    "best slip that the paper prints, which lies to the left of the peaks of its curves.",
-    "fig_05_speeds": "Figure 5: speed of the wheels at the rim and of the train.",
-    "fig_06_adhesion": "Figure 6: adhesion, and the largest that the surface has.",
-    "fig_07_torque": "Figure 7: torque of a motor; the paper has a saturation at 20 s.",
-    "fig_08_slip": "Figure 8: slip with the true optimum as reference, and slip with the seeker as "
-    "the paper prints it. Dotted: the best slips that the paper prints. Slip beyond 3 m/s is cut.",
-    "fig_09_map": "Figure 9: the operating point over the adhesion curves.",
-    "fig_10_lyapunov": "Figure 10: the Lyapunov function, and how fast it changes. The largest "
-    "adhesion of the surface is in it: it jumps when the rail changes. Rates below -5 "
-    "m²/s³ are cut.",
-}
-
-
 def _surfaces(shown: Sequence[Shown]) -> Panel:
     known = {name: surface for one in shown for name, surface in surfaces(one).items()}
     found = {name: known[name] for name in PRINTED_BEST_SLIP if name in known}
@@ -111,27 +102,38 @@ def _slip(one: Shown, sought: Shown) -> Panel:
 
 def _lyapunov(shown: Sequence[Shown], drawing: Drawing) -> list[Panel]:
     """The function V(t) of the paper's controller; other controllers have none."""
-    falling, rate = [], []
+    found = {}
     for one in shown:
         controller, plant = one.case.controller, drawing.plant
-        if not isinstance(controller, AdaptiveRobust) or not isinstance(plant, ElasticAxles):
-            continue
-        rows = one.trace
-        error = rows.sample.slip - rows.sample.optimum
-        bound = rows.controller.bound
-        values = mean_of_axles(lyapunov(controller, plant, bound, error, rows.sample.largest))
-        falling.append(Line(one.case.scenario, rows.time, values))
-        step = np.diff(np.asarray(rows.time))
-        rate.append(Line(one.case.scenario, np.asarray(rows.time)[1:], np.diff(values) / step))
-    if not falling:
-        return []
+        if isinstance(controller, AdaptiveRobust) and isinstance(plant, ElasticAxles):
+            values = lyapunov_along(controller, plant, one.trace)
+            found[one.case.scenario] = [Line("L and its rate", one.trace.time, values)]
+    return lyapunov_panels(found)
+
+
+def lyapunov_along(controller: AdaptiveRobust, plant: ElasticAxles, rows: Trace) -> Array:
+    """The Lyapunov function along a run, mean of the axles, m^2/s^2.
+
+    kappa is a constant: its largest adhesion is that of the surface on which the run begins.
+    """
+    sample = rows.sample
+    largest = jnp.broadcast_to(sample.largest[0], jnp.shape(sample.slip))
+    error = sample.slip - sample.optimum
+    return mean_of_axles(lyapunov(controller, plant, rows.controller.bound, error, largest))
+
+
+def lyapunov_panels(of: Mapping[str, Sequence[Line]]) -> list[Panel]:
+    """The function and, below, how fast it changes, a panel a scenario; `of` has the function."""
+
+    def changing(line: Line) -> Line:
+        time = np.asarray(line.x)
+        return line._replace(x=time[1:], y=np.diff(line.y) / np.diff(time))
+
+    rates = {name: [*map(changing, lines)] for name, lines in of.items()}
     return [
-        Panel("Lyapunov function", TIME, "L (m²/s²)", falling),
-        Panel(
-            "rate of change of the Lyapunov function",
-            TIME,
-            "dL/dt (m²/s³)",
-            rate,
-            limits=(-5.0, 1.0),
+        *(Panel(name, TIME, "L (m²/s²)", lines) for name, lines in of.items()),
+        *(
+            Panel(name, TIME, "dL/dt (m²/s³)", lines, linear=_LEVEL)
+            for name, lines in rates.items()
         ),
     ]
