@@ -52,9 +52,10 @@ class ForgettingProjection(Identifier):
 
     def accepts(self, known: Known) -> str | None:
         curve = known.curve
-        if type(curve) is Burckhardt and curve.free == ("c1", "c2", "c3"):
+        all_free = type(curve) is Burckhardt and curve.free == ("c1", "c2", "c3")
+        if all_free and "mu_max" in known.asked:
             return None
-        return "it is written for Burckhardt's curve with c1, c2 and c3 unknown"
+        return "it looks for the peak of Burckhardt's curve with c1, c2 and c3 unknown"
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         zero, none = jnp.zeros(()), jnp.zeros((_DEGREES, _ONE + 1, _ONE + 1))
