@@ -40,8 +40,8 @@ class Part(NamedTuple):
 #: What is said where a part calls NumPy with what jax traces.
 _TRACED = (
     "; what jax traces is computed by jax.numpy. NumPy and SciPy are called through "
-    "jax.pure_callback; as a method, a function of slip and adhesion that they compute can be "
-    "named in the place of a class"
+    "jax.pure_callback; as a method, a function of slip and adhesion that they compute, or a "
+    "class that is not derived from Identifier, can be named"
 )
 
 
@@ -236,9 +236,11 @@ def _instance(asked: str, found: Any, kind: Kind) -> Any:
 
 
 def _method(asked: str, found: Any, kind: Kind) -> Any:
-    """The same, or the method that a function of slip and adhesion is."""
-    if inspect.isfunction(found):
-        return _named("adhesion_jax.identifiers.of_function.of_function")(asked, found)
+    """The same, or the method that a function or a class of NumPy is."""
+    form = found if inspect.isclass(found) else type(found)
+    of_numpy = any(hasattr(form, name) for name in ("init", "update", "estimate"))
+    if inspect.isfunction(found) or (of_numpy and not issubclass(form, _named(kind.home))):
+        return _named("adhesion_jax.identifiers.of_numpy.of_numpy")(asked, found)
     return _instance(asked, found, kind)
 
 

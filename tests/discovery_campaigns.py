@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.data import read_runs
 from adhesion_jax.discovery.model.fitting import Setting, nearly_fitted, robustly_fitted
+from adhesion_jax.discovery.model.packing import _APART
 from adhesion_jax.discovery.model.problem import prepare
-from adhesion_jax.discovery.model.program import _APART
 from adhesion_jax.discovery.search.state import Selection, settled
 from adhesion_jax.effects.conditions import calendar_of
 

@@ -1,5 +1,6 @@
 """Every identifier on a small run of every scenario that it accepts."""
 
+import dataclasses
 import functools
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -58,8 +59,9 @@ KIENCKE = Known(
 )
 NAMES = ("c1", "c2", "c3", "mu_max", "slip_opt")
 
-#: `rls-slope` knows no curve; its contract is another one, and so are its tests.
-CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name != "rls-slope"}
+#: These know no curve; their contract is another one, and so are their tests.
+WITHOUT_CURVE = ("rls-slope", "bayes-departure")
+CURVE_METHODS = {name: i for name, i in IDENTIFIERS.items() if name not in WITHOUT_CURVE}
 GRADIENT = [name for name, i in IDENTIFIERS.items() if isinstance(i, GradientLeastSquares)]
 EVOLUTION = [name for name in IDENTIFIERS if name.startswith("ml-de")]
 FILTERS = [name for name, i in IDENTIFIERS.items() if isinstance(i, RandomWalkFilter)]
@@ -133,11 +135,19 @@ def has_truth(scenario):
 
 HAVE_TRUTH = [pair for pair in CURVE_PAIRS if has_truth(scenario_of(pair[1]))]
 
-#: Methods that take whole blocks; the others take one sample after the other.
-BATCH = [name for name in CURVE_METHODS if not accepts(name, "qian2024-switch")]
-
 #: A short scenario that each method takes.
-HOME = {name: "single" if accepts(name, "single") else "qian2024" for name in CURVE_METHODS}
+HOME = {
+    name: "single" if accepts(name, "single") else "qian2024"
+    for name in (*CURVE_METHODS, "bayes-departure")
+}
+
+
+#: Methods that take whole blocks; the others take one sample after the other.
+BATCH = [
+    name
+    for name, method in CURVE_METHODS.items()
+    if method.accepts(dataclasses.replace(scenario_of(HOME[name]).known, by_sample=True))
+]
 
 
 #: One method of each form; those that differ from it in numbers alone share its program.

@@ -54,7 +54,7 @@ def done_in(folder, command, out):
 
 
 def test_the_page_shows_a_file_of_each_kind_and_a_command_for_each():
-    assert len(COMMANDS) == 7
+    assert len(COMMANDS) == 8
     named = {name for command in COMMANDS for name in re.findall(r"(\w+\.py):", command)}
     assert named == {*FILES}
 
@@ -85,6 +85,14 @@ def test_a_function_of_scipy_is_compared(folder):
     row = mu_max(out, "least_squares")
     assert row["rmse"] == pytest.approx(mu_max(out, "ml-exact")["rmse"], rel=1e-3)
     assert row["failure_share"] == 0
+
+
+@pytest.mark.slow
+def test_a_class_of_numpy_is_compared(folder):
+    out, told = done_in(folder, of("montecarlo", "in_numpy.py"), "numpy")
+    own, ours = mu_max(out, "Recursive"), mu_max(out, "rls-kiencke")
+    assert own["rmse"] == pytest.approx(ours["rmse"], rel=1e-3)
+    assert "Slow, because it is called in Python: Recursive" in told
 
 
 @pytest.mark.thorough

@@ -1,16 +1,27 @@
 """What a Monte Carlo campaign is asked for: the command line, checked."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Identifier
 from adhesion_jax.options import check_accepted
-from adhesion_jax.scenarios import SCENARIOS, Options, Scenario, build
+from adhesion_jax.scenarios import SCENARIOS, Options, Scenario, build, needs_options
 
 #: What runs when no scenario is named: curves identified block by block, and a stream.
 MAIN_JOB = ("he2018-blocks", "qian2024-switch")
+
+#: What stands for all scenarios: those that need no option and ask for the peak. A sequence that
+#: grows is left out, as it is a block of each of its lengths.
+ALL = "all"
+_NOT_IN_ALL = ("he2018-1", "qian2024", "fang2018-slope")
+
+#: What runs for a name that is none of one scenario.
+SEVERAL: Mapping[str | None, tuple[str, ...]] = {
+    None: MAIN_JOB,
+    ALL: tuple(n for n in SCENARIOS if n not in _NOT_IN_ALL and not needs_options(n)),
+}
 
 
 @dataclass(frozen=True)
@@ -49,15 +60,15 @@ def choose_identifiers(
     return tuple(dict.fromkeys(config.identifiers))
 
 
-def main_job(config: Config) -> list[Config]:
-    """The configurations of `MAIN_JOB` that take the options and the identifiers of `config`.
+def parts_of(config: Config, scenarios: Sequence[str]) -> list[Config]:
+    """The configurations of those scenarios that take the options and identifiers of `config`.
 
     Scenarios that do not support one of the options are skipped, and so are identifiers that a
     scenario rejects. InputError if nothing remains.
     """
     _refuse_unknown(config, IDENTIFIERS)
     parts, refusals = [], []
-    for scenario in MAIN_JOB:
+    for scenario in scenarios:
         part = dataclasses.replace(config, scenario=scenario)
         try:
             built = build_scenario(part)
@@ -77,7 +88,7 @@ def main_job(config: Config) -> list[Config]:
         raise refusals[0]
     if left:
         raise InputError(
-            f"--identifiers {', '.join(left)} does not go with what is left of the main job "
+            f"--identifiers {', '.join(left)} does not go with what is left of the scenarios "
             f"({' and '.join(part.scenario for part in parts)}); name a --scenario."
         )
     return parts

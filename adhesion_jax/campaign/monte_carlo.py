@@ -121,7 +121,9 @@ def campaign_of(job: Job, totals: Totals) -> Campaign:
     scenario = job.scenario
     accuracy = _accuracy_tables(job, totals)
     tables = dict(accuracy)
-    if len(job.stretches) > 1:  # without a change of the rail there is no delay to report
+    # Blocks on one rail have nothing to follow, and no course has a method that asks for the slope.
+    of_stream = scenario.known.by_sample and "mu_max" in scenario.quantities()
+    if len(job.stretches) > 1 or of_stream:
         tables["tracking"] = _tracking_table(job, totals)
     bands = _bands(job, totals)
     if scenario.known.by_sample:

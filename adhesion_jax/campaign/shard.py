@@ -25,11 +25,12 @@ from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics
 from adhesion_jax.metrics.counts import BINS, bins_of, share_bins_of
 from adhesion_jax.metrics.information import quantity_names
 from adhesion_jax.metrics.moments import Moments
-from adhesion_jax.metrics.tracking import delay_counts, tracking_statistics
+from adhesion_jax.metrics.tracking import delay_counts, lags, tracking_statistics
 from adhesion_jax.optim.box import on_bound
 from adhesion_jax.records import Record
 from adhesion_jax.runtime import silent
 from adhesion_jax.scenarios import Scenario
+from adhesion_jax.scenarios.course import switches
 
 #: Statuses that count as a failure for every method.
 _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
@@ -100,7 +101,7 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
     truth = truth_of(scenario, np.concatenate(bounds)[:runs])
     sums = Sums(
         accuracy=_accuracy(job, found, truth, _pooled(scenario, np.asarray(records.fresh), truth)),
-        tracking=_tracking(job, found),
+        tracking=_tracking(job, found, truth, records.fresh.shape[-1]),
         delays=np.stack([delay_counts(found[name].tracking, job.longest) for name in job.names]),
         seconds=Moments.of({"seconds": np.array(seconds)}),
     )
@@ -210,8 +211,18 @@ def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequen
     )
 
 
-def _tracking(job: Job, found: Mapping[str, Found]) -> Moments:
-    of_name = [tracking_statistics(found[name].tracking) for name in job.names]
+def _tracking(job: Job, found: Mapping[str, Found], truth: Truth, points: int) -> Moments:
+    steps = points if job.scenario.known.by_sample else 1
+    rails = job.scenario.rails
+    stretch = np.searchsorted(switches(rails), np.arange(len(rails)), side="right")
+
+    def lag(one: Found) -> NDArray[np.float64]:
+        if "mu_max" not in truth.names:
+            return np.full(one.tracking.delay.shape, np.nan)
+        place = truth.names.index("mu_max")
+        return lags(one.values["mu_max"], truth.values[:, place], stretch, steps)
+
+    of_name = [tracking_statistics(found[name].tracking, lag(found[name])) for name in job.names]
     return Moments.of({key: np.stack([s[key] for s in of_name], axis=1) for key in of_name[0]})
 
 

@@ -18,6 +18,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Key
 from adhesion_jax import programs, runtime
 from adhesion_jax.campaign.keys import keys_of_runs, noise_key, solver_key
 from adhesion_jax.identifiers import Estimate, Identifier, follow
+from adhesion_jax.identifiers.of_numpy import complain
 from adhesion_jax.inference.curve_errors import cosine_errors
 from adhesion_jax.metrics.tracking import Tracker, Tracking, criteria_of
 from adhesion_jax.records import Record
@@ -125,6 +126,7 @@ class Tiles:
         began = time.process_time()
         found = jax.block_until_ready(compiled(method, records, key, tile_runs(tile)))
         seconds = time.process_time() - began
+        complain()
         estimate, tracking = jax.tree.map(np.asarray, found)
         return TileResult(estimate, tracking, seconds, compile_seconds)
 

@@ -29,6 +29,9 @@ from adhesion_jax.plugins import part, use
 KNOWN = catalogue()
 NAMES = KNOWN.names
 
+#: In the place of a scenario: every one that needs no option.
+ALL = "all"
+
 #: What is asked of the job; all other options are those of the scenario.
 _OF_JOB = (
     "runs",
@@ -109,8 +112,9 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
 )
 @click.option(
     "--scenario",
-    type=Name(KNOWN.scenarios, "scenario"),
-    help=f"What is identified (by default {' and '.join(NAMES['main_job'])}), or FILE.py:NAME.",
+    type=Name((*KNOWN.scenarios, ALL), "scenario"),
+    help=f"What is identified (by default {' and '.join(NAMES['main_job'])}), FILE.py:NAME, or "
+    "all, which says which method to take when.",
 )
 @click.option(
     "--identifiers",
@@ -154,12 +158,17 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
     from adhesion_jax.runtime import CORES
     from adhesion_jax.scenarios import SCENARIOS
 
-    if scenario not in (None, *KNOWN.scenarios):  # one of the user's own, which is known only now
+    if scenario not in (
+        None,
+        ALL,
+        *KNOWN.scenarios,
+    ):  # one of the user's own, which is known only now
         check(scenario, declared(SCENARIOS[scenario]), Options(**options))
     job["workers"] = job["workers"] or CORES
     found = montecarlo(scenario, names or None, **job, **options)
     record(job["out"])
     click.echo(told(found.tables, found.asked.runs, [one.name for one in found.jobs]))
+    click.echo(found.remarks, nl=bool(found.remarks))
     click.echo(f"\nWritten to {job['out']} in {found.seconds:.0f} s")
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 
 from adhesion_jax.data.gaps import of_rows
 from adhesion_jax.data.gathering import MOST
-from adhesion_jax.data.stretches import longest_step
+from adhesion_jax.data.stretches import longest_step, order_by
 from adhesion_jax.errors import InputError
 
 #: Rows within which a clock that stepped back shows again what it showed before.
@@ -19,7 +19,7 @@ def steps_in_runs(time: np.ndarray, series: np.ndarray) -> np.ndarray:
 
     `series` has the number of the run of each row.
     """
-    order = _order(series)
+    order = order_by(series)
     if order is not None:
         time, series = time[order], series[order]
     steps = np.diff(time, prepend=np.nan)
@@ -41,7 +41,7 @@ def going_on(time: np.ndarray, series: np.ndarray) -> tuple[np.ndarray, np.ndarr
     back = steps_in_runs(time, series) < 0
     if not back.any():
         return time, used, back
-    order = _order(series)
+    order = order_by(series)
     place = np.arange(time.size) if order is None else order
     t, s, stepped = time[place], series[place], np.flatnonzero(back[place])
     before = np.maximum(stepped - 2, 0)
@@ -103,10 +103,3 @@ def with_clock(
     time = time.copy()
     time[timed] = moved
     return time, used, notes
-
-
-def _order(series: np.ndarray) -> np.ndarray | None:
-    """The order that puts the rows of each series together; None if they lie so already."""
-    if (series[1:] >= series[:-1]).all():
-        return None
-    return np.argsort(series, kind="stable")

@@ -33,13 +33,16 @@ from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.runtime import silent
-from adhesion_jax.wording import listed
+from adhesion_jax.wording import listed, percent
 
 #: A curve has up to five parameters; with fewer points its errors could not be estimated.
 POINTS = 10
 
 #: The first rows that nearly always hold enough different slips: to count all takes seconds.
 _SOME = 10_000
+
+#: A wheel rolls where adhesion is at most this share of the largest.
+_ROLLING = 0.1
 
 Progress = Callable[[str, float], None]
 
@@ -318,9 +321,22 @@ def adhesion_faults(slip: pd.Series, adhesion: pd.Series) -> Sequence[str]:
     if slip.min() < slip.max() and (slip * adhesion).sum() <= 0:
         return [
             f"column adhesion is mostly of the other sign than {slip.name} "
-            "(both are positive in traction and negative in braking)"
+            f"(both are positive in traction and negative in braking){_offset(slip, adhesion)}"
         ]
     return []
+
+
+def _offset(slip: pd.Series, adhesion: pd.Series) -> str:
+    """What is said where signs agree once the slip of a rolling wheel is taken off."""
+    size = adhesion.abs()
+    rolling = slip[size <= _ROLLING * size.max()].median()  # NaN without such rows
+    if slip.name != "slip_ratio" or not ((slip - rolling) * adhesion).sum() > 0:
+        return ""
+    return (
+        f"; where there is little adhesion the slip is usually {rolling:.3g}, as where the radius "
+        f"of the wheel is {percent(abs(rolling))} off: less that slip the signs agree; correct the "
+        "wheel speed by it"
+    )
 
 
 def too_few(points: int) -> str:

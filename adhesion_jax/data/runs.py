@@ -12,7 +12,9 @@ import pandas as pd
 from adhesion_jax.data.clock import steps_in_runs
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
+from adhesion_jax.data.joining import joined, refuse_two_kinds
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_all, too_few
+from adhesion_jax.data.stretches import order_by
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.wording import listed
@@ -125,15 +127,15 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     files. A single run is cut into contiguous blocks. Needed are the columns that `read_measured`
     needs and 10 rows in all, at one slip or many.
     """
-    _refuse_two_kinds(files)
+    refuse_two_kinds(files)
     slip = files[0].slip
     whole = group(files)
     grouping = in_blocks(whole)
-    table, incomplete = _joined(files)
+    table, incomplete = joined(files)
     _refuse_useless(files, table, slip, grouping)
     columns, named = _conditions(table, slip)
     same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})
-    order = _order(grouping.run)
+    order = order_by(grouping.run)
     rows = Rows(
         _numbers(table[slip], order),
         _numbers(table["adhesion"], order),
@@ -172,26 +174,6 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
         ),
         slip,
         same,
-    )
-
-
-def as_one(files: Sequence[Measured]) -> Measured:
-    """Measured tables as one, with the columns that all have and the runs of all (`group`)."""
-    if len(files) == 1:
-        return files[0]
-    _refuse_two_kinds(files)
-    table, incomplete = _joined(files)
-    grouping = group(files)
-    names = np.array(grouping.names, dtype=object)
-    return Measured(
-        ", ".join(file.name for file in files),
-        table.assign(run=names[grouping.run]),
-        files[0].slip,
-        tuple(str(name) for name in table if name not in {*COLUMNS, *LABELS}),
-        tuple(dict.fromkeys([*incomplete, *(name for file in files for name in file.left_out)])),
-        pd.concat([file.understood for file in files], ignore_index=True),
-        tuple(note for file in files for note in file.notes),
-        tuple(note for file in files for note in file.gaps),
     )
 
 
@@ -241,57 +223,6 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
     )
 
 
-def _refuse_two_kinds(files: Sequence[Measured]) -> None:
-    """InputError where slip is a ratio in some files and a velocity in others."""
-    other = next((file for file in files if file.slip != files[0].slip), None)
-    if other is not None:
-        ratio, velocity = (files[0], other) if files[0].slip == "slip_ratio" else (other, files[0])
-        raise InputError(
-            f"{velocity.name} has slip_velocity_mps without vehicle_speed_mps where {ratio.name} "
-            "has a slip ratio; give every file the same kind of slip."
-        )
-
-
-def _joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
-    """All rows with the columns that every file has, and the names of those that some lack."""
-    tables = []
-    for file in files:
-        table = file.table
-        if "slip_velocity_mps" not in table and "vehicle_speed_mps" in table:
-            velocity = table["slip_ratio"] * table["vehicle_speed_mps"]
-            columns = {**dict(table.items()), "slip_velocity_mps": velocity}
-            table = pd.DataFrame(columns, copy=False)  # pandas warns of `assign` to many columns
-        tables.append(table)
-    names = dict.fromkeys(str(name) for table in tables for name in table)
-    shared = [name for name in names if all(name in table for table in tables)]
-    if len(tables) == 1:
-        return tables[0], []
-    # The runs of all tables are told apart by `group`.
-    joined = {
-        name: _one_after_the_other([table[name] for table in tables])
-        for name in shared
-        if name != "run"
-    }
-    lacking = [name for name in names if name not in {*shared, "run"}]
-    return pd.DataFrame(joined, copy=False), lacking
-
-
-def _one_after_the_other(parts: Sequence[pd.Series]) -> np.ndarray | pd.Categorical:
-    """The values of columns of one name, those of labels with the labels of all.
-
-    Where some files have labels, the numbers of the others are labels as well.
-    """
-    if not any(isinstance(part.dtype, pd.CategoricalDtype) for part in parts):
-        return np.concatenate([part.to_numpy() for part in parts])
-    labels = [
-        part
-        if isinstance(part.dtype, pd.CategoricalDtype)
-        else part.map(lambda value: f"{value:g}").astype("category")
-        for part in parts
-    ]
-    return pd.api.types.union_categoricals(labels)
-
-
 def _refuse_useless(
     files: Sequence[Measured], table: pd.DataFrame, slip: str, grouping: Grouping
 ) -> None:
@@ -339,13 +270,6 @@ def _conditions(
 def _by_number(label: str) -> tuple[float, str]:
     """The key by which labels are sorted: numbers by their value, then names."""
     return (float(label) if label.isdecimal() else np.inf, label)
-
-
-def _order(run: np.ndarray) -> np.ndarray | None:
-    """The order that puts the rows of each run together; None if they lie so already."""
-    if (np.diff(run) >= 0).all():
-        return None
-    return np.argsort(run, kind="stable")
 
 
 def _numbers(column: pd.Series, order: np.ndarray | None) -> np.ndarray:

@@ -19,6 +19,13 @@ def series_of(labels: Mapping[str, pd.Categorical], rows: int) -> np.ndarray:
     return series
 
 
+def order_by(series: np.ndarray) -> np.ndarray | None:
+    """The order that puts the rows of each series together; None if they lie so already."""
+    if (series[1:] >= series[:-1]).all():
+        return None
+    return np.argsort(series, kind="stable")
+
+
 def usual_step(time: np.ndarray, series: np.ndarray) -> float:
     """The median step in time within a series, of the steps that are not 0; 0 without any."""
     steps = np.diff(time)[series[1:] == series[:-1]]
@@ -33,9 +40,8 @@ def longest_step(time: np.ndarray, series: np.ndarray) -> float:
 
 def stretches(time: np.ndarray, series: np.ndarray) -> Iterator[np.ndarray]:
     """The places of the rows of each stretch, in the order of time, without a gap between them."""
-    order = None
-    if not (series[1:] >= series[:-1]).all():
-        order = np.argsort(series, kind="stable")
+    order = order_by(series)
+    if order is not None:
         time, series = time[order], series[order]
     cut = (series[1:] != series[:-1]) | (np.diff(time) > longest_step(time, series))
     edges = np.concatenate([[0], 1 + np.flatnonzero(cut), [time.size]])

@@ -8,6 +8,7 @@ from adhesion_jax.identifiers.base import Identifier as Identifier
 from adhesion_jax.identifiers.base import Status as Status
 from adhesion_jax.identifiers.base import follow as follow
 from adhesion_jax.identifiers.base import identify as identify
+from adhesion_jax.identifiers.bayes_departure import bayes_departure
 from adhesion_jax.identifiers.ekf import ekf
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.identifiers.imm_rails import imm_rails
@@ -22,6 +23,10 @@ from adhesion_jax.identifiers.riv import riv
 from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.identifiers.rls_slope import rls_slope
 from adhesion_jax.identifiers.ukf import ukf
+from adhesion_jax.identifiers.varpro_forgetting import (
+    varpro_forgetting,
+    varpro_forgetting_offset,
+)
 from adhesion_jax.optim import jaxopt_solvers, levenberg_marquardt, optimistix_solvers
 
 IDENTIFIERS: Mapping[str, Identifier] = {
@@ -37,6 +42,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton, steps=20),
     "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt, steps=50),
     "gn-optimistix": GradientLeastSquares(optimistix_solvers.gauss_newton, steps=20),
+    "bayes-departure": bayes_departure,
     "ls-kiencke": LinearLeastSquares(),
     "qp-qian2024-1": qp_qian2024_1,
     "qp-qian2024-2": qp_qian2024_2,
@@ -49,6 +55,8 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "ukf": ukf,
     "particle": particle,
     "imm-rails": imm_rails,
+    "varpro-forgetting": varpro_forgetting,
+    "varpro-forgetting-offset": varpro_forgetting_offset,
     "rls-slope": rls_slope,
 }
 

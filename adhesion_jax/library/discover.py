@@ -16,6 +16,7 @@ from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.effects import Cause
 from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.files import output_directory
 from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
 from adhesion_jax.library.results import (
     Columns,
@@ -92,8 +93,7 @@ class Discovery:
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The report.html, report.md, law.json, tables and figures that the command writes."""
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         as_in_commands(write_discovery)(path, self.findings, self.logs)
 
     @as_in_commands

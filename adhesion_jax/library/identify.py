@@ -20,27 +20,20 @@ from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import METADATA, write_table
+from adhesion_jax.files import METADATA, output_directory, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
 from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.library.methods import called
 from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
 from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.answer import Answer, Estimate, answered
-from adhesion_jax.measured.comparison import Comparison, compared, split_that_predicts
-from adhesion_jax.measured.groups import (
-    Group,
-    beside,
-    branches_of,
-    candidates,
-    each_by_itself,
-    labels_of,
-)
+from adhesion_jax.measured.comparison import Comparison
+from adhesion_jax.measured.groups import AUTO, Group, asked_of, branches_of, labels_of, split
 from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.plugins import add
-from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
+from adhesion_jax.report.events import draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, measured_figure
 from adhesion_jax.report.measured.page import page_of
 from adhesion_jax.report.measured.tables import (
@@ -55,6 +48,7 @@ from adhesion_jax.report.measured.words import (
     in_lines,
     verdict,
 )
+from adhesion_jax.report.page import CAPTIONS
 from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
@@ -66,19 +60,10 @@ IDENTIFY_FILES = (
     "law.json",
     "verdict.txt",
     "report.html",
-    "curves.png",
-    EVENTS_FIGURE,
     "runs.csv",
-    "runs.png",
     METADATA,
+    *CAPTIONS["identify"],
 )
-
-
-#: The most axles of which each is told by itself beside all of them.
-MOST_AXLES = 8
-
-#: The word for the best of all splits.
-_AUTO = "auto"
 
 
 class Param(NamedTuple):
@@ -231,8 +216,7 @@ class Identification:
 
         law.json has the best curve with its departure, as `load_law` reads it.
         """
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         write_table(path / "curves.csv", self.table)
         write_table(path / "parameters.csv", self.parameters)
         (path / "verdict.txt").write_text(f"{self}\n", encoding="utf-8")
@@ -243,9 +227,9 @@ class Identification:
         if self.comparison is not None:
             write_table(path / "runs.csv", self.comparison.table)
             draw_comparison(path / "runs.png", title, self.comparison)
-        names = ("curves.png", "runs.png", EVENTS_FIGURE)
-        pictures = {name: (path / name).read_bytes() for name in names if (path / name).exists()}
-        page = page_of(title, self._lines, self._sections(), self.table, [*pictures])
+        drawn = [name for name in CAPTIONS["identify"] if (path / name).exists()]
+        pictures = {name: (path / name).read_bytes() for name in drawn}
+        page = page_of(title, self._lines, self._sections(), self.table, drawn)
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
 
     @as_in_commands
@@ -332,7 +316,7 @@ def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, o
 
     A column that is read without that, such as axle or temperature_C, is compared by as it is.
     """
-    if by in (None, _AUTO) or guess(by).quantity:
+    if by in (None, AUTO) or guess(by).quantity:
         return columns
     return {**columns, GROUP: by}
 
@@ -360,32 +344,14 @@ def identify_chosen(
             f"{points.name} lacks the column {listed(lacks)}, which the curve {name} needs; "
             "add it or name another curve."
         )
-    grouping = group([points])
-    if by is None and "axle" in points.table and 1 < points.table["axle"].nunique() <= MOST_AXLES:
-        by = "axle"
-    labels = labels_of(points, by, grouping.run) if by not in (None, _AUTO) else None
+    grouping, by = group([points]), asked_of(points, by)
+    labels = labels_of(points, by, grouping.run) if by not in (None, AUTO) else None
     velocity = points.slip == "slip_velocity_mps"
     found = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
-    fits = {name: of_numbers(fit) for name, fit in found.curves.items()}
-    answer, step = answered(fits), _step(points)
-    best, rows = fits[found.best], found.rows
-    order = np.argsort(grouping.run, kind="stable")
-    splits = {name: column.iloc[order] for name, column in candidates(points).items()}
-    likeliest = split_that_predicts(best, rows, splits) if labels is None or by == "axle" else None
-    in_vain = [*splits] if by == _AUTO and likeliest is None else None
-    if by == _AUTO:
-        by = likeliest
-        labels = None if by is None else labels_of(points, by, grouping.run)
-    mixed = None
-    if likeliest is not None and likeliest != by:
-        mixed = compared(best, rows, splits[likeliest], likeliest)
-    comparison = None
-    groups: Mapping[str, Group] = {}
-    if labels is not None and by is not None:
-        comparison = compared(best, rows, labels.iloc[order], by)
-        groups = each_by_itself(labels, fits, record, grouping.run, velocity, slip_noise, step)
-        comparison = comparison._replace(table=beside(comparison.table, by, groups))
-    branches = branches_of(best, rows)
+    found = found._replace(curves={name: of_numbers(fit) for name, fit in found.curves.items()})
+    fits, rows, answer, step = found.curves, found.rows, answered(found.curves), _step(points)
+    branches = branches_of(fits[found.best], rows)
+    parts = split(points, by, labels, found, record, grouping.run, slip_noise, step)
     identified = Identification(
         points,
         logs,
@@ -397,11 +363,11 @@ def identify_chosen(
         judged(fits, answer, rows, step, branches),
         found.slip,
         grouping.names,
-        comparison,
-        groups,
+        parts.comparison,
+        parts.groups,
         branches,
-        in_vain,
-        mixed,
+        parts.in_vain,
+        parts.mixed,
     )
     return written(identified, out, IDENTIFY_FILES, columns_of([log.points for log in logs]))
 
@@ -423,7 +389,7 @@ def _curves(
         forms = {type(known) for known in BASES.values()}
         add("curve", {name: own for name, own in curves.items() if type(own) not in forms})
         return curves
-    names: list[Any] = [*curves] if isinstance(curves, (list, tuple)) else [curves]
+    names: list[Any] = [curves] if isinstance(curves, str) else [*curves]
     unknown = [called(one) for one in names if one not in CURVES]
     if unknown or not names:
         raise InputError(

@@ -20,7 +20,8 @@ def called(own: object) -> str:
 def methods_named(identifiers: Methods) -> Mapping[str, Identifier]:
     """The identifiers by name; InputError for a name that there is not, for none, or for no method.
 
-    A function of the slips and the adhesions of a block is a method, too (`OfFunction`).
+    A function of the slips and the adhesions of a block, or a class of NumPy that takes samples, is
+    a method, too (`OfNumpy`).
     """
     if isinstance(identifiers, Mapping):
         taken = [name for name, own in identifiers.items() if IDENTIFIERS.get(name, own) is not own]
@@ -29,7 +30,7 @@ def methods_named(identifiers: Methods) -> Mapping[str, Identifier]:
                 f"{listed(taken)} is the name of a method of the package; name yours otherwise."
             )
         return {name: made("identifier", name, own) for name, own in identifiers.items()}
-    names: list[Any] = [*identifiers] if isinstance(identifiers, (list, tuple)) else [identifiers]
+    names: list[Any] = [identifiers] if isinstance(identifiers, str) else [*identifiers]
     unknown = [called(one) for one in names if one not in IDENTIFIERS]
     if unknown or not names:
         raise InputError(

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
-from adhesion_jax.campaign.config import Config, main_job
+from adhesion_jax.campaign.config import ALL, SEVERAL, Config, parts_of
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.monte_carlo import (
     Campaign,
@@ -28,6 +28,7 @@ from adhesion_jax.campaign.monte_carlo import (
     run_campaign,
     suited,
 )
+from adhesion_jax.campaign.overview import OVERVIEW, overview
 from adhesion_jax.campaign.shard import content, reduced_of
 from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.effects.law import CorrectedLaw
@@ -35,12 +36,16 @@ from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Status
+from adhesion_jax.identifiers.of_numpy import OfNumpy
 from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.results import recorded
 from adhesion_jax.library.shards import compute, extended, opened_for
 from adhesion_jax.options import MOST_RUNS
 from adhesion_jax.report.montecarlo import figures
+from adhesion_jax.report.montecarlo.overview import figure as overview_figure
+from adhesion_jax.report.montecarlo.overview import page as overview_page
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
+from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.scenarios import SCENARIOS, Options, declared
 from adhesion_jax.wording import listed
@@ -49,7 +54,8 @@ from adhesion_jax.wording import listed
 MONTECARLO_FILES = (
     *("summary.csv", "switches.csv", "checkpoints.csv", "runs.parquet", METADATA),
     *("steady.csv", "tracking.csv", "bands.csv"),
-    *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png"),
+    *(f"{OVERVIEW}.csv", f"{OVERVIEW}.png", "report.html"),
+    *("histogram_mu_max.png", "tracking.png", "convergence.png", "bands.png", "drift.png"),
 )
 
 
@@ -75,8 +81,14 @@ class MonteCarlo:
 
     @cached_property
     def tables(self) -> Mapping[str, pd.DataFrame]:
-        """By name: summary, and where a scenario has them switches, checkpoints, tracking, ..."""
-        return _joined([campaign.tables for campaign in self.campaigns])
+        """By name: summary, and where a scenario has them switches, checkpoints, tracking, ...
+
+        Of all scenarios there is an overview, too.
+        """
+        tables = _joined([campaign.tables for campaign in self.campaigns])
+        if self.asked.scenario != ALL:
+            return tables
+        return {OVERVIEW: overview(self.jobs, self.campaigns), **tables}
 
     @property
     def summary(self) -> pd.DataFrame:
@@ -88,16 +100,27 @@ class MonteCarlo:
         """A row for each run, identifier and block, or some of the blocks (`keep`)."""
         return pd.read_parquet(self.rows) if isinstance(self.rows, Path) else self.rows
 
+    @property
+    def remarks(self) -> str:
+        """What is to be said of the methods: which are slow because Python computes them."""
+        methods = {name: one for job in self.jobs for name, one in job.methods.items()}
+        slow = [name for name, method in methods.items() if isinstance(method, OfNumpy)]
+        return f"\nSlow, because it is called in Python: {listed(slow)}" if slow else ""
+
     def write(self, folder: str | PathLike[str]) -> None:
         """The files MONTECARLO_FILES that apply, as the command writes them."""
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         if not (path / "runs.parquet").exists():
             self.estimates.to_parquet(path / "runs.parquet", index=False)
         for name, table in self.tables.items():
             write_table(path / f"{name}.csv", table)
         for name, figure in self._figures():
             figure.savefig(path / f"{name}.png")
+        if OVERVIEW in self.tables:
+            picture = f"{OVERVIEW}.png"
+            page = overview_page(self.tables[OVERVIEW], self.asked.runs, picture)
+            html = page_html(page, {picture: (path / picture).read_bytes()})
+            (path / "report.html").write_text(html, encoding="utf-8")
         names = [job.config.scenario for job in self.jobs]
         of_campaigns = zip(names, self.campaigns, strict=True)
         metadata = {
@@ -119,6 +142,9 @@ class MonteCarlo:
 
     def _figures(self) -> Iterator[tuple[str, Figure]]:
         """The figures with their names, each drawn when it is asked for."""
+        if OVERVIEW in self.tables:
+            yield OVERVIEW, overview_figure(self.tables[OVERVIEW])
+            return
         densities = [found.histogram for found in self.campaigns if len(found.histogram)]
         if densities:
             several = pd.concat(densities, ignore_index=True)
@@ -133,12 +159,14 @@ class MonteCarlo:
                     yield name, figures.bands(truth, campaign.bands, steps)
                 elif name == "tracking":
                     yield name, figures.tracking(truth, campaign.bands)
+                elif name == "drift":
+                    yield name, figures.drift(campaign.tables["checkpoints"])
                 elif reached is not None:
                     course = self.tables["checkpoints"], campaign.bands
                     yield name, figures.convergence(*course, *reached)
 
     def __repr__(self) -> str:
-        return accuracy_table(self.summary, _quantities(self.summary))
+        return accuracy_table(self.summary, _quantities(self.summary)) + self.remarks
 
     def _repr_html_(self) -> str:
         return self.summary.to_html(index=False)
@@ -165,7 +193,8 @@ def montecarlo(
     With a folder memory does not grow with the number of runs.
 
     Args:
-        scenario: a name of SCENARIOS, or None for those of the main job of the command.
+        scenario: a name of SCENARIOS, None for those of the main job of the command, or all for
+            every one, with a page on which method to take when.
         identifiers: names of IDENTIFIERS, or methods of your own by name, functions of the slips
             and adhesions of a block among them; by default all that accept the scenario.
         runs: their number; run r of a seed has the same noise whatever else is asked for.
@@ -189,7 +218,7 @@ def montecarlo(
     """
     began = time.perf_counter()
     given = {name: value for name, value in options.items() if value is not None}
-    whole = Options(**given) if scenario is None else _options(scenario, given)
+    whole = Options(**given) if scenario in SEVERAL else _options(str(scenario), given)
     if not 1 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
         raise InputError(
             f"runs are from 1 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
@@ -199,8 +228,9 @@ def montecarlo(
     methods = {**IDENTIFIERS, **named}
     if extend and out is not None:
         runs = extended(Path(out), extend)
-    asked = Config("", tuple(named), whole, int(runs), int(seed))
-    parts = main_job(asked) if scenario is None else [replace(asked, scenario=scenario)]
+    asked = Config(scenario or "", tuple(named), whole, int(runs), int(seed))
+    several = SEVERAL.get(scenario)
+    parts = parts_of(asked, several) if several else [replace(asked, scenario=str(scenario))]
     jobs = [Job.of(config, methods, every_block=out is None or keep == "all") for config in parts]
     if out is None:
         estimates: list[pd.DataFrame] = []

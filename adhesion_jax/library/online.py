@@ -14,6 +14,7 @@ from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.curves import SLIP_LIMIT
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Identifier, Status
+from adhesion_jax.identifiers.of_numpy import complain
 from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.sample import sample
 from adhesion_jax.measured.following import known_of
@@ -62,6 +63,7 @@ class Online:
             ) from None
         with jax.enable_x64(True):
             self._state, told = self._step([self._state, measured])
+        complain()
         mu_max, slip_opt, mu_max_se, slip_opt_se, status, reset = np.asarray(told).tolist()
         peak = mu_max, slip_opt, mu_max_se, slip_opt_se
         return OnlineEstimate(*peak, Status(int(status)), reset > 0)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from adhesion_jax.curves import CURVES, Law
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import METADATA, write_table
+from adhesion_jax.files import METADATA, output_directory, write_table
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
@@ -96,8 +96,7 @@ class Planning:
 
     def write(self, folder: str | PathLike[str]) -> None:
         """plan.csv, plan.txt, plan.png, and if asked for wanted.csv and check.csv."""
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         write_table(path / "plan.csv", self.table)
         if self.wanted is not None:
             write_table(path / "wanted.csv", wanted_rows(self.plan, self.wanted))

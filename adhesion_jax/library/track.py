@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from adhesion_jax.data import check_curve
 from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import METADATA, write_table
+from adhesion_jax.files import METADATA, output_directory, write_table
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.reading import Data, citation_of, measured_of
@@ -66,8 +66,7 @@ class Track:
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files TRACK_FILES, as the command writes them."""
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
+        path = output_directory(Path(folder))
         write_table(path / "track.csv", self.estimates)
         (path / "track.txt").write_text(f"{self}\n", encoding="utf-8")
         self.plot().savefig(path / "track.png", dpi=150)

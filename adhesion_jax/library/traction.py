@@ -102,8 +102,7 @@ class Traction:
 
     def write(self, folder: str | PathLike[str], animate: bool = False) -> None:
         """The table, metrics, figures, report and metadata that the command writes."""
-        path, subject = Path(folder), SUBJECTS[self.name]
-        path.mkdir(parents=True, exist_ok=True)
+        path, subject = output_directory(Path(folder)), SUBJECTS[self.name]
         write_table(path / "table.csv", self.table)
         write_table(path / "metrics.csv", self.metrics)
         runs_shown = [shown(*pair) for pair in zip(self.cases, self.judged.traces, strict=True)]

@@ -14,6 +14,7 @@ from adhesion_jax import runtime
 from adhesion_jax.curves import SLIP_LIMIT, Curve, with_free_values
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.base import Estimate, Identifier, State, Status
+from adhesion_jax.identifiers.of_numpy import complain
 from adhesion_jax.measured.fall import BELOW, Fall, Window, empty, extended, fall_of
 from adhesion_jax.measured.log import Log
 from adhesion_jax.programs import kept
@@ -171,6 +172,7 @@ def _follow(
         _chunk.ready(*arguments)  # loaded or compiled before the clock runs
         clock = perf_counter()
         leaves, more = jax.block_until_ready(_chunk(*arguments))
+        complain()
         seconds += perf_counter() - clock
         count = chosen.size
         made = dict(zip(_TOLD, np.asarray(more)[:count].T, strict=True))

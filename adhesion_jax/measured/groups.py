@@ -1,6 +1,6 @@
 """Groups of rows: what tells them apart, and what each says by itself."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
@@ -15,10 +15,21 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.start import share_of
 from adhesion_jax.measured.answer import Answer, Estimate, answered
-from adhesion_jax.measured.comparison import MOST_GROUPS, Comparison, compared
-from adhesion_jax.measured.identification import fit_curves
+from adhesion_jax.measured.comparison import (
+    MOST_GROUPS,
+    Comparison,
+    compared,
+    split_that_predicts,
+)
+from adhesion_jax.measured.identification import Fits, fit_curves
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.records import Record
+
+#: The word for the best of all splits.
+AUTO = "auto"
+
+#: The most axles of which each is told by itself beside all of them.
+MOST_AXLES = 8
 
 #: Most groups that are fitted each by itself, and the fewest rows of one.
 _MOST_FITTED, _FEWEST_ROWS = 8, 30
@@ -43,6 +54,56 @@ class Group(NamedTuple):
     def status(self) -> str:
         """In words: why there is no answer, or no peak; empty where there is one."""
         return " ".join(self.judgement.vetoes) or self.judgement.why
+
+
+class Split(NamedTuple):
+    """The groups of rows that were compared, if any, and what was found of others."""
+
+    comparison: Comparison | None
+    groups: Mapping[str, Group]  # the peak of each by itself, where there are a few
+    in_vain: Sequence[str] | None  # columns that were looked at, of which none predicts
+    mixed: Comparison | None  # the levels by a column that nobody named and that predicts them
+
+
+def asked_of(points: Measured, by: str | None) -> str | None:
+    """What rows are compared by: where nothing is said, the axles, where there are a few."""
+    if by is None and "axle" in points.table and 1 < points.table["axle"].nunique() <= MOST_AXLES:
+        return "axle"
+    return by
+
+
+def split(
+    points: Measured,
+    by: str | None,
+    labels: pd.Series | None,
+    found: Fits,
+    record: Record,
+    run: np.ndarray,
+    slip_noise: float | None,
+    step_s: float | None,
+) -> Split:
+    """The groups by a column, whose `labels` these are, or by AUTO, the column that predicts best.
+
+    `run` is the run of each row, and `step_s` the usual time between rows.
+    """
+    best, rows = found.curves[found.best], found.rows
+    order = np.argsort(run, kind="stable")
+    splits = {name: column.iloc[order] for name, column in candidates(points).items()}
+    likeliest = split_that_predicts(best, rows, splits) if labels is None or by == "axle" else None
+    in_vain = [*splits] if by == AUTO and likeliest is None else None
+    if by == AUTO:
+        by = likeliest
+        labels = None if by is None else labels_of(points, by, run)
+    mixed = None
+    if likeliest is not None and likeliest != by:
+        mixed = compared(best, rows, splits[likeliest], likeliest)
+    if labels is None or by is None:
+        return Split(None, {}, in_vain, mixed)
+    comparison = compared(best, rows, labels.iloc[order], by)
+    velocity = points.slip == "slip_velocity_mps"
+    groups = each_by_itself(labels, found.curves, record, run, velocity, slip_noise, step_s)
+    table = beside(comparison.table, by, groups)
+    return Split(comparison._replace(table=table), groups, in_vain, mixed)
 
 
 def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:

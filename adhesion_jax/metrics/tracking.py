@@ -20,6 +20,9 @@ from adhesion_jax.records import Known
 #: The rail is tracked as long as the error of mu_max is below this share of its true value.
 TRACKED = 0.03
 
+#: A truth moves if the sum of squares of its steps is above this share of its own.
+_ROUNDING = 1e-20
+
 
 class Criteria(NamedTuple):
     """Numbers of steps that define tracking, answered resets and overshoot; `unit` names a step."""
@@ -134,7 +137,32 @@ def delay_counts(seen: Tracking, longest: int) -> NDArray[np.int64]:
     return np.stack([np.bincount(of_one, minlength=longest + 1) for of_one in delays(seen).T])
 
 
-def tracking_statistics(seen: Tracking) -> Mapping[str, NDArray[np.float64]]:
+def lags(
+    mu_max: NDArray[np.float64],
+    truth: NDArray[np.float64],
+    stretch: NDArray[np.int64],
+    steps: int,
+) -> NDArray[np.float64]:
+    """How many steps an estimate is behind a truth that moves, [runs, stretches].
+
+    Of a truth that is late by d steps the error is -d times its rate: d is found by least squares
+    over the second half of each stretch, from mu_max [runs, blocks] and the truth [blocks] after
+    blocks of so many steps. NaN where the truth does not move.
+    """
+    found = []
+    for own in (np.flatnonzero(stretch == number) for number in range(stretch[-1] + 1)):
+        rate = np.gradient(truth[own]) if len(own) > 1 else np.zeros(len(own))
+        late = slice(len(own) // 2, None)
+        error = (mu_max[:, own] - truth[own])[:, late]
+        power = float(np.sum(rate[late] ** 2))
+        moves = power > _ROUNDING * float(np.sum(truth[own] ** 2))
+        found.append(-steps * (error @ rate[late]) / (power if moves else np.nan))
+    return np.stack(found, axis=1)
+
+
+def tracking_statistics(
+    seen: Tracking, lag: NDArray[np.float64]
+) -> Mapping[str, NDArray[np.float64]]:
     """The statistics of each run and stretch whose means over runs are reported."""
     resets, false_resets = np.asarray(seen.resets), np.asarray(seen.false_resets)
     return {
@@ -142,11 +170,12 @@ def tracking_statistics(seen: Tracking) -> Mapping[str, NDArray[np.float64]]:
         "overshoot": np.asarray(seen.overshoot),
         "missed_share": np.where(np.isnan(resets), np.nan, resets == 0),
         "false_resets_per_1000": 1000 * false_resets / np.asarray(seen.length),
+        "lag": lag,
     }
 
 
 #: The names of `tracking_statistics` in the order of their columns.
-_FIGURES = ("never_tracked_share", "overshoot", "missed_share", "false_resets_per_1000")
+_FIGURES = ("never_tracked_share", "overshoot", "missed_share", "false_resets_per_1000", "lag")
 
 
 def tracking_row(

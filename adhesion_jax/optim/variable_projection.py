@@ -8,6 +8,7 @@ of two sets of data add up.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -121,6 +122,10 @@ class _Search(NamedTuple):
     ended: Bool[Array, " runs"]
 
 
+#: The place t of each run in its bracket, and whether the profile is level there.
+_Evaluated = Callable[[Float[Array, " runs"]], tuple[_Place, Bool[Array, " runs"]]]
+
+
 class Solution(NamedTuple):
     """The optimum, and the sums of phi^2 and phi psi there, which the information is made of."""
 
@@ -231,35 +236,6 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
         size = jnp.abs(parts[0]) + jnp.abs(parts[1]) + jnp.abs(parts[2])
         return _Place(t, a, b, values, slopes, bends, slope), jnp.abs(slope) <= _ROUNDING * size
 
-    def one_step(search: _Search) -> _Search:
-        """Regula falsi (Illinois); the first two places are the ends of the bracket."""
-        low, high = search.low, search.high
-        rise = search.slope_high - search.slope_low
-        across = (low * search.slope_high - high * search.slope_low) / rise
-        t = jnp.clip(jnp.where(rise > 0, across, 0.5 * (low + high)), low, high)
-        t = jnp.where(search.steps == 0, low, jnp.where(search.steps == 1, high, t))
-        at, level = evaluated(t)
-        falling = at.slope < 0
-        # If the same end is kept twice in a row, its slope is halved.
-        slope_high = jnp.where(falling & (search.last > 0), 0.5, 1.0) * search.slope_high
-        slope_low = jnp.where(~falling & (search.last < 0), 0.5, 1.0) * search.slope_low
-        moved = _Search(
-            search.steps + 1,
-            # Where the profile does not change its direction between them, both ends become one.
-            jnp.where(falling, t, low),
-            jnp.where(falling, high, t),
-            jnp.where(falling, at.slope, slope_low),
-            jnp.where(falling, slope_high, at.slope),
-            jnp.where(search.steps < 2, 0.0, jnp.where(falling, 1.0, -1.0)),
-            at,
-            level | ((jnp.abs(t - search.at.t) <= _NEAR) & (search.steps > 1)),
-        )
-        # What a run finds does not depend on how long others of its batch go on.
-        kept: _Search = jax.tree.map(
-            lambda old, new: jnp.where(search.ended, old, new), search, moved
-        )
-        return kept
-
     nothing = jnp.zeros(cell.shape)
     none = jnp.zeros((len(series), *cell.shape))
     start = _Search(
@@ -273,12 +249,53 @@ def _minimise(sums: Sums, lower: Float[Array, "3 ..."], upper: Float[Array, "3 .
         jnp.zeros(cell.shape, dtype=bool),
     )
     found = jax.lax.while_loop(
-        lambda search: jnp.any(~search.ended & (search.steps < _STEPS)), one_step, start
+        lambda search: jnp.any(~search.ended & (search.steps < _STEPS)),
+        partial(_advanced, evaluated),
+        start,
     )
+    return _solution(sums, found, cell, lower[1], upper[1])
+
+
+def _advanced(evaluated: _Evaluated, search: _Search) -> _Search:
+    """Regula falsi (Illinois); the first two places are the ends of the bracket."""
+    low, high = search.low, search.high
+    rise = search.slope_high - search.slope_low
+    across = (low * search.slope_high - high * search.slope_low) / rise
+    t = jnp.clip(jnp.where(rise > 0, across, 0.5 * (low + high)), low, high)
+    t = jnp.where(search.steps == 0, low, jnp.where(search.steps == 1, high, t))
+    at, level = evaluated(t)
+    falling = at.slope < 0
+    # If the same end is kept twice in a row, its slope is halved.
+    slope_high = jnp.where(falling & (search.last > 0), 0.5, 1.0) * search.slope_high
+    slope_low = jnp.where(~falling & (search.last < 0), 0.5, 1.0) * search.slope_low
+    moved = _Search(
+        search.steps + 1,
+        # Where the profile does not change its direction between them, both ends become one.
+        jnp.where(falling, t, low),
+        jnp.where(falling, high, t),
+        jnp.where(falling, at.slope, slope_low),
+        jnp.where(falling, slope_high, at.slope),
+        jnp.where(search.steps < 2, 0.0, jnp.where(falling, 1.0, -1.0)),
+        at,
+        level | ((jnp.abs(t - search.at.t) <= _NEAR) & (search.steps > 1)),
+    )
+    # What a run finds does not depend on how long others of its batch go on.
+    kept: _Search = jax.tree.map(lambda old, new: jnp.where(search.ended, old, new), search, moved)
+    return kept
+
+
+def _solution(
+    sums: Sums,
+    found: _Search,
+    cell: Int[Array, " runs"],
+    nu_lower: Float[Array, "..."],
+    nu_upper: Float[Array, "..."],
+) -> Solution:
+    """The optimum at the last place of a search, with derivatives by nu instead of by t."""
     root, a, b, (y_phi, phi_phi, phi_psi), slopes, bends, _ = found.at
     half = jnp.asarray(_HALF)[cell]
-    share_low, share_high, bend = _map(lower[1], upper[1])
-    nu = _nu(jnp.asarray(_MIDDLE)[cell] + half * root, lower[1], upper[1])
+    share_low, share_high, bend = _map(nu_lower, nu_upper)
+    nu = _nu(jnp.asarray(_MIDDLE)[cell] + half * root, nu_lower, nu_upper)
     width = half * 0.5 * (share_high - share_low)  # d share/dt
     by_nu = bend / (nu + bend) ** 2  # d share/d nu
     by_share = slopes / width

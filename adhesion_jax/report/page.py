@@ -1,8 +1,15 @@
 """The parts of a page of a report, from which every rendering is made."""
 
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
+
+#: What each figure shows, by the report and the file.
+CAPTIONS: Mapping[str, Mapping[str, str]] = tomllib.loads(
+    Path(__file__).with_name("captions.toml").read_text(encoding="utf-8")
+)
 
 
 @dataclass(frozen=True)
@@ -59,3 +66,8 @@ class Page:
     title: str
     verdict: str
     sections: Sequence[Section]
+
+
+def pictures(report: str, files: Iterable[str], more: str = "") -> list[Block]:
+    """Figures of a report with their captions, and what more is to be said of them."""
+    return [Picture(file, CAPTIONS[report][file] + more) for file in files]

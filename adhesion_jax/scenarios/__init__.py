@@ -15,7 +15,7 @@ from adhesion_jax.scenarios.excitation import RandomSlips, Wave
 from adhesion_jax.scenarios.growing import he2018_1, qian2024
 from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.slope import fang2018_slope
-from adhesion_jax.scenarios.stream import stream
+from adhesion_jax.scenarios.stream import qian2024_switch, stream
 
 _Builds = Callable[..., Scenario]
 
@@ -39,11 +39,7 @@ SCENARIOS: Mapping[str, _Builds] = {
     "he2018-1": he2018_1,
     "he2018-blocks": he2018_blocks,
     "qian2024": qian2024,
-    "qian2024-switch": _case(
-        "1000 samples at random slips, dry, from 500 on common rail (Qian 2024, Fig. 4-6).",
-        stream,
-        then="common",
-    ),
+    "qian2024-switch": qian2024_switch,
     "drift": _case(
         "1000 samples while humidity rises from 20 to 100 %, which takes 17 % of the adhesion.",
         stream,

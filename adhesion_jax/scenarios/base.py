@@ -101,7 +101,8 @@ class Scenario(eqx.Module):
 
     def figures(self) -> list[Figure]:
         """What is drawn over the blocks of a run."""
-        return self.course.figures(self.excitation)
+        drift = [Figure("drift")] if self.rail.drifts else []
+        return [*self.course.figures(self.excitation), *drift]
 
     def _names(self) -> tuple[str, ...]:
         if self.known.asked == ("slope",):

@@ -32,7 +32,7 @@ class Group(NamedTuple):
 class Figure(NamedTuple):
     """A figure of estimates over the blocks of a run, by the name of its file."""
 
-    name: Literal["tracking", "bands", "convergence"]
+    name: Literal["tracking", "bands", "convergence", "drift"]
     reached: Reached | None = None  # of a convergence, at each block
 
 

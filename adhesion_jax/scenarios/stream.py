@@ -56,3 +56,8 @@ def stream(
     )
     known = dataclasses.replace(told_of(told, truth, rail), by_sample=True)
     return Scenario(process, slips, noise, Followed(points, _SPACING, steady=True), known)
+
+
+def qian2024_switch(slips: RandomSlips = RandomSlips(), noise: Noise = Noise()) -> Scenario:
+    """1000 samples at random slips, from dry to common rail at sample 500 (Qian 2024, Fig. 4-6)."""
+    return stream("dry", "common", slips=slips, noise=noise)

@@ -211,6 +211,18 @@ def test_braking_is_ordinary_and_one_slip_value_is_allowed(tmp_path):
     assert "column adhesion is 0 in every row" in refused(written(tmp_path, nothing))
 
 
+def test_a_radius_that_turns_the_sign_of_the_slip_is_told(tmp_path):
+    """A car that brakes and drives a little with wheels that are 2 % smaller than said."""
+    time = np.arange(400)
+    adhesion = 0.2 * np.clip(np.sin(time / 30), 0, 1) * (1 + 0.1 * np.sin(time))
+    slip = adhesion / 30 - 0.02
+    said = refused(written(tmp_path, pd.DataFrame({"slip_ratio": slip, "adhesion": adhesion})))
+    assert "the slip is usually -0.02, as where the radius of the wheel is 2 % off" in said
+    # Of a sign that is simply exchanged nothing of that is said.
+    exchanged = pd.DataFrame({"slip_ratio": -adhesion / 30, "adhesion": adhesion})
+    assert "correct the wheel speed" not in refused(written(tmp_path, exchanged))
+
+
 def test_slip_velocity_without_a_speed_is_the_slip(tmp_path):
     table = campaign().drop(columns="vehicle_speed_mps")
     path = written(tmp_path, table.rename(columns={"slip_ratio": "slip_velocity_mps"}), "v.csv")

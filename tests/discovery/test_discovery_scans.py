@@ -6,7 +6,7 @@ from discovery_campaigns import SIZE, alone, seen
 from scipy.signal import lfilter
 
 from adhesion_jax.discovery.model.fitting import covariance, fit_model
-from adhesion_jax.discovery.model.program import effect_places
+from adhesion_jax.discovery.model.packing import effect_places
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.joint import surfaces
 from adhesion_jax.discovery.search.probes import null_of

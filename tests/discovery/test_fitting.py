@@ -31,6 +31,7 @@ from adhesion_jax.discovery.model.fitting import (
     slope_of,
     weighed,
 )
+from adhesion_jax.discovery.model.packing import base_curve, effect_places
 from adhesion_jax.discovery.model.prediction import (
     Gain,
     expected_loss,
@@ -38,7 +39,6 @@ from adhesion_jax.discovery.model.prediction import (
     gain_of,
     held_out_loss,
 )
-from adhesion_jax.discovery.model.program import base_curve, effect_places
 from adhesion_jax.effects import Covariate, ModeAsymmetry
 from adhesion_jax.effects.law import with_effects
 

@@ -13,7 +13,7 @@ from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.curves.polach import PolachFalling
 from adhesion_jax.discovery.model.fitting import fit_model, in_order, raw_changes
-from adhesion_jax.discovery.model.program import base_curve
+from adhesion_jax.discovery.model.packing import base_curve
 from adhesion_jax.effects import EFFECTS, KINDS, Covariate, kind_of
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw, with_effects

@@ -1,17 +1,30 @@
 """Standard errors by cosines of the curves of a campaign, against those of a dense linear model."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
+from scipy.special import stdtrit
 
 import adhesion_jax as aj
+from adhesion_jax.campaign.tiles import Tiles
 from adhesion_jax.curves import free_values
-from adhesion_jax.inference.cosines import Blocks, by_cosines
+from adhesion_jax.inference.cosines import COSINES, Blocks, by_cosines
 from adhesion_jax.inference.curve_errors import cosine_errors
 from adhesion_jax.metrics.information import quantities
 from adhesion_jax.records import OWN_SLIP, SHARED_SLIP, Known, Record
-from adhesion_jax.scenarios.rails import HE2018, RAILS
+from adhesion_jax.scenarios import Scenario
+from adhesion_jax.scenarios.course import Apart
+from adhesion_jax.scenarios.excitation import RandomSlips, Sweep
+from adhesion_jax.scenarios.noise import Noise
+from adhesion_jax.scenarios.rail_process import steady
+from adhesion_jax.scenarios.rails import HE2018, RAILS, form_of, told_of
+
+#: The least and the largest coverage of the interval of independent noise and the right curve.
+WALD = {"coloured": (0.4, 0.6), "single": (0.9, 1.0), "mismatch": (0.0, 0.01)}
 
 POINTS, RUNS = 50, 3  # each point is a part of its own
 
@@ -57,14 +70,38 @@ def test_errors_of_many_runs_are_those_of_a_dense_model(axes):
         np.testing.assert_allclose(found[run], expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("scenario", ["single", "coloured", "mismatch"])
+@pytest.mark.parametrize(
+    "scenario", lanes(["coloured", "single", "mismatch"], always=1, thorough=2)
+)
 def test_the_interval_by_cosines_holds_the_peak_in_noise_with_memory_and_of_a_wrong_curve(scenario):
     """That of independent noise and the right curve holds it in half of the runs, and in none."""
     table = aj.montecarlo(scenario, ["ml-exact", "lm"], runs=256).summary
     peaks = table[table["quantity"] == "mu_max"]
     assert (peaks["coverage95_robust"] > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 256)).all()
-    wald = {"single": (0.9, 1.0), "coloured": (0.4, 0.6), "mismatch": (0.0, 0.01)}[scenario]
-    assert peaks["coverage95"].between(*wald).all()
+    assert peaks["coverage95"].between(*WALD[scenario]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", ["burckhardt", "kiencke", "exponential", "polach"])
+@pytest.mark.parametrize("slips", [RandomSlips(500), Sweep(500)], ids=["random", "sweep"])
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_the_interval_by_cosines_holds_the_peak_in_all_cells(truth, slips, correlation):
+    """Burckhardt's curve is told; its bias is up to 1.5 % where another one is true."""
+    form = form_of(truth)
+    process = dataclasses.replace(steady(form.rails, "dry"), conditions=form.conditions)
+    told = told_of("burckhardt", truth, "dry")
+    noise = Noise(autocorrelation=correlation)
+    scenario = Scenario(process, slips, noise, Apart(500), told)
+    tiles, covered = Tiles("cells", scenario), []
+    for tile in range(4):
+        records = tiles.draw(1, tile)
+        values = tiles.identify(1, tile, "ml-exact", aj.IDENTIFIERS["ml-exact"], records)
+        found = values.estimate.values
+        parameters = np.stack([found[name] for name in told.curve.free], axis=-1)
+        errors = np.asarray(tiles.cosine_errors(records, parameters))[:, 0, -2]
+        off = np.abs(found["mu_max"][:, 0] - scenario.quantities()["mu_max"][0])
+        covered.append(off <= stdtrit(COSINES, 0.975) * errors)
+    assert np.mean(covered) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 512)
 
 
 def test_a_method_that_does_not_fit_the_last_block_has_no_such_interval():

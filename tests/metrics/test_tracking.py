@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from adhesion_jax.campaign.config import Config, main_job
+from adhesion_jax.campaign.config import MAIN_JOB, Config, parts_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import (
@@ -13,6 +13,7 @@ from adhesion_jax.metrics.tracking import (
     BY_SAMPLE,
     Tracker,
     delay_counts,
+    lags,
     tracking_row,
     tracking_statistics,
 )
@@ -48,7 +49,8 @@ def stream(after, resets_after=(), has_resets=True):
 def rows_of(seen, stretch, unit="sample"):
     runs = jax.tree.map(lambda x: np.stack([x, x]), seen)
     counts = delay_counts(runs, int(runs.length.max()))
-    moments = Moments.of(tracking_statistics(runs)).at((stretch,))
+    none = np.full(runs.delay.shape, np.nan)
+    moments = Moments.of(tracking_statistics(runs, none)).at((stretch,))
     return tracking_row(counts[stretch], moments, stretch == 0, unit)
 
 
@@ -119,11 +121,27 @@ def test_blocks_are_counted_one_by_one():
 
 def test_identifiers_that_nothing_in_the_main_job_takes_are_named():
     with pytest.raises(InputError, match=r"--identifiers rls-slope does not go"):
-        main_job(Config(identifiers=("ml-exact", "rls-slope")))
+        parts_of(Config(identifiers=("ml-exact", "rls-slope")), MAIN_JOB)
     with pytest.raises(InputError, match=r"--identifiers magic is unknown"):
-        main_job(Config(identifiers=("ml-exact", "magic")))
-    parts = main_job(Config(identifiers=("riv", "ml-exact")))
+        parts_of(Config(identifiers=("ml-exact", "magic")), MAIN_JOB)
+    parts = parts_of(Config(identifiers=("riv", "ml-exact")), MAIN_JOB)
     assert [(part.scenario, part.identifiers) for part in parts] == [
         ("he2018-blocks", ("ml-exact",)),
         ("qian2024-switch", ("riv",)),
     ]
+
+
+def test_the_lag_is_the_delay_of_a_truth_that_is_told_late():
+    """On a line, on a wave that is told 30 samples late, and in none that stays."""
+    after, stretch = 10 * np.arange(1, 101), np.repeat([0, 1], 50)
+    line = np.concatenate([0.8 - 1e-4 * after[:50], np.full(50, 0.3)])
+    late = np.concatenate([0.8 - 1e-4 * (after[:50] - 70), np.full(50, 0.31)])
+    found = lags(np.stack([line, late]), line, stretch, 10)
+    np.testing.assert_allclose(found[:, 0], [0, 70], atol=1e-9)
+    assert np.isnan(found[:, 1]).all()
+
+    def wave(samples):
+        return 0.7 + 0.05 * np.sin(2 * np.pi * samples / 500)
+
+    found = lags(wave(after - 30)[None], wave(after), np.zeros(100, dtype=int), 10)
+    assert found[0, 0] == pytest.approx(30, rel=0.03)  # the sine of its phase, 0.37

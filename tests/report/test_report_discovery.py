@@ -43,9 +43,8 @@ from adhesion_jax.report.discovery.files import (
     write_discovery,
 )
 from adhesion_jax.report.discovery.frames import errors_frame
-from adhesion_jax.report.discovery.levels import level_panels
 from adhesion_jax.report.discovery.markdown import discovery_markdown
-from adhesion_jax.report.discovery.residuals import residual_panels
+from adhesion_jax.report.discovery.residuals import level_panels, residual_panels
 from adhesion_jax.report.discovery.shapes import shape_panels
 from adhesion_jax.report.discovery.tables import (
     effects_table,

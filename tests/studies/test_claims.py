@@ -445,6 +445,21 @@ def test_published_table_has_its_columns_and_one_of_five_verdicts():
     assert not table["remark"].str.contains(r"\b(?:nan|inf)\b").any()
 
 
+def test_pages_tell_how_many_rows_of_each_verdict_there_are():
+    verdicts = pd.read_csv(PUBLISHED)["verdict"]
+    kinds = verdicts.str.replace(r"holds for .*", "holds", regex=True).value_counts()
+    pages = PUBLISHED.parents[1] / "docs"
+    told = " ".join((pages / "results.md").read_text().split())
+    assert f"holds {len(verdicts)} claims" in (pages / "papers.md").read_text()
+    assert f"checks {len(verdicts)} claims" in told
+    assert (
+        f"Reproduced are {kinds['reproduced']}, not reproduced {kinds['not reproduced']}, and "
+        f"{kinds['holds']} hold for a share of the settings that the papers leave open; "
+        f"{kinds['not decided']} are not decided and {kinds['cannot be checked']} cannot be "
+        "checked."
+    ) in told
+
+
 @pytest.mark.parametrize("arguments", [["--runs", "1"], ["--seed", "-1"]])
 def test_command_refuses_what_has_no_standard_error(arguments):
     assert CliRunner().invoke(main, arguments).exit_code == 2

@@ -2,13 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 
-import jax
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.model.fitting import Fitted, covariance, size_of
+from adhesion_jax.discovery.model.fitting import (
+    Fitted,
+    changes_of,
+    covariance,
+    packed,
+    size_of,
+)
 from adhesion_jax.discovery.model.problem import label_of
-from adhesion_jax.discovery.model.program import PROBES, Data, changes, pack
+from adhesion_jax.discovery.model.program import Data
 from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
 from adhesion_jax.effects.dynamic import Dynamic
@@ -25,7 +30,7 @@ _SECONDS = 10.0
 #: Factors on adhesion are clipped to this size.
 _LARGEST = 1e6
 
-#: Number of draws of the parameters for a band, a multiple of PROBES.
+#: Number of draws of the parameters for a band.
 _DRAWS = 64
 
 #: Conditions that are functions of a measured column of another name.
@@ -118,25 +123,15 @@ def _factors(
 ) -> np.ndarray:
     """Adhesion with the parts over adhesion without any effect, [draws, runs, points]."""
     data = _at(state, columns)
-    fitted, problem = state.fitted, state.setting.problem
-    size = size_of(fitted.base, fitted.effects)
-    values, columns_of = fitted.base_values.tolist(), (*problem.columns, "")
-    model = pack(
-        fitted.base, values, fitted.effects, columns_of, *size, problem.branches, problem.bend
-    )
+    fitted = state.fitted
+    size, values = size_of(fitted.base, fitted.effects), fitted.base_values.tolist()
+    model = packed(state.setting, fitted.base, values, fitted.effects, size)
     kind = np.zeros_like(model.kind)
     kind[list(parts)] = model.kind[list(parts)]
 
     def adhesion(kind: np.ndarray) -> np.ndarray:
         models = [model._replace(values=values, kind=kind) for values in draws]
-        nothing = np.zeros(data.slip.shape)
-        found = []
-        for first in range(0, _DRAWS, PROBES):
-            stacked = jax.tree.map(
-                lambda *leaves: np.stack(leaves), *models[first : first + PROBES]
-            )
-            found.append(np.asarray(changes(stacked, data, nothing)))
-        return np.concatenate(found)
+        return changes_of(models, data, np.zeros(data.slip.shape))
 
     plain = adhesion(np.zeros_like(kind))
     # Parameters that the data do not determine may be drawn so far out that a factor overflows.

@@ -1,7 +1,12 @@
 """Errors before and after with bootstrap intervals; runs are resampled, not points."""
 
+from collections.abc import Callable
+
 import numpy as np
 
+from adhesion_jax.data.runs import RunSet
+from adhesion_jax.discovery.model.fitting import Fitted
+from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.types import Errors, Interval
 
 #: Number of bootstrap samples.
@@ -35,3 +40,42 @@ def errors(before: np.ndarray, after: np.ndarray, points: np.ndarray, seed: int)
 def _interval(value: float, drawn: np.ndarray) -> Interval:
     low, high = np.quantile(drawn, [0.025, 0.975])
     return Interval(value, float(low), float(high))
+
+
+def by_run(runs: RunSet, sum_of: Callable[[slice], float]) -> np.ndarray:
+    """A sum over the rows of each run, [runs]: run by run, without another column of all rows."""
+    ends = runs.starts + runs.lengths
+    return np.array([sum_of(slice(*run)) for run in zip(runs.starts, ends, strict=True)])
+
+
+def _squares(runs: RunSet, adhesion: np.ndarray) -> np.ndarray:
+    """The sum of squared errors of each run."""
+
+    def of_run(rows: slice) -> float:
+        error = adhesion[rows] - runs.whole.adhesion[rows]
+        return float(error @ error)
+
+    return by_run(runs, of_run)
+
+
+def errors_of(runs: RunSet, before: np.ndarray, after: np.ndarray, seed: int) -> Errors:
+    return errors(_squares(runs, before), _squares(runs, after), runs.lengths, seed)
+
+
+def validation_of(
+    runs: RunSet,
+    before: np.ndarray,
+    after: np.ndarray,
+    plain: Fitted,
+    final: Fitted,
+    seed: int,
+) -> Errors:
+    """Errors of runs left out one by one: those of the fit times the growth of their loss."""
+    bare = _squares(runs, before) * _growth(plain)
+    return errors(bare, _squares(runs, after) * _growth(final), runs.lengths, seed)
+
+
+def _growth(fitted: Fitted) -> np.ndarray:
+    """The loss of each run when it is left out, over that of the fit to all runs, [runs]."""
+    growth = held_out_loss(fitted) / np.maximum(fitted.loss, 1e-300)
+    return np.where(fitted.loss > 0, growth, 1.0)[: fitted.setting.problem.runs]

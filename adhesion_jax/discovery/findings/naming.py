@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from adhesion_jax.discovery.model.fitting import Fitted, covariance, quantile, solve, strengths_of
-from adhesion_jax.discovery.model.program import effect_places
+from adhesion_jax.discovery.model.packing import effect_places
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.state import Accepted, Place, Selection, slots_of
 from adhesion_jax.discovery.types import Interval

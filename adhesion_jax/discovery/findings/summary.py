@@ -1,13 +1,12 @@
 """The findings of a finished search: effects with intervals, errors, and cautions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from adhesion_jax.curves import BASES
-from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.condensing import block_means
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.findings.alternatives import confounded, likenesses, proposals
@@ -19,23 +18,25 @@ from adhesion_jax.discovery.findings.cautions import (
     untested,
 )
 from adhesion_jax.discovery.findings.dependence import dependences
-from adhesion_jax.discovery.findings.errors_by_run import errors
-from adhesion_jax.discovery.findings.naming import intervals, vetoed
-from adhesion_jax.discovery.model.fitting import Fitted, covariance, nearly_fitted
-from adhesion_jax.discovery.model.noise import NoisySlip, left_by, noise_of, noisy_slip
-from adhesion_jax.discovery.model.prediction import held_out_loss
+from adhesion_jax.discovery.findings.errors_by_run import by_run, errors_of, validation_of
+from adhesion_jax.discovery.findings.found import (
+    found_effects,
+    slip_noise_found,
+    torsion_found,
+)
+from adhesion_jax.discovery.findings.naming import vetoed
+from adhesion_jax.discovery.model.fitting import covariance
+from adhesion_jax.discovery.model.noise import left_by, noise_of, noisy_slip
+from adhesion_jax.discovery.model.packing import base_curve, base_places
 from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import base_curve, base_places
 from adhesion_jax.discovery.model.rows import Ranges, columns_of, predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of
-from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
-from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, Interval, Opinion
-from adhesion_jax.effects import Cause, Effect, Labels, ShapeTerm, kind_of
-from adhesion_jax.effects.labels import NO_LABEL
+from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.discovery.types import Doubt, Errors, Findings, Opinion
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.inference.slip import SlipNoise
@@ -74,7 +75,7 @@ def summarise(
     ranges = ranges_of(problem, runs)
     law, bare = law_of(final, ranges), law_of(plain, ranges)
     before, after = predicted(bare, runs), predicted(law, runs)
-    validation = _validation(runs, before, after, plain.fitted, final.fitted, seed)
+    validation = validation_of(runs, before, after, plain.fitted, final.fitted, seed)
     opinion = searched.opinion if correct else None
     tested, with_trees, predictions = _on_test(test, bare, law, opinion, problem, seed)
     refuted = _refuted(final, validation, tested)
@@ -83,9 +84,9 @@ def summarise(
     noise = noise_of(left)
     outside = extrapolated(final.accepted, problem, law, runs, test)
     alike = likenesses(final, library_of(problem))
-    effects = _found(final, validation)
-    line = _torsion(searched.line, validation)
-    found = [*_slip_noise(noisy_slip(left), validation), *effects, *line]
+    effects = found_effects(final, validation)
+    line = torsion_found(searched.line, validation)
+    found = [*slip_noise_found(noisy_slip(left), validation), *effects, *line]
     words = (*shape_words(final), *warnings, *noise_words(final, noise))
     far = tuple(sentence for _, sentence in outside)
     return Findings(
@@ -97,7 +98,7 @@ def summarise(
         # What runs left out were predicted to is no error that no law can reach.
         noise_floor=min(_noise_floor(runs, noise), validation.after.value),
         noise={name: float(getattr(noise, name)) for name in _NOISE},
-        train=_errors(runs, before, after, seed),
+        train=errors_of(runs, before, after, seed),
         validation=validation,
         test=tested,
         effects=tuple(effect for effect in found if ":" not in effect.name),
@@ -142,10 +143,10 @@ def _on_test(
         known = columns_of(problem.columns, problem.calendar, test)
         more = opinion.correction(features_of(problem, test.whole.slip, known))
         columns["with_trees"] = after + np.sign(test.whole.slip) * more
-        with_trees = _errors(test, before, columns["with_trees"], seed)
+        with_trees = errors_of(test, before, columns["with_trees"], seed)
     table = pd.DataFrame({"row": test.places, **columns})
     return (
-        _errors(test, before, after, seed),
+        errors_of(test, before, after, seed),
         with_trees,
         table.sort_values("row", ignore_index=True),
     )
@@ -182,54 +183,15 @@ def law_of(state: Selection, ranges: Ranges) -> CorrectedLaw:
     return CorrectedLaw(curve, state.fitted.effects, ranges, problem.calendar)
 
 
-def _by_run(runs: RunSet, sum_of: Callable[[slice], float]) -> np.ndarray:
-    """A sum over the rows of each run, [runs]: run by run, without another column of all rows."""
-    ends = runs.starts + runs.lengths
-    return np.array([sum_of(slice(*run)) for run in zip(runs.starts, ends, strict=True)])
-
-
-def _squares(runs: RunSet, adhesion: np.ndarray) -> np.ndarray:
-    """The sum of squared errors of each run."""
-
-    def of_run(rows: slice) -> float:
-        error = adhesion[rows] - runs.whole.adhesion[rows]
-        return float(error @ error)
-
-    return _by_run(runs, of_run)
-
-
-def _errors(runs: RunSet, before: np.ndarray, after: np.ndarray, seed: int) -> Errors:
-    return errors(_squares(runs, before), _squares(runs, after), runs.lengths, seed)
-
-
-def _validation(
-    runs: RunSet,
-    before: np.ndarray,
-    after: np.ndarray,
-    plain: Fitted,
-    final: Fitted,
-    seed: int,
-) -> Errors:
-    """Errors of runs left out one by one: those of the fit times the growth of their loss."""
-    bare = _squares(runs, before) * _growth(plain)
-    return errors(bare, _squares(runs, after) * _growth(final), runs.lengths, seed)
-
-
-def _growth(fitted: Fitted) -> np.ndarray:
-    """The loss of each run when it is left out, over that of the fit to all runs, [runs]."""
-    growth = held_out_loss(fitted) / np.maximum(fitted.loss, 1e-300)
-    return np.where(fitted.loss > 0, growth, 1.0)[: fitted.setting.problem.runs]
-
-
 def _refuted(final: Selection, validation: Errors, test: Errors | None) -> list[str]:
     """What says that the law is worse than the curve alone: then the curve alone is saved."""
     if not final.accepted:
         return []
-    for errors_of, where in ((validation, "on runs left out"), (test, "on the test data")):
-        if errors_of is not None and errors_of.removed.high < 0:
+    for one, where in ((validation, "on runs left out"), (test, "on the test data")):
+        if one is not None and one.removed.high < 0:
             return [
-                f"With the effects the error {where} is larger, {errors_of.after.value:.3g} "
-                f"instead of {errors_of.before.value:.3g}: the law that is saved is the curve "
+                f"With the effects the error {where} is larger, {one.after.value:.3g} "
+                f"instead of {one.before.value:.3g}: the law that is saved is the curve "
                 "alone."
             ]
     return []
@@ -257,7 +219,7 @@ def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: RunNoise
     measured = runs.whole.adhesion
 
     def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return _by_run(runs, lambda rows: float(one[rows] @ other[rows]))
+        return by_run(runs, lambda rows: float(one[rows] @ other[rows]))
 
     squares = [product(law, law) for law in (before, after)]
     levels = [
@@ -294,134 +256,3 @@ def _base_parameters(plain: Selection, final: Selection) -> pd.DataFrame:
             row[f"{when}_se"] = float(error[place])
     columns = ["parameter", "unit", "before", "before_se", "after", "after_se"]
     return pd.DataFrame(list(rows.values())).reindex(columns=columns)
-
-
-def _found(state: Selection, validation: Errors) -> list[FoundEffect]:
-    """The effects with their intervals, and the error with each added to those before it."""
-    told = intervals(state)
-    values = state.fitted.base_values.tolist()
-    whole = float(held_out_loss(state.fitted).sum())
-    found = []
-    for number, effect in enumerate(state.accepted):
-        first = parts_of(state.accepted[: number + 1])
-        some = nearly_fitted(state.setting, state.base, values, first)
-        ratio = float(held_out_loss(some).sum()) / max(whole, 1e-300)
-        parameters, units, at_bound = {}, {}, []
-        for place, part in enumerate(effect.parts):
-            prefix = "" if place == 0 else f"{kind_of(part)} "
-            for name, described in part.FACTS.parameters.items():
-                if name in part.FACTS.references or _no_label(part, name):
-                    continue
-                interval = parameters[prefix + name] = told[number, place][name]
-                if not described.lower < interval.value < described.upper:
-                    at_bound.append(prefix + name)
-                column = effect.covariates[0] if effect.covariates else ""
-                unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
-                units[prefix + name] = described.unit.replace("column", unit)
-        formula = _formula(effect.parts[0])
-        found.append(
-            FoundEffect(
-                effect.name,
-                effect.members,
-                effect.covariates,
-                formula,
-                parameters,
-                units,
-                effect.p,
-                validation.after.value * float(np.sqrt(ratio)),
-                _sentence(effect),
-                acts_on(effect),
-                tuple(at_bound),
-            )
-        )
-    return found
-
-
-def _no_label(part: Effect, name: str) -> bool:
-    """Whether a strength is that of a label that the data lack."""
-    return isinstance(part, Labels) and getattr(part, f"label{name[1:]}") == NO_LABEL
-
-
-#: The curve mu(l) changed by a function g of columns, by the part of the curve that g acts on.
-_BENT = {
-    "level": "mu exp(g)",
-    "slip": "mu(l exp(g))",
-    "fall": "mu_max - (mu_max - mu) exp(g) beyond the peak",
-    "offset": "mu + g",
-    "shift": "mu(l + g)",
-}
-
-
-def acts_on(effect: Accepted) -> str:
-    """The part of the curve on which the effect acts: that of its first part, or the level."""
-    first = effect.parts[0]
-    return first.acts_on if isinstance(first, ShapeTerm) else "level"
-
-
-def _formula(part: Effect) -> str:
-    return (
-        f"{_BENT[part.acts_on]}, {part.FACTS.formula}"
-        if isinstance(part, ShapeTerm)
-        else part.FACTS.formula
-    )
-
-
-def _sentence(effect: Accepted) -> str:
-    """What the effect does, in words."""
-    first = effect.parts[0]
-    if effect.generic or not isinstance(first, Cause):
-        return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
-    more = " and ".join(kind_of(part) for part in effect.parts[1:])
-    refined = f" Its form is refined by {more}." if more else ""
-    return f"{first.FACTS.sentence}{refined}"
-
-
-def _slip_noise(noisy: NoisySlip | None, validation: Errors) -> list[FoundEffect]:
-    # Student's t takes an inexact curve for noise more often than its p says.
-    if noisy is None or noisy.p > rules.SCAN_SIGNIFICANT:
-        return []
-    what = f"{noisy.sigma:.2g} m/s of a wheel speed"
-    if not noisy.of_wheel_speed:
-        what = f"{noisy.sigma:.2g} of slip"
-    sentence = (
-        f"The slip signal has noise of {what} that adhesion does not follow: points where the "
-        "curve is steep count less."
-    )
-    nothing = float("nan")
-    return [
-        FoundEffect(
-            "slip_noise",
-            ("slip_noise",),
-            ("slip_ratio",),
-            "mu(l - error of l)",
-            {"sigma": Interval(noisy.sigma, nothing, nothing)},
-            {"sigma": "m/s" if noisy.of_wheel_speed else "1"},
-            noisy.p,
-            validation.after.value,
-            sentence,
-            "slip",
-        )
-    ]
-
-
-def _torsion(line: Torsion | None, validation: Errors) -> list[FoundEffect]:
-    if line is None:
-        return []
-    nothing = float("nan")
-    return [
-        FoundEffect(
-            "torsion",
-            ("torsion",),
-            ("time_s",),
-            "mu + a sin(2 pi f t + phase of the run)",
-            {
-                "frequency": Interval(line.frequency, nothing, nothing),
-                "amplitude": Interval(line.amplitude, nothing, nothing),
-            },
-            {"frequency": "Hz", "amplitude": "1"},
-            line.p,
-            validation.after.value,
-            "An oscillation whose phase differs from run to run: it is part of the noise, and no "
-            "prediction can know it.",
-        )
-    ]

@@ -11,16 +11,15 @@ from adhesion_jax import runtime
 from adhesion_jax.curves import BASES
 from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.discovery.model.levenberg_marquardt import fit
-from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import (
-    PROBES,
+from adhesion_jax.discovery.model.packing import (
     Model,
     base_places,
-    changes,
     effect_places,
     pack,
     unpack,
 )
+from adhesion_jax.discovery.model.problem import Problem
+from adhesion_jax.discovery.model.program import PROBES, Data, changes
 from adhesion_jax.effects import Covariate, Effect
 
 #: Sizes of the program: (slots, free parameters). Each is compiled when it is needed. Most fits are
@@ -112,11 +111,8 @@ def fit_model(
     `near` is the share of the loss below which a promised step ends the fit.
     """
     effects = in_order(effects)
-    problem = setting.problem
-    size = size_of(base, effects)
-    columns = (*problem.columns, "")
-    model = pack(base, base_values, effects, columns, *size, problem.branches, problem.bend)
-    found = fit(model, problem.data, setting.root, np.asarray(near))
+    model = packed(setting, base, base_values, effects, size_of(base, effects))
+    found = fit(model, setting.problem.data, setting.root, np.asarray(near))
     free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
     values = np.asarray(found.values)
     return Fitted(
@@ -232,24 +228,39 @@ def slope_of(fitted: Fitted) -> np.ndarray:
 
 def raw_changes(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
     """The change of a model's prediction by each probe added to it, [probes, runs, points]."""
-    problem = fitted.setting.problem
     size = max(size_of(fitted.base, (*fitted.effects, probe)) for probe in probes)
-    values, columns = fitted.base_values.tolist(), (*problem.columns, "")
+    values = fitted.base_values.tolist()
+    models = [
+        packed(fitted.setting, fitted.base, values, in_order((*fitted.effects, probe)), size)
+        for probe in probes
+    ]
+    return changes_of(models, fitted.setting.problem.data, fitted.adhesion)
 
-    def packed(probe: Effect) -> Model:
-        effects = in_order((*fitted.effects, probe))
-        return pack(fitted.base, values, effects, columns, *size, problem.branches, problem.bend)
 
-    models = [packed(probe) for probe in probes]
+def changes_of(models: Sequence[Model], data: Data, now: np.ndarray) -> np.ndarray:
+    """The prediction of each model, of one size, less that of `now`, [models, runs, points]."""
 
     def some(first: int) -> np.ndarray:
         these = models[first : first + PROBES]
-        padded = these + [these[0]] * (PROBES - len(these))
+        padded = [*these, *[these[0]] * (PROBES - len(these))]
         stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
-        return np.asarray(changes(stacked, problem.data, fitted.adhesion))[: len(these)]
+        return np.asarray(changes(stacked, data, now))[: len(these)]
 
     with runtime.threads() as pool:
         return np.concatenate(list(pool.map(some, range(0, len(models), PROBES))))
+
+
+def packed(
+    setting: Setting,
+    base: str,
+    base_values: Sequence[float],
+    effects: Sequence[Effect],
+    size: tuple[int, int],
+) -> Model:
+    """The model as numbers for a program of that size; `effects` are in the order of ORDER."""
+    problem = setting.problem
+    columns = (*problem.columns, "")
+    return pack(base, base_values, effects, columns, *size, problem.branches, problem.bend)
 
 
 def side_by_side(task: Callable[[A], Fitted], items: Sequence[A]) -> list[Fitted]:

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.discovery.model.program import Data, Model, parts, with_jacobian
+from adhesion_jax.discovery.model.packing import Model, parts
+from adhesion_jax.discovery.model.program import Data, with_jacobian
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advance, arrived, begin
 from adhesion_jax.programs import kept
 

@@ -1,25 +1,18 @@
-"""One compiled program for every model: a curve and slots for effects, each of any kind.
+"""One compiled program for every model: a curve and slots for effects, each of any kind."""
 
-The choice of curve and effects is numbers to the program, so that hundreds of candidate models are
-fitted without compiling any of them. Models are padded to a number of slots, and their free
-parameters to a number of columns of the Jacobian; padded parameters do not move.
-"""
-
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from adhesion_jax.curves import BASES, CURVES, Conditions, Law, with_free_values
-from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent, functions
-from adhesion_jax.effects import EFFECTS, KINDS, Effect, ShapeTerm
-from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips, prior_precision
-from adhesion_jax.effects.slip_noise import SlipNoise
+from adhesion_jax.curves import BASES, Conditions, with_free_values
+from adhesion_jax.curves.bent import BELOW_EFFECTS, functions
+from adhesion_jax.discovery.model.packing import Model, layout, parts, words_of
+from adhesion_jax.effects import KINDS
+from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips
 from adhesion_jax.programs import kept
 
 #: `changes` takes this many models at a time, whatever their number: one program for all data.
@@ -29,77 +22,7 @@ PROBES = 16
 #: the numbers of parameters of the program's sizes are multiples of it.
 _TOGETHER = 24
 
-#: Prior standard deviation of what braking adds to a factor of the departure, relative to that of
-#: the factor, and of the factors relative to the first.
-_APART = 0.5
-_SMOOTH = 1 / (2 * np.arange(BELOW_EFFECTS) + 1.0)
-
-#: Means of the functions of a departure over its range, and the prior standard deviation of the
-#: mean of what braking adds where an effect tells that mean.
-_MEANS, _NO_MEAN = 1 / (np.pi * (np.arange(BELOW_EFFECTS) + 0.5)), 0.01
-
-
-class _Layout(NamedTuple):
-    """Where numbers stand in a model, and the branches of the program."""
-
-    curve: int  # places of the parameters of a curve
-    base: int  # and with the factors of its departure
-    effect: int  # places of a slot
-    kinds: Mapping[type[Effect], int]
-    names: tuple[str, ...]
-    # An effect is a term of the shape, bends the slip before the curve, or changes adhesion after
-    # it: only these branches are compiled for it. Noise of the slip is no effect of a program,
-    # because the slip is corrected for it beforehand.
-    shapes: tuple[str, ...]
-    causes: tuple[str, ...]
-    bending: tuple[str, ...]
-
-    def branches(self, names: Sequence[str]) -> Array:
-        """The number of the branch of each kind; 0 for an empty slot or a kind without."""
-        places = [names.index(name) + 1 if name in names else 0 for name in self.names]
-        return jnp.asarray([0, *places])
-
-
-def parts() -> tuple[object, ...]:
-    """The curves and effects that there are now: what the program is made of."""
-    return *CURVES.values(), *EFFECTS.values()
-
-
-@lru_cache(maxsize=1)
-def _of_parts(_: tuple[int, ...]) -> _Layout:
-    curve, names = max(len(curve.free) for curve in BASES.values()), tuple(KINDS)
-    shapes = tuple(name for name in names if issubclass(KINDS[name], ShapeTerm))
-    causes = tuple(name for name in names if name not in shapes and KINDS[name] is not SlipNoise)
-    return _Layout(
-        curve,
-        curve + 2 * BELOW_EFFECTS,
-        max(len(kind.FACTS.parameters) for kind in KINDS.values()),
-        {kind: place for place, kind in enumerate(KINDS.values())},
-        names,
-        shapes,
-        causes,
-        tuple(name for name in causes if KINDS[name].ORDER == 0),
-    )
-
-
-def _layout() -> _Layout:
-    return _of_parts(tuple(map(id, parts())))
-
-
-def apart() -> range:
-    """Where the factors stand that braking adds."""
-    layout = _layout()
-    return range(layout.curve + BELOW_EFFECTS, layout.base)
-
-
-@cache
-def words_of(kind: type[Effect]) -> tuple[str, ...]:
-    """The fields of an effect that name columns."""
-    names = (field.name for field in dataclasses.fields(kind))
-    return tuple(name for name in names if name not in (*kind.FACTS.parameters, "acts_on"))
-
-
-# The tuples below hold NumPy arrays outside a program and jax arrays inside it (hence `Any`).
+# It holds NumPy arrays outside a program and jax arrays inside it (hence `Any`).
 
 
 class Data(NamedTuple):
@@ -110,124 +33,6 @@ class Data(NamedTuple):
     span: Float[Any, " two"]  # of the departure: its reach, and the largest slip of the points
     conditions: Mapping[str, Float[Any, "runs points"]]
     columns: Float[Any, "columns runs points"]  # columns that a term may be a function of
-
-
-class Model(NamedTuple):
-    """A curve and its effects as numbers, in the order in which effects are applied."""
-
-    base: Int[Any, ""]
-    values: Float[Any, " flat"]  # of the curve, then of the slots, then one for the padding
-    kind: Int[Any, " slots"]  # 0: empty, else 1 + place in KINDS
-    column: Int[Any, "slots three"]  # two places in Data.columns, and one of ACTS_ON
-    free: Int[Any, " free"]  # places in `values`; padded with the last
-    lower: Float[Any, " free"]
-    upper: Float[Any, " free"]
-    precision: Float[Any, "free free"]  # of the prior of the free parameters, about zero
-
-
-def base_places(base: str) -> list[int]:
-    """Where the parameters of a curve, then the factors of its departure, stand in the values."""
-    return [*range(len(BASES[base].free)), *range(_layout().curve, _layout().base)]
-
-
-def _place_of(slot: int) -> int:
-    return _layout().base + slot * _layout().effect
-
-
-def effect_places(slot: int, effect: Effect) -> Mapping[str, int]:
-    """Where the fitted parameters of an effect in a slot stand in `Model.values`, by name."""
-    start = _place_of(slot)
-    return {
-        name: start + place
-        for place, name in enumerate(effect.FACTS.parameters)
-        if name not in effect.FACTS.references
-    }
-
-
-def pack(
-    base: str,
-    base_values: Sequence[float],
-    effects: Sequence[Effect],
-    columns: Sequence[str],
-    slots: int,
-    free: int,
-    branches: int,
-    bend: float,
-) -> Model:
-    """The model as numbers, padded to that number of slots and of free parameters.
-
-    `effects` must be in the order of their ORDER; `columns` names those of `Data.columns`. With two
-    `branches` the departure of braking is another one; a level has none. `bend` is the prior
-    standard deviation of the first factor. `base_values` are those of
-    `base_places`, or of the curve alone.
-    """
-    values = np.zeros(_place_of(slots) + 1)
-    values[base_places(base)[: len(base_values)]] = base_values
-    kind, column = np.zeros(slots, int), np.zeros((slots, 3), int)
-    precision = np.zeros((free, free))
-    described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
-    bends = 0 if base == "level" else branches * BELOW_EFFECTS
-    places = base_places(base)[: len(described) + bends]
-    lower = [*(one.lower for one in described), *[-9.0] * bends]
-    upper = [*(one.upper for one in described), *[9.0] * bends]
-    sizes = bend * np.concatenate([_SMOOTH, _APART * _SMOOTH])[:bends]
-    bent = range(len(described), len(places))
-    precision[bent, bent] = sizes**-2.0
-    if branches == 2 and any("mode" in effect.FACTS.needs for effect in effects):
-        # The departure is 0 at slip 0, so that the effect would otherwise fit the least slips alone
-        # and leave the difference of traction and braking to the departure.
-        braking = bent[BELOW_EFFECTS:]
-        precision[np.ix_(braking, braking)] += np.outer(_MEANS, _MEANS) / _NO_MEAN**2
-    for slot, effect in enumerate(effects):
-        kind[slot] = 1 + _layout().kinds[type(effect)]
-        named = [getattr(effect, name) for name in words_of(type(effect))]
-        column[slot, : len(named)] = [columns.index(name) for name in named]
-        if isinstance(effect, ShapeTerm):
-            column[slot, 2] = ACTS_ON.index(effect.acts_on)
-        start = _place_of(slot)
-        numbers = [float(getattr(effect, name)) for name in effect.FACTS.parameters]
-        values[start : start + len(numbers)] = numbers
-        for name, place in effect_places(slot, effect).items():
-            places.append(place)
-            lower.append(effect.FACTS.parameters[name].lower)
-            upper.append(effect.FACTS.parameters[name].upper)
-        if isinstance(effect, ShapeTerm):
-            held = [
-                places.index(effect_places(slot, effect)[name]) for name in effect.FACTS.strengths
-            ]
-            precision[np.ix_(held, held)] = prior_precision(type(effect))
-    padding = free - len(places)
-    return Model(
-        np.asarray(list(BASES).index(base)),
-        values,
-        kind,
-        column,
-        np.array([*places, *[values.size - 1] * padding]),
-        np.array([*lower, *[0.0] * padding]),
-        np.array([*upper, *[0.0] * padding]),
-        precision,
-    )
-
-
-def unpack(values: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The effects with the parameters of a fit."""
-    found = []
-    for slot, effect in enumerate(effects):
-        start = _place_of(slot)
-        numbers = dict(zip(effect.FACTS.parameters, values[start:].tolist(), strict=False))
-        found.append(dataclasses.replace(effect, **numbers))
-    return tuple(found)
-
-
-def base_curve(base: str, values: np.ndarray, span: np.ndarray) -> Law:
-    """The curve with the parameters of a fit, and with its departure."""
-    curve, count = BASES[base], len(BASES[base].free)
-    known = dataclasses.replace(curve, **dict(zip(curve.free, values.tolist(), strict=False)))
-    factors, braking = values[count : count + BELOW_EFFECTS], values[count + BELOW_EFFECTS :]
-    if not np.any(values[count:]):
-        return known
-    reach, largest = span.tolist()
-    return Bent(known, factors, reach, largest, braking if np.any(braking) else None)
 
 
 class _Slots(NamedTuple):
@@ -251,7 +56,7 @@ class _Slots(NamedTuple):
         def branch(name: str) -> Callable[[Array], Array]:
             return lambda value: acts(self._effect(name, slot), self._seen(slot), value)
 
-        which = _layout().branches(names)[self.kind[slot]]
+        which = layout().branches(names)[self.kind[slot]]
         return jax.lax.switch(which, [lambda value: value, *map(branch, names)], value)
 
     def _effect(self, name: str, slot: Array) -> Any:
@@ -278,9 +83,9 @@ def _adhesion(
     """The prediction of a model for one run, equal to that of `law.with_effects`."""
     if not kind.size:
         return _curve(base, values, span, slip, conditions)
-    layout = _layout()
+    places = layout()
     slots = _Slots(
-        values[layout.base : -1].reshape(kind.size, layout.effect),
+        values[places.base : -1].reshape(kind.size, places.effect),
         kind,
         column,
         conditions,
@@ -293,20 +98,20 @@ def _adhesion(
         def term(effect: Any, seen: Conditions, _: Array) -> Array:
             return effect.log_factor(seen)
 
-        own = slots.acting(layout.shapes, slot, term, jnp.zeros_like(slip))
+        own = slots.acting(places.shapes, slot, term, jnp.zeros_like(slip))
         return sums.at[column[slot, 2]].add(own)
 
     def before(turn: Array, bent: Array) -> Array:
         def bend(effect: Any, seen: Conditions, bent: Array) -> Array:
             return effect.before(bent, seen)
 
-        return slots.acting(layout.bending, used - 1 - turn, bend, bent)
+        return slots.acting(places.bending, used - 1 - turn, bend, bent)
 
     def after(slot: Array, adhesion: Array) -> Array:
         def change(effect: Any, seen: Conditions, adhesion: Array) -> Array:
             return effect.after(adhesion, slip, seen)
 
-        return slots.acting(layout.causes, slot, change, adhesion)
+        return slots.acting(places.causes, slot, change, adhesion)
 
     def curve(slip: Array) -> Array:
         return _curve(base, values, span, slip, conditions)
@@ -345,7 +150,7 @@ def _straight(base: Array, values: Array, slip: Array, conditions: Conditions) -
 
 
 def _factors(values: Array) -> Float[Array, "two functions"]:
-    return values[_layout().curve : _layout().base].reshape(2, BELOW_EFFECTS)
+    return values[layout().curve : layout().base].reshape(2, BELOW_EFFECTS)
 
 
 @jax.custom_jvp
@@ -443,7 +248,7 @@ def with_jacobian(
 
 def _of_curve_alone(model: Model, data: Data, values: Array) -> tuple[Array, Array]:
     """Prediction and Jacobian of a curve without effects, linear in the factors of a departure."""
-    count = _layout().curve
+    count = layout().curve
     straight, push = jax.linearize(
         lambda v: _straight(model.base, v, data.slip, data.conditions), values[:count]
     )

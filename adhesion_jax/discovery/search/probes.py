@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.discovery.model.fitting import Fitted, levels_of, raw_changes
+from adhesion_jax.discovery.model.packing import apart, words_of
 from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import apart, words_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import Covariate, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON

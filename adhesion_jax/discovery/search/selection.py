@@ -16,7 +16,13 @@ from adhesion_jax.discovery.search.pruning import pruned
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.search.scans import waves
 from adhesion_jax.discovery.search.screening import Score, least_p, screen
-from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of, settled
+from adhesion_jax.discovery.search.state import (
+    Accepted,
+    Selection,
+    as_effect,
+    parts_of,
+    settled,
+)
 from adhesion_jax.discovery.search.together import together
 from adhesion_jax.discovery.search.trials import (
     Trial,
@@ -220,22 +226,9 @@ def _next(
     # The p of the effect is the smallest of any form of its columns.
     own = {*chosen.score.entry.covariates}
     p = min(score.p for score in scores if {*score.entry.covariates} <= own)
-    new = _accepted(chosen, members, gained.total)._replace(p=min(p, chosen.score.p))
+    p = min(p, chosen.score.p)
+    new = as_effect(chosen.score.entry, members, fitted_start(chosen), p, gained.total)
     return _with_effect(state, new, ranking)
-
-
-def _accepted(chosen: Trial, members: tuple[str, ...], gained: float) -> Accepted:
-    entry = chosen.score.entry
-    return Accepted(
-        entry.name,
-        members,
-        entry.family,
-        entry.generic,
-        entry.covariates,
-        (fitted_start(chosen),),
-        chosen.score.p,
-        gained,
-    )
 
 
 def _with_effect(state: Selection, new: Accepted, ranking: Sequence[Candidate]) -> Selection:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from adhesion_jax.discovery.model.fitting import Fitted, Setting, nearly_fitted, robustly_fitted
+from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import Effect
 
@@ -19,6 +20,14 @@ class Accepted(NamedTuple):
     parts: tuple[Effect, ...]  # the effect, then what refines its form
     p: float
     gain: float  # of the log likelihood of runs left out, summed over all runs
+
+
+def as_effect(
+    entry: Entry, members: tuple[str, ...], part: Effect, p: float, gain: float
+) -> Accepted:
+    """The effect that an entry of the library becomes."""
+    own = entry.name, members, entry.family, entry.generic, entry.covariates
+    return Accepted(*own, (part,), p, gain)
 
 
 class Selection(NamedTuple):

@@ -11,9 +11,9 @@ from adhesion_jax.discovery.search.catalogue import Entry, column_entries, const
 from adhesion_jax.discovery.search.probes import Null, directions_of
 from adhesion_jax.discovery.search.screening import adjusted, orthonormal, signed
 from adhesion_jax.discovery.search.state import (
-    Accepted,
     Selection,
     all_but,
+    as_effect,
     parts_of,
     refitted,
     settled,
@@ -45,19 +45,8 @@ def together(state: Selection, null: Null, number: int, seed: int) -> Selection:
     p = adjusted(float(z[best]), largest, problem.runs)
     if p > rules.SCAN_SIGNIFICANT:
         return state
-    new = [
-        Accepted(
-            line.name,
-            (line.name,),
-            line.family,
-            line.generic,
-            line.covariates,
-            line.starts[:1],
-            p,
-            0.0,
-        )
-        for line in (lines[place] for place in chosen[best])
-    ]
+    some = [lines[place] for place in chosen[best]]
+    new = [as_effect(line, (line.name,), line.starts[0], p, 0.0) for line in some]
     more = settled(state, [*state.accepted, *new])
     less = refitted(more, parts_of(state.accepted))
     if not is_worth(less, more.fitted, generic=True):

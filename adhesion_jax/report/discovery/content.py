@@ -25,77 +25,91 @@ from adhesion_jax.report.discovery.words import (
     kind_of_run,
     one_line,
 )
-from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.report.page import (
+    Block,
+    Formula,
+    Items,
+    Page,
+    Paragraph,
+    Section,
+    Table,
+    pictures,
+)
 from adhesion_jax.wording import number, plus_minus
 
 
 def page(findings: Findings, of_events: bool = False) -> Page:
     """The report; `of_events` says that the runs are slip events, of which there is a figure."""
+    opinion = [] if findings.opinion is None else [opinion_sentence(findings, findings.opinion)]
+    files = {"dependence.png": findings.dependences, "shapes.png": shape_columns(findings)}
+    sections = [
+        Section("Error before and after", _errors(findings)),
+        Section(
+            "Data and law",
+            [
+                *_figures("adhesion.png"),
+                *map(Paragraph, filter(None, [one_line(findings.citation)])),
+                *(_figures("events.png") if of_events else []),
+            ],
+        ),
+        *_effects(findings),
+        Section("What the corrections do", _figures(*(file for file in files if files[file]))),
+        Section(
+            "The level of every run, against every column",
+            _against_columns("levels.png", *level_columns(findings)),
+        ),
+        Section(
+            "The residual, against every column",
+            _against_columns("residuals.png", *residual_columns(findings)),
+        ),
+        Section(
+            "Doubts",
+            [
+                *_items([doubt.sentence for doubt in findings.doubts]),
+                *(Paragraph(f"{sentence}.") for sentence in opinion),
+            ],
+        ),
+        Section(f"Parameters of the base curve ({findings.base})", _base(findings)),
+        Section(
+            "What the data cannot tell apart",
+            _items(findings.confounded, "No other cause acts like an effect that was found."),
+            boxed=True,
+        ),
+        Section("What to measure next", _items(_next(findings), "Nothing is proposed.")),
+        Section(
+            "What could not be tested",
+            _items(findings.untested, "Nothing: no column is missing, constant or too narrow."),
+        ),
+        Section("Ranking of all candidates", _ranking(findings)),
+        Section("Warnings", _items(findings.warnings, "None.")),
+    ]
     return Page(
         f"Missing effects: {findings.base} on {one_line(findings.source)}",
         verdict(findings),
-        [
-            _errors(findings),
-            _data(findings, of_events),
-            *_effects(findings),
-            *_dependence(findings),
-            *_levels(findings),
-            *_residual(findings),
-            *_doubts(findings),
-            _base(findings),
-            _confounded(findings),
-            _next(findings),
-            _untested(findings),
-            _ranking(findings),
-            Section("Warnings", _items(findings.warnings, "None.")),
-        ],
+        [section for section in sections if section.blocks],
     )
 
 
-def _items(texts: Sequence[str], none: str) -> list[Block]:
-    return [Items([one_line(text) for text in texts])] if texts else [Paragraph(none)]
+def _figures(*files: str, more: str = "") -> list[Block]:
+    return pictures("discover", files, more)
 
 
-def _errors(findings: Findings) -> Section:
+def _items(texts: Sequence[str], none: str = "") -> list[Block]:
+    if texts:
+        return [Items([one_line(text) for text in texts])]
+    return [Paragraph(none)] if none else []
+
+
+def _errors(findings: Findings) -> list[Block]:
     noise = ", ".join(
         f"{name.replace('_', ' ')} {number(value)}" for name, value in findings.noise.items()
     )
-    return Section(
-        "Error before and after",
-        [
-            errors_table(findings),
-            Paragraph(
-                "Root mean square errors of adhesion (1), with 95 % intervals by a bootstrap over "
-                f"whole {kind_of_run(findings)}s. The noise floor is {error(findings.noise_floor)}"
-                + (f" ({noise})." if noise else ".")
-            ),
-            Picture(
-                "errors.png",
-                "Error before (open) and after (filled) with 95 % intervals. No law can do better "
-                "than the noise floor (dashed) on data it has not seen.",
-            ),
-        ],
+    words = (
+        "Root mean square errors of adhesion (1), with 95 % intervals by a bootstrap over whole "
+        f"{kind_of_run(findings)}s. The noise floor is {error(findings.noise_floor)}"
     )
-
-
-def _data(findings: Findings, of_events: bool) -> Section:
-    events = Picture(
-        "events.png",
-        "The log with the slip events that were cut out of it, and adhesion over slip in each.",
-    )
-    return Section(
-        "Data and law",
-        [
-            Picture(
-                "adhesion.png",
-                "The measured points under all their conditions, and the law before and after "
-                "at the median of every column. These lines do not show the scatter that other "
-                "conditions cause.",
-            ),
-            *([Paragraph(one_line(findings.citation))] if findings.citation else []),
-            *([events] if of_events else []),
-        ],
-    )
+    paragraph = Paragraph(f"{words} ({noise})." if noise else f"{words}.")
+    return [errors_table(findings), paragraph, *_figures("errors.png")]
 
 
 def _effects(findings: Findings) -> list[Section]:
@@ -110,14 +124,13 @@ def _effects(findings: Findings) -> list[Section]:
 
 
 def _effect(findings: Findings, effect: FoundEffect, heading: str) -> Section:
-    told = class_sentence(effect)
     columns = ", ".join(one_line(name) for name in effect.covariates)
     facts = [
-        _begun(evidence(findings, effect)),
-        *([_begun(told)] if told else []),
-        *([f"It rests on {columns}"] if columns else []),
-        *([f"It {acts_on(effect)}"] if acts_on(effect) else []),
-        "With this effect and those accepted before it the error of cross-validation is "
+        evidence(findings, effect),
+        class_sentence(effect),
+        columns and f"it rests on {columns}",
+        acts_on(effect) and f"it {acts_on(effect)}",
+        "with this effect and those accepted before it the error of cross-validation is "
         f"{error(effect.rmse_after)}",
     ]
     return Section(
@@ -126,72 +139,18 @@ def _effect(findings: Findings, effect: FoundEffect, heading: str) -> Section:
             Paragraph(one_line(effect.sentence)),
             *([Formula(one_line(effect.formula))] if effect.formula else []),
             *([parameters_table(effect)] if effect.parameters else []),
-            Paragraph(". ".join(facts) + "."),
+            Paragraph(". ".join(fact[0].upper() + fact[1:] for fact in facts if fact) + "."),
         ],
     )
 
 
-def _begun(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]
-
-
-def _dependence(findings: Findings) -> list[Section]:
-    pictures: list[Block] = []
-    if findings.dependences:
-        caption = (
-            "The factor on adhesion as one column varies and the others are held, with its 95 % "
-            "band; it is 1 at the median of the column. Marks below: deciles of the points."
-        )
-        pictures.append(Picture("dependence.png", caption))
-    if shape_columns(findings):
-        caption = (
-            "The law over slip where an effect acts on the shape of the curve: at a low (5 %), "
-            "the median and a high (95 %) value of its column, the other columns at their medians."
-        )
-        pictures.append(Picture("shapes.png", caption))
-    return [Section("What the corrections do", pictures)] if pictures else []
-
-
-def _levels(findings: Findings) -> list[Section]:
-    caption = (
-        "The level of each run, measured less law as a share of the law, before (open) and after "
-        "(filled), against the mean of every column over the run; bars are two standard errors "
-        "from the noise within the run. A trend of the filled points shows a cause that the law "
-        "still lacks."
-    )
-    title = "The level of every run, against every column"
-    return _against_columns(title, "levels.png", caption, level_columns(findings))
-
-
-def _against_columns(
-    title: str, file: str, caption: str, columns: tuple[list[str], list[str]]
-) -> list[Section]:
-    """A section with a picture of some columns, of those and of all that could be shown."""
-    shown, every = columns
+def _against_columns(file: str, shown: Sequence[str], every: Sequence[str]) -> list[Block]:
+    """A picture of some of the columns that could be shown."""
     some = "" if len(shown) == len(every) else f" {len(shown)} of {len(every)} columns."
-    return [Section(title, [Picture(file, f"{caption}{some}")])] if shown else []
+    return _figures(file, more=some) if shown else []
 
 
-def _doubts(findings: Findings) -> list[Section]:
-    blocks: list[Block] = []
-    if findings.doubts:
-        blocks += _items([doubt.sentence for doubt in findings.doubts], "")
-    if findings.opinion:
-        blocks.append(Paragraph(f"{opinion_sentence(findings, findings.opinion)}."))
-    return [Section("Doubts", blocks)] if blocks else []
-
-
-def _residual(findings: Findings) -> list[Section]:
-    caption = (
-        "Measured less law, turned by the sign of the slip: grey points before; means in bins "
-        "before (open) and after (filled), with two standard errors from the scatter between runs. "
-        "The means of a law that lacks nothing are zero within their errors in every panel."
-    )
-    title = "The residual, against every column"
-    return _against_columns(title, "residuals.png", caption, residual_columns(findings))
-
-
-def _base(findings: Findings) -> Section:
+def _base(findings: Findings) -> list[Block]:
     table = findings.base_parameters
     pairs = [
         [
@@ -203,66 +162,36 @@ def _base(findings: Findings) -> Section:
     ]
     added = findings.effects or findings.unexplained
     names, units = table["parameter"].astype(str), table["unit"].astype(str)
-    return Section(
-        f"Parameters of the base curve ({findings.base})",
-        [
-            Table(
-                ("parameter", "before ± standard error", "after ± standard error", "unit"),
-                list(zip(names, *pairs, units, strict=True)),
-            ),
-            Paragraph(
-                ("After: fitted together with all added effects and terms. " if added else "")
-                + "The whole law is in law.json."
-            ),
-        ],
-    )
-
-
-def _confounded(findings: Findings) -> Section:
-    none = "No other cause acts like an effect that was found."
-    return Section("What the data cannot tell apart", _items(findings.confounded, none), boxed=True)
-
-
-def _untested(findings: Findings) -> Section:
-    none = "Nothing: no column is missing, constant or too narrow."
-    return Section("What could not be tested", _items(findings.untested, none))
-
-
-def _next(findings: Findings) -> Section:
-    return Section(
-        "What to measure next",
-        _items(
-            [
-                f"To tell {humanised(one)} from {humanised(other)}: {measurement} Expected "
-                f"separation: {number(power)} standard errors."
-                for (one, other), measurement, power in findings.proposals
-            ],
-            "Nothing is proposed.",
+    return [
+        Table(
+            ("parameter", "before ± standard error", "after ± standard error", "unit"),
+            list(zip(names, *pairs, units, strict=True)),
         ),
-    )
+        Paragraph(
+            ("After: fitted together with all added effects and terms. " if added else "")
+            + "The whole law is in law.json."
+        ),
+    ]
 
 
-def _ranking(findings: Findings) -> Section:
+def _next(findings: Findings) -> list[str]:
+    return [
+        f"To tell {humanised(one)} from {humanised(other)}: {measurement} Expected separation: "
+        f"{number(power)} standard errors."
+        for (one, other), measurement, power in findings.proposals
+    ]
+
+
+def _ranking(findings: Findings) -> list[Block]:
     ranked = ranking(findings)
     if not ranked:
-        return Section("Ranking of all candidates", [Paragraph("No candidate was tested.")])
-    return Section(
-        "Ranking of all candidates",
-        [
-            Picture(
-                "ranking.png",
-                "The strongest candidates of each round, the z of their score test and what was "
-                "decided."
-                + (
-                    " Dashed: the z from which a candidate is significant."
-                    if findings.thresholds
-                    else ""
-                ),
-            ),
-            ranking_table(ranked, findings.least_p),
-            Paragraph(
-                "Gain of log likelihood: of runs left out, summed over all runs, where the "
-                "candidate was refitted together with the law of that round."
-            ),
-        ],
-    )
+        return [Paragraph("No candidate was tested.")]
+    dashed = " Dashed: the z from which a candidate is significant." if findings.thresholds else ""
+    return [
+        *_figures("ranking.png", more=dashed),
+        ranking_table(ranked, findings.least_p),
+        Paragraph(
+            "Gain of log likelihood: of runs left out, summed over all runs, where the candidate "
+            "was refitted together with the law of that round."
+        ),
+    ]

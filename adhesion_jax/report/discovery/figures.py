@@ -11,8 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from adhesion_jax.curves import adhesion_of
 from adhesion_jax.discovery.types import Candidate, Dependence, Findings, Interval
-from adhesion_jax.report.discovery.levels import level_panels
-from adhesion_jax.report.discovery.residuals import residual_panels
+from adhesion_jax.report.discovery.residuals import level_panels, residual_panels
 from adhesion_jax.report.discovery.shapes import law_grid, medians, shape_panels, slip_limits
 from adhesion_jax.report.discovery.tables import ranking
 from adhesion_jax.report.discovery.words import (

@@ -19,20 +19,12 @@ from adhesion_jax.report.discovery.tables import effects_table, errors_table
 from adhesion_jax.report.discovery.verdict import verdict
 from adhesion_jax.report.discovery.words import candidates
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
+from adhesion_jax.report.page import CAPTIONS
 from adhesion_jax.report.rendering import page_html
 from adhesion_jax.report.text import WIDTH, filled, in_columns
 
 #: The names of the files of the figures; a figure without content is not drawn.
-FIGURES = (
-    EVENTS_FIGURE,
-    "adhesion.png",
-    "residuals.png",
-    "levels.png",
-    "dependence.png",
-    "shapes.png",
-    "errors.png",
-    "ranking.png",
-)
+FIGURES = (*CAPTIONS["discover"],)
 
 #: The files of a discovery; those that do not apply are not written.
 DISCOVERY_FILES = (

@@ -1,4 +1,4 @@
-"""The residual of a law, before and after, against every column of the data."""
+"""The residual of a law, and the levels of the runs, before and after, against every column."""
 
 import numpy as np
 import pandas as pd
@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from adhesion_jax.discovery.types import Findings
-from adhesion_jax.report.discovery.tables import residual_columns
+from adhesion_jax.report.discovery.tables import level_columns, residual_columns
 from adhesion_jax.report.discovery.words import column_label
 from adhesion_jax.report.style import (
     MARKS,
@@ -43,8 +43,8 @@ def residual_panels(findings: Findings) -> Figure | None:
     figure, axes = panels(len(names), 1.75, "measured less law (1)")
     points = findings.points
     # Turned by the sign of the slip: what lowers adhesion would else part traction and braking.
-    sign = np.where(points["slip"] < 0, -1.0, 1.0)
-    left = {when: (points["adhesion"] - points[when]) * sign for when in ("before", "after")}
+    sign = 1.0 - 2.0 * (points["slip"] < 0)
+    left = {when: sign * (points["adhesion"] - points[when]) for when in ("before", "after")}
     reach = _REACH * float(np.sqrt(np.mean(left["before"] ** 2)))
     for axis, name in zip(axes, names, strict=True):
         place, ticks = _places(points[name])
@@ -63,8 +63,7 @@ def residual_panels(findings: Findings) -> Figure | None:
         for when in ("before", "after"):
             means = _binned(place, left[when], points["run"])
             reach = max(reach, _draw(axis, means, when))
-        label = column_label(findings.slip if name == "slip" else name)
-        axis.set_xlabel(label_text(label, 40))
+        axis.set_xlabel(_label(findings, name))
         if ticks is not None:
             axis.set_xticks(np.arange(len(ticks)), [label_text(tick, 10) for tick in ticks])
             axis.set_xlim(-0.5, len(ticks) - 0.5)
@@ -79,6 +78,10 @@ def residual_panels(findings: Findings) -> Figure | None:
     axes[0].set_ylim(-reach, reach)  # the panels share it
     one_legend(figure, axes[:1])
     return figure
+
+
+def _label(findings: Findings, name: str) -> str:
+    return label_text(column_label(findings.slip if name == "slip" else name), 40)
 
 
 def _places(column: pd.Series) -> tuple[pd.Series, list[str] | None]:
@@ -132,3 +135,30 @@ def _draw(axis: Axes, means: pd.DataFrame, when: str) -> float:
         **MARKS[when],
     )
     return float(1.15 * np.max(np.abs(means["mean"]) + 2 * means["error"]))
+
+
+def level_panels(findings: Findings) -> Figure | None:
+    """A panel for each column, a point for each run; None where no column differs between runs."""
+    names, _ = level_columns(findings)
+    levels = findings.levels
+    if levels is None or not names:
+        return None
+    figure, axes = panels(len(names), 1.9, "measured less law\n(% of the law)")
+    for axis, name in zip(axes, names, strict=True):
+        axis.axhline(0.0, color="0.4", linewidth=0.8)
+        for when in ("before", "after"):
+            axis.errorbar(
+                levels[name],
+                100 * levels[when],
+                200 * levels["error"],
+                # A level that does not change shows as a point within a square.
+                markersize=6 if when == "before" else 3.5,
+                linestyle="none",
+                elinewidth=0.8,
+                label=f"run {when}, ± 2 standard errors",
+                **MARKS[when],
+            )
+        axis.set_xlabel(_label(findings, name))
+        axis.xaxis.set_major_locator(MaxNLocator(4))
+    one_legend(figure, axes[:1])
+    return figure

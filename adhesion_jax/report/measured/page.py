@@ -4,23 +4,15 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from adhesion_jax.report.page import Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.report.page import Items, Page, Paragraph, Section, Table, pictures
 from adhesion_jax.report.rendering import Sections
-
-#: What each picture shows, by its file.
-_CAPTIONS = {
-    "curves.png": "The points, the curves with their departures, the band of all curves together "
-    "and, below, what each curve leaves.",
-    "runs.png": "The largest adhesion of each group under one curve, with 95 % intervals.",
-    "events.png": "The whole log, and the slip events in it that were used.",
-}
 
 #: Columns of the table of curves that the page shows; the others are in curves.csv.
 _SHOWN = ("curve", "rms", "slip_opt", "mu_max", "mu_max_lo", "mu_max_hi", "weight", "status")
 
 
 def page_of(
-    title: str, answer: str, sections: Sections, curves: pd.DataFrame, pictures: Sequence[str]
+    title: str, answer: str, sections: Sections, curves: pd.DataFrame, files: Sequence[str]
 ) -> Page:
     """The answer, what forbids it, the pictures, the verdict under its titles, and the curves."""
     shown = [name for name in _SHOWN if name in curves]
@@ -35,11 +27,15 @@ def page_of(
     words = [
         Section(name, [Paragraph(" ".join(texts))]) for name, texts in sections if not _warns(name)
     ]
-    figures = [Picture(name, _CAPTIONS[name]) for name in pictures]
     return Page(
         f"Adhesion of {title}",
         answer,
-        [*warnings, Section("Figures", figures), *words, Section("Curves", [table])],
+        [
+            *warnings,
+            Section("Figures", pictures("identify", files)),
+            *words,
+            Section("Curves", [table]),
+        ],
     )
 
 

@@ -6,12 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.data import Measured
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.measured.words import best_first, reasons, weights_of
-from adhesion_jax.report.text import WIDTH, flush_left
-from adhesion_jax.wording import plus_minus
+from adhesion_jax.report.page import Table
+from adhesion_jax.report.text import WIDTH, flush_left, in_columns
+from adhesion_jax.wording import number, plus_minus
 
 
 def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement, first: str) -> str:
@@ -165,3 +167,21 @@ def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
             }
         )
     return "\n\n".join(flush_left(pd.DataFrame(rows)) for rows in (summary, parameters))
+
+
+def understood(measured: Measured) -> str:
+    """How many rows are used, the table of the columns, and the notes."""
+    used = f"{measured.name}: {len(measured.table):,} rows are used."
+    return "\n".join([used, columns_table(measured.understood), *measured.notes])
+
+
+def columns_table(understood: pd.DataFrame) -> str:
+    """A line for each column: what it is taken as, its unit, range and share missing.
+
+    The range is in the unit beside it, which is that of the file.
+    """
+    rows = []
+    for column, taken_as, unit, lowest, highest, missing in understood.to_numpy():
+        span = f"{number(lowest)} to {number(highest)}" if number(lowest) else ""
+        rows.append((column, taken_as, unit, span, f"{100 * missing:.3g} %"))
+    return in_columns(Table(("column", "taken as", "unit", "range", "missing"), rows))

@@ -222,6 +222,32 @@ def convergence(
     return figure
 
 
+def drift(checkpoints: pd.DataFrame) -> Figure:
+    """How well mu_max is known on a rail that drifts, over the samples: RMSE, bias and coverage."""
+    rows = checkpoints[checkpoints["quantity"] == "mu_max"]
+    names = list(dict.fromkeys(rows["identifier"]))
+    styles = line_styles(names)
+    figure = Figure(figsize=(8, 9), dpi=_FEW_PANELS, layout="constrained")
+    error, bias, coverage = axes = figure.subplots(3, 1, sharex=True)
+    for name in names:
+        own = rows[rows["identifier"] == name]
+        style = {**styles[name], "markersize": 3, "linewidth": 1}
+        percent = 100 / own["truth"]
+        error.semilogy(own["k"], percent * own["rmse"], label=name, **style)
+        bias.errorbar(own["k"], percent * own["bias"], 1.96 * percent * own["bias_se"], **style)
+        shares = own["coverage95"], 1.96 * own["coverage95_se"]
+        coverage.errorbar(own["k"], *shares, **style)
+    error.semilogy(own["k"], percent * own["crlb"], "0.6", linewidth=4, label="bound", zorder=0)
+    for axis, level in ((bias, 0.0), (coverage, 0.95)):
+        axis.axhline(level, color="0.6", linewidth=3, zorder=0)
+    bias.set_yscale("symlog", linthresh=1.0)
+    error.set_ylabel(r"RMSE of $\mu_{max}$ (%)")
+    bias.set_ylabel(r"bias of $\mu_{max}$ (%)")
+    coverage.set(ylabel="coverage of 95 % intervals (1)", xlabel="samples (1)", ylim=(-0.05, 1.05))
+    one_legend(figure, axes[:1], **_LEGEND)
+    return figure
+
+
 def _band(
     axis: Axes, block: np.ndarray, low: np.ndarray, middle: np.ndarray, high: np.ndarray
 ) -> None:

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from adhesion_jax.campaign.overview import OVERVIEW
+from adhesion_jax.report.montecarlo.overview import text as overview_text
 from adhesion_jax.report.text import with_errors
 from adhesion_jax.wording import plus_minus
 
@@ -52,8 +54,8 @@ def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",
 
 
 def tracking_text(table: pd.DataFrame) -> str:
-    """An aligned table of delay, overshoot and resets of each identifier on a rail that changes."""
-    table = table[table["overshoot"].notna()]  # the first rail of a run follows no switch
+    """An aligned table of delay, overshoot, resets and lag of methods on rails that change."""
+    table = _on_changing(table)
     several = len(set(table["scenario"])) > 1
     return pd.DataFrame(
         {
@@ -66,17 +68,27 @@ def tracking_text(table: pd.DataFrame) -> str:
             "overshoot": _percent_pairs(table, "overshoot"),
             "missed switches": _percent_pairs(table, "missed_share"),
             "false resets per 1000": _pairs(table, "false_resets_per_1000"),
+            **({"lag": _pairs(table, "lag")} if table["lag"].notna().any() else {}),
         }
     ).to_string(index=False)
 
 
 def told(tables: Mapping[str, pd.DataFrame], runs: int, scenarios: Sequence[str]) -> str:
-    """The tables of a campaign for a terminal."""
+    """The tables of a campaign for a terminal; of all scenarios that on which method when."""
+    if OVERVIEW in tables:
+        return overview_text(tables[OVERVIEW])
     words = f"mu_max over {runs} runs of {' and '.join(scenarios)}"
     texts = {"summary": accuracy_table, "switches": accuracy_table, "tracking": tracking_text}
     return "\n".join(
-        f"\n{name}: {words}\n{text(tables[name])}" for name, text in texts.items() if name in tables
+        f"\n{name}: {words}\n{text(tables[name])}"
+        for name, text in texts.items()
+        if name in tables and not (name == "tracking" and _on_changing(tables[name]).empty)
     )
+
+
+def _on_changing(tracking: pd.DataFrame) -> pd.DataFrame:
+    """The rows of rails that follow a switch, or drift."""
+    return tracking[tracking["overshoot"].notna() | tracking["lag"].notna()]
 
 
 def _pairs(table: pd.DataFrame, column: str) -> list[str]:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
+from adhesion_jax.report.page import CAPTIONS
 from adhesion_jax.report.traction import fang2018, hxd1f, uyulan2018
 from adhesion_jax.report.traction.panels import Panel
 from adhesion_jax.report.traction.runs import Drawing
@@ -19,7 +20,7 @@ class Subject(NamedTuple):
 
 
 SUBJECTS: Mapping[str, Subject] = {
-    "uyulan2018": Subject(uyulan2018.table, uyulan2018.figures, uyulan2018.CAPTIONS),
-    "fang2018": Subject(fang2018.table, fang2018.figures, fang2018.CAPTIONS),
-    "hxd1f": Subject(hxd1f.table, hxd1f.figures, hxd1f.CAPTIONS),
+    "uyulan2018": Subject(uyulan2018.table, uyulan2018.figures, CAPTIONS["uyulan2018"]),
+    "fang2018": Subject(fang2018.table, fang2018.figures, CAPTIONS["fang2018"]),
+    "hxd1f": Subject(hxd1f.table, hxd1f.figures, CAPTIONS["hxd1f"]),
 }

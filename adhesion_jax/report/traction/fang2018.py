@@ -63,23 +63,6 @@ def figures(drawing: Drawing) -> Mapping[str, Sequence[Panel]]:
     }
 
 
-CAPTIONS: Mapping[str, str] = {
-    "fig_06_roads": "Figure 6: adhesion of the three roads. Stars mark the best slips that the "
-    "paper prints; that of road 2 is assumed.",
-    "fig_07_speeds": "Figure 7: speed of the wheel at its rim and of the train; what is between "
-    "them is slip, on road 2 from 55 to 85 km/h and from 105 to 70 km/h, on road 3 from 85 to 110 "
-    "km/h. The paper has the gains K1 = 19000, whose unit it does not print, and K2 = 7000 N m.",
-    "fig_08_command": "Figure 8: the torque commanded, at most what the driver asks for. The "
-    "paper's torques are those of a bench of 5.5 kW and cannot be compared.",
-    "fig_09_torque": "Figure 9: the torque of the motor.",
-    "fig_10_observed": "Figure 10: adhesion and the slope of the curve as observed, and as they "
-    "are. Slopes below -.2 and above .4 s/m are cut.",
-    "fig_11_track": "Figure 11: the operating point over the curves of the roads.",
-    "fig_12_slip": "Figure 12: slip velocity. Dotted: the slips that the paper prints, 5.3 km/h on "
-    "road 2 and 3.5 km/h on road 3. Slip beyond 8 km/h is cut.",
-}
-
-
 def _curves(one: Shown) -> list[Line]:
     roads = surfaces(one)
     return curves({f"road {name}": roads[name] for name in "123"}, _SPEED, 15.0, KMH)

@@ -53,20 +53,6 @@ def figures(drawing: Drawing) -> Mapping[str, Sequence[Panel]]:
     }
 
 
-CAPTIONS: Mapping[str, str] = {
-    "fig_10_observer": "Figure 10: adhesion as observed and as it is, with the terminal sliding "
-    "mode and with the full-dimension observer.",
-    "fig_11_speeds": "Figure 11: speed of the wheels at the rim and of the locomotive.",
-    "fig_12_slip": "Figure 12: slip velocity. Dotted: the best slips that the paper prints, .20 "
-    "m/s on the dry and .08 m/s on the wet rail. Slip beyond .5 m/s is cut.",
-    "fig_13_adhesion": "Figure 13: adhesion, and the largest that the rail has: dry, from 5 s on "
-    "wet and from 10 s on snowy.",
-    "fig_14_map": "Figure 14: the operating point over the adhesion curves. It begins at the "
-    "origin and falls from curve to curve when the rail changes. Slip beyond .6 m/s is cut.",
-    "fig_15_torque": "Figure 15: torque of a motor with a sliding mode and with the barrier.",
-}
-
-
 def _slip(one: Shown) -> Panel:
     marks = [Mark("paper's best slip", y=slip) for slip in PRINTED_BEST_SLIP.values()]
     return slips(one, one.case.method, marks, limits=(-0.05, 0.5))

@@ -74,21 +74,6 @@ def figures(drawing: Drawing) -> Mapping[str, Sequence[Panel]]:
     }
 
 
-CAPTIONS: Mapping[str, str] = {
-    "fig_04_surfaces": "Figure 4: adhesion over slip velocity on the four surfaces. Stars mark the "
-    "best slip that the paper prints, which lies to the left of the peaks of its curves.",
-    "fig_05_speeds": "Figure 5: speed of the wheels at the rim and of the train.",
-    "fig_06_adhesion": "Figure 6: adhesion, and the largest that the surface has.",
-    "fig_07_torque": "Figure 7: torque of a motor; the paper has a saturation at 20 s.",
-    "fig_08_slip": "Figure 8: slip with the true optimum as reference, and slip with the seeker as "
-    "the paper prints it. Dotted: the best slips that the paper prints. Slip beyond 3 m/s is cut.",
-    "fig_09_map": "Figure 9: the operating point over the adhesion curves.",
-    "fig_10_lyapunov": "Figure 10: the Lyapunov function L and, below, how fast it changes; the "
-    "axis of the rate is logarithmic to both sides of zero. L rises only within the layer that is "
-    "in the place of the sign of Eq. 28, and when the best slip jumps with the rail.",
-}
-
-
 def _surfaces(shown: Sequence[Shown]) -> Panel:
     known = {name: surface for one in shown for name, surface in surfaces(one).items()}
     found = {name: known[name] for name in PRINTED_BEST_SLIP if name in known}

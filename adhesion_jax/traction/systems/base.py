@@ -1,8 +1,10 @@
 """A published control system: its methods, its plant and its rails."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -48,6 +50,11 @@ class System(NamedTuple):
     cases: Callable[[float], Sequence[Case]]  # on a grid of steps in s; the paper's own come first
     repairs: Sequence[str]  # sentences on equations that differ from the printed ones
     assumptions: Sequence[str]  # sentences on what the paper leaves open beside the plant
+
+
+def papers(name: str) -> Mapping[str, Any]:
+    """The title, source, repairs and assumptions of a system, from the file beside it."""
+    return tomllib.loads(Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8"))
 
 
 #: The name for the absence of a seeker.

@@ -9,7 +9,7 @@ from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import BySpeed, stacked
 from adhesion_jax.traction.sensors import SpeedNoise
 from adhesion_jax.traction.surface import RailSurface
-from adhesion_jax.traction.systems.base import Case, System, with_peak
+from adhesion_jax.traction.systems.base import Case, System, papers, with_peak
 
 _KMH = 1 / 3.6
 
@@ -94,9 +94,7 @@ def _cases(_: float) -> list[Case]:
 
 
 SYSTEM = System(
-    title="Torque feedback of the adhesion observed, Fang et al. 2018",
-    source="Fang et al. 2018, Adhesion Control Strategy Based on the Wheel-Rail Adhesion State "
-    "Observation for High-Speed Trains, Energies 11",
+    **papers("fang2018"),
     plant="fang2018",
     step=2e-4,
     control_period=1e-3,
@@ -107,27 +105,4 @@ SYSTEM = System(
     driver=Driver(traction=1590.0, until=130 * _KMH, braking=1590.0, down_to=25 * _KMH),
     noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
-    repairs=(
-        "The inertia in the integral of Eq. 10 is that of the motor and of the wheelset behind the "
-        "gear.",
-        "Eq. 16 and 17 give the critical gain only with the gear ratio once and with the mass of "
-        "the train with a minus sign.",
-        "Eq. 8 does not start a train: at rest it asks for no torque. Unless said otherwise it "
-        "takes over at 30 km/h.",
-    ),
-    assumptions=(
-        "gamma = 10 s^4/m^2, P(0) = 10 and beta(0) = .3 s/m of the recursion for the slope, which "
-        "is limited to 1 s/m and filtered with 50 ms; with beta(0) = 0 the train never starts.",
-        "K1 = 19000 N m^2/s: its unit is not printed, and the figures have slip in km/h. For slip "
-        "in km/h it would be 68400 N m^2/s.",
-        "The two poles of the observer, -30 1/s.",
-        "The radius of the wheel, the ratio of the gear, the inertias and the resistance are those "
-        "commonly quoted for a CRH2A.",
-        "The slip passes a filter with the two poles of the observer.",
-        "The largest adhesion of the three roads: .20, .070 and .0593. The ratio of the last two "
-        "is that of the torques on the bench, which are therefore no check.",
-        "The best slip of road 2, 5.5 km/h; 6.4 km/h gives the slip of 5.3 km/h that the paper "
-        "prints.",
-        "The form of the curves is that of the other two papers.",
-    ),
 )

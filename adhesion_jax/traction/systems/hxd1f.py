@@ -8,7 +8,7 @@ from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS
 from adhesion_jax.traction.sensors import SpeedNoise
-from adhesion_jax.traction.systems.base import Case, System, exponential
+from adhesion_jax.traction.systems.base import Case, System, exponential, papers
 
 #: Peaks of .36, .20 and .10 (assumed) at .20 and .08 (printed) and .05 m/s (assumed).
 SURFACES = {
@@ -51,10 +51,7 @@ def _cases(step: float) -> list[Case]:
 
 
 SYSTEM = System(
-    title="Extremum seeking with a sliding mode and a barrier controller, HXD1F 2019",
-    source="Optimal Utilization of Adhesion Force for Heavy-Haul Electric Locomotive Based on "
-    "Extremum Seeking with Sliding Mode and Asymmetric Barrier Lyapunov Function, "
-    "J. Adv. Transport. 2019, 6270515",
+    **papers("hxd1f"),
     plant="hxd1f",
     step=1e-4,
     control_period=1e-3,
@@ -65,18 +62,4 @@ SYSTEM = System(
     driver=Driver(traction=13e3),
     noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
-    repairs=(
-        "The equations of the paper are reconstructed from its text: observer, seeker and "
-        "controller have the published forms of the methods that it names.",
-    ),
-    assumptions=(
-        "The largest adhesion of all three surfaces and the best slip on snow; the best slip of "
-        ".20 m/s on the dry and of .08 m/s on the wet rail are printed.",
-        "All gains of observer, seeker and controllers, and all settings of the differential "
-        "acceleration control.",
-        "The ratio b/a of the curves, 2.2222, is that of Uyulan et al. 2018.",
-        "The speed is not sampled; one method has a speed that is held for 1 ms.",
-        "The train of 10,000 t starts at 5 m/s. The power of an axle is an eighth of the 9600 kW "
-        "that are printed.",
-    ),
 )

@@ -13,7 +13,7 @@ from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.sensors import SpeedNoise
-from adhesion_jax.traction.systems.base import Case, System, exponential
+from adhesion_jax.traction.systems.base import Case, System, exponential, papers
 
 #: As printed in the second appendix.
 SURFACES = {
@@ -86,8 +86,7 @@ def lyapunov(
 
 
 SYSTEM = System(
-    title="Optimal slip seeking with an adaptive robust controller, Uyulan et al. 2018",
-    source="Uyulan, Gokasan and Bogosyan 2018, J. Mod. Transport., 10.1007/s40534-018-0158-x",
+    **papers("uyulan2018"),
     plant="uyulan2018",
     step=1e-4,
     control_period=None,  # the paper has none
@@ -98,30 +97,4 @@ SYSTEM = System(
     driver=Driver(traction=17.67e3),
     noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
-    repairs=(
-        "The torque path has no gear efficiency: Eq. 1 to 3, 14, 15 and 20 have none, and only the "
-        "dynamic mass has .98.",
-        "Eq. 14 and 15 agree only if the inertia is that of both wheels, 1748 kg m^2, which stands "
-        "for J_w in Eq. 20.",
-        "The stiffness and the damping of the axle are in N m/rad and N m s/rad; they are printed "
-        "in N/m and N s/m.",
-        "The estimation error of Eq. 36 mixes rad/s with m/s; it is taken as slip less the slip "
-        "sought.",
-        "The sign of Eq. 25 is a straight line within .05 m/s, and the gain adapts outside it "
-        "alone: with a sign it grows for ever.",
-        "The rolling resistance is not added to the Davis formula, which has it.",
-        "The grade has the static mass, m_stc g sin(6.5 deg); printed is the dynamic one, with "
-        "which the train rolls back and Table 1 is missed.",
-    ),
-    assumptions=(
-        "The torque limit of 17.67 kN m is fitted to the first tracking error of Table 1; the "
-        "other five are a check, the first is none.",
-        "The gains p = .0154 s/m and q = .00467 s^2/m^2 are the ratios of the resistance's "
-        "coefficients; the paper prints none.",
-        "The slope of the adhesion is limited to 1 s/m, and the seeker starts at 1.20986 m/s.",
-        "The gain L = 400 rad/s^3 of the observer and of the differentiators of the seeker.",
-        "The layer of .05 m/s of the controller.",
-        "The frontal area of 9 m^2, and the same adhesion on both sides.",
-        "The mean slip ratio in the dynamic mass (Eq. 17) is taken as zero.",
-    ),
 )

@@ -1,4 +1,4 @@
-"""A method that is a function of NumPy and SciPy, which knows nothing of jax."""
+"""Methods of NumPy and SciPy, which know nothing of jax: functions of a block, and classes."""
 
 import sys
 
@@ -65,6 +65,112 @@ def test_what_a_solver_does_not_find_is_a_failure_and_the_value_before_stays():
 def test_what_gives_no_peak_is_refused_in_a_sentence(function, words):
     with pytest.raises(adhesion.InputError, match=words):
         adhesion.montecarlo("single", {"mine": function}, runs=2)
+
+
+class Recursive:
+    """Recursive least squares with forgetting, as `rls-kiencke`."""
+
+    def __init__(self, a0=40.0):
+        self.a0 = a0
+
+    def init(self):
+        return {"x": np.array([100.0, 50.0]), "p": 1e10 * np.eye(2), "samples": 0}
+
+    def update(self, state, slip, adhesion):
+        x, p = state["x"], state["p"]
+        u = np.array([slip * adhesion, slip**2 * adhesion])
+        gain = p @ u / (0.99 + u @ p @ u)
+        x = x + gain * (self.a0 * slip - adhesion - u @ x)
+        p = (p - np.outer(gain, u @ p)) / 0.99
+        return {"x": x, "p": p, "samples": state["samples"] + 1}
+
+    def estimate(self, state):
+        assert isinstance(state["samples"], int)
+        p1, p2 = state["x"]
+        if p2 < 1:
+            raise ValueError("no peak")
+        return {"mu_max": self.a0 / (p1 + 2 * p2**0.5), "slip_opt": p2**-0.5, "p1": p1}
+
+
+@pytest.mark.parametrize("scenario", ["qian2024-switch", "qian2024"])
+def test_a_class_follows_samples_as_a_recursion_of_the_package_does(scenario):
+    asked = {"mine": Recursive, "rls-kiencke": adhesion.IDENTIFIERS["rls-kiencke"]}
+    found = adhesion.montecarlo(scenario, asked, runs=2, points=100)
+    rows = found.estimates.set_index(["identifier", "run", "block"])
+    own, ours = rows.loc["mine"], rows.loc["rls-kiencke"]
+    right = ours["status"].eq("trusted").to_numpy()
+    assert right.mean() > 0.5
+    for name in ("mu_max", "slip_opt", "p1"):
+        np.testing.assert_allclose(own[name][right], ours[name][right], rtol=1e-4)
+    assert "Slow, because it is called in Python: mine" in repr(found)
+
+
+def test_a_class_follows_a_loop_too():
+    online, samples = adhesion.online({"mine": Recursive(a0=40.0)}, a0=40.0), Recursive()
+    state = samples.init()
+    for slip, mu in [(0.02, 0.45), (0.05, 0.65), (np.nan, 0.6), (0.1, 0.77), (0.15, 0.7)]:
+        now = online.update(slip, mu)
+        if np.isfinite(slip):
+            state = samples.update(state, slip, mu)
+    assert now.mu_max == pytest.approx(samples.estimate(state)["mu_max"], rel=1e-12)
+
+
+def test_a_state_that_begins_whole_need_not_stay_so():
+    class Mean:
+        def init(self):
+            return [0, 0, np.zeros(2, int)]
+
+        def update(self, state, slip, adhesion):
+            return [state[0] + 1, state[1] + adhesion, state[2] + slip]
+
+        def estimate(self, state):
+            return {"mu_max": state[1] / state[0], "slip_opt": state[2][1] / state[0]}
+
+    online = adhesion.online({"mean": Mean}, a0=40.0)
+    online.update(0.1, 0.5)
+    assert online.update(0.2, 0.25)[:2] == pytest.approx((0.375, 0.15))
+
+
+def wrong(**parts):
+    """A class that is right but for these of its functions; None takes one away."""
+    found = {**vars(Recursive), **parts}
+    return type("Wrong", (), {name: part for name, part in found.items() if part is not None})
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        (wrong(estimate=None), "it lacks estimate"),
+        (wrong(__init__=lambda _, __: None), "missing 1 required positional argument"),
+        (wrong(init=lambda _: object()), "raises TypeError"),
+        (wrong(update=lambda _, state: state), "raises TypeError.*takes 2 positional"),
+        (wrong(update=lambda *_: [1.0]), "update gives a state of another form than init"),
+        (wrong(estimate=lambda *_: 0.3), "raises TypeError"),
+        (wrong(estimate=lambda *_: {"peak": 0.3}), "raises KeyError"),
+        (wrong(estimate=lambda *_: {"mu_max": np.inf}), "no finite mu_max"),
+    ],
+)
+def test_a_class_that_is_no_method_is_refused_in_a_sentence(method, words):
+    with pytest.raises(adhesion.InputError, match=words) as refusal:
+        adhesion.montecarlo("qian2024-switch", {"mine": method}, runs=2)
+    assert "\n" not in str(refusal.value)
+
+
+def late(slip, _):
+    if slip.size == 500:  # as no block of the trial has
+        raise KeyError("what")
+    return {"mu_max": 0.5}
+
+
+def test_what_goes_wrong_in_a_run_is_told_with_its_line_and_without_a_page_of_traceback(capfd):
+    with pytest.raises(adhesion.InputError) as refusal:
+        adhesion.montecarlo("single", {"mine": late}, runs=2)
+    words = str(refusal.value)
+    assert words.startswith("mine cannot be used as a method: it raises KeyError in line ")
+    assert "test_of_numpy.py ('what')" in words
+    assert "Traceback" not in capfd.readouterr().err
+    found = adhesion.montecarlo("single", {"mine": late}, runs=2, points=400)  # the fault is gone
+    assert (found.estimates["mu_max"] == 0.5).all()
 
 
 def test_a_function_takes_blocks_alone():
