@@ -137,7 +137,7 @@ HAVE_TRUTH = [pair for pair in CURVE_PAIRS if has_truth(scenario_of(pair[1]))]
 
 #: A short scenario that each method takes.
 HOME = {
-    name: "single" if accepts(name, "single") else "qian2024"
+    name: next(case for case in ("single", "qian2024", "qian2024-switch") if accepts(name, case))
     for name in (*CURVE_METHODS, "bayes-departure")
 }
 
