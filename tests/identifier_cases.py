@@ -137,7 +137,7 @@ HAVE_TRUTH = [pair for pair in CURVE_PAIRS if has_truth(scenario_of(pair[1]))]
 
 #: A short scenario that each method takes.
 HOME = {
-    name: "single" if accepts(name, "single") else "qian2024"
+    name: next(case for case in ("single", "qian2024", "qian2024-switch") if accepts(name, case))
     for name in (*CURVE_METHODS, "bayes-departure")
 }
 
@@ -222,7 +222,8 @@ def raw_sum_of_squares(parameters, records, a0=40.0):
     """sum (z - f)^2 over the points that are there, [runs, blocks], without the package."""
     slip, mask = np.asarray(records.slip), np.asarray(records.mask)
     speed = records.conditions.get("vehicle_speed_mps")
-    misfit = np.asarray(records.adhesion) - law(parameters, slip, a0, speed)
+    model = np.sign(slip) * law(parameters, np.abs(slip), a0, speed)  # noise makes some negative
+    misfit = np.asarray(records.adhesion) - model
     return np.sum(np.where(mask, misfit, 0.0) ** 2, axis=-1)
 
 

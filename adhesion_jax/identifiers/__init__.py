@@ -60,5 +60,6 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "rls-slope": rls_slope,
 }
 
-#: Variants that explain a published method; they run only when named.
-ABLATIONS = ("ml-de-eq16", "ml-de-eq17")
+#: Variants that explain a published method, and what takes longer than all others together; they
+#: run only when named.
+ABLATIONS = ("ml-de-eq16", "ml-de-eq17", "particle")

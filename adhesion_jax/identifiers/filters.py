@@ -75,6 +75,8 @@ class RandomWalkFilter(Identifier):
     gain: Scalar = 0.02  # least gain of the scale
 
     def accepts(self, known: Known) -> str | None:
+        if not known.by_sample:
+            return "it forgets as it follows a stream, and here are whole blocks"
         if "mu_max" in known.asked:
             return None
         return "it gives the parameters of a curve, which are not asked for here"
