@@ -9,7 +9,7 @@ from adhesion_jax.plugins import made
 from adhesion_jax.wording import listed
 
 #: Names of IDENTIFIERS, or methods of one's own by name: objects, classes or functions.
-Methods: TypeAlias = str | Sequence[str] | Mapping[str, Any]
+Methods: TypeAlias = str | Sequence[object] | Mapping[str, Any]
 
 
 def called(own: object) -> str:

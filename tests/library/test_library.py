@@ -105,7 +105,7 @@ def test_arrays_by_their_names_are_data(found):
     pd.testing.assert_frame_equal(aj.identify(columns, CURVES).table, found.table)
     lists = {name: [*values] for name, values in columns.items()}
     pd.testing.assert_frame_equal(measured_of(lists).table, measured_of(FRAME).table)
-    with pytest.raises(aj.InputError, match=r"The columns make no table .* give arrays of one len"):
+    with pytest.raises(aj.InputError, match=r"The columns make no table .* give arrays of one dimension and one len"):
         aj.identify({"slip_ratio": [0.1, 0.2], "adhesion": [0.1]})
 
 
@@ -198,7 +198,7 @@ def test_data_that_cannot_be_used_are_refused_in_a_sentence(data, says):
         ({"runs": 0}, "runs are from 1 to 1,000,000,000"),
         ({"runs": 10**20}, "runs are from 1 to"),
         ({"seed": -1}, "a seed is from 0"),
-        ({"colour": "red"}, "single takes rail, points.* sigma, .* but not colour"),
+        ({"colour": "red"}, "single takes rail, truth, told, points.* sigma, .* but not colour"),
         ({"rail": "icy"}, "icy is unknown; the rails are dry"),
         ({"points": 3}, "points is a whole number from 4 to 1e[+]06, not 3"),
         ({"points": 99.5}, "points is a whole number"),
