@@ -147,7 +147,10 @@ def test_the_sample_is_what_the_tutorial_says(tmp_path):
 def test_the_sentences_that_the_tutorial_explains_are_those_of_the_package():
     package = Path(adhesion_jax.__file__).parent
     source = "".join(path.read_text(encoding="utf-8") for path in package.rglob("*.py"))
-    said = re.sub(r'"\s*\n\s*f?"', "", source)  # a sentence goes on in the next line
+    # A sentence goes on in the next line, of a template as of a program.
+    said = re.sub(r'"\s*\n\s*f?"', "", source)
+    templates = (package / "report/templates").glob("*.txt")
+    said += re.sub(r"\s+", " ", "".join(path.read_text(encoding="utf-8") for path in templates))
     tables = (DOCS / "tutorial.md").read_text(encoding="utf-8").split("## 4.")[1].split("## 5.")[0]
     explained = re.findall(r"^\| `([^`]+)`", tables, re.MULTILINE)
     assert len(explained) > 15

@@ -60,6 +60,11 @@ _FASTEST = 0.01
 _MOST_CORRELATED = 0.98
 
 
+#: Least standard deviation of the noise: against less, what a trend may be at first is so large
+#: that the difference of two covariances has no digit left.
+_FINEST = 1e-6
+
+
 class Members(NamedTuple):
     """What each member holds, covariances in units of the noise variance; elements [members]."""
 
@@ -163,7 +168,7 @@ class Bank(OnlineKiencke):
         kept, reset = voted(kept, recursion.samples, size, adhesion, nu)
         samples = recursion.samples + 1
         age = grown_older(recursion.age, reset)
-        scale = followed_scale(scale, nu, samples, self.gain)
+        scale = jnp.maximum(followed_scale(scale, nu, samples, self.gain), _FINEST)
 
         # Of a noise with the correlation r the share 1 - r^2 of the variance is new in a sample.
         whole = recursion.scale / jnp.sqrt(1 - memory**2)
@@ -184,7 +189,7 @@ class Bank(OnlineKiencke):
             self.huber,
             self.start,
         )
-        scale = jnp.where(samples <= LENGTH, whole * new, scale)
+        scale = jnp.maximum(jnp.where(samples <= LENGTH, whole * new, scale), _FINEST)
         # The mean of such a noise has 1/(1 - r)^2 times the variance that its new share would have.
         young = self._alike(
             known,

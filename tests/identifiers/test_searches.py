@@ -57,11 +57,15 @@ SURE = [
 ]
 
 
-def found_the_truth(estimate, scenario):
-    """Whether all parameters are within 1e-4 of the truth, [runs, blocks]."""
+#: How near a method comes that interpolates between 48 values of c2; all others by 1e-4.
+NEAR = {"varpro-forgetting": 1e-3, "varpro-forgetting-offset": 1e-3}
+
+
+def found_the_truth(estimate, scenario, near=1e-4):
+    """Whether all parameters are so near to the truth, [runs, blocks]."""
     truth = scenario.quantities()
     expected = np.stack([truth[name] for name in scenario.known.curve.free], axis=-1)
-    return np.all(np.abs(parameters_of(estimate) / expected - 1) < 1e-4, axis=-1)
+    return np.all(np.abs(parameters_of(estimate) / expected - 1) < near, axis=-1)
 
 
 @pytest.mark.parametrize(("name", "case"), lanes(SURE, always=3, thorough=7))
@@ -69,11 +73,12 @@ def test_data_without_any_noise_give_the_truth_back(name, case):
     scenario_name, options = CASES[case]
     scenario = build(scenario_name, Options(**{**options, "sigma": 0.0}))
     records, estimate = identified(IDENTIFIERS[name], scenario)
-    right = found_the_truth(estimate, scenario)
-    # Where a sequence grows, all of it: the first few points hardly show c3. On a stream, the
-    # first rail: how soon the second one is found is another question.
+    right = found_the_truth(estimate, scenario, NEAR.get(name, 1e-4))
+    # Where a sequence grows, all of it: the first few points hardly show c3. On a stream, and of
+    # what forgets little by little, the first rail: how soon the next is found is not asked here.
     whole = np.all(np.broadcast_to(records.mask, records.adhesion.shape), axis=-1)
-    whole &= np.array(scenario.rails) == scenario.rails[0] if scenario.known.by_sample else True
+    if scenario.known.by_sample or name in NEAR:
+        whole &= np.array(scenario.rails) == scenario.rails[0]
     assert np.all(right[whole])
     assert np.all((right | (np.asarray(estimate.status) != Status.TRUSTED))[whole])
 
@@ -111,7 +116,8 @@ def test_with_hardly_any_noise_every_rail_is_recovered(name):
     for rail in ("dry", "common", "wet"):
         scenario = build(HOME[name], Options(rail=rail, sigma=1e-9, points=120))
         _, estimate = identified(IDENTIFIERS[name], scenario)
-        assert np.all(found_the_truth(estimate, scenario)[:, -1]), rail
+        right = found_the_truth(estimate, scenario, NEAR.get(name, 1e-4))
+        assert np.all(right[:, -1]), rail
 
 
 @pytest.mark.parametrize("scenario_name", [case for name, case in PAIRS if name == "ml-exact"])

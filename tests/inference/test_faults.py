@@ -335,7 +335,7 @@ def test_a_force_in_another_unit_than_its_heading_says_is_asked_about():
     with pytest.raises(InputError) as refused:
         of_file("newcomer/force_wrong_unit.csv")
     assert "the adhesion is 0.0002997 or less in nine of ten rows" in str(refused.value)
-    assert '--column "wheel_force=Radkraft [UNIT]"' in str(refused.value)
+    assert 'columns={"wheel_force": "Radkraft [UNIT]"}' in str(refused.value)
 
 
 def test_an_adhesion_that_no_contact_has_is_no_answer_though_its_unit_was_said():

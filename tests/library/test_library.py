@@ -105,7 +105,10 @@ def test_arrays_by_their_names_are_data(found):
     pd.testing.assert_frame_equal(aj.identify(columns, CURVES).table, found.table)
     lists = {name: [*values] for name, values in columns.items()}
     pd.testing.assert_frame_equal(measured_of(lists).table, measured_of(FRAME).table)
-    with pytest.raises(aj.InputError, match=r"The columns make no table .* give arrays of one dimension and one len"):
+    with pytest.raises(
+        aj.InputError,
+        match=r"The columns make no table .* give arrays of one dimension and one len",
+    ):
         aj.identify({"slip_ratio": [0.1, 0.2], "adhesion": [0.1]})
 
 
