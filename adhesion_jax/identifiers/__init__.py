@@ -60,6 +60,13 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "rls-slope": rls_slope,
 }
 
-#: Variants that explain a published method, and what takes longer than all others together; they
+#: Variants that explain a published method, and what takes as long as all others together; they
 #: run only when named.
-ABLATIONS = ("ml-de-eq16", "ml-de-eq17", "particle")
+ABLATIONS = (
+    "ml-de-eq16",
+    "ml-de-eq17",
+    "bayes-departure",
+    "varpro-forgetting",
+    "varpro-forgetting-offset",
+    "particle",
+)

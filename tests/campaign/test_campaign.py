@@ -364,7 +364,6 @@ def test_every_identifier_but_the_ablations_runs_unless_named():
     assert names == (
         *("ml-exact", "ml-pooled", "ml-de", "ml-de-he2018", "ml-de-robust"),
         *("lm", "lm-jaxopt", "gn-jaxopt", "lm-optimistix", "gn-optimistix"),
-        *("bayes-departure", "varpro-forgetting", "varpro-forgetting-offset"),
     )
     assert not set(ABLATIONS) & set(names)
     config = Config("qian2024")
