@@ -42,11 +42,12 @@ def plus_minus(value: float, standard_error: float) -> str:
 def p_value(value: float, least: float = 0.0) -> str:
     """A p with two digits, `<= 0.0005` at the `least` that its test can show; empty if NaN.
 
-    No p is 0: one that is below all numbers of the machine is told as `< 1e-300`.
+    No p is 0: one below 1e-300 is told as that. Smaller ones are not told apart, since a processor
+    that takes subnormal numbers for 0, which some libraries ask for when they are loaded, has none.
     """
     if not math.isfinite(value):
         return ""
-    if value == 0:
+    if value < 1e-300:
         return "< 1e-300"
     return f"<= {least:.2g}" if value == least else f"{value:.2g}"
 

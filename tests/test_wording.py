@@ -51,5 +51,5 @@ def test_a_share_has_two_digits_of_itself_or_of_what_it_lacks_to_all():
 
 
 def test_a_p_is_never_nought():
-    told = [p_is(0.0123), p_is(0.0005, 0.0005), p_is(0.0, 0.0005), p_is(5e-310)]
-    assert told == ["p = 0.012", "p <= 0.0005", "p < 1e-300", "p = 5e-310"]
+    told = [p_is(0.0123), p_is(0.0005, 0.0005), p_is(0.0, 0.0005), p_is(5e-300), p_is(5e-310)]
+    assert told == ["p = 0.012", "p <= 0.0005", "p < 1e-300", "p = 5e-300", "p < 1e-300"]
