@@ -17,9 +17,9 @@ import pytest
 import adhesion_jax
 from adhesion_jax.effects.cause import Facts, Multiplier
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.planting import chosen
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.plantable import PLANTABLE
+from experiments.campaigns.planting import Planting, of_strength
+from experiments.campaigns.simulator import simulate
 
 pytestmark = pytest.mark.thorough  # all rest on one process that imports and compiles anew
 
@@ -28,7 +28,7 @@ HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs" / "extending.md"
 
 #: What is copied: sources, and the files that are read beside them.
-KEPT = (".py", ".csv", ".html", ".toml")
+KEPT = (".py", ".pyi", ".csv", ".html", ".toml", ".txt")
 
 
 def section_of(heading: str) -> str:
@@ -39,20 +39,8 @@ def section_of(heading: str) -> str:
 def effect_of_page() -> str:
     """The file that the page tells to write."""
     section = section_of("### A new effect in one file")
-    (example,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    (example,) = re.findall(r"```python\n(# leaves.py\n.*?)```", section, re.DOTALL)
     return example
-
-
-def files_of_page() -> tuple[str, str]:
-    """The class, which belongs in effects, and how it is planted, which belongs in simulation."""
-    head, rest = effect_of_page().split("\n\n\n", 1)
-    written, planting = rest.split("\n\n\n", 1)
-    lines = head.splitlines()
-    below = [line for line in lines if "adhesion_jax.simulation" not in line]
-    above = [line for line in lines if "simulation.plantable" not in line]
-    above.append("from adhesion_jax.effects.leaves import Leaves")
-    planting = planting.replace('PLANTABLE["Leaves"] =', "LEAVES =")
-    return "\n".join([*below, "", "", written, ""]), "\n".join([*above, "", "", planting])
 
 
 def identifier_of_page() -> str:
@@ -82,20 +70,12 @@ def told(tmp_path_factory):
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, place)
 
-    effect, planting = files_of_page()
-    (package / "effects" / "leaves.py").write_text(effect)
+    (package / "effects" / "leaves.py").write_text(effect_of_page())
     lines_added(
         package / "effects" / "__init__.py",
         "EFFECTS",
         '"leaves": Leaves,',
         "from adhesion_jax.effects.leaves import Leaves",
-    )
-    (package / "simulation" / "leaves.py").write_text(planting)
-    lines_added(
-        package / "simulation" / "plantable.py",
-        "PLANTABLE",
-        '"leaves": LEAVES,',
-        "from adhesion_jax.simulation.leaves import LEAVES",
     )
     shutil.copy(HERE / "one_file" / "hyperbolic.py", package / "curves")
     lines_added(
@@ -260,12 +240,6 @@ FACTS = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def registry(monkeypatch):
-    """The file of the page puts its planting into the registry: for one test alone."""
-    monkeypatch.setitem(PLANTABLE, "Leaves", None)
-
-
 def test_the_example_declares_all_and_is_an_effect():
     leaves = page_without()["Leaves"]
     assert float(leaves(k=0.25).factor(0.0, {"leaf_cover": 0.4})) == pytest.approx(0.9)
@@ -284,11 +258,9 @@ def test_an_effect_that_forgets_a_fact_is_not_even_read(fact):
         page_without(fact=fact)
 
 
-def test_an_effect_without_facts_is_not_read_and_cannot_be_made():
-    with pytest.raises(AttributeError, match="FACTS"):
-        page_without("FACTS")
+def test_an_effect_without_facts_cannot_be_made():
     with pytest.raises(TypeError, match=r"abstract[^\n]*FACTS"):
-        type("Bare", (Multiplier,), {"factor": None})()
+        page_without("FACTS")["Leaves"](k=0.1)
 
 
 def test_an_effect_that_declares_no_starts_is_refused_where_it_is_first_tried():
@@ -302,9 +274,8 @@ def test_an_effect_that_forgets_how_it_is_planted_is_never_planted_as_nothing(mo
     sizes = {"seed": 0, "runs": 6, "points": 20}
     with pytest.raises(InputError, match="no way to plant 'forgotten'"):
         simulate(["forgotten"], **sizes)
-    page_without()
-    assert simulate(["Leaves"], **sizes).truth == ("Leaves",)
-    monkeypatch.setitem(PLANTABLE, "Leaves", PLANTABLE["Leaves"]._replace(extra=chosen()))
+    leaves = page_without()["Leaves"]
+    monkeypatch.setitem(PLANTABLE, "Leaves", Planting(of_strength(leaves, 0.9)))
     with pytest.raises(KeyError, match="leaf_cover"):
         simulate(["Leaves"], **sizes)
 

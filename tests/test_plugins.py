@@ -1,5 +1,6 @@
 """Parts in files of the user's own: the page's examples by its commands, and what is refused."""
 
+import json
 import os
 import re
 import subprocess
@@ -133,10 +134,13 @@ def test_a_seeker_drives(folder):
 
 
 @pytest.mark.slow
-def test_an_effect_is_planted_and_found(folder):
-    _, told = done_in(folder, of("discover", "--effects"), "effect")
-    assert "Planted: Leaves" in told
+def test_an_effect_is_found(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    exec(re.search(r"```python\n(import numpy.*?leafy.csv.*?)```", TEXT, re.DOTALL)[1], {})
+    out, told = done_in(folder, of("discover", "--effects"), "effect")
     assert "eaves on the rail" in told
+    (leaves,) = json.loads((out / "report.json").read_text())["effects"]
+    assert leaves["parameters"]["k"]["low"] < 0.25 < leaves["parameters"]["k"]["high"]
 
 
 @pytest.mark.slow

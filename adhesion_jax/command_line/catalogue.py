@@ -24,7 +24,7 @@ _REGISTRIES = {
     "ablations": ("identifiers", "ABLATIONS"),
     "rails": ("scenarios.rails", "RAILS"),
     "curves": ("curves", "CURVES"),
-    "effects": ("simulation.plantable", "PLANTABLE"),
+    "effects": ("effects", "EFFECTS"),
     "data": ("data", "SHIPPED"),
     "systems": ("traction.systems", "SYSTEMS"),
     "plants": ("traction.plants.reading", "shipped"),

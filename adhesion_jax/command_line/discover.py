@@ -1,6 +1,5 @@
 """`adhesion discover`: which physical effect a law lacks in measured data."""
 
-import json
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +13,6 @@ from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
 from adhesion_jax.command_line.record import record
-from adhesion_jax.errors import InputError
 from adhesion_jax.plugins import Part
 
 NAMES = catalogue().names
@@ -22,24 +20,11 @@ NAMES = catalogue().names
 _RUNS = Log(NAMES["data"])
 
 
-class Plantable(Names):
-    """Names of the package, of --effects, or parts FILE.py:NAME."""
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        own = ctx.params.get("effects")
-        names = [part.name for part in own] if isinstance(own, tuple) else []
-        asked = Names((*self.names, *names), self.kind).convert(value, param, ctx)
-        if "none" in asked and len(asked) > 1:
-            raise InputError(f"--simulate {value} has none beside others; name one of both.")
-        return asked
-
-
 @command(
     "discover roller-rig",
     "discover train.csv --test test.csv --effects mine.py:Mine --out out/mine",
-    "discover --simulate humidity,patch",
 )
-@click.argument("train", type=_RUNS, nargs=-1)
+@click.argument("train", type=_RUNS, nargs=-1, required=True)
 @reading
 @slip_events
 @click.option(
@@ -60,16 +45,8 @@ class Plantable(Names):
 @click.option(
     "--effects",
     type=Names((), "effect"),
-    is_eager=True,  # their names may be planted
     metavar="FILE.py:NAME[,...]",
     help="Effects of your own, which are searched for beside those of the package.",
-)
-@click.option(
-    "--simulate",
-    "planted",
-    type=Plantable((*NAMES["effects"], "none"), "effect"),
-    metavar="EFFECTS",
-    help="Instead of TRAIN: a simulated campaign with these effects, by commas, or none.",
 )
 @slip_noise
 @click.option(
@@ -85,7 +62,6 @@ def main(
     curve: tuple[Any, ...],
     seed: int,
     effects: tuple[Part, ...] | None,
-    planted: tuple[Any, ...] | None,
     slip_noise: float | None,
     correct: bool,
     events: bool | None,
@@ -100,25 +76,13 @@ def main(
     time_s, from whose gaps runs are told), or the name of a data set that ships with the package:
     eurosprinter, roller-rig. Nothing is fitted to the runs of --test.
     """
-    if (planted is None) == (not train):
-        raise InputError("Name the files of TRAIN, or a campaign by --simulate, but not both.")
-    if planted is not None and (tests or columns or known or dry_run):
-        raise InputError(
-            "--test, --dry-run and what columns and sensors are do not go with --simulate, which "
-            "draws runs of its own."
-        )
-    _, curves, planted = begin(effects, curve, planted)
+    _, curves = begin(effects, curve)
     from adhesion_jax.data.events import events_of
     from adhesion_jax.data.runs import matching, to_runs
     from adhesion_jax.files import output_directory
     from adhesion_jax.library.discover import discover_in, sources_of
     from adhesion_jax.library.results import columns_of
-    from adhesion_jax.simulation.simulator import simulate, write_set
 
-    if planted is not None:
-        names = tuple(name for name in planted if name != "none")
-        write_set(output_directory(out), simulate(names, seed=seed))
-        train, tests = (str(out / "train.csv.gz"),), (str(out / "test.csv.gz"),)
     measured = read(train, columns, known, for_search=True)
     judged = read(tests, columns, known, for_search=True) if tests else []
     if dry_run:
@@ -142,6 +106,3 @@ def main(
         found = discover_in(runs, test, logs, sources, understood, *asked)
     record(out)
     click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
-    if planted is not None:
-        truth = json.loads((out / "truth.json").read_text())
-        click.echo(f"Planted: {', '.join(truth['effects']) or 'nothing'}")

@@ -1,1 +1,1 @@
-"""Simulated measurements, independent of the search that they test."""
+"""Simulated measurements whose truth is known."""

@@ -15,7 +15,7 @@ from adhesion_jax import runtime
 from adhesion_jax.command_line.command import SEED, Folder, Names, run, start
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, staged, write_metadata, write_table
-from adhesion_jax.simulation.base import rms
+from experiments.campaigns.base import rms
 from experiments.discovery_peers.features import fit_base, in_runs
 from experiments.discovery_peers.methods import PEERS, predicted
 from experiments.discovery_peers.report import draw_peers, peers_text

@@ -10,8 +10,8 @@ import pandas as pd
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import CURVES, Curve, with_free_values
-from adhesion_jax.simulation.base import refitted
-from adhesion_jax.simulation.runs import BASE_CURVES
+from experiments.campaigns.base import refitted
+from experiments.campaigns.runs import BASE_CURVES
 
 #: Columns of the slip, which the base curve contains already: naming them names no cause.
 OWN = ("base_adhesion", "slip_size")

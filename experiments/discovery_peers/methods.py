@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
-from adhesion_jax.simulation.base import rms
+from experiments.campaigns.base import rms
 from experiments.discovery_peers.features import OWN, Base, Problem, folds, make_problem
 
 #: Level of the test by which trees and Gaussian processes name columns, over all columns.

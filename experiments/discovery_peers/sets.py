@@ -10,9 +10,9 @@ import pandas as pd
 
 from adhesion_jax.discovery.types import FoundEffect
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import SetNoise, simulate
+from experiments.campaigns.plantable import PLANTABLE
+from experiments.campaigns.runs import BASE_CURVES
+from experiments.campaigns.simulator import SetNoise, simulate
 from experiments.discovery_study.judging import (
     blamed,
     columns_of,

@@ -6,7 +6,7 @@ import numpy as np
 
 from adhesion_jax.discovery.types import Findings, FoundEffect
 from adhesion_jax.effects import EFFECTS
-from adhesion_jax.simulation.simulator import SimulatedSet
+from experiments.campaigns.simulator import SimulatedSet
 from experiments.discovery_study.one_log import LOG_FORMS
 from experiments.discovery_study.right_names import names_for, seen_in
 from experiments.discovery_study.tasks import Task

@@ -8,9 +8,9 @@ import pandas as pd
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.base import misfit, rms
 from adhesion_jax.simulation.locomotive_log import LogCourse, burckhardt, dry, falling
-from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, noisy
+from experiments.campaigns.base import misfit, rms
+from experiments.campaigns.simulator import SetNoise, SimulatedSet, noisy
 
 #: Seconds between two points.
 _STEP = 0.1

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adhesion_jax.simulation.base import conditions_of, on_runs
-from adhesion_jax.simulation.planting import Bend, CleanRuns, OpenEffect, Planted, unchanged
-from adhesion_jax.simulation.runs import BASE_CURVES, draw_curve, draw_runs
-from adhesion_jax.simulation.simulator import SimulatedSet, simulate
+from experiments.campaigns.base import conditions_of, on_runs
+from experiments.campaigns.planting import Bend, CleanRuns, OpenEffect, Planted, unchanged
+from experiments.campaigns.runs import BASE_CURVES, draw_curve, draw_runs
+from experiments.campaigns.simulator import SimulatedSet, simulate
 
 #: Columns that a random effect can rest on.
 RANDOM_COLUMNS = (

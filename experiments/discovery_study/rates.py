@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from adhesion_jax.simulation.plantable import PLANTABLE
+from experiments.campaigns.plantable import PLANTABLE
 from experiments.discovery_study.random_effect import ACTS_ON
 from experiments.discovery_study.tasks import AUTOCORRELATIONS
 

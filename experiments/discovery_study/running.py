@@ -17,7 +17,7 @@ from adhesion_jax.campaign.store import Content, read, rows_of
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.library.discover import discover
 from adhesion_jax.runtime import silent
-from adhesion_jax.simulation.simulator import SimulatedSet
+from experiments.campaigns.simulator import SimulatedSet
 from experiments.discovery_study.judging import judged
 from experiments.discovery_study.tasks import Task, make_set
 

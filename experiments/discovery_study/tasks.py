@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adhesion_jax.effects import family_of
-from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, simulate
+from experiments.campaigns.plantable import PLANTABLE
+from experiments.campaigns.runs import BASE_CURVES
+from experiments.campaigns.simulator import SetNoise, SimulatedSet, simulate
 from experiments.discovery_study.one_log import LOG_FORMS, one_log
 from experiments.discovery_study.otherwise import FORMS, forms_of
 from experiments.discovery_study.random_effect import (

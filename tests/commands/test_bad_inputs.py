@@ -203,8 +203,6 @@ def test_options_that_cannot_be_meant_are_refused(tmp_path, monkeypatch, capsys)
         ["traction", "--system", "fang2018", "--runs", "9" * 20],
         ["plan", "--rail", "common", "--sigma", "0"],
         ["plan", "--rail", "common", "--sigma", "1e-300"],
-        ["discover", "--simulate", "none,humidity"],
-        ["discover", "--simulate", ""],
         ["status", "log.csv"],
         ["status", "empty"],
     ):

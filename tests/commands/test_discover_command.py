@@ -11,7 +11,7 @@ from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.discover import main
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.simulator import simulate
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +51,7 @@ def refusal(arguments, out, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "--simulate, but not both"),
-        (["TRAIN", "--simulate", "none"], "--simulate, but not both"),
-        (["--simulate", "humidty"], "--simulate humidty is not known; name one of speed"),
-        (["--simulate", "humidity", "--test", "TRAIN"], "do not go with --simulate"),
-        (["--simulate", "humidity", "--dry-run"], "do not go with --simulate"),
-        (["--simulate", "humidity", "--wheel-radius", "0.5"], "do not go with --simulate"),
-        (["--simulate", "patch,patch"], "name each once"),
+        ([], "Missing argument 'TRAIN...'"),
         (["TRAIN", "--correct"], "--correct is of the predictions of test data; name them by"),
         (["TRAIN", "--curve", "auto,pacejka"], "--curve pacejka is not known"),
         (["TRAIN", "--seed", "-1"], "--seed"),

@@ -12,7 +12,7 @@ from adhesion_jax.data import SHIPPED, matching, read_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.simulator import SetNoise, simulate
+from experiments.campaigns.simulator import SetNoise, simulate
 
 
 def more(*seeds):

@@ -13,7 +13,7 @@ from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.scans import torsion, waves
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.shape import ACTS_ON
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.simulator import simulate
 
 RUNS, POINTS = 17, 100
 FLIPS = 1999

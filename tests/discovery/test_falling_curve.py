@@ -4,7 +4,7 @@ import pytest
 from discovery_campaigns import SIZE, runs_of
 
 from adhesion_jax.discovery.engine import discover
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.simulator import simulate
 
 pytestmark = pytest.mark.thorough
 

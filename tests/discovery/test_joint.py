@@ -8,7 +8,7 @@ from discovery_campaigns import SIZE, state_of
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.selection import search
 from adhesion_jax.effects import Surface
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.simulator import simulate
 
 
 def places(column: pd.Series) -> pd.Series:

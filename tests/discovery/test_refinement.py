@@ -16,7 +16,7 @@ from adhesion_jax.discovery.search.state import Accepted, refreshed, slots_of
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import EFFECTS, Covariate, Interaction, Labels, Periodic
 from adhesion_jax.effects.shape import ACTS_ON
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.simulator import simulate
 
 LENGTH = 20.0
 

@@ -16,7 +16,7 @@ from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.simulator import simulate
 
 
 @pytest.fixture(scope="module")

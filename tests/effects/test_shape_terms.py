@@ -20,7 +20,7 @@ from adhesion_jax.effects.law import CorrectedLaw, with_effects
 from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.simulator import simulate
+from experiments.campaigns.simulator import simulate
 
 C1, C2, C3 = 0.35, 90.0, 0.5
 MU0, A, B, STIFFNESS, K_S = 0.5, 0.4, 0.6, 90.0, 0.4

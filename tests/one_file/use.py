@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from adhesion_jax.curves.hyperbolic import Hyperbolic  # of the copy alone
+from adhesion_jax.effects.leaves import Leaves
 
 import adhesion_jax
 from adhesion_jax.campaign.config import Config
@@ -22,9 +23,10 @@ from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.scenarios import Options
-from adhesion_jax.simulation.planting import CleanRuns, OpenEffect
-from adhesion_jax.simulation.runs import DRAWN
-from adhesion_jax.simulation.simulator import SetNoise, SimulatedSet, simulate
+from experiments.campaigns.plantable import PLANTABLE
+from experiments.campaigns.planting import CleanRuns, OpenEffect, Planting, of_strength
+from experiments.campaigns.runs import DRAWN
+from experiments.campaigns.simulator import SetNoise, SimulatedSet, simulate
 from experiments.discovery_study.judging import judged
 from experiments.discovery_study.otherwise import by_factor
 from experiments.discovery_study.tasks import study_tasks
@@ -46,7 +48,13 @@ def parameters_of(campaign: SimulatedSet) -> tuple[float, ...]:
     return tuple(float(getattr(campaign.curve, name)) for name in campaign.curve.free)
 
 
+def cover(columns: dict[str, np.ndarray], generator: np.random.Generator) -> dict[str, np.ndarray]:
+    share = generator.uniform(0.0, 1.0, (len(columns["time_s"]), 1))
+    return {"leaf_cover": share + 0 * columns["time_s"]}
+
+
 # A new effect planted on a new curve, by both of its formulas.
+PLANTABLE["leaves"] = Planting(of_strength(Leaves, 0.9), cover)
 DRAWN["hyperbolic"] = lambda level, _, draw: Hyperbolic(level, draw(30.0, 80.0), level)
 quiet = SetNoise(1e-9, 0.0, 0.0)
 

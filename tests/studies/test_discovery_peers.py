@@ -7,7 +7,7 @@ from matplotlib.image import imread
 
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.simulator import SetNoise, simulate
+from experiments.campaigns.simulator import SetNoise, simulate
 from experiments.discovery_peers.__main__ import compared
 from experiments.discovery_peers.features import fit_base, folds, in_runs, make_problem
 from experiments.discovery_peers.report import draw_peers, peers_text

@@ -9,9 +9,9 @@ from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, I
 from adhesion_jax.effects import family_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.library.status import status
-from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.runs import BASE_CURVES
-from adhesion_jax.simulation.simulator import SetNoise
+from experiments.campaigns.plantable import PLANTABLE
+from experiments.campaigns.runs import BASE_CURVES
+from experiments.campaigns.simulator import SetNoise
 from experiments.discovery_study.__main__ import OWN_FILES, study
 from experiments.discovery_study.judging import is_one_of, removed_share
 from experiments.discovery_study.random_effect import RandomEffect

@@ -1,9 +1,7 @@
 """Simulated sets of runs with planted effects, on which a discovery can be tested."""
 
-import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -14,11 +12,10 @@ from scipy.signal import lfilter
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import staged
-from adhesion_jax.simulation.base import conditions_of, misfit, on_runs, rms
-from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.planting import Bend, CleanRuns, Form, OpenEffect, Planted
-from adhesion_jax.simulation.runs import BASE_CURVES, DRAWN, Runs, draw_curve, draw_runs
+from experiments.campaigns.base import conditions_of, misfit, on_runs, rms
+from experiments.campaigns.plantable import PLANTABLE
+from experiments.campaigns.planting import Bend, CleanRuns, Form, OpenEffect, Planted
+from experiments.campaigns.runs import BASE_CURVES, DRAWN, Runs, draw_curve, draw_runs
 
 #: The columns that every table has, in their order.
 TABLE_COLUMNS = (
@@ -26,9 +23,6 @@ TABLE_COLUMNS = (
     *("normal_load_N", "temperature_C", "relative_humidity_pct", "position_m"),
     *("curvature_per_m", "sanding", "rail_age_days"),
 )
-
-#: The files of a simulated set on disk.
-SET_FILES = ("train.csv.gz", "test.csv.gz", "truth.json")
 
 #: Share of the runs that is held out.
 _TEST = 0.3
@@ -68,7 +62,6 @@ def simulate(
     noise: SetNoise = SetNoise(),  # noqa: B008  (an immutable tuple)
     runs: int = 40,
     points: int = 200,
-    remove: Sequence[str] = (),
     forms: Mapping[str, Form] = MappingProxyType({}),
 ) -> SimulatedSet:
     """A set of runs at 10 Hz, 30 % of the runs held out at random.
@@ -76,17 +69,16 @@ def simulate(
     `strength` is the 95th percentile of the change of |adhesion| that each effect alone makes,
     over that of |adhesion| itself; by default it is drawn from .15 to .3 for each. An effect that
     cannot become so strong is as strong as it can be. `base` "auto" takes the families in turn by
-    seed. `forms` are planted in the place of the effects of their names, or besides. Columns in
-    `remove` are left out of the tables. Equal arguments give equal tables, and excitation, weather
-    and noise depend on the seed and the sizes alone. InputError for what is not known.
+    seed. `forms` are planted in the place of the effects of their names, or besides. Equal
+    arguments give equal tables, and excitation, weather and noise depend on the seed and the sizes
+    alone. InputError for what is not known.
     """
-    _check(effects, base, strength, noise, runs, points, remove)
+    _check(effects, base, strength, noise, runs, points)
     chance = [np.random.default_rng((seed, stream)) for stream in range(5)]
     family = BASE_CURVES[seed % len(BASE_CURVES)] if base == "auto" else base
     truth = draw_runs(runs, points, operational, chance[0])
     extra = _extra_columns(effects, truth, seed)
     truth = truth._replace(columns={**truth.columns, **extra})
-    _known("column", remove, (*TABLE_COLUMNS, *extra))
     conditions = conditions_of(truth)
     law = draw_curve(family, np.random.default_rng((seed, 1)))
     curve = on_runs(law, conditions)
@@ -96,7 +88,7 @@ def simulate(
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
     adhesion = noisy(clean, noise, chance[2])
     table = _table(truth, slip, adhesion, chance[3])
-    kept = [name for name in (*TABLE_COLUMNS, *extra) if name not in remove]
+    kept = [*TABLE_COLUMNS, *extra]
     held_out = chance[4].permutation(runs)[: max(round(_TEST * runs), 1)]
     is_test = np.isin(np.arange(runs), held_out)
     rows = np.repeat(is_test, points)
@@ -115,30 +107,6 @@ def simulate(
     )
 
 
-def write_set(folder: Path, made: SimulatedSet) -> None:
-    """train.csv.gz, test.csv.gz with seven digits, and truth.json; all of them or none."""
-    truth = {
-        "effects": list(made.truth),
-        "parameters": {name: dict(values) for name, values in made.parameters.items()},
-        "base": made.base,
-        "base_parameters": {name: float(getattr(made.curve, name)) for name in made.curve.free},
-        **made.noise._asdict(),
-        "visible": made.visible,
-        "test_rms_noise": made.test_rms_noise,
-        "test_rms_effect": made.test_rms_effect,
-    }
-    with staged(folder, SET_FILES) as stage:
-        for name, table in (("train", made.train), ("test", made.test)):
-            # Without a time stamp, so that equal sets give equal files.
-            table.to_csv(
-                stage / f"{name}.csv.gz",
-                index=False,
-                float_format="%.7g",
-                compression={"method": "gzip", "mtime": 0},
-            )
-        (stage / "truth.json").write_text(json.dumps(truth, indent=2) + "\n")
-
-
 def _check(
     effects: Sequence[str],
     base: str,
@@ -146,7 +114,6 @@ def _check(
     noise: SetNoise,
     runs: int,
     points: int,
-    remove: Sequence[str],
 ) -> None:
     for what, asked, known in (
         ("way to plant", effects, PLANTABLE),
@@ -155,9 +122,6 @@ def _check(
         _known(what, asked, known)
     if len(set(effects)) < len(effects):
         raise InputError("An effect can be planted only once; name each once.")
-    needed = [name for name in remove if name in ("slip_ratio", "adhesion", "run")]
-    if needed:
-        raise InputError(f"Without the column {needed[0]} there is nothing to discover; keep it.")
     if not (noise.sigma > 0 and 0 <= noise.autocorrelation < 1 and noise.run_scatter >= 0):
         raise InputError(
             "Noise needs a sigma above 0, an autocorrelation from 0 to below 1 and a run scatter "

@@ -5,10 +5,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.base import conditions_of, on_runs
-from adhesion_jax.simulation.planting import CleanRuns
-from adhesion_jax.simulation.runs import draw_curve, draw_runs
-from adhesion_jax.simulation.simulator import SetNoise, simulate
+from experiments.campaigns.base import conditions_of, on_runs
+from experiments.campaigns.planting import CleanRuns
+from experiments.campaigns.runs import draw_curve, draw_runs
+from experiments.campaigns.simulator import SetNoise, simulate
 from experiments.discovery_study.one_log import one_log
 from experiments.discovery_study.random_effect import (
     ACTS_ON,

@@ -1,5 +1,4 @@
 import itertools
-import json
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,13 +11,12 @@ from adhesion_jax.curves import free_values, physical_box, with_free_values
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import with_effects
 from adhesion_jax.errors import InputError
-from adhesion_jax.simulation.plantable import PLANTABLE
-from adhesion_jax.simulation.runs import BASE_CURVES, DRAWN
-from adhesion_jax.simulation.simulator import (
+from experiments.campaigns.plantable import PLANTABLE
+from experiments.campaigns.runs import BASE_CURVES, DRAWN
+from experiments.campaigns.simulator import (
     TABLE_COLUMNS,
     SetNoise,
     simulate,
-    write_set,
 )
 from experiments.discovery_study.otherwise import FORMS, forms_of
 
@@ -173,29 +171,11 @@ def test_slip_noise_is_white_on_the_slip_signal_and_of_the_stated_size():
     np.testing.assert_allclose(noisy.train["adhesion"], true.train["adhesion"], atol=1e-7)
 
 
-def test_two_effects_at_once_have_both_parameters_and_columns_can_be_removed():
-    campaign = simulate(
-        ["humidity", "patch"], seed=9, operational=True, remove=["relative_humidity_pct"]
-    )
+def test_two_effects_at_once_have_both_parameters():
+    campaign = simulate(["humidity", "patch"], seed=9, operational=True)
     assert set(campaign.parameters) == {"humidity", "patch"}
-    assert "relative_humidity_pct" not in campaign.train
-    assert "relative_humidity_pct" not in campaign.test
     alone = simulate(["patch"], seed=9, operational=True)
     assert campaign.parameters["patch"] == alone.parameters["patch"]
-
-
-def test_a_campaign_is_written_and_read(tmp_path):
-    campaign = simulate(["temperature"], seed=4)
-    write_set(tmp_path, campaign)
-    first = (tmp_path / "train.csv.gz").read_bytes()
-    read = pd.read_csv(tmp_path / "test.csv.gz")
-    pd.testing.assert_frame_equal(read, campaign.test, rtol=1e-6, atol=1e-9)
-    truth = json.loads((tmp_path / "truth.json").read_text())
-    assert truth["effects"] == ["temperature"]
-    assert truth["test_rms_effect"] == campaign.test_rms_effect
-    assert set(truth["base_parameters"]) == {*campaign.curve.free}
-    write_set(tmp_path, campaign)
-    assert (tmp_path / "train.csv.gz").read_bytes() == first
 
 
 @pytest.mark.parametrize(
@@ -204,8 +184,6 @@ def test_a_campaign_is_written_and_read(tmp_path):
         ({"effects": ["humidty"]}, "no way to plant 'humidty'; known are speed, slip_speed"),
         ({"effects": ["speed", "speed"]}, "name each once"),
         ({"base": "pacejka"}, "auto, burckhardt"),
-        ({"remove": ["adhesion"]}, "nothing to discover"),
-        ({"remove": ["humidity"]}, "no column 'humidity'"),
         ({"strength": 2.0}, "not between 0 and 1"),
         ({"noise": SetNoise(sigma=0.0)}, "sigma above 0"),
         ({"noise": SetNoise(autocorrelation=1.0)}, "below 1"),

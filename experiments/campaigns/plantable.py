@@ -3,7 +3,7 @@
 import numpy as np
 
 from adhesion_jax.effects import EFFECTS, Covariate, Periodic, Product
-from adhesion_jax.simulation.planting import (
+from experiments.campaigns.planting import (
     CleanRuns,
     OpenEffect,
     Planted,

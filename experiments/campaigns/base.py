@@ -15,9 +15,8 @@ from adhesion_jax.curves import (
 )
 from adhesion_jax.effects.conditions import Calendar, completed_runs
 from adhesion_jax.optim import levenberg_marquardt
-from adhesion_jax.programs import kept
-from adhesion_jax.simulation.planting import Bend
-from adhesion_jax.simulation.runs import Runs
+from experiments.campaigns.planting import Bend
+from experiments.campaigns.runs import Runs
 
 #: Largest number of steps of a refit.
 _STEPS = 60
@@ -57,7 +56,7 @@ def refitted(
     return with_free_values(law, values), float(np.sqrt(squares / np.size(slip)))
 
 
-@kept()
+@jax.jit
 def _refitted(
     law: Curve,
     slip: Float[Array, "*shape"],

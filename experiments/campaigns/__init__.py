@@ -1,0 +1,1 @@
+"""Simulated campaigns with planted effects, independent of the search that they test."""
