@@ -60,8 +60,6 @@ NOISE: dict[str, Option] = {
     ),
 }
 
-#: How many measurements a cell of a plan is checked with.
-MEASUREMENTS = range(100, 10**6 + 1)
 
 #: Most runs of a job, and most blocks of a run: with more a job would not end, or not fit a memory.
 MOST_RUNS, _MOST_BLOCKS = 10**9, 1000

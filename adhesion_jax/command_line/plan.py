@@ -11,7 +11,6 @@ import numpy as np
 
 from adhesion_jax.command_line.catalogue import catalogue
 from adhesion_jax.command_line.command import (
-    SEED,
     File,
     Name,
     Names,
@@ -21,11 +20,10 @@ from adhesion_jax.command_line.command import (
     out_folder,
 )
 from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.progress import shown
 from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import MEASUREMENTS, NOISE
+from adhesion_jax.options import NOISE
 from adhesion_jax.wording import percent
 
 NAMES = catalogue().names
@@ -49,7 +47,7 @@ _OF_LOGS: Mapping[str, object] = {
     "dry_run": False,
     "events": None,
 }
-_OF_SWEEPS = {"samples_per_run": None, "check": None}
+_OF_SWEEPS = {"samples_per_run": None}
 
 
 class Written(click.ParamType):
@@ -164,12 +162,6 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 )
 @noise
 @click.option("--want", type=Share(), help="Relative standard error of mu_max to reach, as 1%.")
-@click.option(
-    "--check",
-    type=click.IntRange(MEASUREMENTS[0], MEASUREMENTS[-1]),
-    help="Simulate six cells of the plan, each with this number of measurements.",
-)
-@click.option("--seed", type=SEED, default=0, help="Of --check.")
 @out_folder("plan", "plan.csv, plan.png and plan.txt")
 @listing(data=NAMES["data"], rails=NAMES["rails"], curves=NAMES["curves"])
 def main(
@@ -223,8 +215,7 @@ def main(
             click.echo(_WITHOUT_DEPARTURE.format(percent(misfit)) + "\n")
     elif law is not None:
         source = load_law(law)
-    with shown() as progress:
-        found = plan(source, conditions=dict(conditions), progress=progress, **asked)
+    found = plan(source, conditions=dict(conditions), **asked)
     record(asked["out"])
     click.echo(f"{found}\n\nWritten to {asked['out']}")
 

@@ -1,11 +1,10 @@
-"""What the noise of measured runs is: told from the residual, used to plan and to simulate."""
+"""What the noise of measured runs is: told from the residual, and used to plan."""
 
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from jaxtyping import Float
-from scipy.signal import lfilter
 
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.slip import SlipNoise
@@ -43,28 +42,6 @@ class RunNoise(NamedTuple):
         """The standard deviation of the residual of each row, `by_slip` that of slope x d."""
         level = self.run_scatter**2 + self.slow_level**2
         return np.sqrt(self.sigma**2 / design + level * mean**2 + by_slip**2)
-
-
-def noise_of_runs(
-    noise: RunNoise, mean: Float[np.ndarray, "*sets runs rows"], generator: np.random.Generator
-) -> Float[np.ndarray, "*sets runs rows"]:
-    """A residual of each run whose curve is `mean`, without what the noise of the slip makes."""
-    e = noise.sigma * _autoregressive(noise.autocorrelation, mean.shape, generator)
-    level = noise.run_scatter * generator.standard_normal((*mean.shape[:-1], 1))
-    if noise.slow_level:
-        slow = float(np.exp(-1 / noise.slow_rows))
-        level = level + noise.slow_level * _autoregressive(slow, mean.shape, generator)
-    return e + level * mean
-
-
-def _autoregressive(
-    r: float, shape: tuple[int, ...], generator: np.random.Generator
-) -> Float[np.ndarray, "*sets runs rows"]:
-    """Of variance 1, stationary from its first row, with the correlation r^|lag|."""
-    fresh = generator.standard_normal(shape)
-    fresh[..., 1:] *= np.sqrt(1 - r**2)
-    found: np.ndarray = lfilter([1.0], [1.0, -r], fresh, axis=-1)
-    return found
 
 
 def described(

@@ -1,7 +1,7 @@
 """`plan`: how well a measurement would know the peak of an adhesion curve, before it is made."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -20,8 +20,7 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
 from adhesion_jax.library.results import columns_of, recorded, text_html, written
-from adhesion_jax.options import MEASUREMENTS, NOISE
-from adhesion_jax.planning.check import check_plan
+from adhesion_jax.options import NOISE
 from adhesion_jax.planning.excitation import Sweeps
 from adhesion_jax.planning.own_log import OwnLog, own_log
 from adhesion_jax.planning.plan import (
@@ -38,14 +37,14 @@ from adhesion_jax.planning.plan import (
 )
 from adhesion_jax.planning.truth import Truth, curve_of
 from adhesion_jax.report.plan.figure import plan_figure
-from adhesion_jax.report.plan.words import checked, plan_rows, told, wanted_rows
-from adhesion_jax.runtime import as_in_commands, silent
+from adhesion_jax.report.plan.words import plan_rows, told, wanted_rows
+from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.scenarios.rail_process import steady
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.wording import listed
 
 #: The files of a plan.
-PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", "check.csv", METADATA)
+PLAN_FILES = ("plan.csv", "plan.txt", "plan.png", "wanted.csv", METADATA)
 
 #: Noise of the adhesion, and samples of a sweep, where neither is stated.
 _SIGMA, _SAMPLES_PER_RUN = 0.01, 200
@@ -72,7 +71,6 @@ class Planning:
         log: the slips and the noise of a log that was planned from.
         present: that log in the plan, and what would halve its intervals.
         wanted: the fewest samples for an error that is wanted.
-        check: cells of the plan as simulated measurements scatter in them, if it was asked for.
     """
 
     source: str
@@ -81,7 +79,6 @@ class Planning:
     log: OwnLog | None
     present: Present | None
     wanted: Wanted | None
-    check: pd.DataFrame | None
 
     @property
     def table(self) -> pd.DataFrame:
@@ -91,17 +88,14 @@ class Planning:
     @property
     def verdict(self) -> str:
         """In words and tables: the noise, the errors, and what they rest on."""
-        words = told(self.source, self.plan, self.log, self.present, self.wanted)
-        return words if self.check is None else f"{words}\n\n{checked(self.check)}"
+        return told(self.source, self.plan, self.log, self.present, self.wanted)
 
     def write(self, folder: str | PathLike[str]) -> None:
-        """plan.csv, plan.txt, plan.png, and if asked for wanted.csv and check.csv."""
+        """plan.csv, plan.txt, plan.png, and if asked for wanted.csv."""
         path = output_directory(Path(folder))
         write_table(path / "plan.csv", self.table)
         if self.wanted is not None:
             write_table(path / "wanted.csv", wanted_rows(self.plan, self.wanted))
-        if self.check is not None:
-            write_table(path / "check.csv", self.check)
         (path / "plan.txt").write_text(f"{self.verdict}\n", encoding="utf-8")
         self.plot().savefig(path / "plan.png", dpi=150)
 
@@ -138,9 +132,6 @@ def plan(
     slip_noise: float | None = None,
     conditions: Mapping[str, float] | None = None,
     want: float | None = None,
-    check: int | None = None,
-    seed: int = 0,
-    progress: Callable[[str, float], None] = silent,
     out: str | PathLike[str] | None = None,
 ) -> Planning:
     """How far the slip must go, and how many samples it takes, until the peak is known.
@@ -163,9 +154,6 @@ def plan(
             vehicle speed that of the wheel speed, m/s.
         conditions: those of the peak, by column, in SI units.
         want: a relative standard error of mu_max, for which the fewest samples are searched.
-        check: measurements to simulate in each of six cells of the plan; not with a log.
-        seed: of their noise.
-        progress: called with words and the share that is done.
         out: a folder for the files of the command of the same name.
 
     Returns:
@@ -184,25 +172,16 @@ def plan(
     )
     if want is not None and not 0 < want < 1:
         raise InputError(f"want is a share of mu_max between 0 and 1, as 0.01, not {want:g}.")
-    if check is not None and not (check in MEASUREMENTS and 0 <= seed < 2**32):
-        raise InputError(
-            f"check is a number from {MEASUREMENTS[0]:,} to {MEASUREMENTS[-1]:,}, and a seed is "
-            "from 0 to 4,294,967,295."
-        )
     settled = _settled(source, stated, conditions or {}, samples_per_run)
     log = settled.log
-    if log is not None and check is not None:
-        raise InputError("check does not go with a log, whose runs are not simulated.")
     slips, numbers = _grid(settled, largest_slips, samples)
-    chosen = plan_of(settled.planner, slips, numbers)
     planned = Planning(
         settled.words,
-        chosen,
+        plan_of(settled.planner, slips, numbers),
         plan_of(settled.planner, np.geomspace(slips[0], slips[-1], _MAP), numbers),
         log,
         present_of(settled.planner, log.largest_slip, log.samples, log.runs) if log else None,
         wanted_of(settled.planner, slips, want) if want else None,
-        check_plan(chosen, check, seed, progress) if check else None,
     )
     logs = source.logs if isinstance(source, Identification) else ()
     return written(planned, out, PLAN_FILES, columns_of([one.points for one in logs]))

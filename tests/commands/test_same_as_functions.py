@@ -35,8 +35,8 @@ ALIKE = {
         {"report.json": ["seconds"], "metadata.json": ASKED},
     ),
     "plan": (
-        ["--rail", "common", "--want", "1%", "--check", "100", "--seed", "3"],
-        {"source": "common", "want": 0.01, "check": 100, "seed": 3},
+        ["--rail", "common", "--want", "1%"],
+        {"source": "common", "want": 0.01},
         {"metadata.json": ASKED},
     ),
 }

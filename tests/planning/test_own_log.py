@@ -216,7 +216,7 @@ def test_the_command_plans_a_rail_a_table_of_curves_and_a_law(tmp_path):
         (["--rail", "dry", "--samples", "many"], "--samples many is no range"),
         (["--rail", "dry", "--largest-slips", "0.1:0.2:1"], "is no range"),
         (["--rail", "dry", "--condition", "speed"], "--condition speed is no condition"),
-        (["eurosprinter", "--check", "1000"], "--check does not go with LOG"),
+        (["eurosprinter", "--samples-per-run", "9"], "--samples-per-run does not go with LOG"),
         (["missing.csv"], "missing.csv does not exist"),
     ],
 )

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.linalg import block_diag, toeplitz
+from simulated_measurements import check_plan
 
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
@@ -12,8 +13,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.speed import Speed
 from adhesion_jax.errors import InputError
-from adhesion_jax.inference.noise import RunNoise, noise_of_runs
-from adhesion_jax.planning.check import check_plan
+from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.excitation import Again, Sweeps, again
 from adhesion_jax.planning.information import information_under
 from adhesion_jax.planning.plan import (
@@ -28,6 +28,7 @@ from adhesion_jax.planning.truth import Truth, sensitivity_of
 from adhesion_jax.report.plan.words import worth
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
+from experiments.campaigns.noise import noise_of_runs
 
 COMMON = Truth(RAILS["common"], {})
 NOISES = {
@@ -256,8 +257,6 @@ def test_a_law_with_effects_is_planned_at_its_conditions():
         ("dry", {"samples": [100]}, "two or more from 10 to"),
         ("dry", {"largest_slips": [0.1, 1.5]}, "between 0 and 1, where the peak is searched"),
         ("dry", {"samples_per_run": 1}, "samples_per_run is 2 or more"),
-        ("dry", {"check": 10}, "check is a number from 100 to 1,000,000"),
-        ("dry", {"check": 100, "seed": -1}, "a seed is from 0 to"),
         ("dry", {"want": 1.0}, "want is a share of mu_max"),
         ("dry", {"conditions": {"vehicle_speed_mps": 5.0}}, "is no condition of the law"),
         (CURVES["polach"], {}, "has no peak between slip 0 and 1"),

@@ -7,7 +7,6 @@ from adhesion_jax.planning.own_log import OwnLog
 from adhesion_jax.planning.plan import ROUGH, UNDETERMINED, Plan, Present, Wanted
 from adhesion_jax.planning.truth import curve_of
 from adhesion_jax.report.rendering import text_of
-from adhesion_jax.report.text import with_errors
 from adhesion_jax.wording import number
 
 #: Half the width of a 95 % interval in standard errors.
@@ -106,27 +105,6 @@ def told(
         undetermined=UNDETERMINED,
         rough=ROUGH,
     )
-
-
-def checked(cells: pd.DataFrame) -> str:
-    """What simulated measurements say of a plan, as `planning.check.check_plan` tells it."""
-    if cells.empty:
-        return (
-            "No cell of this plan knows slip_opt well enough for a check; go further in slip or "
-            "plan for more samples."
-        )
-    shown = {
-        "largest slip": cells["largest_slip"].map(number),
-        "samples": cells["samples"].map("{:,}".format),
-        "planned (%)": cells["planned"].map(per_cent),
-        "simulated (%)": cells["simulated"].map(per_cent),
-        "simulated / planned": with_errors(cells["ratio"], cells["ratio_se"]),
-        "bias (standard errors)": cells["bias"].map("{:+.2f}".format),
-        "fits without a peak": cells["failed"].astype(str),
-    }
-    table = pd.DataFrame(shown).to_string(index=False)
-    measurements = f"{cells['measurements'].iloc[0]:,} simulated measurements"
-    return f"Standard error of mu_max in {measurements}\n{table}"
 
 
 def _table(plan: Plan, quantity: int) -> str:

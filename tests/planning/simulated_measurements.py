@@ -1,7 +1,5 @@
 """Whether measurements scatter as a plan says: simulated ones, fitted as `identify` does."""
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,14 +7,13 @@ import pandas as pd
 from jaxtyping import Array, Bool, Float
 
 from adhesion_jax.curves import Conditions, Law, Scalar, free_values
-from adhesion_jax.inference.noise import RunNoise, noise_of_runs
+from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.optim.levenberg_marquardt import fit
 from adhesion_jax.planning.excitation import Excitation
 from adhesion_jax.planning.information import weights_under
 from adhesion_jax.planning.plan import Plan
 from adhesion_jax.planning.truth import Truth, curve_of, sensitivity_of, with_parameters
-from adhesion_jax.programs import kept
-from adhesion_jax.runtime import silent
+from experiments.campaigns.noise import noise_of_runs
 
 #: Number of cells that are checked, and the largest relative standard error of slip_opt in them:
 #: a plan is one of small errors.
@@ -26,9 +23,7 @@ CELLS, _SMALL = 6, 0.05
 _TOGETHER, _STEPS = 250, 50
 
 
-def check_plan(
-    plan: Plan, measurements: int, seed: int, progress: Callable[[str, float], None] = silent
-) -> pd.DataFrame:
+def check_plan(plan: Plan, measurements: int, seed: int) -> pd.DataFrame:
     """Six cells of a plan of sweeps, evenly chosen among those that know slip_opt to 5 %.
 
     Each cell is measured `measurements` times by simulation. Columns: largest_slip, samples, runs,
@@ -41,7 +36,6 @@ def check_plan(
     truth, peak, noise, design, _ = plan.planner
     rows = []
     for number, (i, j) in enumerate(cells[chosen].tolist()):
-        progress("simulating", number / len(chosen))
         excitation, largest = design(plan.samples[j]), float(plan.largest_slips[i])
         generator = np.random.default_rng([seed, number])
         found = estimates(truth, noise, excitation, largest, measurements, generator)
@@ -98,7 +92,7 @@ def estimates(
     return np.concatenate(found)[:measurements]
 
 
-@kept()
+@jax.jit
 def _fitted(
     law: Law,
     slips: Float[Array, "measurements runs points"],
