@@ -3,7 +3,6 @@
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import click
@@ -24,20 +23,11 @@ from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, s
 from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
-from adhesion_jax.wording import percent
 
 NAMES = catalogue().names
 
 #: Largest number of values in a range.
 _MOST_VALUES = 50
-
-#: A departure of a curve from its points that is told, relative; and the sentence.
-_SLIGHT = 0.01
-_WITHOUT_DEPARTURE = (
-    "The plan takes the curve alone, without its departure from the points ({} of the adhesion, "
-    "root mean square), so that its peak is not that of the identification; --law with the "
-    "law.json beside the table takes both."
-)
 
 #: Options that belong to a LOG, and those of sweeps, which a log has not; and what they are when
 #: they are not given.
@@ -121,7 +111,7 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 
 @command(
     "plan --rail common --want 1%",
-    "plan --curves out/identify/curves.csv",
+    "plan --law out/identify/law.json",
     'plan log.csv --column "axle_force=Zugkraft [kN]" --curve kiencke,burckhardt',
 )
 @click.argument("log", type=Log(NAMES["data"]), required=False)
@@ -129,20 +119,16 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 @slip_events
 @click.option("--rail", type=Name(NAMES["rails"]), help=f"{', '.join(NAMES['rails'])}.")
 @click.option(
-    "--curves",
-    type=File((), "name the curves.csv of adhesion identify"),
-    help="The curves.csv of adhesion identify: its best curve that has a peak.",
-)
-@click.option(
     "--law",
-    type=File((), "name the law.json of adhesion discover"),
-    help="The law.json of adhesion discover; its conditions are in the middle of their ranges.",
+    type=File((), "name the law.json of adhesion identify or adhesion discover"),
+    help="The law.json of adhesion identify or adhesion discover; its conditions are in the middle "
+    "of their ranges.",
 )
 @click.option(
     "--curve",
     type=Names(NAMES["curves"], "curve"),
-    help="The curves of LOG or of --curves whose best is taken for the truth, FILE.py:NAME among "
-    "them, divided by commas.",
+    help="The curves of LOG whose best is taken for the truth, FILE.py:NAME among them, divided by "
+    "commas.",
 )
 @click.option(
     "--condition",
@@ -167,7 +153,6 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 def main(
     log: str | None,
     rail: str | None,
-    curves: str | None,
     law: str | None,
     curve: tuple[Any, ...] | None,
     conditions: tuple[tuple[str, float], ...],
@@ -175,20 +160,19 @@ def main(
 ) -> None:
     """Say how far the slip must go, and how many samples it takes, to know the peak.
 
-    What is taken for the truth is a named rail, a curve that was identified, a law that was
-    discovered, or the best curve of one's own LOG, a file as adhesion identify takes it. With a LOG
-    the noise and the slips are those of the log, and the answer says what would halve its
-    intervals.
+    What is taken for the truth is a named rail, a law that was identified or discovered, or the
+    best curve of one's own LOG, a file as adhesion identify takes it. With a LOG the noise and the
+    slips are those of the log, and the answer says what would halve its intervals.
     """
-    sources = {"LOG": log, "--rail": rail, "--curves": curves, "--law": law}
+    sources = {"LOG": log, "--rail": rail, "--law": law}
     named = [name for name, value in sources.items() if value is not None]
     if len(named) != 1:
         raise InputError(
-            "Name one of LOG, --rail, --curves and --law"
+            "Name one of LOG, --rail and --law"
             + (f", not {' and '.join(named)} together." if named else ".")
         )
-    if curve and named[0] not in ("LOG", "--curves"):
-        raise InputError(f"--curve goes with LOG or --curves, not with {named[0]}.")
+    if curve and log is None:
+        raise InputError(f"--curve goes with LOG, not with {named[0]}.")
     _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
     columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
     (names,) = begin(curve)
@@ -198,7 +182,6 @@ def main(
     from adhesion_jax.library.identify import identify_chosen
     from adhesion_jax.library.plan import plan
     from adhesion_jax.library.reading import citation_of
-    from adhesion_jax.measured.saved import load_curve
 
     source: Any = rail
     if log is not None:
@@ -209,10 +192,6 @@ def main(
         chosen = events_of(measured, events)
         del measured  # nothing holds the log while curves are fitted to its events
         source = identify_chosen(chosen, names, citation_of(log))
-    elif curves is not None:
-        source, misfit = load_curve(Path(curves), names or ())
-        if misfit > _SLIGHT:
-            click.echo(_WITHOUT_DEPARTURE.format(percent(misfit)) + "\n")
     elif law is not None:
         source = load_law(law)
     found = plan(source, conditions=dict(conditions), **asked)

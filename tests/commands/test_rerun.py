@@ -125,7 +125,7 @@ WHOLE = {"command": "plan", "arguments": [], "folder": ".", "options": {}, "vers
         (json.dumps({"call": {}}), "a program of yours has asked for; run it again"),
         (json.dumps(WHOLE | {"folder": "/nowhere"}), "the folder /nowhere, which is not there"),
         (json.dumps(WHOLE | {"folder": "\0"}), "which is not there"),
-        (json.dumps(WHOLE), "Name one of LOG, --rail, --curves and --law"),
+        (json.dumps(WHOLE), "Name one of LOG, --rail and --law"),
     ],
 )
 def test_what_cannot_be_repeated_is_refused_in_a_sentence(content, says, tmp_path):

@@ -12,7 +12,6 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.measured.saved import load_curve
 from adhesion_jax.planning.excitation import again
 from adhesion_jax.planning.plan import planner, present_of
 from adhesion_jax.planning.truth import Truth
@@ -133,69 +132,18 @@ def test_the_files(found, tmp_path):
     assert "pre-wrap" in found._repr_html_()
 
 
-CURVES_CSV = """curve,rms,log_density,slip_opt,slip_opt_se,mu_max,misfit,status
-polach,0.02,300,1,,0.3,0,NO_PEAK
-burckhardt,0.03,200,0.175,0.01,0.298,0.078,TRUSTED
-kiencke,0.05,100,0.2,0.01,0.3,0,NOT_FITTED
-"""
-PARAMETERS_CSV = """curve,parameter,value
-polach,mu0,0.3
-polach,stiffness,100
-burckhardt,c1,0.32
-burckhardt,c2,25
-burckhardt,c3,0.1
-"""
-
-
-def tables(folder):
-    (folder / "curves.csv").write_text(CURVES_CSV)
-    (folder / "parameters.csv").write_text(PARAMETERS_CSV)
-    return folder / "curves.csv"
-
-
-def test_a_curve_is_read_from_the_table_of_an_identification(tmp_path):
-    path = tables(tmp_path)
-    curve, misfit = load_curve(path)
-    assert misfit == 0.078
-    assert isinstance(curve, aj.Burckhardt)  # the best has no peak
-    assert (float(curve.c1), float(curve.c2), float(curve.c3)) == (0.32, 25.0, 0.1)
-    for name, says in (("exponential", "has no fitted curve exponential"), ("kiencke", "is not a")):
-        with pytest.raises(InputError, match=says):
-            load_curve(path, [name])
-
-
-@pytest.mark.parametrize(
-    "content", ["", "a,b\n1,2\n", "curve,log_density\nburckhardt,1\n", "\0\0\0"]
-)
-def test_what_is_no_table_of_curves_is_refused(content, tmp_path):
-    path = tables(tmp_path)
-    for changed in (path, tmp_path / "parameters.csv"):
-        changed.write_text(content)
-        with pytest.raises(InputError, match="is not a table of curves"):
-            load_curve(path)
-        tables(tmp_path)
-    (tmp_path / "parameters.csv").unlink()
-    with pytest.raises(InputError, match=r"parameters.csv does not exist, which adhesion identify"):
-        load_curve(path)
-
-
 def answer(*arguments):
     return CliRunner().invoke(main, [*map(str, arguments)])
 
 
 @pytest.mark.thorough
-def test_the_command_plans_a_rail_a_table_of_curves_and_a_law(tmp_path):
+def test_the_command_plans_a_rail_and_a_law(tmp_path):
     size = ["--largest-slips", "0.1:0.4:3", "--samples", "100:1000:2"]
     told = answer("--rail", "common", *size, "--want", "1%", "--out", tmp_path / "rail")
     assert told.exit_code == 0, told.output
     rail = pd.read_csv(tmp_path / "rail" / "plan.csv")
     assert sorted(rail["samples"].unique()) == [100, 1000]
     assert "A standard error of 1.0 % of mu_max" in " ".join(told.output.split())
-    told = answer("--curves", tables(tmp_path), *size, "--out", tmp_path / "curve")
-    assert told.exit_code == 0, told.output
-    assert "without its departure from the points (7.8 % of the" in " ".join(told.output.split())
-    curve = pd.read_csv(tmp_path / "curve" / "plan.csv")
-    np.testing.assert_allclose(curve["mu_max_relative_se"], rail["mu_max_relative_se"])
     law = CorrectedLaw(RAILS["common"], (), {}, Calendar("time_s", 0.0, 1.0))
     aj.save_law(tmp_path / "law.json", law)
     told = answer("--law", tmp_path / "law.json", *size, "--out", tmp_path / "law")
@@ -207,10 +155,10 @@ def test_the_command_plans_a_rail_a_table_of_curves_and_a_law(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "Name one of LOG, --rail, --curves and --law."),
+        ([], "Name one of LOG, --rail and --law."),
         (["eurosprinter", "--rail", "dry"], "not LOG and --rail together"),
         (["--rail", "icy"], "--rail icy is not known; name one of dry, common or wet."),
-        (["--rail", "dry", "--curve", "kiencke"], "--curve goes with LOG or --curves"),
+        (["--rail", "dry", "--curve", "kiencke"], "--curve goes with LOG, not with --rail"),
         (["--rail", "dry", "--want", "1"], "--want 1 is no share; write it as 1% or 0.01"),
         (["--rail", "dry", "--samples", "9:3"], "--samples 9:3 is no range; write LOW:HIGH"),
         (["--rail", "dry", "--samples", "many"], "--samples many is no range"),
