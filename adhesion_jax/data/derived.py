@@ -135,10 +135,7 @@ def derive(
     where the slip is a ratio. InputError where the radius is neither given nor to be found.
     """
     sources: dict[str, str] = {}
-    notes: list[str] = []
-    wheel_radius = known.wheel_radius
-    radius_served = known.inertia is not None or known.gear_ratio is not None
-    notes += force_of_torque(columns, known)
+    notes = force_of_torque(columns, known)
     with_force, of_inertia = without_inertia(columns, labels, known)
     notes += of_inertia
 
@@ -159,19 +156,11 @@ def derive(
     speed = columns.get("vehicle_speed_mps")
     without_slip = not {"slip_ratio", "slip_velocity_mps"} & {*columns}
     if without_slip and "wheel_speed_mps" not in columns:
+        radius, of_radius = _radius(columns, known.wheel_radius)
+        notes += of_radius
         rotation = columns["wheel_rotation_radps"]
-        if wheel_radius is None:
-            found = rolling_radius(rotation, columns["vehicle_speed_mps"], columns["adhesion"])
-            wheel_radius = found.metres
-            notes.append(
-                f"The rolling radius of the wheel is {found.metres:.5f} ± "
-                f"{found.standard_error:.2g} m (standard error), the train speed over the rotation "
-                "at adhesion 0, from "
-                f"{found.rows:,} rows of at most {percent(_LOW)} of the largest adhesion."
-            )
-            notes += radius_warnings(found.metres)
-        add("wheel_speed_mps", wheel_radius * rotation, f"{wheel_radius:.5g} m x rotation")
-    elif wheel_radius is not None and not radius_served:
+        add("wheel_speed_mps", radius * rotation, f"{radius:.5g} m x rotation")
+    elif known.wheel_radius is not None and not _serves(known):
         notes.append("The wheel radius is not used: no slip had to be computed from a rotation.")
     if without_slip:
         _check_speeds(columns["wheel_speed_mps"], columns["vehicle_speed_mps"])
@@ -200,6 +189,25 @@ def derive(
         columns.pop(name, None)
         sources.pop(name, None)
     return Derived(used, sources, tuple(notes), unused)
+
+
+def _serves(known: Corrections) -> bool:
+    """Whether the wheel radius is of use without a rotation."""
+    return known.inertia is not None or known.gear_ratio is not None
+
+
+def _radius(columns: Columns, given: float | None) -> tuple[float, list[str]]:
+    """The rolling radius, given or identified, and sentences on it."""
+    if given is not None:
+        return given, []
+    speed, adhesion = columns["vehicle_speed_mps"], columns["adhesion"]
+    found = rolling_radius(columns["wheel_rotation_radps"], speed, adhesion)
+    return found.metres, [
+        f"The rolling radius of the wheel is {found.metres:.5f} ± {found.standard_error:.2g} m "
+        "(standard error), the train speed over the rotation at adhesion 0, from "
+        f"{found.rows:,} rows of at most {percent(_LOW)} of the largest adhesion.",
+        *radius_warnings(found.metres),
+    ]
 
 
 def slowest(speed: np.ndarray, time: np.ndarray | None) -> float:

@@ -94,7 +94,6 @@ def gather(
     columns = {one.name: _Column() for one in taken if one.name not in LABELS}
     labels = {one.name: _Labels() for one in taken if one.name in LABELS}
     texts: dict[str, Texts] = {}
-    left_out: dict[str, str] = {}
     origin: int | None = None
     mark = sheet.mark
     first_row = sheet.first_row
@@ -114,10 +113,8 @@ def gather(
                 values = seconds(ticks, origin or 0)
             else:
                 values, text = numbers(cells, mark or ".")
-                to = one.conversion
-                if (to.factor, to.offset) != (1.0, 0.0):
-                    with np.errstate(over="ignore"):  # it is infinite then, and not used
-                        values = values * to.factor + to.offset
+                with np.errstate(over="ignore"):  # it is infinite then, and not used
+                    values = one.conversion.of(values)
             of_labels = text.size > MOST * (text.size + np.isfinite(values).sum())
             if of_labels and one.quantity not in COLUMNS and first_row == sheet.first_row:
                 del columns[one.name]
@@ -132,30 +129,18 @@ def gather(
             columns[one.name].add(values)
         first_row += len(next(iter(block.values()), ()))
         progress("reading", share)
-    numbers_of: dict[str, np.ndarray] = {}
-    for one in taken:
-        if one.name not in columns:
-            continue
-        values = columns[one.name].whole()
-        if one.stamp == TIME_OF_DAY:
-            values = unwrapped(values)
-        if one.quantity not in COLUMNS and (reason := _unfit(values)):
-            left_out[one.name] = reason
-            continue
-        numbers_of[one.name] = values
-    for name in [name for name in labels if name not in LABELS]:
-        count = len(labels[name].names)
-        if count > _MOST_LABELS:
-            left_out[name] = (
-                f"it has {count} different texts, and labels are at most {_MOST_LABELS}"
-            )
-            del labels[name]
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
+    found = {one.name: _whole(columns[one.name], one) for one in taken if one.name in columns}
+    left_out = {
+        **{one.name: _unfit(one, found[one.name]) for one in taken if one.name in found},
+        **{name: _too_many(one) for name, one in labels.items() if name not in LABELS},
+    }
+    left_out = {name: reason for name, reason in left_out.items() if reason}
     return Gathered(
-        numbers_of,
-        {name: label.whole() for name, label in labels.items()},
+        {name: values for name, values in found.items() if name not in left_out},
+        {name: label.whole() for name, label in labels.items() if name not in left_out},
         first_row - sheet.first_row,
         texts,
         left_out,
@@ -206,10 +191,26 @@ def _text(cells: pyarrow.Array) -> pyarrow.Array:
     return compute.utf8_trim_whitespace(compute.fill_null(text, ""))
 
 
-def _unfit(values: np.ndarray) -> str:
-    """Why a further column is not used, as a clause; empty where it is."""
+def _whole(column: _Column, one: Taken) -> np.ndarray:
+    """All rows of a column of numbers; times of day go on past midnight."""
+    values = column.whole()
+    return unwrapped(values) if one.stamp == TIME_OF_DAY else values
+
+
+def _unfit(one: Taken, values: np.ndarray) -> str:
+    """Why a further column of numbers is not used, as a clause; empty where it is."""
+    if one.quantity in COLUMNS:
+        return ""
     size = np.abs(values)
     largest = np.max(size, where=np.isfinite(size), initial=0.0)
     if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
         return f"its largest value is {largest:.3g}, of which no sum of squares can be computed"
     return ""
+
+
+def _too_many(labels: _Labels) -> str:
+    """The same of a column of text."""
+    count = len(labels.names)
+    if count <= _MOST_LABELS:
+        return ""
+    return f"it has {count} different texts, and labels are at most {_MOST_LABELS}"

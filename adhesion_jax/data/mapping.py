@@ -155,7 +155,7 @@ def _checked(one: Said) -> Said:
     to = conversion(one.unit or "1", wanted.unit)
     if to is None:
         raise InputError(f"{what} needs its unit; write one such as {wanted.unit} after it.")
-    value = one.constant * to.factor + to.offset
+    value = to.of(one.constant)
     if not wanted.lower <= value <= wanted.upper:
         raise InputError(
             f"{one.quantity} = {value:g} {wanted.unit} lies outside {wanted.span}; {wanted.advice}."

@@ -17,7 +17,7 @@ from adhesion_jax.data.derived import SOURCES, derive, needed
 from adhesion_jax.data.exchanged import exchanged
 from adhesion_jax.data.files import Sheet, sheet_of_frame
 from adhesion_jax.data.folder import sheet_of
-from adhesion_jax.data.gaps import FEW, bridged, without_gaps
+from adhesion_jax.data.gaps import FEW, Gaps, bridged, without_gaps
 from adhesion_jax.data.gathering import Gathered, gather
 from adhesion_jax.data.lateness import late_signals
 from adhesion_jax.data.plausible import (
@@ -182,15 +182,7 @@ def _used(
     side_by_side = stacked_note(found.taken, found.copies, rows.count)
     notes += rows.in_time(taken["time_s"].column if "time_s" in taken else "time_s")
     notes += rows.labelled()
-    there = [name for name in names_needed if name in numbers]
-    bridges = bridged(numbers, rows.series, there)
-    gaps = without_gaps(numbers, there, few)
-    if not gaps.kept.any():
-        empty = [name for name in there if np.isnan(numbers[name]).all()]
-        raise InputError(f"no row has a value in {listed(empty or there)}")
-    for name in gaps.left_out:
-        del numbers[name]
-    rows.keep(gaps.kept)
+    bridges, gaps = _without_gaps(rows, [name for name in names_needed if name in numbers], few)
     for name, value in found.constants.items():
         numbers[name] = np.full(rows.count, value)
         understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
@@ -209,12 +201,8 @@ def _used(
     table = pd.DataFrame({**numbers, **rows.labels}, index=rows.index, copy=False)
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
     table, scatter_notes = with_scatter(table, slip)
-    sources = dict(derived.sources)
-    if scatter_notes:
-        sources["adhesion_sd"] = "scatter of the repeats"
-    for name, source in sources.items():
-        lowest, highest = table[name].min(), table[name].max()
-        understood.append((f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0))
+    of_scatter = {"adhesion_sd": "scatter of the repeats"} if scatter_notes else {}
+    understood += _computed(table, {**derived.sources, **of_scatter})
     left_out = {**read.left_out, **unfit, **gaps.left_out}
     return Measured(
         sheet.name,
@@ -245,6 +233,19 @@ def _used(
     )
 
 
+def _without_gaps(rows: Rows, needed: Sequence[str], few: float) -> tuple[tuple[str, ...], Gaps]:
+    """Keeps the rows and columns without gaps that are not bridged; sentences on the bridges."""
+    bridges = bridged(rows.numbers, rows.series, needed)
+    gaps = without_gaps(rows.numbers, needed, few)
+    if not gaps.kept.any():
+        empty = [name for name in needed if np.isnan(rows.numbers[name]).all()]
+        raise InputError(f"no row has a value in {listed(empty or needed)}")
+    for name in gaps.left_out:
+        del rows.numbers[name]
+    rows.keep(gaps.kept)
+    return bridges, gaps
+
+
 _UNDERSTOOD = ("column", "taken_as", "unit", "lowest", "highest", "missing")
 _NO_RANGE = (np.nan, np.nan, 0.0)
 
@@ -260,13 +261,19 @@ def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object
         elif one.name in read.numbers:
             values = read.numbers[one.name]
             known = values[np.isfinite(values)]
-            to = one.conversion
             span = _NO_RANGE[:2]
             if known.size:
-                ends = [(end - to.offset) / to.factor for end in (known.min(), known.max())]
+                ends = [one.conversion.back(end) for end in (known.min(), known.max())]
                 span = min(ends), max(ends)
             missing = float(np.isnan(values).mean()) if values.size else 0.0
             yield one.column, one.quantity, one.stamp or one.unit, *span, missing
+
+
+def _computed(table: pd.DataFrame, sources: Mapping[str, str]) -> Iterator[tuple[object, ...]]:
+    """The rows of the same table for columns that were computed."""
+    for name, source in sources.items():
+        lowest, highest = table[name].min(), table[name].max()
+        yield f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0
 
 
 def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:

@@ -131,9 +131,7 @@ def _said(values: np.ndarray, outside: np.ndarray, source: Taken, first_row: int
     column = COLUMNS[source.quantity]
     unit = "" if column.unit == "1" else f" {column.unit}"
     to = source.conversion
-    written = ""
-    if (to.factor, to.offset) != (1.0, 0.0):
-        written = f" ({(value - to.offset) / to.factor:g} {source.unit})"
+    written = "" if to == (1.0, 0.0) else f" ({to.back(value):g} {source.unit})"
     where = f"row {first_row + place} of column {source.column} has {value:.6g}{unit}{written}"
     if source.quantity in _LOADS:
         return f"{where}, under {_LIFTED:.0%} of the usual load ({column.advice})".replace(

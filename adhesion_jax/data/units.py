@@ -4,9 +4,12 @@ import re
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+import numpy as np
 import pint
+
+Values = TypeVar("Values", float, np.ndarray)
 
 _TOLD = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
 
@@ -37,6 +40,14 @@ class Conversion(NamedTuple):
 
     factor: float
     offset: float
+
+    def of(self, values: Values) -> Values:
+        """Values in the unit of the package."""
+        return values if self == (1.0, 0.0) else values * self.factor + self.offset
+
+    def back(self, value: float) -> float:
+        """A value of the package in the other unit."""
+        return (value - self.offset) / self.factor
 
 
 def known(unit: str) -> bool:
