@@ -37,9 +37,8 @@ def said(name: str, names: Sequence[str], columns: Mapping[str, object]) -> list
 
     A key is a quantity: a name of COLUMNS or LABELS, or what it is called without a unit, such as
     speed. A value is `COLUMN`, `COLUMN [UNIT]`, the same after a minus, which turns the sign, or,
-    where there is no such column, `NUMBER UNIT`, or the same in a mapping, `{column, unit}` or
-    `{value, unit}`. InputError in a sentence where it fits neither the columns nor the units of the
-    quantity.
+    where there is no such column, `NUMBER UNIT`. InputError in a sentence where it fits neither the
+    columns nor the units of the quantity.
     """
     found: list[Said] = []
     for key, value in columns.items():
@@ -75,17 +74,6 @@ def _quantity(key: str) -> str:
 
 def _said(name: str, names: Sequence[str], quantity: str, value: object) -> Said:
     wanted = f'write a column, as in {quantity} = "v [km/h]", or a constant, as in "200 kN"'
-    if isinstance(value, Mapping):
-        strange = [key for key in value if key not in ("column", "value", "unit")]
-        if strange or ("column" in value) == ("value" in value):
-            raise InputError(
-                f"{quantity} has {listed([*map(str, value)]) or 'nothing'}; write "
-                '{column = "v", unit = "km/h"}, or a value and its unit.'
-            )
-        unit = str(value.get("unit", ""))
-        if "value" in value:
-            return _checked(Said(quantity, "", unit, _number(quantity, value["value"])))
-        return _in_column(name, names, Said(quantity, str(value["column"]), unit))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return _checked(Said(quantity, "", "", _number(quantity, value)))
     if not isinstance(value, str) or not value.strip():

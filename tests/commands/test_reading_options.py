@@ -77,10 +77,7 @@ def test_what_is_ambiguous_is_asked_for_in_one_sentence(command, log, monkeypatc
 
 def test_a_file_says_the_same_and_the_option_goes_before_it(log, monkeypatch, capsys):
     file = log.parent / "map.toml"
-    file.write_text(
-        'axle_force = "F [kN]"\naxle_load = {value = 100, unit = "kN"}\n'
-        'slip = {column = "slip [%]", unit = "%"}\n'
-    )
+    file.write_text('axle_force = "F [kN]"\naxle_load = "100 kN"\nslip = "slip [%]"\n')
     options = ("--columns", str(file), "--column", "axle_load=200 kN", "--dry-run")
     assert answer("identify", log, monkeypatch, capsys, *options)[:2] == (
         *answer("identify", log, monkeypatch, capsys, *SAID, "--dry-run")[:2],

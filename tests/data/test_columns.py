@@ -414,9 +414,9 @@ def test_what_the_user_says_goes_before_names(tmp_path):
     table.to_csv(tmp_path / "a.csv", index=False)
     said = {
         "speed": "v1",
-        "slip": {"column": "Schlupf", "unit": "%"},
+        "slip": "Schlupf [%]",
         "axle_force": "F [kN]",
-        "axle_load": {"value": 200, "unit": "kN"},
+        "axle_load": "200 kN",
     }
     (found,) = read_all([tmp_path / "a.csv"], said)
     np.testing.assert_allclose(found.table["slip_ratio"], good()["slip_ratio"], rtol=1e-14)
