@@ -7,11 +7,9 @@ they are declared once, and the default of the argument gives their defaults.
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import is_dataclass, replace
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 from adhesion_jax.errors import InputError
-
-T = TypeVar("T")
 
 #: The default of an argument that has none.
 _NONE = inspect.Parameter.empty
@@ -148,8 +146,8 @@ def declared(build: Callable[..., Any]) -> Mapping[str, Declared]:
     return found
 
 
-def built(build: Callable[..., T], options: Options) -> T:
-    """What the function makes of some of its options; its parts are made of theirs."""
+def arguments_of(build: Callable[..., Any], options: Options) -> dict[str, Any]:
+    """The arguments of a scenario that some of its options make; its parts are made of theirs."""
     arguments: dict[str, Any] = {}
     for name, argument in _arguments(build).items():
         if _is_part(argument):
@@ -158,7 +156,7 @@ def built(build: Callable[..., T], options: Options) -> T:
             arguments[name] = argument.annotation(**own) if part is _NONE else replace(part, **own)
         elif name in options:
             arguments[name] = options[name]
-    return build(**arguments)
+    return arguments
 
 
 def _fields(argument: inspect.Parameter) -> Mapping[str, inspect.Parameter]:

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from adhesion_jax.command_line.catalogue import told
 from adhesion_jax.command_line.montecarlo import scenario_options
 from adhesion_jax.errors import InputError
-from adhesion_jax.options import Option, Sigma, built, check, declared
+from adhesion_jax.options import Option, Sigma, arguments_of, check, declared
 from adhesion_jax.scenarios import SCENARIOS, Options, build
 from adhesion_jax.scenarios.noise import Noise
 
@@ -63,10 +63,12 @@ def test_a_part_of_a_scenario_brings_its_options():
     assert [*found] == ["gradient", "sigma", "outliers", "autocorrelation"]
     assert [one.required for one in found.values()] == [True, False, False, False]
     assert found["sigma"] == declared(hill)["sigma"]
-    assert built(bumpy, Options(gradient=1.0)) == (1.0, Noise(0.02, 0.0, 0.5))
-    assert built(bumpy, Options(gradient=1.0, sigma=0.1)) == (1.0, Noise(0.1, 0.0, 0.5))
+    made = arguments_of(bumpy, Options(gradient=1.0))
+    assert made == {"gradient": 1.0, "noise": Noise(0.02, 0.0, 0.5)}
+    made = arguments_of(bumpy, Options(gradient=1.0, sigma=0.1))
+    assert made == {"gradient": 1.0, "noise": Noise(0.1, 0.0, 0.5)}
     assert build("coloured", Options(sigma=0.1)).noise == Noise(0.1, 0.0, 0.8)
-    assert built(hill, Options(gradient=1.0)) == (1.0, 0.01)
+    assert hill(**arguments_of(hill, Options(gradient=1.0))) == (1.0, 0.01)
 
 
 def test_what_does_not_go_together_is_said_with_what_would_be_right():
