@@ -1,15 +1,17 @@
-"""Burckhardt's curve by least squares that forget: linear in c1 and c3 for each of many c2."""
+"""Least squares that forget, of curves that are linear given one number, for many values of it."""
 
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.curves import Scalar, free_values
+from adhesion_jax.curves import NO_CONDITIONS, Curve, Scalar, free_values
 from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.curves.similar import Similar
 from adhesion_jax.identifiers.base import Estimate, Identifier
 from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
 from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
@@ -18,30 +20,54 @@ from adhesion_jax.optim.arrays import Count, Value
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair
 from adhesion_jax.records import Known, Record
 
-#: Number of values of c2, by equal factors over its range.
+#: Number of values of d, by equal factors over its range.
 _DEGREES = 48
 
-#: The columns of the sums: 1 - exp(-c2 l), its derivative by c2, -l, the adhesion, and 1.
+#: The columns of the sums: phi, its derivative by d, psi, the adhesion, and 1.
 _PHI, _SLOPE, _PSI, _Y, _ONE = range(5)
+
+
+class Columns(NamedTuple):
+    """mu(l) = a phi(l; d) + b psi(l) for l >= 0: a, d and b are the free parameters, in this order.
+
+    A curve that has no b has a psi of 0.
+    """
+
+    free: tuple[str, ...]
+    phi: Callable[[Any, Value, Value], Value]  # of the curve, d and |l|
+    psi: Callable[[Value], Value]  # of |l|
+
+
+#: The curves that have this form.
+COLUMNS: Mapping[type[Curve], Columns] = {
+    Burckhardt: Columns(
+        ("c1", "c2", "c3"), lambda _, c2, size: 1 - jnp.exp(-c2 * size), lambda size: -size
+    ),
+    Similar: Columns(
+        ("level", "stretch"),
+        lambda curve, stretch, size: curve.shape(size / stretch, NO_CONDITIONS),
+        jnp.zeros_like,
+    ),
+}
 
 
 class ForgettingSums(NamedTuple):
     """Sums over the samples, each a factor less for each sample after it."""
 
-    products: Float[Array, "steep columns columns"]
+    products: Float[Array, "degrees columns columns"]
     weights: Value
     squares: Value  # of the weights
     samples: Count
 
 
 class ForgettingProjection(Identifier):
-    """The least sum w (mu - c1 phi - c3 psi - offset)^2 over c1, c3 and 48 values of c2.
+    """The least sum w (mu - a phi - b psi - offset)^2 over a, b and 48 values of d (`Columns`).
 
-    phi = 1 - exp(-c2 |l|), psi = -|l|, w = factor^(number of samples since). For each c2 the best
-    c1 and c3 in the box are closed (Golub and Pereyra 1973); from the best of these one step of
-    Gauss and Newton leads to the c2 between them. Where the sensor of adhesion may have an
-    `offset`, that unknown constant is eliminated first. The covariance is that of noise without
-    memory at slips that come again and again.
+    w = factor^(number of samples since). For each d the best a and b in the box are closed (Golub
+    and Pereyra 1973); from the best of these one step of Gauss and Newton leads to the d between
+    them. The lower bound of d is above 0. Where the sensor of adhesion may have an `offset`, that
+    unknown constant is eliminated first. The covariance is that of noise without memory at slips
+    that come again and again.
     """
 
     FITS_LAST_RECORD = False
@@ -51,11 +77,13 @@ class ForgettingProjection(Identifier):
     offset: bool = eqx.field(static=True)
 
     def accepts(self, known: Known) -> str | None:
-        curve = known.curve
-        all_free = type(curve) is Burckhardt and curve.free == ("c1", "c2", "c3")
-        if all_free and "mu_max" in known.asked:
+        columns = COLUMNS.get(type(known.curve))
+        if columns and known.curve.free == columns.free and "mu_max" in known.asked:
             return None
-        return "it looks for the peak of Burckhardt's curve with c1, c2 and c3 unknown"
+        return (
+            "it looks for the peak of Burckhardt's curve with c1, c2 and c3 unknown, "
+            "or of a curve of known shape with its level and its stretch unknown"
+        )
 
     def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
         zero, none = jnp.zeros(()), jnp.zeros((_DEGREES, _ONE + 1, _ONE + 1))
@@ -69,12 +97,11 @@ class ForgettingProjection(Identifier):
 
     def step(self, known: Known, sums: ForgettingSums, sample: Sample) -> ForgettingSums:
         taken, slip, adhesion, _ = sample
-        size, one = jnp.abs(slip), jnp.ones(_DEGREES)
-        c2 = _steep(known)
-        left = jnp.exp(-c2 * size)
-        row = jnp.stack(
-            [1 - left, size * left, -size * one, jnp.sign(slip) * adhesion * one, one], axis=1
-        )
+        size, one, d = jnp.abs(slip), jnp.ones(_DEGREES), _grid(known)
+        _, of_d, of_slip = COLUMNS[type(known.curve)]
+        phi, slope = jax.jvp(lambda d: of_d(known.curve, d, size), (d,), (one,))
+        psi, y = of_slip(size), jnp.sign(slip) * adhesion
+        row = jnp.stack([phi, slope, psi * one, y * one, one], axis=1)
         after = ForgettingSums(
             self.factor * sums.products + row[:, :, None] * row[:, None, :],
             self.factor * sums.weights + 1,
@@ -101,25 +128,27 @@ class ForgettingProjection(Identifier):
     def _found(
         self, known: Known, sums: ForgettingSums
     ) -> tuple[Float[Array, " free"], Float[Array, "free free"]]:
-        """c1, c2, c3 and their covariance."""
+        """The free parameters and their covariance."""
+        count = len(known.curve.free)
         products, columns = sums.products, slice(0, _ONE)
         if self.offset:
             total = products[:, columns, _ONE]
             mean = total / jnp.maximum(sums.weights, 1.0)
             products = products[:, columns, columns] - total[:, :, None] * mean[:, None, :]
         of = lambda i, j: products[:, i, j]  # noqa: E731
-        ranges = ((known.lower[i], known.upper[i]) for i in (0, 2))
         inner = Products(of(_PHI, _Y), of(_PSI, _Y), of(_PHI, _PHI), of(_PSI, _PSI), of(_PHI, _PSI))
-        c1, c3 = bounded_pair(inner, *ranges)
-        gain = c1 * (2 * inner.y_phi - c1 * inner.phi_phi - 2 * c3 * inner.phi_psi)
-        best = jnp.argmax(gain + c3 * (2 * inner.y_psi - c3 * inner.psi_psi))
-        start = jnp.stack([c1[best], _steep(known)[best], c3[best]])
+        lower, upper = (jnp.append(jnp.asarray(bound), 0.0) for bound in (known.lower, known.upper))
+        a, b = bounded_pair(inner, (lower[0], upper[0]), (lower[2], upper[2]))
+        gain = a * (2 * inner.y_phi - a * inner.phi_phi - 2 * b * inner.phi_psi)
+        gain = gain + b * (2 * inner.y_psi - b * inner.psi_psi)
+        best = jnp.argmax(gain)
+        start = jnp.stack([a[best], _grid(known)[best], b[best]])[:count]
 
-        # To the first order in c2 the model is start[0] (phi + slope (c2 - c2')) + c3 psi.
-        scale = jnp.stack([jnp.ones(()), start[0], jnp.ones(())])
-        own = jnp.array([_PHI, _SLOPE, _PSI])
+        # To the first order in d the model is a (phi + slope (d - d')) + b psi.
+        scale = jnp.array([1.0, 0.0, 1.0]).at[1].set(a[best])[:count]
+        own = jnp.array([_PHI, _SLOPE, _PSI])[:count]
         information = products[best][jnp.ix_(own, own)] * jnp.outer(scale, scale)
-        model = jnp.stack([start[0], jnp.zeros(()), start[2]])
+        model = start.at[1].set(0.0)
         pull = scale * (products[best][own, _Y] - products[best][jnp.ix_(own, own)] @ model)
         inverse = inverse_information(information)
         move = inverse @ pull
@@ -127,22 +156,18 @@ class ForgettingProjection(Identifier):
         x = jnp.clip(start + jnp.where(known_enough, move, 0.0), known.lower, known.upper)
         x = jnp.where(sums.samples > 0, x, free_values(known.curve))
 
-        left = (
-            products[best, _Y, _Y]
-            - gain[best]
-            - c3[best] * (2 * inner.y_psi[best] - c3[best] * inner.psi_psi[best])
-        )
+        left = products[best, _Y, _Y] - gain[best]
         # Weights that differ are worth as many equal ones as their sum squared over their squares.
         worth = sums.squares / jnp.maximum(sums.weights, 1.0)
-        freedom = jnp.maximum(sums.weights - (len(x) + self.offset) * worth, worth)
+        freedom = jnp.maximum(sums.weights - (count + self.offset) * worth, worth)
         variance = jnp.maximum(left, 0.0) / jnp.maximum(freedom, 1e-3)
         return x, jnp.where(known_enough, variance * worth, 0.0) * jnp.where(
             known_enough, inverse, jnp.diag(jnp.square(known.upper - known.lower))
         )
 
 
-def _steep(known: Known) -> Float[Array, " steep"]:
-    """The values of c2."""
+def _grid(known: Known) -> Float[Array, " degrees"]:
+    """The values of d."""
     share = jnp.linspace(0.0, 1.0, _DEGREES)
     return known.lower[1] * (known.upper[1] / known.lower[1]) ** share
 

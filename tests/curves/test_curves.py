@@ -25,6 +25,7 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.curves.magic_formula import MagicFormula
 from adhesion_jax.curves.peak import find_peak
 from adhesion_jax.curves.polach import Polach, PolachFalling
+from adhesion_jax.curves.similar import Similar
 
 CONDITIONS = {"vehicle_speed_mps": 15.0, "normal_load_N": 1.0e5}
 
@@ -49,6 +50,8 @@ PEAKED = {
     "magic-formula": MagicFormula(b=100.0, c=1.5, d=0.3, e=0.0),
     "magic-formula-curved": MagicFormula(b=10.0, c=1.3, d=0.6, e=-2.0),
     "magic-formula-late": MagicFormula(b=3.0, c=1.7, d=0.6, e=0.1),
+    "similar": Similar(Exponential(a=1.0, b=2.2, c=1.0), level=1.3, stretch=0.3),
+    "similar-numeric": Similar(MagicFormula(b=10.0, c=1.3, d=0.6, e=-2.0), level=0.5, stretch=0.2),
 }
 
 #: Curves without a peak between slip 0 and 1, and the end of the range where they are largest.
@@ -62,6 +65,7 @@ PEAKLESS = {
     "exponential-negative": (Exponential(a=10.0, b=5.0, c=0.3), 0.0),
     "exponential-zero": (Exponential(a=10.0, b=10.0, c=0.3), 0.0),
     "polach": (Polach(mu0=0.33, stiffness=100.0), 1.0),
+    "similar-late": (Similar(Exponential(a=1.0, b=2.2, c=1.0), level=1.3, stretch=2.0), 1.0),
     "polach-falling-none": (PolachFalling(mu0=0.4, a=1.0, b=0.6, stiffness=150.0, k_s=0.4), 1.0),
     "magic-formula-rises": (MagicFormula(b=10.0, c=0.9, d=0.6, e=0.0), 1.0),
     "magic-formula-slow": (MagicFormula(b=0.1, c=1.5, d=0.6, e=0.0), 1.0),
