@@ -135,9 +135,11 @@ def has_truth(scenario):
 
 HAVE_TRUTH = [pair for pair in CURVE_PAIRS if has_truth(scenario_of(pair[1]))]
 
+_HOMES = ("single", "qian2024", "qian2024-switch", "stream-slope")
+
 #: A short scenario that each method takes.
 HOME = {
-    name: next(case for case in ("single", "qian2024", "qian2024-switch") if accepts(name, case))
+    name: next(case for case in _HOMES if accepts(name, case))
     for name in (*CURVE_METHODS, "bayes-departure")
 }
 
@@ -176,10 +178,14 @@ def parameters_of(estimate):
     return np.stack([estimate.values[name] for name in names], axis=-1)
 
 
-def law(parameters, slip, a0=40.0, speed=None):
-    """Adhesion without the package: Kiencke's two parameters, Burckhardt's three, Polach's five."""
-    if parameters.shape[-1] == 2:
-        p1, p2 = np.moveaxis(parameters[..., None], -2, 0)
+def law(parameters, slip, a0=None, speed=None):
+    """Adhesion without the package: Burckhardt's three parameters, Polach's five, Kiencke's.
+
+    These, where an a0 is given, are p1 and p2, or it and they.
+    """
+    if a0 is not None and parameters.shape[-1] in (2, 3):
+        *free, p1, p2 = np.moveaxis(parameters[..., None], -2, 0)
+        a0 = free[0] if free else a0
         return a0 * slip / (1 + p1 * slip + p2 * slip**2)
     if parameters.shape[-1] == 5:
         mu0, a, b, stiffness, k_s = np.moveaxis(parameters[..., None], -2, 0)
@@ -190,11 +196,11 @@ def law(parameters, slip, a0=40.0, speed=None):
     return c1 * (1 - np.exp(-c2 * slip)) - c3 * slip
 
 
-def peak_slip(parameters, speed=None):
+def peak_slip(parameters, a0=None, speed=None):
     """The slip of the peak, or the largest one where the curve still rises there."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        if parameters.shape[-1] == 2:
-            slip = parameters[..., 1] ** -0.5
+        if a0 is not None and parameters.shape[-1] in (2, 3):
+            slip = parameters[..., -1] ** -0.5
         elif parameters.shape[-1] == 5:
             slip = np.array([searched_peak(p, speed) for p in parameters.reshape(-1, 5)])
             slip = slip.reshape(parameters.shape[:-1])
@@ -218,7 +224,7 @@ def searched_peak(parameters, speed):
     return 1.0 if best == grid.size - 1 else found.x
 
 
-def raw_sum_of_squares(parameters, records, a0=40.0):
+def raw_sum_of_squares(parameters, records, a0=None):
     """sum (z - f)^2 over the points that are there, [runs, blocks], without the package."""
     slip, mask = np.asarray(records.slip), np.asarray(records.mask)
     speed = records.conditions.get("vehicle_speed_mps")

@@ -12,6 +12,7 @@ from adhesion_jax.identifiers.bayes_departure import bayes_departure
 from adhesion_jax.identifiers.ekf import ekf
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.identifiers.imm_rails import imm_rails
+from adhesion_jax.identifiers.kiencke_free import kiencke_free
 from adhesion_jax.identifiers.ls_kiencke import LinearLeastSquares
 from adhesion_jax.identifiers.ml_de import ml_de, ml_de_eq16, ml_de_eq17, ml_de_he2018, ml_de_robust
 from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
@@ -51,6 +52,7 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "rls-kiencke-variable": rls_kiencke_variable,
     "riv": riv,
     "bank-kiencke": bank_kiencke,
+    "kiencke-free": kiencke_free,
     "ekf": ekf,
     "ukf": ukf,
     "particle": particle,

@@ -9,7 +9,7 @@ from adhesion_jax.scenarios.course import Apart
 from adhesion_jax.scenarios.excitation import Sweep
 from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rail_process import RailProcess, steady
-from adhesion_jax.scenarios.rails import HE2018, RAILS, form_of, told_of
+from adhesion_jax.scenarios.rails import HE2018, RAILS, as_unknown, form_of, told_of
 
 
 def single(
@@ -27,8 +27,11 @@ def single(
     The estimate of a curve with fewer parameters may come below it if its bias happens to be small.
     """
     form = form_of(truth)
-    process = dataclasses.replace(steady(form.rails, rail), conditions=form.conditions)
-    return Scenario(process, sweep, noise, Apart(sweep.points), told_of(told, truth, rail))
+    process = steady(form.rails, rail)
+    known = told_of(told, truth, rail)
+    law = as_unknown(process.curve, known)
+    process = dataclasses.replace(process, law=law, conditions=form.conditions)
+    return Scenario(process, sweep, noise, Apart(sweep.points), known)
 
 
 def he2018_blocks(

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from scipy.optimize import brentq
 
@@ -14,6 +14,8 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.curves.polach import PolachFalling
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Known
+
+C = TypeVar("C", bound=Curve)
 
 #: He et al. 2018, Table 1.
 RAILS: Mapping[str, Burckhardt] = {
@@ -119,8 +121,19 @@ FORMS: Mapping[str, Form] = {
     "polach": Form(_POLACH_RAILS, {"vehicle_speed_mps": _VEHICLE_SPEED}),
 }
 
+#: The same with an unknown initial slope, from a tenth to ten times that of these rails.
+KIENCKE_FREE = Known(
+    curve=Kiencke(a0=100.0, p1=300.0, p2=50.0, free=("a0", "p1", "p2")),
+    lower=[4.0, -2.0, 1.0],
+    upper=[400.0, 5000.0, 2000.0],
+)
+
 #: What identifiers are told who assume a form.
-_TOLD: Mapping[str, Known] = {"burckhardt": HE2018, "kiencke": QIAN2024}
+_TOLD: Mapping[str, Known] = {
+    "burckhardt": HE2018,
+    "kiencke": QIAN2024,
+    "kiencke-free": KIENCKE_FREE,
+}
 
 #: The same where the rail has another one whose nearest curve would not lie well inside: the form
 #: is judged, not the box. (The box of He et al. 2018 has no c2 above 50, which these rails exceed
@@ -149,15 +162,21 @@ def form_of(truth: str) -> Form:
 
 
 def told_of(form: str, truth: str, rail: str) -> Known:
-    """What identifiers are told who assume a form; Kiencke's initial slope is the true one."""
+    """What identifiers are told who assume a form; Kiencke's known slope is the true one."""
     known = _TOLD_OF.get((form, truth), _TOLD.get(form))
     if known is None:
         raise InputError(f"--told {form} is unknown; the forms are {', '.join(_TOLD)}.")
     curve = known.curve
-    if form == truth or not isinstance(curve, Kiencke):
+    if form == truth or not isinstance(curve, Kiencke) or "a0" in curve.free:
         return known
     slope = initial_slope(FORMS[truth].rails[rail])
     return dataclasses.replace(known, curve=dataclasses.replace(curve, a0=slope))
+
+
+def as_unknown(curve: C, known: Known) -> C:
+    """The curve of a rail; if it has the form that is told, what is unknown of it is the same."""
+    same = type(curve) is type(known.curve)
+    return dataclasses.replace(curve, free=known.curve.free) if same else curve
 
 
 def changed(truth: str, rail: str, level: float, stretch: float) -> Curve:

@@ -12,7 +12,7 @@ from adhesion_jax.scenarios.course import REPORT, Followed
 from adhesion_jax.scenarios.excitation import Excitation, RandomSlips
 from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rail_process import RailProcess, of_many, steady
-from adhesion_jax.scenarios.rails import changed, form_of, told_of
+from adhesion_jax.scenarios.rails import as_unknown, changed, form_of, told_of
 
 #: Number of reports between two checkpoints.
 _SPACING = 5
@@ -42,8 +42,9 @@ def stream(
         steady(form.rails, name, option=option).names[0]
         for option, name in (("rail", rail), ("then", then or rail))
     ]
+    known = dataclasses.replace(told_of(told, truth, rail), by_sample=True)
     curves = [
-        changed(truth, name, float(level), float(stretch))
+        as_unknown(changed(truth, name, float(level), float(stretch)), known)
         for name, level, stretch in zip(np.repeat(names, half), *change.course(points), strict=True)
     ]
     at_once = change.recovery and change.fall
@@ -54,7 +55,6 @@ def stream(
         form.conditions,
         drifts=bool(change.fall or change.shift or change.wave),
     )
-    known = dataclasses.replace(told_of(told, truth, rail), by_sample=True)
     return Scenario(process, slips, noise, Followed(points, _SPACING, steady=True), known)
 
 
