@@ -109,6 +109,7 @@ class Bank(OnlineKiencke):
     """
 
     RESETS = True
+    KNOWS_MEMORY = True
 
     factor: Float[Array | np.ndarray, " members"]  # by which the past is discounted in a sample
     slope: Float[Array | np.ndarray, " members"]  # prior standard deviation, relative; 0: no trend

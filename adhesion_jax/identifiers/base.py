@@ -102,6 +102,9 @@ class Identifier(eqx.Module):
     #: alone: they are then held against the bound of all these blocks.
     POOLS: ClassVar[bool] = False
 
+    #: Whether its standard errors allow for noise with a memory, whose correlation it estimates.
+    KNOWS_MEMORY: ClassVar[bool] = False
+
     @abstractmethod
     def accepts(self, known: Known) -> str | None:
         """None, or the reason why this method cannot work on what is known and asked."""

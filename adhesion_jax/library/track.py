@@ -28,9 +28,9 @@ from adhesion_jax.runtime import as_in_commands, silent
 #: The files of a followed log.
 TRACK_FILES = ("track.csv", "track.txt", "track.png", METADATA)
 
-#: What follows a log where no method is named: one that resets, one that forgets by its error, and
-#: one that forgets evenly.
-METHODS = ("riv", "qp-qian2024-1", "rls-kiencke")
+#: What follows a log where no method is named: one that follows a drift and resets, one that resets
+#: and forgets nothing else, and one that forgets evenly.
+METHODS = ("bank-kiencke", "riv", "rls-kiencke")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,5 +1,6 @@
 """Online identifiers over a whole log, sample by sample, and what is kept of their estimates."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import NamedTuple
@@ -35,6 +36,9 @@ _START_ADHESION, _START_SHARE = 0.3, 0.1
 
 #: The box: a peak at a slip down to this share of the largest one, and down to this adhesion.
 _LEAST_SHARE, _LEAST_ADHESION = 0.005, 0.01
+
+#: Range of an initial slope that a method looks for itself, as a factor in either direction.
+_SLOPES = 100.0
 
 #: What is told after each sample (`_chunk`).
 _TOLD = (
@@ -74,8 +78,8 @@ class Followed(NamedTuple):
     (whether the past was given up at this sample), `resets` and `skipped`, both counted up to it,
     `at_least`, whether the samples that the estimate rests on show no fall of adhesion beyond the
     peak (`measured.fall`), and `reached`, the adhesion that they surely have.
-    The standard errors are those of the method, which takes the noise as independent, times
-    `widening`; in quadrature come what the uncertainty of the initial slope and what the form of
+    The standard errors are those of the method times `widening`, as most take the noise as
+    independent; in quadrature come what the uncertainty of the initial slope and what the form of
     the curve make.
     """
 
@@ -86,7 +90,8 @@ class Followed(NamedTuple):
     #: Of the errors of prediction of consecutive samples, from their signs, which a switch of the
     #: rail does not rule; 0 of a method without a curve.
     correlation: float
-    widening: float  # sqrt((1 + correlation)/(1 - correlation))
+    #: sqrt((1 + correlation)/(1 - correlation)), or 1 of a method that knows of the correlation.
+    widening: float
     seconds_per_sample: float  # of the program, while others run beside it
 
 
@@ -120,9 +125,25 @@ def known_of(initial_slope: float, slip_limit: float) -> Known:
     return Known(curve, lower, upper, slip_limit=slip_limit, by_sample=True)
 
 
+def _told(method: Identifier, known: Known) -> Known:
+    """What is told to a method, which may be one that finds the initial slope as well.
+
+    That begins at the one known, and looks for it between a hundredth of it and a hundred times it.
+    """
+    curve = known.curve
+    assert isinstance(curve, Kiencke)
+    free = dataclasses.replace(
+        known,
+        curve=dataclasses.replace(curve, free=("a0", *curve.free)),
+        lower=np.append(curve.a0 / _SLOPES, known.lower),
+        upper=np.append(curve.a0 * _SLOPES, known.upper * [_SLOPES, 1.0]),
+    )
+    return known if method.accepts(known) is None or method.accepts(free) else free
+
+
 def refusal(method: Identifier) -> str | None:
     """None, or the reason why a method cannot follow a log."""
-    return method.accepts(known_of(40.0, SLIP_LIMIT))
+    return method.accepts(_told(method, known_of(40.0, SLIP_LIMIT)))
 
 
 def follow_log(
@@ -137,10 +158,10 @@ def follow_log(
     `slopes` are the initial slope and, where it is uncertain, one standard error below and above
     it. `form` has the relative standard errors that the form of the curve makes.
     """
-    lanes = [known_of(value, log.slip_limit) for value in slopes.tolist()]
-    known = jax.tree.map(lambda *values: np.stack([np.asarray(v) for v in values]), *lanes)
 
     def followed(method: Identifier) -> Followed:
+        lanes = [_told(method, known_of(value, log.slip_limit)) for value in slopes.tolist()]
+        known = jax.tree.map(lambda *values: np.stack([np.asarray(v) for v in values]), *lanes)
         return _follow(method, known, log, form, report)
 
     with runtime.threads() as pool:
@@ -188,9 +209,10 @@ def _follow(
     share = float(tally.alike) / max(float(tally.pairs), 1.0)
     correlation = float(np.sin(np.pi / 2 * share))
     held = min(max(correlation, 0.0), _MOST_ALIKE)
-    widening = float(np.sqrt((1 + held) / (1 - held)))
+    alike = float(np.sqrt((1 + held) / (1 - held)))
+    widening = 1.0 if method.KNOWS_MEMORY else alike
     return Followed(
-        _table(rows, log, widening, form),
+        _with_judgement(_table(rows, log, widening, form), rows, alike),
         int(tally.resets),
         int(tally.skipped),
         int(tally.trusted),
@@ -225,7 +247,7 @@ def _table(
         with np.errstate(invalid="ignore"):  # an estimate may be infinite
             return np.sqrt(noise**2 + slope**2 + (form[name] * rows[name]) ** 2)
 
-    table = pd.DataFrame(
+    return pd.DataFrame(
         {
             "sample": log.used[rows["sample"]],
             "mu_max": rows["mu_max"],
@@ -236,7 +258,6 @@ def _table(
             **{name: rows[name].astype(int) for name in ("status", "resets", "skipped")},
         }
     )
-    return _with_judgement(table, rows, widening)
 
 
 def _with_judgement(
@@ -257,13 +278,15 @@ def as_told(estimates: pd.DataFrame) -> pd.DataFrame:
     """The estimates as a reader is to take them.
 
     Where adhesion does not fall, mu_max is the adhesion that was reached, the largest adhesion
-    being at least that; it has no standard error, and slip_opt is not known.
+    being at least that, or NaN where too few samples show any; it has no standard error, and
+    slip_opt is not known.
     """
-    bare = estimates["at_least"]
+    bare, reached = estimates["at_least"], estimates["reached"]
     unknown = {
         name: estimates[name].mask(bare) for name in ("mu_max_se", "slip_opt", "slip_opt_se")
     }
-    return estimates.assign(mu_max=estimates["mu_max"].mask(bare, estimates["reached"]), **unknown)
+    known = estimates["mu_max"].mask(bare, reached.where(reached > 0))
+    return estimates.assign(mu_max=known, **unknown)
 
 
 def _carried(method: Identifier, known: Known) -> _Carry:

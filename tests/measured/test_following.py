@@ -129,6 +129,31 @@ def test_correlated_noise_widens_the_bands(switched):
         assert np.median(wide) == pytest.approx(widening, abs=0.15)
 
 
+@pytest.mark.thorough
+def test_a_method_that_knows_of_the_noise_has_its_own_bands():
+    """Its estimate of the correlation is not taken into account twice."""
+    inside = 0
+    for seed in range(30):
+        one = followed(sweeps(600, seed, alike=0.6), ["bank-kiencke"])["bank-kiencke"]
+        assert one.correlation > 0.25  # of what it mispredicts, which is less than the noise
+        assert one.widening == 1.0
+        row = at(one, 599)
+        true = float(DRY.peak({}).adhesion)
+        inside += abs(row["mu_max"] - true) < following.QUANTILE * row["mu_max_se"]
+        assert row["mu_max_se"] < 0.02 * true
+    # Of 30 with a chance of .95 at least 24 but for once in 1000.
+    assert inside >= 24
+
+
+def test_a_method_that_looks_for_the_slope_itself_is_not_misled_by_the_one_told():
+    table = sweeps(600, 4)
+    one = followed(table, ["kiencke-free", "riv"], 0.6 * A0)
+    true = float(DRY.peak({}).adhesion)
+    row = at(one["kiencke-free"], 599)
+    assert abs(row["mu_max"] - true) < 3 * row["mu_max_se"] < 0.02 * true
+    assert abs(at(one["riv"], 599)["mu_max"] - true) > 0.02 * true
+
+
 def test_a_reset_is_marked_where_it_occurs_and_nowhere_else():
     for seed in range(3):
         one = followed(sweeps(900, seed, DRY, COMMON), ["riv"])["riv"]

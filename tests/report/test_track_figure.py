@@ -142,6 +142,16 @@ def test_where_adhesion_does_not_fall_the_adhesion_reached_is_drawn_and_told():
     assert "0.050" not in printed[2]
 
 
+def test_where_too_few_samples_show_an_adhesion_none_is_told():
+    log = a_log()
+    one = a_method(log, bare=slice(0, None))
+    some = {"one": one._replace(estimates=one.estimates.assign(reached=0.0))}
+    assert checkpoint_rows(log, some)["mu_max"].isna().all()
+    summary = summary_rows(log, some)
+    assert "unknown" in printed_summary(summary)
+    assert "0.000" not in printed_summary(summary)
+
+
 def test_the_table_and_the_summary_hold_the_estimates():
     log = a_log()
     one = a_method(log, (10,), slice(0, 5))

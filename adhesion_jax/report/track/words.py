@@ -42,8 +42,8 @@ def checkpoint_rows(log: Log, followed: Mapping[str, Followed]) -> pd.DataFrame:
 
     Columns: identifier, time_s (NaN without time), sample (from 1), mu_max, mu_max_se, mu_max_lo,
     mu_max_hi (95 %), slip_opt, slip_opt_se, status, at_least, reset (whether at this sample),
-    resets and skipped (both so far). Where `at_least`, mu_max is the adhesion that was reached,
-    without a band, and there is no slip_opt.
+    resets and skipped (both so far). Where `at_least`, mu_max is the adhesion that was reached
+    (NaN where too few samples tell), without a band, and there is no slip_opt.
     """
     parts = []
     for name, one in followed.items():
@@ -98,7 +98,7 @@ def printed_summary(summary: pd.DataFrame) -> str:
         {
             "method": summary["identifier"],
             "mu_max at the end": [
-                f"at least {value:.3f}" if bare else plus_minus(value, error)
+                _at_least(value) if bare else plus_minus(value, error)
                 for value, error, bare in summary[told].itertuples(index=False)
             ],
             "slip_opt": with_errors(summary["slip_opt"], summary["slip_opt_se"]),
@@ -110,6 +110,10 @@ def printed_summary(summary: pd.DataFrame) -> str:
         }
     )
     return flush_left(cells)
+
+
+def _at_least(value: float) -> str:
+    return f"at least {value:.3f}" if np.isfinite(value) else "unknown"
 
 
 def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Followed]) -> str:
