@@ -5,13 +5,14 @@ import platform
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from functools import wraps
+from functools import cache, wraps
 from importlib.metadata import version
 from itertools import cycle
 from typing import Any, ParamSpec, TypeVar
 
 import jax
 import numpy as np
+from jaxlib import xla_client
 from threadpoolctl import threadpool_limits
 
 from adhesion_jax.errors import InputError
@@ -107,6 +108,19 @@ def device() -> jax.Device:
     if isinstance(chosen, jax.Device):
         return chosen
     return jax.local_devices(backend=chosen)[0]  # of the platform that is named, or of the first
+
+
+@cache
+def calling_thread() -> jax.Device:
+    """The CPU, as a device whose programs run in the thread that calls them.
+
+    The one of jax hands a program of a thousand operations or more to another thread, which takes
+    13 microseconds at least, and 40 where the processor has other work. Its setting
+    jax_cpu_enable_async_dispatch ends that for a whole process, if it comes before all else.
+    """
+    client: Any = xla_client.make_cpu_client(asynchronous=False)  # of which jaxlib declares nothing
+    first: jax.Device = client.local_devices()[0]
+    return first
 
 
 def is_double() -> bool:

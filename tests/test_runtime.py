@@ -101,3 +101,18 @@ def test_a_loop_of_short_steps_is_one_function_of_the_processor():
 
     compiled = jax.jit(over_samples).lower(jnp.zeros((500, 128))).compile()
     assert "xla_cpu_small_call" in compiled.as_text()
+
+
+def test_a_program_of_the_calling_thread_has_ended_when_the_call_has():
+    """And one of jax has not, so that the test can fail."""
+
+    @jax.jit
+    def long(x):
+        return jax.lax.fori_loop(0, 30_000, lambda _, x: (x + 2 / x) / 2, jnp.full(2000, x))
+
+    with jax.default_device(runtime.calling_thread()):
+        at_once = long(1.0)
+        assert at_once.is_ready()
+    later = long(1.0)
+    assert not later.is_ready()
+    assert at_once[0] == later[0] == pytest.approx(2**0.5)

@@ -87,7 +87,8 @@ def spread_anew(belief: Particles, walk: Value) -> Particles:
     root = lower_root(
         belief.due + walk**2 * jnp.eye(size) + jnp.where(few, width, 0.0) * covariance
     )
-    x = x + jax.random.normal(own, x.shape) @ root.T
+    # Not as a product of matrices, for which the compiler leaves its own code.
+    x = x + jnp.sum(jax.random.normal(own, x.shape)[:, None] * root, axis=-1)
     return Particles(x, log_weight, jnp.zeros_like(belief.due), key)
 
 

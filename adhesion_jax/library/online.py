@@ -8,19 +8,20 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Float
 
 from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.curves import SLIP_LIMIT
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Identifier, Status
-from adhesion_jax.identifiers.of_numpy import complain
+from adhesion_jax.identifiers.of_numpy import OfNumpy, complain
 from adhesion_jax.library.methods import Methods, methods_named
 from adhesion_jax.library.sample import sample
 from adhesion_jax.measured.following import known_of
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Known
-from adhesion_jax.runtime import as_in_commands
+from adhesion_jax.runtime import as_in_commands, calling_thread
 
 
 class OnlineEstimate(NamedTuple):
@@ -106,8 +107,30 @@ def online(identifier: Methods, a0: float | None = None, known: Known | None = N
         return method.init(told, jax.random.key(0))
 
     leaves, tree = jax.tree.flatten(jax.eval_shape(begun))
-    state = jax.jit(lambda: _packed(begun()))()
-    return Online(_step.ready(method, tree, tuple(leaves), state, np.zeros(2)), state)
+    with jax.default_device(calling_thread()):
+        state = jax.jit(lambda: _packed(begun()))()
+        return Online(_ready(method, tree, tuple(leaves), state, np.zeros(2)), state)
+
+
+def _ready(method: Identifier, *given: Any) -> Callable[[list[Any]], tuple[Array, Array]]:
+    """The program of a step, as one function where it can be one."""
+    if not isinstance(method, OfNumpy):
+        try:
+            return _step_as_one.ready(method, *given)
+        except jax.errors.JaxRuntimeError:  # a sort, or a call of LAPACK, is no part of a function
+            pass
+    return _step.ready(method, *given)
+
+
+@kept(compiler=COMPILER, static=(0, 1, 2))
+def _step_as_one(method: Identifier, *given: Any) -> Any:
+    """`_step`, compiled as one function of the processor.
+
+    By itself the compiler makes a function of each operation. riv has some hundred and fifty, and
+    their calls take longer than the work (microseconds a sample: 67 as they are, 25 as one).
+    """
+    with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
+        return jax.jit(_step.function, static_argnums=(0, 1, 2))(method, *given)
 
 
 @kept(compiler=COMPILER, static=(0, 1, 2))

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from identifier_cases import scenario_of
@@ -106,8 +107,40 @@ def test_what_cannot_follow_samples_is_refused_in_a_sentence(given, words):
         aj.online(*given)
 
 
+@pytest.mark.parametrize("name", lanes(ONLINE, always=2, thorough=len(ONLINE)))
+def test_a_step_is_one_function_of_the_processor(name):
+    entry = entry_of(aj.online(name, a0=40.0))
+    pieces = [line for line in entry if " parameter(" not in line and " get-tuple" not in line]
+    assert len(pieces) <= 3, entry  # a call, its results as a tuple, and the brace
+    assert " call(" in "".join(pieces)
+
+
+def entry_of(online):
+    """What the program of a step does, a line each."""
+    return online._step.as_text().partition("\nENTRY")[2].strip().splitlines()[1:]
+
+
+class Sorting(type(IDENTIFIERS["riv"])):
+    """riv with a sort, which no function of the processor has as a part."""
+
+    def update(self, state, record):
+        size = jnp.sort(jnp.tile(jnp.abs(record.slip), 3))[:1]
+        return super().update(state, record._replace(slip=jnp.sign(record.slip) * size))
+
+
+def test_a_step_that_cannot_be_one_function_has_the_same_numbers():
+    riv = IDENTIFIERS["riv"]
+    sorting = aj.online({"mine": Sorting(riv.huber, riv.gain, riv.prior)}, a0=40.0)
+    assert len(entry_of(sorting)) > 100
+    online = aj.online("riv", a0=40.0)
+    for slip, adhesion in [(0.01, 0.24), (0.02, 0.38), (-0.04, -0.52), (0.06, 0.51)]:
+        assert sorting.update(slip, adhesion)[:4] == pytest.approx(
+            online.update(slip, adhesion)[:4], rel=1e-11, nan_ok=True
+        )
+
+
 @pytest.mark.clock
-@pytest.mark.parametrize("name", ["riv", "rls-kiencke", "qp-qian2024-1"])
+@pytest.mark.parametrize("name", ["riv", "rls-kiencke", "qp-qian2024-1", "bank-kiencke"])
 def test_a_sample_takes_fifty_microseconds_at_most(name):
     online, generator = aj.online(name, a0=40.0), np.random.default_rng(0)
     slips = generator.uniform(0.0, 0.2, 2000).tolist()
