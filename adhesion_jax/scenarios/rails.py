@@ -175,8 +175,9 @@ def told_of(form: str, truth: str, rail: str) -> Known:
 
 def as_unknown(curve: C, known: Known) -> C:
     """The curve of a rail; if it has the form that is told, what is unknown of it is the same."""
-    same = type(curve) is type(known.curve)
-    return dataclasses.replace(curve, free=known.curve.free) if same else curve
+    if type(curve) is not type(known.curve) or curve.free == known.curve.free:
+        return curve
+    return dataclasses.replace(curve, free=known.curve.free)
 
 
 def changed(truth: str, rail: str, level: float, stretch: float) -> Curve:
