@@ -1,15 +1,14 @@
 """The workers of a Dask cluster, one that is joined or started here, as a pool.
 
 A unit travels as bytes, and becomes objects in a worker that was prepared for it as the processes
-of `pool` are. Files come to the folder of the results by this process alone, so that a worker that
-goes on after its job has ended changes nothing there.
+of `pool` are. It sends what it has stored, so that files come to the folder of the results by this
+process alone: a worker that goes on after its job has ended changes nothing there.
 """
 
 import logging
 import os
 import pickle
 import platform
-import shutil
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -43,18 +42,16 @@ _COUNTED_FOR = 2.0
 #: Ctrl-C is for this process, which ends its workers; a terminal sends it to them, too.
 _IGNORE_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
-#: What a unit has stored: files in a folder within that of the results, or their content by name.
-_Stored = Path | Mapping[str, bytes]
+#: What a unit has stored: the content of files by their names.
+_Stored = Mapping[str, bytes]
 
 
 @contextmanager
-def pool_of(workers: int, cluster: str | None, shared: bool = False) -> Iterator[Pool]:
+def pool_of(workers: int, cluster: str | None) -> Iterator[Pool]:
     """`workers` processes of this machine or, if one is named, a cluster, started or joined.
 
-    `cluster` is `local:N` or the address of a scheduler. `shared` says that its workers see the
-    folder of the results by the same path as this process, and write there; otherwise they send
-    what they have stored. InputError where the cluster cannot be reached, has no workers, or has
-    other versions than this process. What was started here ends with it.
+    `cluster` is `local:N` or the address of a scheduler. InputError where it cannot be reached, has
+    no workers, or has other versions than this process. What was started here ends with it.
     """
     if cluster is None:
         yield Processes(workers)
@@ -64,7 +61,7 @@ def pool_of(workers: int, cluster: str | None, shared: bool = False) -> Iterator
     quiet = _distributed().utils.silence_logging_cmgr(logging.CRITICAL)
     with quiet, _started(local) if local else _joined(cluster) as client:
         setting = versions(), plugins.used(), runtime.cores_of(local)
-        pool = _Cluster(client, pickle.dumps(setting), shared or local > 0)
+        pool = _Cluster(client, pickle.dumps(setting))
         pool.prepare()
         yield pool
 
@@ -151,7 +148,6 @@ class _Cluster:
 
     client: Any
     setting: bytes
-    shared: bool
     workers: int = 0  # when they were counted
 
     def prepare(self) -> None:
@@ -182,14 +178,11 @@ class _Cluster:
     def stored(self, function: Callable[..., T], work: Work, folder: Path) -> Iterator[Iterator[T]]:
         name, numbers = f"unit-{uuid4().hex}", count()
         begun, called = WeakSet[Any](), partial(plugins.worded, function)
-        place = folder / f"{PARTIAL}{name}" if self.shared else None
-        if place is not None:
-            place.mkdir()
 
         def submit(*unit: Any) -> Any:
             # As bytes, which Dask does not look into. Units of one name wait at the scheduler.
             call, key = pickle.dumps((called, unit)), (name, next(numbers))
-            begun.add(future := self.client.submit(_done, self.setting, call, place, key=key))
+            begun.add(future := self.client.submit(_done, self.setting, call, key=key))
             return future
 
         try:
@@ -198,10 +191,6 @@ class _Cluster:
         finally:
             with suppress(Exception):  # a scheduler that has gone has ended them
                 self.client.cancel([*begun])
-            if place is not None:
-                # Renamed first, so that a worker that goes on does not find it from that moment.
-                with suppress(OSError):
-                    shutil.rmtree(place.rename(f"{place}-over"))
 
     def _results(
         self, ended: Iterator[tuple[int, Any]], folder: Path
@@ -236,44 +225,27 @@ def _answer(future: Any) -> tuple[Any, _Stored]:
 
 def _bring(stored: _Stored, folder: Path) -> None:
     """Bring what a unit has stored to where it belongs, each file whole or not at all."""
-    if not isinstance(stored, Path):
-        for name, content in stored.items():
-            partly = folder / f"{PARTIAL}{name}"
-            partly.write_bytes(content)
-            os.replace(partly, folder / name)
-        return
-    try:
-        for path in [*stored.iterdir()]:
-            os.replace(path, folder / path.name)
-        stored.rmdir()
-    except FileNotFoundError:
-        raise _not_shared(folder) from None
-
-
-def _not_shared(folder: Path) -> InputError:
-    return InputError(
-        f"--shared-folder: a worker does not see the files of {folder}; leave that option out, "
-        "and workers send what they have stored."
-    )
+    for name, content in stored.items():
+        partly = folder / f"{PARTIAL}{name}"
+        partly.write_bytes(content)
+        os.replace(partly, folder / name)
 
 
 # What follows is done in a worker.
 
 
-def _done(setting: bytes, call: bytes, place: Path | None) -> tuple[Any, _Stored]:
-    """The result of a unit, and what it has stored in a folder of its own, of which it is told."""
+def _done(setting: bytes, call: bytes) -> tuple[Any, _Stored]:
+    """The result of a unit, and what it has stored in a folder of its own, of which it is told.
+
+    It lies where Dask removes what workers that are killed have left.
+    """
+    from distributed import get_worker
+
     _prepare(setting)
     function, unit = pickle.loads(call)
-    if place is None:
-        with TemporaryDirectory(prefix="adhesion_jax-") as passing:
-            result = function(*unit, Path(passing))
-            return result, {path.name: path.read_bytes() for path in Path(passing).iterdir()}
-    own = place / uuid4().hex
-    try:
-        own.mkdir()
-    except FileNotFoundError:
-        raise _not_shared(place.parent) from None
-    return function(*unit, own), own
+    with TemporaryDirectory(dir=get_worker().local_directory) as passing:
+        result = function(*unit, Path(passing))
+        return result, {path.name: path.read_bytes() for path in Path(passing).iterdir()}
 
 
 def _prepared(setting: bytes) -> str:

@@ -202,11 +202,6 @@ def out_folder(name: str, files: str = "") -> Callable[[Callable[..., None]], Ca
 
 def in_shards(command: Callable[..., None]) -> Callable[..., None]:
     """A decorator that gives a command what is asked of a job in shards, and where it computes."""
-    shared = click.option(
-        "--shared-folder",
-        is_flag=True,
-        help="All workers of the cluster see the folder of --out; without it they send results.",
-    )
     cluster = click.option(
         "--cluster",
         type=Cluster(),
@@ -226,7 +221,7 @@ def in_shards(command: Callable[..., None]) -> Callable[..., None]:
     resume = click.option(
         "--resume", is_flag=True, help="Compute what an interrupted job left over."
     )
-    return resume(extend(workers(cluster(shared(command)))))
+    return resume(extend(workers(cluster(command))))
 
 
 class File(click.ParamType):

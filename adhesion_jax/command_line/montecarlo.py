@@ -42,7 +42,6 @@ _OF_JOB = (
     "extend",
     "workers",
     "cluster",
-    "shared_folder",
 )
 
 

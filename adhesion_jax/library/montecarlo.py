@@ -185,7 +185,6 @@ def montecarlo(
     resume: bool = False,
     extend: int = 0,
     cluster: str | None = None,
-    shared_folder: bool = False,
     **options: object,
 ) -> MonteCarlo:
     """Identify the same noisy runs of a scenario by several methods.
@@ -206,7 +205,6 @@ def montecarlo(
         resume: go on with a job that was interrupted.
         extend: further runs for the job in the folder.
         cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
-        shared_folder: those workers see the folder by the same path.
         **options: arguments of the scenario, such as rail, sigma, points; `law` is a law that was
             found, the path of a saved one, or what stands in it.
 
@@ -239,7 +237,7 @@ def montecarlo(
         return MonteCarlo(asked, "all", jobs, found, rows, time.perf_counter() - began)
     directory = output_directory(Path(out))
     with (
-        pool_of(workers, cluster, shared_folder) as pool,
+        pool_of(workers, cluster) as pool,
         opened_for("montecarlo", jobs, directory, MONTECARLO_FILES, resume, extend) as (
             folder,
             stage,

@@ -178,7 +178,6 @@ def traction_control(
     extend: int = 0,
     animate: bool = False,
     cluster: str | None = None,
-    shared_folder: bool = False,
 ) -> Traction:
     """Run a published control system on its plant, without noise and with it.
 
@@ -198,7 +197,6 @@ def traction_control(
         extend: further runs for the job in the folder.
         animate: draw the operating point as a moving picture there, too.
         cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
-        shared_folder: those workers see the folder by the same path.
 
     Returns:
         The table of the paper, the metrics of all parts of the runs, and their course.
@@ -244,7 +242,7 @@ def traction_control(
         return told(judge(job, silent, workers))
     directory = output_directory(Path(out))
     with (
-        pool_of(workers, cluster, shared_folder) as pool,
+        pool_of(workers, cluster) as pool,
         opened_for("traction", [job], directory, TRACTION_FILES, resume, extend) as (folder, stage),
     ):
         compute(content, [job], folder, lambda _: pool)

@@ -172,21 +172,14 @@ def test_a_unit_whose_worker_dies_three_times_is_told_in_a_sentence(two, tmp_pat
     assert [number for number, _ in found(two, squared, [3], tmp_path)] == [9]
 
 
-@pytest.mark.parametrize("shared", [True, False])
-def test_files_come_to_the_folder_that_is_asked_for(scheduler, tmp_path, shared):
-    with pool_of(1, scheduler, shared) as pool:
+def test_files_come_to_the_folder_that_is_asked_for(scheduler, tmp_path):
+    with pool_of(1, scheduler) as pool:
         places = found(pool, written, range(9), tmp_path)
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
         f"{number}.txt": str(number) for number in range(9)
     }
-    assert all(place.is_relative_to(tmp_path) == shared for place in places)
+    assert not any(place.is_relative_to(tmp_path) for place in places)
     assert not any(place.exists() for place in places)
-
-
-def test_a_folder_that_a_worker_does_not_see_is_told(two, tmp_path, monkeypatch):
-    monkeypatch.setattr(Path, "mkdir", lambda *_: None)  # stands for one on another disk
-    with pytest.raises(InputError, match="--shared-folder: a worker does not see the files of"):
-        found(two, written, [1], tmp_path)
 
 
 @pytest.mark.thorough
@@ -262,7 +255,8 @@ def test_without_dask_it_is_said_what_to_install(monkeypatch):
 
 def begun(out, *more, cores=None):
     """A job on its way, on these cores or on those of this process."""
-    command = (sys.executable, "-m", "experiments.montecarlo", *JOB, "--runs", RUNS, "--out", out)
+    runs = () if "--runs" in more else ("--runs", RUNS)
+    command = (sys.executable, "-m", "experiments.montecarlo", *JOB, *runs, "--out", out)
     answer = signal.signal(signal.SIGINT, signal.SIG_DFL)
     own = os.sched_getaffinity(0)
     os.sched_setaffinity(0, cores or own)  # a child has those of its parent
@@ -355,13 +349,12 @@ def alone(tmp_path_factory):
 
 @of_processes
 @pytest.mark.thorough
-@pytest.mark.parametrize("pool", ["processes", "local", "sent", "shared"])
+@pytest.mark.parametrize("pool", ["processes", "local", "joined"])
 def test_every_pool_gives_the_same_bits(alone, scheduler, tmp_path, pool):
     options = {
         "processes": (),
         "local": ("--cluster", "local:2"),
-        "sent": ("--cluster", scheduler),
-        "shared": ("--cluster", scheduler, "--shared-folder"),
+        "joined": ("--cluster", scheduler),
     }
     out = tmp_path / "out"
     status, said = ended(begun(out, *options[pool]))
