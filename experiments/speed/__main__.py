@@ -27,8 +27,7 @@ def main(repeats: int, seed: int, out: Path) -> None:
     Whole blocks on he2018-blocks beside scipy's differential evolution and others, recursions on
     streams of 10,000 runs beside NumPy, plants beside C; some of them on a GPU, where jax finds
     one. What is timed takes turns, `repeats` times, so that a machine whose speed drifts is fair to
-    all; the median is reported, and its range. numba, pygmo and evosax are timed where they are
-    installed.
+    all; the median is reported, and its range.
     """
     start()
     directory = output_directory(out)

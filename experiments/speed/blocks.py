@@ -2,11 +2,9 @@
 
 import time
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
@@ -16,7 +14,7 @@ from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION
 from experiments.speed import all_points
 from experiments.speed.all_points import SCALE
-from experiments.speed.turns import Timed, Work, absent
+from experiments.speed.turns import Timed, Work
 
 #: The peer: scipy's differential evolution, the population in one call, at the settings of `ml-de`
 #: but with all its generations.
@@ -52,11 +50,6 @@ def entries(seed: int) -> Mapping[str, Timed]:
     found = {
         name: Timed(_on_blocks(config, solve), remark) for name, (solve, remark) in others.items()
     }
-    found["pygmo-de"] = _optional(config, "pygmo", _pygmo)
-    missing = absent("evosax") or absent("evosax.algorithms")
-    found["evosax-de"] = (
-        Timed(None, missing) if missing else Timed(_evosax(config), "float64, batch of 128 runs")
-    )
     began = time.process_time()
     search = _all_points(config)
     remark = "as scipy-de: all 300 generations, on the sum of squares over all points"
@@ -99,11 +92,6 @@ def _all_points(config: Config) -> Work:
         return float(TILE), time.process_time() - began
 
     return work
-
-
-def _optional(config: Config, package: str, solve: _Solve) -> Timed:
-    missing = absent(package)
-    return Timed(None, missing) if missing else Timed(_on_blocks(config, solve))
 
 
 def _on_blocks(config: Config, solve: _Solve) -> Work:
@@ -180,59 +168,3 @@ def _trust_region(block: _Block) -> object:
         bounds=(block.lower, block.upper),
         x_scale=block.upper - block.lower,
     )
-
-
-def _pygmo(block: _Block) -> object:
-    pygmo = import_module("pygmo")
-
-    class Problem:
-        def fitness(self, x: np.ndarray) -> list[float]:
-            return [float(np.sum((_model(x, block.slip) - block.adhesion) ** 2))]
-
-        def get_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-            return block.lower, block.upper
-
-    seed = int(block.random.integers(2**31))
-    rand1bin = 7  # in the numbering of pygmo
-    method = pygmo.de(GENERATIONS, SCALE, CROSSOVER, rand1bin, 0.0, 0.0, seed)
-    return pygmo.algorithm(method).evolve(pygmo.population(Problem(), size=POPULATION, seed=seed))
-
-
-def _evosax(config: Config) -> Work:
-    """All the first blocks of a tile side by side: a batch of its own kind."""
-    known = build_scenario(config).known
-    lower, upper = jnp.asarray(known.lower), jnp.asarray(known.upper)
-    slip, _ = _first_blocks(config, 0)
-    algorithms = import_module("evosax.algorithms")
-    method = algorithms.DifferentialEvolution(POPULATION, jnp.zeros(lower.size))
-    settings = method.default_params.replace(
-        elitism=False, crossover_rate=CROSSOVER, differential_weight=SCALE
-    )
-
-    def one(key: Any, adhesion: Any) -> Any:
-        def fitness(shares: Any) -> Any:
-            x = lower + (upper - lower) * jnp.clip(shares, 0.0, 1.0)
-            model = x[:, :1] * (1 - jnp.exp(-x[:, 1:2] * slip)) - x[:, 2:] * slip
-            return jnp.sum((model - adhesion) ** 2, axis=1)
-
-        def generation(carry: Any, key: Any) -> Any:
-            asking, telling = jax.random.split(key)
-            shares, state = method.ask(asking, carry, settings)
-            state, _ = method.tell(telling, shares, fitness(shares), state, settings)
-            return state, None
-
-        first, begun, rest = jax.random.split(key, 3)
-        population = jax.random.uniform(first, (POPULATION, lower.size))
-        state = method.init(begun, population, fitness(population), settings)
-        return jax.lax.scan(generation, state, jax.random.split(rest, GENERATIONS))[0].best_fitness
-
-    batch = jax.jit(jax.vmap(one))
-
-    def work(turn: int) -> tuple[float, float]:
-        blocks = _tiles(config).draw(config.seed, turn).adhesion[:, 0]
-        keys = jax.random.split(jax.random.key(turn), TILE)
-        began = time.process_time()
-        jax.block_until_ready(batch(keys, blocks))
-        return float(TILE), time.process_time() - began
-
-    return work

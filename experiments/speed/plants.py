@@ -1,9 +1,8 @@
-"""Steps of a bare plant: the package, numba and C, on the same equations."""
+"""Steps of a bare plant: the package and C, on the same equations."""
 
 import ctypes
 from collections.abc import Callable, Mapping
-from importlib import import_module
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +16,7 @@ from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.plants.rigid_axles import RigidAxles, RigidState
 from adhesion_jax.traction.systems.fang2018 import road
 from experiments.speed import c_code
-from experiments.speed.turns import Timed, absent, timed
+from experiments.speed.turns import Timed, timed
 
 UNIT = "steps"
 PEER = "steps in C"
@@ -85,53 +84,12 @@ def in_c(begun: Start, library: ctypes.CDLL) -> Callable[[], tuple[np.ndarray, .
     return steps
 
 
-def in_numba(begun: Start) -> Callable[[], tuple[np.ndarray, ...]]:
-    njit = import_module("numba").njit
-
-    @njit(fastmath=True)
-    def rates(p: Any, w: Any, v: Any, t: Any) -> Any:
-        slip = p[0] / p[2] * w - v
-        size = abs(slip)
-        adhesion = p[16] * np.sign(slip) * (np.exp(-p[14] * size) - np.exp(-p[15] * size))
-        force = adhesion * p[1] * 9.81 / (1.0 + adhesion * p[8])
-        load, inertia = p[0] * force, p[5] / p[2]
-        driving = (inertia / p[4] * t + load) * w >= 0
-        through = 1.0 / (p[2] * p[3]) if driving else p[3] / p[2]
-        speed = 3.6 * abs(v)
-        share = min(max(v * 100.0, -1.0), 1.0)
-        against = (p[9] + speed * (p[10] + speed * p[11])) * share
-        turning = (t - load * through) / (p[4] + inertia * through)
-        return turning, p[7] * force / p[6] - against, p[12] * (p[13] - t)
-
-    @njit(fastmath=True)
-    def all_runs(p: Any, w: Any, v: Any, t: Any, count: int, h: float) -> Any:
-        for i in range(w.size):
-            for _ in range(count):
-                w1, v1, t1 = rates(p, w[i], v[i], t[i])
-                w2, v2, t2 = rates(p, w[i] + h / 2 * w1, v[i] + h / 2 * v1, t[i] + h / 2 * t1)
-                w3, v3, t3 = rates(p, w[i] + h / 2 * w2, v[i] + h / 2 * v2, t[i] + h / 2 * t2)
-                w4, v4, t4 = rates(p, w[i] + h * w3, v[i] + h * v3, t[i] + h * t3)
-                w[i] += h / 6 * (w1 + 2 * (w2 + w3) + w4)
-                v[i] += h / 6 * (v1 + 2 * (v2 + v3) + v4)
-                t[i] += h / 6 * (t1 + 2 * (t2 + t3) + t4)
-
-    def steps() -> tuple[np.ndarray, ...]:
-        states = tuple(one.copy() for one in begun[1:])
-        all_runs(begun.parameters, *states, STEPS, STEP)
-        return states
-
-    return steps
-
-
 def entries(library: ctypes.CDLL | str) -> Mapping[str, Timed]:
     """What is timed: classical Runge-Kutta steps of one rigid axle."""
-    begun, amount, missing = start(), RUNS * STEPS, absent("numba")
+    begun, amount = start(), RUNS * STEPS
     return {
         PEER: Timed(None, library)
         if isinstance(library, str)
         else Timed(timed(in_c(begun, library), amount), "vectors over runs"),
-        "numba": Timed(None, missing)
-        if missing
-        else Timed(timed(in_numba(begun), amount), "one run after the other"),
         "rigid-axles": Timed(timed(in_jax(begun), amount), "the plant of the package"),
     }

@@ -1,10 +1,8 @@
-"""Recursions over streams of samples: the identifiers, and the same in NumPy and in numba."""
+"""Recursions over streams of samples: the identifiers, and the same in NumPy."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from importlib import import_module
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +15,7 @@ from adhesion_jax.records import Known, Record, record_axes
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
 from experiments.speed import numpy_forms
-from experiments.speed.turns import Timed, absent, timed
+from experiments.speed.turns import Timed, timed
 
 UNIT = "samples"
 
@@ -63,12 +61,6 @@ def entries(seed: int) -> Mapping[tuple[str, str], Mapping[str, Timed]]:
             f"numpy-{name}": Timed(timed(in_numpy, slip.size)),
             name: Timed(timed(function, slip.size), "", seconds),
         }
-    missing = absent("numba")
-    found["recursion: rls-kiencke", "numpy-rls-kiencke"]["numba-rls-kiencke"] = (
-        Timed(None, missing)
-        if missing
-        else Timed(timed(_numba_recursion(slip, adhesion), slip.size))
-    )
     return found
 
 
@@ -82,36 +74,3 @@ def _over_runs(
     update = batch.lower(state, groups[0]).compile(COMPILER)
     seconds = time.process_time() - began
     return lambda: [jax.block_until_ready(update(state, group)) for group in groups], seconds
-
-
-def _numba_recursion(slip: np.ndarray, adhesion: np.ndarray) -> Callable[[], object]:
-    """One run after the other, each with its samples in a row."""
-
-    @import_module("numba").njit(fastmath=True)
-    def all_runs(slip: Any, adhesion: Any) -> Any:
-        found = np.empty((slip.shape[0], 8))
-        for run in range(slip.shape[0]):
-            x1, x2, p11, p12, p22 = 100.0, 50.0, 1e10, 0.0, 1e10
-            g11, g12, g22 = 0.0, 0.0, 0.0
-            for k in range(slip.shape[1]):
-                size, measured = slip[run, k], adhesion[run, k]
-                u1 = size * measured
-                u2 = size * u1
-                eta = 0.99
-                pu1, pu2 = p11 * u1 + p12 * u2, p12 * u1 + p22 * u2
-                scale = eta + u1 * pu1 + u2 * pu2
-                innovation = 40.0 * size - measured - x1 * u1 - x2 * u2
-                squared = (innovation * eta / scale) ** 2
-                step = innovation / scale
-                x1, x2 = x1 + pu1 * step, x2 + pu2 * step
-                p11 = (p11 - pu1 * pu1 / scale) / eta
-                p12 = (p12 - pu1 * pu2 / scale) / eta
-                p22 = (p22 - pu2 * pu2 / scale) / eta
-                g11 = eta**2 * g11 + squared * u1 * u1
-                g12 = eta**2 * g12 + squared * u1 * u2
-                g22 = eta**2 * g22 + squared * u2 * u2
-            found[run] = x1, x2, p11, p12, p22, g11, g12, g22
-        return found
-
-    rows = np.ascontiguousarray(slip.T), np.ascontiguousarray(adhesion.T)
-    return lambda: all_runs(*rows)

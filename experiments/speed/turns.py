@@ -2,8 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping
-from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,17 +42,6 @@ def timed(
         return float(amount), clock() - began
 
     return work
-
-
-def absent(package: str) -> str | None:
-    """The sentence for work that needs a package which is not there or not whole; else None."""
-    if find_spec(package) is None:
-        return f"Not timed: {package} is not installed."
-    try:
-        import_module(package)
-    except ImportError as error:
-        return f"Not timed: {package} cannot be imported ({error})."
-    return None
 
 
 def rates(

@@ -19,7 +19,7 @@ from experiments.speed import all_points, blocks, c_code, gpu, jobs, plants, rec
 from experiments.speed.__main__ import main
 from experiments.speed.batches import Batch, drawn
 from experiments.speed.report import told
-from experiments.speed.turns import Timed, absent, rates
+from experiments.speed.turns import Timed, rates
 
 SAMPLES, RUNS, STREAMS = 120, 6, 2000
 
@@ -66,11 +66,6 @@ def test_quick_work_is_done_again_until_the_clock_tells_it():
     table = rates("part", "units", "", {"quick": Timed(work)}, 1, lambda _: None)
     assert taken.count(1) == 171
     assert table["rate"][0] == pytest.approx(171 / 0.2, rel=1e-3)
-
-
-def test_a_package_that_is_not_there_is_said_to_be_missing():
-    assert absent("numpy") is None
-    assert absent("no_such_package") == "Not timed: no_such_package is not installed."
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +124,6 @@ def test_a_quadratic_program_in_numpy_is_the_identifier(name, samples, known, st
 
 
 def test_a_plant_moves_alike_in_jax_and_in_c(library, monkeypatch):
-    # Not in numba: it cannot compile functions whose types are checked, as they are in tests.
     monkeypatch.setattr(plants, "RUNS", 100)
     begun = plants.start()
     state = plants.in_jax(begun)()
