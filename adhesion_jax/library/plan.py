@@ -226,12 +226,14 @@ def _truth(source: str | Law, conditions: Mapping[str, float]) -> tuple[str, Tru
         truth = steady(RAILS, source).curve
         _refuse_strange(conditions, {})
         return words, Truth(truth, {})
+    of_curve = dict.fromkeys(curve_of(source).NEEDS, (-math.inf, math.inf))
     if isinstance(source, CorrectedLaw):
         ranges = {name: (float(low), float(high)) for name, (low, high) in source.ranges.items()}
-        _refuse_strange(conditions, ranges)
+        _refuse_strange(conditions, {**of_curve, **ranges})
         middle = {name: (low + high) / 2 for name, (low, high) in ranges.items()}
-        return "the law with effects", Truth(source, {**middle, **conditions})
-    _refuse_strange(conditions, dict.fromkeys(curve_of(source).NEEDS, (-math.inf, math.inf)))
+        words = "the law with effects" if source.effects else "the law that was identified"
+        return words, Truth(source, {**middle, **conditions})
+    _refuse_strange(conditions, of_curve)
     names = [name for name, known in CURVES.items() if type(known) is type(source)]
     return names[0] if names else type(source).__name__, Truth(source, dict(conditions))
 

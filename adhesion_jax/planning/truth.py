@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,7 @@ from adhesion_jax.curves import (
     free_values,
     with_free_values,
 )
+from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.programs import kept
@@ -35,9 +36,9 @@ _AT_REST = 1e-15
 
 
 class Truth(NamedTuple):
-    """A curve, or a curve with effects, at steady conditions.
+    """A curve, or one with a departure or effects, at steady conditions.
 
-    Unknown are the free parameters of the curve; effects and conditions are known.
+    Unknown are the free parameters of the curve; departure, effects and conditions are known.
     """
 
     law: Law
@@ -64,15 +65,19 @@ class Sensitivity(NamedTuple):
 
 def curve_of(law: Law) -> Curve:
     """The curve that holds the unknown parameters."""
-    curve = law.curve if isinstance(law, CorrectedLaw) else law
-    assert isinstance(curve, Curve)
-    return curve
+    if isinstance(law, Curve):
+        return law
+    assert isinstance(law, (Bent, CorrectedLaw))
+    return curve_of(law.curve)
 
 
 def with_parameters(law: Law, values: Float[Array, " free"]) -> Law:
     """The law with other values of the unknown parameters."""
-    curve = with_free_values(curve_of(law), values)
-    return dataclasses.replace(law, curve=curve) if isinstance(law, CorrectedLaw) else curve
+    if isinstance(law, Curve):
+        return with_free_values(law, values)
+    assert isinstance(law, (Bent, CorrectedLaw))
+    inner: Any = with_parameters(law.curve, values)
+    return dataclasses.replace(law, curve=inner)
 
 
 def peak_of(truth: Truth) -> PeakOfTruth:

@@ -9,6 +9,7 @@ from simulated_measurements import check_plan
 
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
+from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.speed import Speed
@@ -24,7 +25,7 @@ from adhesion_jax.planning.plan import (
     relative_errors,
     wanted_of,
 )
-from adhesion_jax.planning.truth import Truth, sensitivity_of
+from adhesion_jax.planning.truth import Truth, peak_of, sensitivity_of
 from adhesion_jax.report.plan.words import worth
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
@@ -223,6 +224,32 @@ def law_with_speed():
     curve, speed = RAILS["common"], Speed(k=1.0, reference=10.0)
     ranges = {"vehicle_speed_mps": (5.0, 35.0)}
     return CorrectedLaw(curve, (speed,), ranges, Calendar("time_s", 0.0, 1.0))
+
+
+def test_a_law_with_a_departure_is_planned_about_its_own_peak():
+    """By the envelope theorem the gradient of mu_max is that of the law at the slip of the peak."""
+    bent = Bent(RAILS["common"], np.array([0.1, -0.05]), 0.02, 0.4)
+    found = peak_of(Truth(CorrectedLaw(bent, (), {}, Calendar("time_s", 0.0, 1.0)), {}))
+    slip = np.linspace(0.0, 1.0, 100_001)
+    law = np.asarray(bent(slip))
+    assert found.slip_opt == pytest.approx(slip[law.argmax()], abs=1e-5)
+    assert found.mu_max == pytest.approx(law.max(), rel=1e-8)
+    columns, _, plain = by_differences(np.array([found.slip_opt]))
+    np.testing.assert_allclose(
+        found.gradient[0], columns[:, 0] * found.mu_max / plain[0], rtol=1e-5
+    )
+
+
+@pytest.mark.thorough
+def test_a_saved_law_without_ranges_is_planned_under_the_conditions_that_are_stated():
+    """As `identify` saves one: its curve may need a column of which the file has no range."""
+    curve, size = CURVES["polach-falling"], {"largest_slips": (0.05, 0.1), "samples": (200, 800)}
+    law = CorrectedLaw(curve, (), {}, Calendar("run_order", 0.0, 1.0))
+    with pytest.raises(InputError, match="depends on vehicle_speed_mps, whose value is not given"):
+        aj.plan(law)
+    at = {"conditions": {"vehicle_speed_mps": 10.0}}
+    found, alone = aj.plan(law, **at, **size), aj.plan(curve, **at, **size)
+    np.testing.assert_allclose(found.plan.errors, alone.plan.errors, rtol=1e-6)
 
 
 @pytest.mark.thorough
