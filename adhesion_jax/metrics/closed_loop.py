@@ -22,6 +22,9 @@ SHARE_OF_PEAK = 0.95
 #: Number of flags in a word.
 _BITS = 64
 
+#: Prices of slip at which the utility of a run is told: useful work that a joule of slip is worth.
+PRICES = (0, 1, 3)
+
 #: Slip has run away if from `SETTLED` on it exceeds that of the largest adhesion by this factor.
 RUNAWAY = 5.0
 
@@ -223,6 +226,10 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "never95": ("1", "share of the runs in which it never is"),
     "slip_energy": ("J", "energy lost in the contact"),
     "slip_energy_share": ("1", "energy lost in the contact, per useful work of traction"),
+    **{
+        f"utility_{price}": ("J", f"useful work of traction less {price} times slip_energy")
+        for price in PRICES
+    },
     "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
     "torque_largest": ("kN m", "largest torque of a motor"),
     "jerk_rms": ("m/s^3", "jerk of the train, root mean square"),
@@ -283,6 +290,10 @@ def figures(of: Segment, period: float) -> dict[str, Float[Array, " segments"]]:
         "never95": where_seen(never),
         "slip_energy": where_seen(of.slip_energy),
         "slip_energy_share": mean(of.slip_energy, jnp.abs(of.useful_work)),
+        **{
+            f"utility_{price}": where_seen(of.useful_work - price * of.slip_energy)
+            for price in PRICES
+        },
         "torque_variation": mean(of.torque_variation, 1e3 * period * of.samples),
         "torque_largest": where_seen(of.torque_largest / 1e3),
         "jerk_rms": root(of.jerk_squares, of.samples),

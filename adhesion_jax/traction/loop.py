@@ -21,10 +21,11 @@ from adhesion_jax.traction.driver import BRAKING, DONE, Driver, lowered
 from adhesion_jax.traction.integration import RK4_STABLE, jacobian, rk4
 from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.plants.base import Held, Plant, held_by, limited
-from adhesion_jax.traction.rails import Rails
+from adhesion_jax.traction.rails import Passed, Rails
 from adhesion_jax.traction.seekers import Seeker
 from adhesion_jax.traction.sensors import Sensed, Sensors
 from adhesion_jax.traction.signals import Measurement, PerAxle, Signals
+from adhesion_jax.traction.surface import RailSurface
 
 #: Time between two samples of the metrics in s, or the control period where that is longer.
 SAMPLE = 1e-3
@@ -81,6 +82,7 @@ class Trace(NamedTuple):
 
 class _State(NamedTuple):
     plant: Any
+    rail: Any
     sensed: Sensed
     observer: Any
     seeker: Any
@@ -154,7 +156,7 @@ def _jacobians(
         held = Held(jnp.zeros_like(slip), rails.surface(segment), slope)
         return jacobian(lambda state: plant.derivative(state, held), state)
 
-    return jax.vmap(on)(jnp.arange(rails.segments))
+    return jax.vmap(on)(jnp.arange(len(jax.tree.leaves(rails.surfaces)[0])))
 
 
 def check(loop: Loop) -> None:
@@ -232,6 +234,7 @@ def _start(loop: Loop, grid: Timing) -> _State:
     mode = loop.driver.update(jnp.zeros((), dtype=int), loop.train_speed)
     state = _State(
         plant,
+        loop.rails.init(loop.slip, loop.train_speed),
         sensed,
         loop.observer.init(loop.nominal, _measured(loop, sensed, none)),
         None,
@@ -260,21 +263,26 @@ def _segment(loop: Loop, state: _State) -> Int[Array, ""]:
     return loop.rails.segment(state.steps, state.plant.train_speed, state.mode == BRAKING)
 
 
+def _surface(loop: Loop, state: _State) -> RailSurface:
+    segment, speed = _segment(loop, state), state.plant.train_speed
+    return loop.rails.present(state.rail, segment, state.steps, speed)
+
+
 def _held(loop: Loop, state: _State, command: PerAxle) -> Held:
-    return Held(command, loop.rails.surface(_segment(loop, state)), loop.slope)
+    return Held(command, _surface(loop, state), loop.slope)
 
 
-def _optimum(loop: Loop, state: _State) -> tuple[PerAxle, PerAxle]:
-    """Slip and adhesion of the peak that each axle could have now, the slip with its sign."""
-    peak = loop.rails.surface(_segment(loop, state)).peak(state.plant.train_speed)
-    sign = jnp.where(state.mode == BRAKING, -1.0, 1.0)
+def _optimum(loop: Loop, state: _State, price: float = 0.0) -> tuple[PerAxle, PerAxle]:
+    """Slip and adhesion that were best for each axle now, the slip with its sign."""
     shape = state.command.shape
+    peak = _surface(loop, state).best(state.plant.train_speed, price, *shape)
+    sign = jnp.where(state.mode == BRAKING, -1.0, 1.0)
     return jnp.broadcast_to(sign * peak.slip, shape), jnp.broadcast_to(peak.adhesion, shape)
 
 
 def _signals(loop: Loop, grid: Timing, state: _State) -> Signals:
     load = state.observer.load
-    told = loop.seeker is not None and loop.seeker.TOLD_OPTIMUM
+    price = None if loop.seeker is None else loop.seeker.told_price
     return Signals(
         time=state.steps * grid.step,
         demand=jnp.broadcast_to(loop.driver.demand(state.mode), load.shape),
@@ -285,7 +293,7 @@ def _signals(loop: Loop, grid: Timing, state: _State) -> Signals:
         load=load,
         adhesion=loop.nominal.adhesion_of(load),
         slip_beside=state.observer.slip,
-        optimum=_optimum(loop, state)[0] if told else None,
+        optimum=None if price is None else _optimum(loop, state, price)[0],
     )
 
 
@@ -354,13 +362,21 @@ def _stepped(loop: Loop, grid: Timing, state: _State, acting: PerAxle) -> _State
     command = limited(plant, acting, plant.motor_speed(state.plant))
     held = _held(loop, state, command)
     before = state.plant._replace(torque=held_by(plant, state.plant.torque, command))
-    load = loop.nominal.load_of(plant.adhesion(before, held))
-    measured = _measured(loop, state.sensed, load)
+    adhesion = plant.adhesion(before, held)
+    measured = _measured(loop, state.sensed, loop.nominal.load_of(adhesion))
     observer = loop.observer.update(
         state.observer, loop.nominal, measured, before.torque, grid.step
     )
     after = rk4(lambda one: plant.derivative(one, held), before, grid.step)
+    slip = plant.slip_velocity(before).reshape(-1, adhesion.size).mean(axis=0)
+    passed = Passed(_segment(loop, state), slip, adhesion, before.train_speed)
+    rail = loop.rails.update(state.rail, passed, grid.step)
     sensed = loop.sensors.turn(state.sensed, plant.motor_speed(state.plant), grid.step)
     return state._replace(
-        plant=after, sensed=sensed, observer=observer, steps=state.steps + 1, command=command
+        plant=after,
+        rail=rail,
+        sensed=sensed,
+        observer=observer,
+        steps=state.steps + 1,
+        command=command,
     )

@@ -1,7 +1,8 @@
-"""Surfaces one after the other: by time, or by the speed of the train."""
+"""Rails: surfaces one after the other, and what the wheels make of them."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,11 +11,26 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.errors import InputError
+from adhesion_jax.traction.signals import Number, PerAxle
 from adhesion_jax.traction.surface import RailSurface
 
 
+class Passed(NamedTuple):
+    """What a rail was passed by in a step of the plant; of an axle the mean over its contacts."""
+
+    segment: Int[Array, ""]
+    slip: PerAxle  # m/s
+    adhesion: PerAxle
+    train_speed: Number  # m/s
+
+
 class Rails(eqx.Module):
-    """Surfaces of the segments of a run, the segments along the first axis of their parameters."""
+    """The surfaces of a run along the first axis of their parameters, and which lies where.
+
+    A rail may have a state, which every step of the plant advances: how far the train has run, how
+    clean it is. During a step the surface does not change. Most rails have none, and at any moment
+    the surface of their segment.
+    """
 
     surfaces: eqx.AbstractVar[RailSurface]
 
@@ -29,15 +45,28 @@ class Rails(eqx.Module):
     ) -> Int[Array, ""]:
         """Which segment a step of the plant belongs to."""
 
-    def surface(self, segment: Int[Array, ""]) -> RailSurface:
-        return jax.tree.map(lambda numbers: numbers[segment], self.surfaces)
+    def surface(self, number: Int[Array, ""]) -> RailSurface:
+        return jax.tree.map(lambda numbers: numbers[number], self.surfaces)
+
+    def init(self, slip: PerAxle, train_speed: Number) -> Any:
+        """The state before the first step."""
+        return ()
+
+    def update(self, state: Any, passed: Passed, step: float) -> Any:
+        """The state a step of the plant later, by explicit Euler."""
+        return state
+
+    def present(
+        self, state: Any, segment: Int[Array, ""], step: Int[Array, ""], train_speed: Number
+    ) -> RailSurface:
+        """The surface under the train at a step of the plant."""
+        return self.surface(segment)
 
 
-class ByTime(Rails):
-    """A new surface at each of some steps of the plant, the first of which is 0."""
+class Timed(Rails):
+    """A new segment at each of some steps of the plant, the first of which is 0."""
 
-    surfaces: RailSurface
-    starts: Int[Array, " segments"]
+    starts: eqx.AbstractVar[Int[Array, " segments"]]
 
     @property
     def segments(self) -> int:
@@ -47,6 +76,13 @@ class ByTime(Rails):
         self, step: Int[Array, ""], train_speed: Float[Array, ""], braking: Bool[Array, ""]
     ) -> Int[Array, ""]:
         return jnp.sum(step >= self.starts) - 1
+
+
+class ByTime(Timed):
+    """A surface for each segment."""
+
+    surfaces: RailSurface
+    starts: Int[Array, " segments"]
 
 
 class BySpeed(Rails):

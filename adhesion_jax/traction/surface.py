@@ -1,14 +1,21 @@
 """The surface of a rail: a law of adhesion in slip velocity or in slip ratio."""
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+import math
 
-from adhesion_jax.curves import SLIP_LIMIT, Law, Peak
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from adhesion_jax.curves import SLIP_LIMIT, Conditions, Exponential, Law, Peak, Scalar, Signal
 from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 
 #: Smallest speed in m/s by which a slip velocity is divided: slip ratios diverge at rest.
 _SLOWEST = 0.5
+
+#: Slip velocities in m/s among which the best one at a price is bracketed, and the bisections.
+_GRID = (1e-3, SLIP_VELOCITY_LIMIT, 256)
+_BISECTIONS = 30
 
 
 class RailSurface(eqx.Module):
@@ -34,6 +41,58 @@ class RailSurface(eqx.Module):
             return self.law.peak(conditions, SLIP_VELOCITY_LIMIT)
         found = self.law.peak(conditions, SLIP_LIMIT)
         return found._replace(slip=found.slip * _per(train_speed))
+
+    def best(self, train_speed: Float[Array, ""], price: float, axles: int) -> Peak:
+        """The slip of the largest mu(v) (V - price v) and its adhesion, for each of some axles.
+
+        At price 0 that is the peak. The largest value on a grid brackets it, and the slope is
+        bisected.
+        """
+        if price == 0:
+            return self.peak(train_speed)
+
+        def gain(slip: Float[Array, " axles"]) -> Float[Array, " axles"]:
+            return self(slip, train_speed) * (train_speed - price * slip)
+
+        slope = jax.grad(lambda slip: jnp.sum(gain(slip)))
+        grid = jnp.geomspace(*_GRID)
+        top = jnp.argmax(jax.vmap(lambda slip: gain(jnp.full(axles, slip)))(grid), axis=0)
+
+        def bisect(_: Int[Array, ""], ends: tuple[Array, Array]) -> tuple[Array, Array]:
+            middle = 0.5 * (ends[0] + ends[1])
+            rises = slope(middle) > 0
+            return jnp.where(rises, middle, ends[0]), jnp.where(rises, ends[1], middle)
+
+        bracket = grid[jnp.maximum(top - 1, 0)], grid[jnp.minimum(top + 1, grid.size - 1)]
+        low, high = jax.lax.fori_loop(0, _BISECTIONS, bisect, bracket)
+        slip = 0.5 * (low + high)
+        return Peak(slip, self(slip, train_speed), jnp.ones(axles, dtype=bool))
+
+
+class Scaled(Law):
+    """A law times a factor, one number or one for each axle."""
+
+    law: Law
+    factor: Scalar | Float[Array, " axles"]
+
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+        return self.factor * self.law(slip, conditions)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        found = self.law.peak(conditions, slip_limit)
+        return found._replace(adhesion=self.factor * found.adhesion)
+
+
+def exponential(a: Scalar, b: Scalar, c: Scalar) -> RailSurface:
+    """A surface mu = c (exp(-a v_s) - exp(-b v_s)), v_s in m/s."""
+    return RailSurface(Exponential(a=a, b=b, c=c))
+
+
+def with_peak(largest: Scalar, slip: Scalar, ratio: float) -> RailSurface:
+    """The surface of that form whose largest adhesion lies at a slip in m/s; `ratio` is b/a."""
+    a = math.log(ratio) / (ratio - 1) / slip
+    share = ratio ** (-1 / (ratio - 1)) - ratio ** (-ratio / (ratio - 1))
+    return exponential(a, ratio * a, largest / share)
 
 
 def _per(train_speed: Float[Array, ""]) -> Float[Array, ""]:

@@ -11,7 +11,8 @@ from adhesion_jax.traction.plants.base import GRAVITY
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.plants.rigid_axles import RigidAxles
 from adhesion_jax.traction.rails import BySpeed, stacked
-from adhesion_jax.traction.systems.base import built, with_peak
+from adhesion_jax.traction.surface import with_peak
+from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.fang2018 import (
     CRITICAL,
     SEGMENTS,

@@ -16,7 +16,7 @@ from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Measurement
-from adhesion_jax.traction.systems.base import with_peak
+from adhesion_jax.traction.surface import with_peak
 from adhesion_jax.traction.systems.hxd1f import STARTS, SURFACES, SYSTEM
 from experiments.claims.claim import (
     ASSUMED,

@@ -10,7 +10,8 @@ from adhesion_jax.traction.observers.terminal_sliding import TerminalSliding
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers.extremum import SlidingExtremum
-from adhesion_jax.traction.systems.base import built, with_peak
+from adhesion_jax.traction.surface import with_peak
+from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.hxd1f import STARTS, SYSTEM
 from experiments.claims.settings import (
     Range,

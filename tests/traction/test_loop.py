@@ -26,8 +26,9 @@ from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS
 from adhesion_jax.traction.sensors import Sensors, SpeedNoise
 from adhesion_jax.traction.signals import Measurement
+from adhesion_jax.traction.surface import exponential
 from adhesion_jax.traction.systems import SYSTEMS, fang2018, hxd1f, uyulan2018
-from adhesion_jax.traction.systems.base import built, exponential
+from adhesion_jax.traction.systems.base import built
 
 
 @cache

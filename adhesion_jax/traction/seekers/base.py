@@ -1,7 +1,7 @@
 """The contract of a seeker: it asks for a slip velocity, from the observed adhesion."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 
@@ -12,7 +12,10 @@ from adhesion_jax.traction.signals import Reference, Signals
 class Seeker(eqx.Module):
     """Its fields are settings; numbers among them may differ without a new compilation."""
 
-    TOLD_OPTIMUM: ClassVar[bool] = False  # whether it is given the true optimum, for comparison
+    @property
+    def told_price(self) -> float | None:
+        """The price of slip work at which it is told the true optimum, for comparison; or none."""
+        return None
 
     def init(self, nominal: Plant, signals: Signals) -> Any:
         """The state before the first control sample; by default there is none."""

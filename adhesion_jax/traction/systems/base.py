@@ -1,6 +1,5 @@
 """A published control system: its methods, its plant and its rails."""
 
-import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -8,7 +7,6 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from adhesion_jax.curves import Exponential
 from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.loop import Loop
@@ -17,7 +15,6 @@ from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.sensors import Sensors, SpeedNoise
-from adhesion_jax.traction.surface import RailSurface
 
 
 class Case(NamedTuple):
@@ -102,15 +99,3 @@ def built(system: System, case: Case, plant: Plant, noisy: bool = False) -> Loop
         slip=jnp.full(plant.radius.shape, system.slip),
         slope=jnp.asarray(system.slope),
     )
-
-
-def exponential(a: float, b: float, c: float) -> RailSurface:
-    """A surface mu = c (exp(-a v_s) - exp(-b v_s)), v_s in m/s."""
-    return RailSurface(Exponential(a=a, b=b, c=c))
-
-
-def with_peak(largest: float, slip: float, ratio: float) -> RailSurface:
-    """The surface of that form whose largest adhesion lies at a slip in m/s; `ratio` is b/a."""
-    a = math.log(ratio) / (ratio - 1) / slip
-    share = ratio ** (-1 / (ratio - 1)) - ratio ** (-ratio / (ratio - 1))
-    return exponential(a, ratio * a, largest / share)

@@ -8,8 +8,8 @@ from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import BySpeed, stacked
 from adhesion_jax.traction.sensors import SpeedNoise
-from adhesion_jax.traction.surface import RailSurface
-from adhesion_jax.traction.systems.base import Case, System, papers, with_peak
+from adhesion_jax.traction.surface import RailSurface, with_peak
+from adhesion_jax.traction.systems.base import Case, System, papers
 
 _KMH = 1 / 3.6
 

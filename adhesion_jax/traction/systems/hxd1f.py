@@ -8,7 +8,8 @@ from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS
 from adhesion_jax.traction.sensors import SpeedNoise
-from adhesion_jax.traction.systems.base import Case, System, exponential, papers
+from adhesion_jax.traction.surface import exponential
+from adhesion_jax.traction.systems.base import Case, System, papers
 
 #: Peaks of .36, .20 and .10 (assumed) at .20 and .08 (printed) and .05 m/s (assumed).
 SURFACES = {

@@ -13,7 +13,8 @@ from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.sensors import SpeedNoise
-from adhesion_jax.traction.systems.base import Case, System, exponential, papers
+from adhesion_jax.traction.surface import exponential
+from adhesion_jax.traction.systems.base import Case, System, papers
 
 #: As printed in the second appendix.
 SURFACES = {

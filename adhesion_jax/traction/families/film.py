@@ -1,0 +1,75 @@
+"""Exponential surfaces under a film that slip cleans."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from adhesion_jax.traction.families.base import (
+    Family,
+    between,
+    exponentials,
+    log_between,
+    starts,
+)
+from adhesion_jax.traction.rails import Passed, Timed
+from adhesion_jax.traction.signals import Number, PerAxle
+from adhesion_jax.traction.surface import RailSurface, Scaled
+
+#: Bounds of the relative gain k once the rail is clean, and of the work W0 in m that cleans it.
+GAINS, WORKS = (0.1, 0.5), (0.01, 0.1)
+
+
+class FilmState(NamedTuple):
+    segment: Int[Array, ""]
+    work: PerAxle  # slip energy over the load, m
+
+
+class Filmed(Timed):
+    """mu (1 + k (1 - exp(-W/W0))), dW_i = sum over j <= i of |mu_j v_s,j|; each segment is new.
+
+    It is the effect `cleaning` in its step form, mu that of the film before it is cleaned. An axle
+    runs on the rail that those before it have cleaned.
+    """
+
+    surfaces: RailSurface
+    starts: Int[Array, " segments"]
+    gains: Float[Array, " segments"]
+    works: Float[Array, " segments"]
+
+    def init(self, slip: PerAxle, train_speed: Number) -> FilmState:
+        return FilmState(jnp.zeros((), dtype=int), jnp.zeros_like(slip))
+
+    def update(self, state: FilmState, passed: Passed, step: float) -> FilmState:
+        dirty = passed.adhesion / self._factor(state, passed.segment)
+        work = self._work(state, passed.segment)
+        power = jnp.cumsum(jnp.abs(dirty * passed.slip))
+        return FilmState(passed.segment, work + step * power)
+
+    def present(
+        self, state: FilmState, segment: Int[Array, ""], step: Int[Array, ""], train_speed: Number
+    ) -> RailSurface:
+        return RailSurface(Scaled(self.surface(segment).law, self._factor(state, segment)))
+
+    def _work(self, state: FilmState, segment: Int[Array, ""]) -> PerAxle:
+        return jnp.where(state.segment == segment, state.work, 0.0)
+
+    def _factor(self, state: FilmState, segment: Int[Array, ""]) -> PerAxle:
+        work = self._work(state, segment)
+        return 1 - self.gains[segment] * jnp.expm1(-work / self.works[segment])
+
+
+class FilmRails(Family):
+    """The nominal rails under a film; clean they have up to half as much adhesion again."""
+
+    TITLE = "exponential curves under a film that slip energy cleans"
+
+    def draw(self, key: PRNGKeyArray, step: float) -> Filmed:
+        of_surfaces, of_starts, of_gains, of_works = jax.random.split(key, 4)
+        return Filmed(
+            exponentials(of_surfaces),
+            starts(of_starts, step),
+            between(of_gains, GAINS),
+            log_between(of_works, WORKS),
+        )
