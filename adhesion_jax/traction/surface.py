@@ -1,6 +1,7 @@
 """The surface of a rail: a law of adhesion in slip velocity or in slip ratio."""
 
 import math
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -13,9 +14,11 @@ from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 #: Smallest speed in m/s by which a slip velocity is divided: slip ratios diverge at rest.
 _SLOWEST = 0.5
 
-#: Slip velocities in m/s among which the best one at a price is bracketed, and the bisections.
-_GRID = (1e-3, SLIP_VELOCITY_LIMIT, 256)
-_BISECTIONS = 30
+#: Smallest slip velocity in m/s, and number of those, among which the best at a price is bracketed.
+_LEAST, _POINTS = 1e-3, 256
+
+#: Share that a step of the golden section leaves of a bracket, and number of steps.
+_GOLDEN, _STEPS = 0.5 * (math.sqrt(5.0) - 1), 24
 
 
 class RailSurface(eqx.Module):
@@ -31,8 +34,8 @@ class RailSurface(eqx.Module):
     def __call__(
         self, slip_velocity: Float[Array, "*contacts"], train_speed: Float[Array, ""]
     ) -> Float[Array, "*contacts"]:
-        per = _per(train_speed) if self.in_ratio else 1.0
-        return self.law(slip_velocity / per, {"vehicle_speed_mps": train_speed})
+        unit = per(train_speed) if self.in_ratio else 1.0
+        return self.law(slip_velocity / unit, {"vehicle_speed_mps": train_speed})
 
     def peak(self, train_speed: Float[Array, ""]) -> Peak:
         """The largest adhesion in traction, and the slip velocity that it needs."""
@@ -40,13 +43,12 @@ class RailSurface(eqx.Module):
         if not self.in_ratio:
             return self.law.peak(conditions, SLIP_VELOCITY_LIMIT)
         found = self.law.peak(conditions, SLIP_LIMIT)
-        return found._replace(slip=found.slip * _per(train_speed))
+        return found._replace(slip=found.slip * per(train_speed))
 
     def best(self, train_speed: Float[Array, ""], price: float, axles: int) -> Peak:
         """The slip of the largest mu(v) (V - price v) and its adhesion, for each of some axles.
 
-        At price 0 that is the peak. The largest value on a grid brackets it, and the slope is
-        bisected.
+        At price 0 that is the peak.
         """
         if price == 0:
             return self.peak(train_speed)
@@ -54,19 +56,32 @@ class RailSurface(eqx.Module):
         def gain(slip: Float[Array, " axles"]) -> Float[Array, " axles"]:
             return self(slip, train_speed) * (train_speed - price * slip)
 
-        slope = jax.grad(lambda slip: jnp.sum(gain(slip)))
-        grid = jnp.geomspace(*_GRID)
-        top = jnp.argmax(jax.vmap(lambda slip: gain(jnp.full(axles, slip)))(grid), axis=0)
-
-        def bisect(_: Int[Array, ""], ends: tuple[Array, Array]) -> tuple[Array, Array]:
-            middle = 0.5 * (ends[0] + ends[1])
-            rises = slope(middle) > 0
-            return jnp.where(rises, middle, ends[0]), jnp.where(rises, ends[1], middle)
-
-        bracket = grid[jnp.maximum(top - 1, 0)], grid[jnp.minimum(top + 1, grid.size - 1)]
-        low, high = jax.lax.fori_loop(0, _BISECTIONS, bisect, bracket)
-        slip = 0.5 * (low + high)
+        slip = highest(gain, (_LEAST, SLIP_VELOCITY_LIMIT), _POINTS, axles)
         return Peak(slip, self(slip, train_speed), jnp.ones(axles, dtype=bool))
+
+
+def highest(
+    gain: Callable[[Float[Array, " axles"]], Float[Array, " axles"]],
+    ends: tuple[Scalar, Scalar],
+    points: int,
+    axles: int,
+) -> Float[Array, " axles"]:
+    """The slip of the largest gain of each axle between two ends.
+
+    It is bracketed on a logarithmic grid, and the bracket narrowed by the golden section.
+    """
+    grid = jnp.geomspace(*ends, points)
+    top = jnp.argmax(jax.vmap(lambda slip: gain(jnp.full(axles, slip)))(grid), axis=0)
+
+    def narrowed(_: Int[Array, ""], bracket: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = bracket
+        kept = _GOLDEN * (high - low)
+        falls = gain(high - kept) > gain(low + kept)
+        return jnp.where(falls, low, high - kept), jnp.where(falls, low + kept, high)
+
+    bracket = grid[jnp.maximum(top - 1, 0)], grid[jnp.minimum(top + 1, points - 1)]
+    low, high = jax.lax.fori_loop(0, _STEPS, narrowed, bracket)
+    return 0.5 * (low + high)
 
 
 class Scaled(Law):
@@ -95,5 +110,6 @@ def with_peak(largest: Scalar, slip: Scalar, ratio: float) -> RailSurface:
     return exponential(a, ratio * a, largest / share)
 
 
-def _per(train_speed: Float[Array, ""]) -> Float[Array, ""]:
+def per(train_speed: Float[Array, ""]) -> Float[Array, ""]:
+    """The speed by which a slip velocity is divided for its ratio, m/s."""
     return jnp.maximum(jnp.abs(train_speed), _SLOWEST)

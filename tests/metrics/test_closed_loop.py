@@ -71,7 +71,8 @@ def brute(samples, segment):
             reached = begin * PERIOD
             break
     slip_energy = PERIOD * x.slip_power[here].sum()
-    work = abs(PERIOD * (x.pull * x.train_speed)[here].sum())
+    gained = PERIOD * (x.pull * x.train_speed)[here].sum()
+    work = abs(gained)
     return {
         "utilisation": share[here].mean(),
         "overshoot": (x.direction[:, None] * (x.slip - x.optimum))[here].max(),
@@ -79,6 +80,9 @@ def brute(samples, segment):
         "never95": float(np.isnan(reached)),
         "slip_energy": slip_energy,
         "slip_energy_share": slip_energy / work if work > 0 else np.nan,
+        "utility_0": gained,
+        "utility_1": gained - slip_energy,
+        "utility_3": gained - 3 * slip_energy,
         "torque_variation": moved[here].sum() / 1e3 / (PERIOD * len(here)),
         "torque_largest": np.abs(x.torque[here]).max() / 1e3,
         "jerk_rms": rms(jerk[here]),

@@ -1,0 +1,238 @@
+"""Rails from files: the curve of an identification, the law of a discovery."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar, Signal
+from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
+from adhesion_jax.effects.base import Value
+from adhesion_jax.effects.conditions import NOMINAL_RADIUS
+from adhesion_jax.effects.delay import Delay
+from adhesion_jax.effects.dynamic import Lagging
+from adhesion_jax.effects.inertia import Inertia
+from adhesion_jax.effects.lag import Lag
+from adhesion_jax.effects.law import CorrectedLaw, Memory
+from adhesion_jax.effects.memory import Memory as ColumnMemory
+from adhesion_jax.effects.saved import load_law
+from adhesion_jax.effects.slip_bias import SlipBias
+from adhesion_jax.effects.slip_noise import SlipNoise
+from adhesion_jax.effects.torque_offset import TorqueOffset
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import METADATA
+from adhesion_jax.measured.saved import load_curve
+from adhesion_jax.traction.families.base import SPEED, Family
+from adhesion_jax.traction.rails import ByTime, Passed, Rails, stacked
+from adhesion_jax.traction.signals import Number, PerAxle
+from adhesion_jax.traction.surface import RailSurface, highest, per
+
+#: Effects of the measurement, which a train on the rail does not meet.
+_OF_MEASURING = (SlipNoise, SlipBias, TorqueOffset, Inertia, Lag, Delay)
+
+#: Smallest share of the largest slip, and number of slips, among which a peak is bracketed.
+_LEAST, _POINTS = 1e-3, 64
+
+
+class CurveRails(Family):
+    """One surface along the whole run; nothing is drawn."""
+
+    TITLE = "the curve that was identified, along the whole run"
+    SEGMENTS: ClassVar[int] = 1
+
+    surface: RailSurface
+
+    def draw(self, key: PRNGKeyArray, step: float) -> ByTime:
+        return ByTime(stacked([self.surface]), jnp.zeros(1, dtype=int))
+
+
+class Steady(Law):
+    """A law in its steady state, whose columns but the speed of the train have one value."""
+
+    law: CorrectedLaw
+    columns: Mapping[str, Scalar]
+
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+        return self.law(slip, {**self.columns, **conditions})
+
+
+class Kept(NamedTuple):
+    """The memory of a rail: of each axle what its effects remember."""
+
+    time: Number  # s
+    distance: Number  # m
+    memory: Memory
+
+
+class Remembered(Law):
+    """A law at a moment, at which its memories stand still."""
+
+    law: CorrectedLaw
+    columns: Mapping[str, Scalar]
+    memory: Memory  # of each axle
+
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+        columns = {**self.columns, **conditions}
+
+        def one(memory: Memory, slip: Value) -> Value:
+            return self.law.step(memory, slip, columns)[1]
+
+        each = jax.vmap(one)
+        for _ in range(jnp.ndim(slip) - 1):
+            each = jax.vmap(each, (None, 0))
+        return each(self.memory, slip)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        """That of the law without a lag, since what lags has no peak at a moment."""
+        prompt = tuple(effect for effect in self.law.effects if not isinstance(effect, Lagging))
+        law = CorrectedLaw(self.law.curve, prompt, self.law.ranges, self.law.calendar)
+        # Effects that lag are applied last, and so are their memories.
+        now = Remembered(law, self.columns, self.memory[: len(prompt)])
+        of_axles = jax.tree.leaves(self.memory)
+        axles = len(of_axles[0]) if of_axles else 1
+
+        def adhesion(slip: Float[Array, " axles"]) -> Float[Array, " axles"]:
+            return now(slip, conditions)
+
+        slip = highest(adhesion, (_LEAST * slip_limit, slip_limit), _POINTS, axles)
+        found = adhesion(slip)
+        return Peak(slip, found, found > (1 + 1e-9) * adhesion(jnp.full(axles, slip_limit)))
+
+
+class Remembering(Rails):
+    """A law with effects along the whole run, those that have a memory in their step form.
+
+    During a step of the plant the memories stand still. Each axle has its own, and all are at one
+    place. Columns that a train does not change are in the middle of their ranges.
+    """
+
+    surfaces: RailSurface  # one, of a steady law
+
+    @property
+    def segments(self) -> int:
+        return 1
+
+    def segment(
+        self, step: Int[Array, ""], train_speed: Number, braking: Bool[Array, ""]
+    ) -> Int[Array, ""]:
+        return jnp.zeros((), dtype=int)
+
+    def init(self, slip: PerAxle, train_speed: Number) -> Kept:
+        none = jnp.zeros(())
+        law, columns = self._at(none, none)
+        columns["vehicle_speed_mps"] = train_speed
+        return Kept(
+            none, none, jax.vmap(lambda one: law.init(one, columns))(self._of(slip, train_speed))
+        )
+
+    def update(self, state: Kept, passed: Passed, step: float) -> Kept:
+        time, distance = state.time + step, state.distance + step * passed.train_speed
+        law, columns = self._at(time, distance)
+        columns["vehicle_speed_mps"] = passed.train_speed
+        slip = self._of(passed.slip, passed.train_speed)
+        stepped = jax.vmap(lambda memory, one: law.step(memory, one, columns)[0])
+        return Kept(time, distance, stepped(state.memory, slip))
+
+    def present(
+        self, state: Kept, segment: Int[Array, ""], step: Int[Array, ""], train_speed: Number
+    ) -> RailSurface:
+        law = Remembered(*self._at(state.time, state.distance), state.memory)
+        return RailSurface(law, self.surfaces.in_ratio)
+
+    def _at(self, time: Number, distance: Number) -> tuple[CorrectedLaw, dict[str, Scalar]]:
+        """The law and its columns but the speed, at a time and a distance since the start."""
+        steady = self.surface(jnp.zeros((), dtype=int)).law
+        assert isinstance(steady, Steady)
+        law, columns = steady.law, dict(steady.columns)
+        columns["time_s"] = time + (law.calendar.start if law.calendar.column == "time_s" else 0.0)
+        columns["wheel_angle_rad"] = distance / NOMINAL_RADIUS
+        if "position_m" in law.ranges:
+            columns["position_m"] = law.ranges["position_m"][0] + distance
+        return law, columns
+
+    def _of(self, slip: PerAxle, train_speed: Number) -> PerAxle:
+        """The slip that the law takes."""
+        return slip / per(train_speed) if self.surfaces.in_ratio else slip
+
+
+class LawRails(Family):
+    """A law with effects along the whole run; nothing is drawn."""
+
+    TITLE = "the law that was discovered, along the whole run"
+    SEGMENTS: ClassVar[int] = 1
+
+    surface: RailSurface  # of a steady law
+
+    def draw(self, key: PRNGKeyArray, step: float) -> Remembering:
+        return Remembering(stacked([self.surface]))
+
+
+def rails_of_curves(path: Path) -> Family:
+    """The best curve with a peak in a curves.csv of `identify`, in the slip of its points.
+
+    InputError if the files beside it lack what says so, or no curve has a peak.
+    """
+    return CurveRails(RailSurface(load_curve(path).curve, _in_ratio(path)))
+
+
+def rails_of_law(path: Path) -> Family:
+    """The law in a law.json of `discover` or `identify`, without what is of the measurement.
+
+    InputError if it has a memory without a step form, lacks the range of a column, or has no peak.
+    """
+    law = load_law(path)
+    effects = tuple(effect for effect in law.effects if not isinstance(effect, _OF_MEASURING))
+    for effect in effects:
+        if isinstance(effect, ColumnMemory):
+            raise InputError(
+                f"{path} has {effect.FACTS.phrase.format(effect.column)}, and a train on its way "
+                "cannot compute that: it has no form that goes from sample to sample; discover a "
+                "law without that column."
+            )
+    law = CorrectedLaw(law.curve, effects, law.ranges, law.calendar)
+    middle = {name: (low + high) / 2 for name, (low, high) in law.ranges.items()}
+    middle.pop("vehicle_speed_mps", None)
+    in_ratio = _in_ratio(path)
+    surface = RailSurface(Steady(law, middle) if effects else law.curve, in_ratio)
+    family = LawRails(surface) if effects else CurveRails(surface)
+    rails = family.draw(jax.random.key(0), 1e-3)
+    try:
+        # A law looks its columns up by name, so that a missing one raises KeyError.
+        found = _first(rails).peak(jnp.asarray(SPEED))
+    except KeyError as missing:
+        raise InputError(
+            f"{path} rests on {missing.args[0]} and has no range of it; add its smallest and its "
+            "largest value to the ranges of the law."
+        ) from None
+    if not np.all(found.found):
+        reach = f"{SLIP_LIMIT:g}" if in_ratio else f"{SLIP_VELOCITY_LIMIT:g} m/s"
+        raise InputError(
+            f"{path} has no peak at slips up to {reach} where the train runs at {SPEED:g} m/s, so "
+            "that a control has nothing to seek; name another law."
+        )
+    return family
+
+
+def _first(rails: Rails) -> RailSurface:
+    """The surface at the start of a run of one axle."""
+    none, speed = jnp.zeros((), dtype=int), jnp.asarray(SPEED)
+    return rails.present(rails.init(jnp.zeros(1), speed), none, none, speed)
+
+
+def _in_ratio(path: Path) -> bool:
+    """Whether the slip of the points was a ratio, by what is written beside a result."""
+    beside = path.with_name(METADATA)
+    try:
+        columns = json.loads(beside.read_text(encoding="utf-8"))["columns"]
+        taken = {one["taken_as"] for table in columns.values() for one in table}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(
+            f"{beside} is missing or not that of a result, so that it is not known whether "
+            f"{path.name} is in slip ratio or in slip velocity; copy all files of the result."
+        ) from None
+    return "slip_velocity_mps" not in taken or bool(taken & {"slip_ratio", "vehicle_speed_mps"})
