@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from adhesion_jax.curves import Scalar
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.surface import RailSurface, with_peak
 
@@ -70,5 +71,9 @@ def peaks(
 
 def exponentials(key: PRNGKeyArray, count: int = SEGMENTS) -> RailSurface:
     """Surfaces c (exp(-a v) - exp(-b v)) with drawn peaks."""
-    slip, adhesion = peaks(key, count)
+    return jax.vmap(exponential)(*peaks(key, count))
+
+
+def exponential(slip: Scalar, adhesion: Scalar) -> RailSurface:
+    """The surface with this peak."""
     return with_peak(adhesion, slip, RATIO)

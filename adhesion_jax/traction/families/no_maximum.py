@@ -16,8 +16,8 @@ class Saturating(Law):
     It has no peak: what stands for it is mu_inf, with the slip v95 in m/s.
     """
 
-    level: Scalar
     slip: Scalar
+    level: Scalar
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         return -self.level * jnp.sign(slip) * jnp.expm1(-3 * jnp.abs(slip) / self.slip)
@@ -33,5 +33,5 @@ class NoMaximumRails(Family):
 
     def draw(self, key: PRNGKeyArray, step: float) -> ByTime:
         of_surfaces, of_starts = jax.random.split(key)
-        slip, level = peaks(of_surfaces)
-        return ByTime(RailSurface(Saturating(level, slip)), starts(of_starts, step))
+        surfaces = RailSurface(jax.vmap(Saturating)(*peaks(of_surfaces)))
+        return ByTime(surfaces, starts(of_starts, step))

@@ -14,7 +14,6 @@ from adhesion_jax.curves import (
     Signal,
 )
 from adhesion_jax.traction.families.base import (
-    SEGMENTS,
     Family,
     between,
     log_between,
@@ -55,15 +54,15 @@ class PolachRails(Family):
 
     def draw(self, key: PRNGKeyArray, step: float) -> ByTime:
         keys = jax.random.split(key, 5)
-        one = jnp.ones(SEGMENTS)
-        shape = PolachFalling(
-            mu0=one,
-            a=between(keys[0], LEFT),
-            b=one,
-            stiffness=log_between(keys[1], STIFFNESSES),
-            k_s=between(keys[2], REDUCTIONS),
-            k_a=one,
+        shapes = (
+            between(keys[0], LEFT),
+            between(keys[1], REDUCTIONS),
+            log_between(keys[2], STIFFNESSES),
         )
-        top = jax.vmap(lambda one: one.peak({"vehicle_speed_mps": jnp.ones(())}))(shape)
-        law = Stretched(shape, top, *peaks(keys[3]))
-        return ByTime(RailSurface(law), starts(keys[4], step))
+        surfaces = RailSurface(jax.vmap(_law)(*peaks(keys[3]), *shapes))
+        return ByTime(surfaces, starts(keys[4], step))
+
+
+def _law(slip: Scalar, adhesion: Scalar, left: Scalar, k_s: Scalar, stiffness: Scalar) -> Stretched:
+    shape = PolachFalling(mu0=1.0, a=left, b=1.0, stiffness=stiffness, k_s=k_s)
+    return Stretched(shape, shape.peak({"vehicle_speed_mps": 1.0}), slip, adhesion)

@@ -5,16 +5,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from adhesion_jax.traction.families.base import (
-    RATIO,
     SPEED,
     Family,
     between,
+    exponential,
     peaks,
     starts,
 )
 from adhesion_jax.traction.rails import Timed
 from adhesion_jax.traction.signals import Number
-from adhesion_jax.traction.surface import RailSurface, Scaled, with_peak
+from adhesion_jax.traction.surface import RailSurface, Scaled
 
 #: Bounds of the power of the speed with which adhesion falls.
 POWERS = (0.0, 1.0)
@@ -46,6 +46,5 @@ class SpeedRails(Family):
     def draw(self, key: PRNGKeyArray, step: float) -> Falling:
         of_peaks, of_powers, of_starts = jax.random.split(key, 3)
         slip, adhesion = peaks(of_peaks)
-        law = with_peak(adhesion, slip / SPEED, RATIO).law
-        surfaces = RailSurface(law, in_ratio=True)
+        surfaces = RailSurface(jax.vmap(exponential)(slip / SPEED, adhesion).law, in_ratio=True)
         return Falling(surfaces, starts(of_starts, step), between(of_powers, POWERS))

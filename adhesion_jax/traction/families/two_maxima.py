@@ -9,15 +9,15 @@ from jaxtyping import PRNGKeyArray
 from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar, Signal
 from adhesion_jax.curves.peak import find_peak
 from adhesion_jax.traction.families.base import (
-    RATIO,
     Family,
     between,
+    exponential,
     log_between,
     peaks,
     starts,
 )
 from adhesion_jax.traction.rails import ByTime
-from adhesion_jax.traction.surface import RailSurface, with_peak
+from adhesion_jax.traction.surface import RailSurface
 
 #: Bounds of the slip of the second maximum in m/s, and of its adhesion over that of the first.
 SECOND, SHARES = (0.6, 1.2), (0.9, 1.3)
@@ -60,13 +60,15 @@ class TwoMaximaRails(Family):
 
     def draw(self, key: PRNGKeyArray, step: float) -> ByTime:
         of_peaks, of_slips, of_shares, of_starts = jax.random.split(key, 4)
-        slip, adhesion = peaks(of_peaks)
-        first = with_peak(adhesion, slip, RATIO).law
-        second = log_between(of_slips, SECOND)
-        height = between(of_shares, SHARES) * adhesion - first(second, {})
-        humps = _Sum(first, height, second)
-        surfaces = RailSurface(TwoMaxima(humps, jax.vmap(_higher)(humps)))
+        second, share = log_between(of_slips, SECOND), between(of_shares, SHARES)
+        surfaces = RailSurface(jax.vmap(_law)(*peaks(of_peaks), second, share))
         return ByTime(surfaces, starts(of_starts, step))
+
+
+def _law(slip: Scalar, adhesion: Scalar, second: Scalar, share: Scalar) -> TwoMaxima:
+    first = exponential(slip, adhesion).law
+    humps = _Sum(first, share * adhesion - first(jnp.asarray(second), {}), second)
+    return TwoMaxima(humps, _higher(humps))
 
 
 def _higher(humps: _Sum) -> Peak:
