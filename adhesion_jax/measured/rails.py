@@ -35,9 +35,6 @@ from adhesion_jax.traction.surface import RailSurface, highest, per
 #: Effects of the measurement, which a train on the rail does not meet.
 _OF_MEASURING = (SlipNoise, SlipBias, TorqueOffset, Inertia, Lag, Delay)
 
-#: Smallest share of the largest slip, and number of slips, among which a peak is bracketed.
-_LEAST, _POINTS = 1e-3, 64
-
 
 class CurveRails(Family):
     """One surface along the whole run; nothing is drawn."""
@@ -99,9 +96,10 @@ class Remembered(Law):
         def adhesion(slip: Float[Array, " axles"]) -> Float[Array, " axles"]:
             return now(slip, conditions)
 
-        slip = highest(adhesion, (_LEAST * slip_limit, slip_limit), _POINTS, axles)
+        end = jnp.full(axles, slip_limit)
+        slip = highest(adhesion, end)
         found = adhesion(slip)
-        return Peak(slip, found, found > (1 + 1e-9) * adhesion(jnp.full(axles, slip_limit)))
+        return Peak(slip, found, found > (1 + 1e-9) * adhesion(end))
 
 
 class Remembering(Rails):

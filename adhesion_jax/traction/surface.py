@@ -6,7 +6,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from adhesion_jax.curves import SLIP_LIMIT, Conditions, Exponential, Law, Peak, Scalar, Signal
 from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
@@ -14,11 +14,9 @@ from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 #: Smallest speed in m/s by which a slip velocity is divided: slip ratios diverge at rest.
 _SLOWEST = 0.5
 
-#: Smallest slip velocity in m/s, and number of those, among which the best at a price is bracketed.
-_LEAST, _POINTS = 1e-3, 256
-
-#: Share that a step of the golden section leaves of a bracket, and number of steps.
-_GOLDEN, _STEPS = 0.5 * (math.sqrt(5.0) - 1), 24
+#: Number of slips among which the best one is looked for, and what share of the largest the
+#: smallest is.
+_SLIPS, _SHARE = 64, 5e-3
 
 
 class RailSurface(eqx.Module):
@@ -50,38 +48,54 @@ class RailSurface(eqx.Module):
 
         At price 0 that is the peak.
         """
+        peak = self.peak(train_speed)
         if price == 0:
-            return self.peak(train_speed)
+            return peak
 
         def gain(slip: Float[Array, " axles"]) -> Float[Array, " axles"]:
             return self(slip, train_speed) * (train_speed - price * slip)
 
-        slip = highest(gain, (_LEAST, SLIP_VELOCITY_LIMIT), _POINTS, axles)
+        # Beyond the peak there is less adhesion for more slip.
+        end = jnp.where(peak.found, 1.2 * peak.slip, SLIP_VELOCITY_LIMIT)
+        slip = highest(gain, jnp.broadcast_to(end, axles))
         return Peak(slip, self(slip, train_speed), jnp.ones(axles, dtype=bool))
 
 
 def highest(
-    gain: Callable[[Float[Array, " axles"]], Float[Array, " axles"]],
-    ends: tuple[Scalar, Scalar],
-    points: int,
-    axles: int,
+    gain: Callable[[Float[Array, " axles"]], Float[Array, " axles"]], end: Float[Array, " axles"]
 ) -> Float[Array, " axles"]:
-    """The slip of the largest gain of each axle between two ends.
+    """The slip of the largest gain of each axle, up to an end.
 
-    It is bracketed on a logarithmic grid, and the bracket narrowed by the golden section.
+    Of the parabolas through three neighbours on a logarithmic grid the highest is taken, and then
+    one through closer points around its vertex.
     """
-    grid = jnp.geomspace(*ends, points)
-    top = jnp.argmax(jax.vmap(lambda slip: gain(jnp.full(axles, slip)))(grid), axis=0)
+    each = jax.vmap(gain)
+    ratio = _SHARE ** (-1 / (_SLIPS - 1))
+    slips = end * ratio ** jnp.arange(1.0 - _SLIPS, 1.0)[:, None]
+    rows = each(slips)
+    shift, height = _vertex(rows[:-2], rows[1:-1], rows[2:])
+    number = jnp.argmax(height, axis=0)
+    chosen = number, jnp.arange(end.size)
+    slip = slips[1:-1][chosen] * ratio ** shift[chosen]
+    near = slip * ratio ** jnp.array([[-0.125], [0.0], [0.125]])
+    slip = slip * ratio ** (0.125 * _vertex(*each(near))[0])
+    return jnp.where(rows[-1] > height[chosen], end, slip)
 
-    def narrowed(_: Int[Array, ""], bracket: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = bracket
-        kept = _GOLDEN * (high - low)
-        falls = gain(high - kept) > gain(low + kept)
-        return jnp.where(falls, low, high - kept), jnp.where(falls, low + kept, high)
 
-    bracket = grid[jnp.maximum(top - 1, 0)], grid[jnp.minimum(top + 1, points - 1)]
-    low, high = jax.lax.fori_loop(0, _STEPS, narrowed, bracket)
-    return 0.5 * (low + high)
+def _vertex(
+    before: Float[Array, "*at axles"],
+    here: Float[Array, "*at axles"],
+    after: Float[Array, "*at axles"],
+) -> tuple[Float[Array, "*at axles"], Float[Array, "*at axles"]]:
+    """Place of the vertex, in steps from the middle of three points, and its height there.
+
+    Where the middle is not the highest of the three it is taken itself, as lower than all.
+    """
+    bend = before + after - 2 * here
+    top = (here >= before) & (here >= after) & (bend < 0)
+    bend = jnp.where(top, bend, 1.0)
+    shift = jnp.where(top, (before - after) / (2 * bend), 0.0)
+    return shift, jnp.where(top, here - (after - before) ** 2 / (8 * bend), -jnp.inf)
 
 
 class Scaled(Law):

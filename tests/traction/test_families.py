@@ -2,7 +2,7 @@
 
 import dataclasses
 import typing
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -25,11 +25,11 @@ from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.observers.true_load import TrueLoad
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.rails import ByTime, Passed, Rails, stacked
+from adhesion_jax.traction.seekers.base import Seeker
 from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
-from adhesion_jax.traction.seekers.gradient import RepairedGradient
 from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
 from adhesion_jax.traction.sensors import Sensors
-from adhesion_jax.traction.signals import Signals
+from adhesion_jax.traction.signals import Reference, Signals
 from adhesion_jax.traction.surface import RailSurface, with_peak
 from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import built
@@ -60,18 +60,21 @@ def hxd1f():
     return dataclasses.replace(loop, observer=FullDimension(-500.0), controller=controller)
 
 
-def runs_of(loop, rails, duration=15.0):
-    """The figures of segments and of whole runs on rails [runs]."""
-    grid = timing(loop, STEP, 1e-3, duration)
+@partial(jax.jit, static_argnums=2)
+def computed(loop, rails, grid):
+    """The figures of the segments and of the whole of runs on rails [runs]."""
 
-    @jax.jit
-    @jax.vmap
-    def each(rails, key):
+    def one(rails, key):
         totals = run(dataclasses.replace(loop, rails=rails), grid, key)
-        return [figures(part, 1e-3) for part in (by_segment(totals), whole(totals))]
+        return [figures(part, grid.sample_period) for part in (by_segment(totals), whole(totals))]
 
     count = len(jax.tree.leaves(rails)[0])
-    return jax.tree.map(np.asarray, each(rails, jax.random.split(jax.random.key(1), count)))
+    return jax.vmap(one)(rails, jax.random.split(jax.random.key(1), count))
+
+
+def runs_of(loop, rails, duration=15.0):
+    loop = jax.tree.map(lambda x: jnp.asarray(x, dtype=float), loop)
+    return jax.tree.map(np.asarray, computed(loop, rails, timing(loop, STEP, 1e-3, duration)))
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -236,19 +239,31 @@ def test_nothing_of_a_rail_is_in_the_signals():
     assert TrueOptimum(price=3.0).told_price == 3.0
 
 
+class Sweeping(Seeker):
+    """Raises the slip for 4 s and holds that of the largest adhesion it has seen."""
+
+    def init(self, nominal, signals):
+        return signals.adhesion, signals.slip_beside
+
+    def update(self, state, nominal, signals, period):
+        largest, slip = state
+        higher = signals.adhesion > largest
+        state = jnp.maximum(signals.adhesion, largest), jnp.where(higher, signals.slip_beside, slip)
+        asked = jnp.where(signals.time < 4.0, 0.02 + 0.1 * signals.time, state[1])
+        return state, Reference(asked, jnp.zeros_like(asked))
+
+
 @pytest.mark.thorough
 def test_a_seeker_with_the_true_load_and_no_noise_finds_the_analytic_peak():
-    seeker = RepairedGradient(
-        gamma=0.05, memory=0.3, limit=20.0, start=0.05, lowest=0.005, highest=2.0
-    )
     quiet = dataclasses.replace(
-        hxd1f(), sensors=Sensors(period=1e-3), observer=TrueLoad(), seeker=seeker
+        hxd1f(), sensors=Sensors(period=1e-3), observer=TrueLoad(), seeker=Sweeping()
     )
     slip = 0.12
-    rails = ByTime(stacked([with_peak(0.2, slip, 2.2222)]), jnp.zeros(1, dtype=int))
-    rails = jax.tree.map(lambda values: values[None], rails)
-    segments, _ = runs_of(quiet, rails, 10.0)
-    assert float(segments["slip_settled"][0, 0]) == pytest.approx(slip, rel=0.01)
+    # The second segment tells where the seeker is from 6 s on.
+    same = stacked([with_peak(0.2, slip, 2.2222)] * 2)
+    rails = jax.tree.map(lambda x: x[None], ByTime(same, jnp.array([0, round(4 / STEP)])))
+    segments, _ = runs_of(quiet, rails, 8.0)
+    assert float(segments["slip_settled"][0, 1]) == pytest.approx(slip, rel=0.01)
 
 
 @pytest.mark.thorough
@@ -281,7 +296,7 @@ def test_no_constant_slip_gains_more_than_the_true_optimum(name, price):
     loop = dataclasses.replace(hxd1f(), seeker=TrueOptimum(float(price)))
     best = runs_of(loop, rails)[1][column][:, 0]
     for slip in (0.05, 0.1, 0.2, 0.4, 0.8):
-        loop = dataclasses.replace(hxd1f(), seeker=ConstantSlip(jnp.asarray(slip)))
+        loop = dataclasses.replace(hxd1f(), seeker=ConstantSlip(slip))
         other = runs_of(loop, rails)[1][column][:, 0]
         gap = best - other
         error = gap.std(ddof=1) / np.sqrt(len(gap))

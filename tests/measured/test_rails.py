@@ -1,0 +1,147 @@
+"""Rails from the files of an identification and of a discovery."""
+
+import json
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from adhesion_jax.curves import Burckhardt, Exponential, Polach
+from adhesion_jax.effects import KINDS
+from adhesion_jax.effects.conditions import Calendar
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.saved import save_law
+from adhesion_jax.errors import InputError
+from adhesion_jax.measured.rails import rails_of_curves, rails_of_law
+from adhesion_jax.traction.rails import Passed
+
+CURVE = Exponential(a=22.0, b=50.0, c=0.7)
+NOW, KEY = jnp.zeros((), dtype=int), jax.random.key(0)
+SPEED = jnp.asarray(5.0)
+RUN_ORDER = Calendar("run_order", 0.0, 1.0)
+
+
+def metadata(folder, *taken):
+    columns = {"log.csv": [{"column": name, "taken_as": name} for name in taken]}
+    (folder / "metadata.json").write_text(json.dumps({"columns": columns}))
+
+
+def saved(folder, *effects, curve=CURVE, **ranges):
+    metadata(folder, "slip_ratio", "vehicle_speed_mps", "adhesion")
+    ranges = {"vehicle_speed_mps": (1.0, 30.0), **ranges}
+    path = folder / "law.json"
+    save_law(path, CorrectedLaw(curve, effects, ranges, RUN_ORDER))
+    return path
+
+
+def made(name, **fields):
+    return KINDS[name](**fields)
+
+
+@pytest.mark.parametrize(
+    ("taken", "in_ratio"),
+    [
+        (("slip_velocity_mps", "adhesion"), False),
+        (("slip_velocity_mps", "vehicle_speed_mps", "adhesion"), True),
+        (("slip_ratio", "adhesion"), True),
+    ],
+)
+def test_the_best_curve_of_a_file_is_a_surface_in_the_slip_of_its_points(tmp_path, taken, in_ratio):
+    metadata(tmp_path, *taken)
+    (tmp_path / "curves.csv").write_text(
+        "curve,log_density,slip_opt_se,misfit\nexponential,7,.001,0\nburckhardt,9,.001,0\n"
+        "kiencke,11,,0\n"  # which has no peak
+    )
+    (tmp_path / "parameters.csv").write_text(
+        "curve,parameter,value\nburckhardt,c1,.3\nburckhardt,c2,40\nburckhardt,c3,.5\n"
+    )
+    rails = rails_of_curves(tmp_path / "curves.csv").draw(KEY, 1e-4)
+    surface = rails.present((), NOW, NOW, SPEED)
+    slip = jnp.array([0.02, 0.3])
+    per = 5.0 if in_ratio else 1.0
+    expected = [0.3 * (1 - math.exp(-40 * v / per)) - 0.5 * v / per for v in slip.tolist()]
+    np.testing.assert_allclose(surface(slip, SPEED), expected, rtol=1e-12)
+    best = Burckhardt(c1=0.3, c2=40.0, c3=0.5).peak({}, 1.0).slip
+    assert float(surface.peak(SPEED).slip) == pytest.approx(per * float(best))
+
+
+EFFECTS = {
+    "cleaning": made("cleaning", k=0.4, work=0.05, load_power=0.0),
+    "hysteresis": made("hysteresis", k=0.2, rate=0.05, memory=0.05),
+    "relaxation": made("relaxation", length=0.5),
+    "speed": made("speed", k=-0.3, reference=5.0),
+}
+
+
+@pytest.mark.parametrize("names", [("cleaning",), ("hysteresis", "speed"), tuple(EFFECTS)])
+def test_effects_with_a_memory_advance_with_the_train(tmp_path, names):
+    effects = tuple(EFFECTS[name] for name in names)
+    rails = rails_of_law(saved(tmp_path, *effects)).draw(KEY, 1e-4)
+    step, count = 1e-3, 1500
+    times = step * jnp.arange(count)
+    ratios = jnp.stack([0.02 + 0.01 * jnp.sin(3 * times), 0.03 + 0.02 * jnp.cos(5 * times)], 1)
+    speeds = 5.0 + times
+
+    def one(state, now):
+        ratio, speed = now
+        surface = rails.present(state, NOW, NOW, speed)
+        adhesion = surface(ratio * speed, speed)
+        # An axle may have several contacts.
+        twice = surface(jnp.stack([ratio, ratio]) * speed, speed)
+        state = rails.update(state, Passed(NOW, ratio * speed, adhesion, speed), step)
+        return state, (adhesion, twice)
+
+    begin = rails.init(ratios[0] * speeds[0], speeds[0])
+    found, twice = jax.jit(lambda: jax.lax.scan(one, begin, (ratios, speeds)))()[1]
+    np.testing.assert_array_equal(twice[:, 0], twice[:, 1])
+    np.testing.assert_array_equal(twice[:, 0], found)
+    law = CorrectedLaw(CURVE, effects, {"vehicle_speed_mps": (1.0, 30.0)}, RUN_ORDER)
+    for axle in range(2):
+        columns = {"time_s": times, "vehicle_speed_mps": speeds}
+        expected = np.asarray(law(ratios[:, axle], columns))
+        bare = np.asarray(CURVE(ratios[:, axle], {}))
+        assert np.abs(expected - bare).max() > 0.01
+        # Memories stand still for a step, and the rate of the slip is not known at the start.
+        np.testing.assert_allclose(found[700:, axle], expected[700:], atol=2e-3)
+
+
+def test_the_peak_is_that_at_the_moment_and_without_a_lag(tmp_path):
+    effects = (EFFECTS["cleaning"], EFFECTS["relaxation"])
+    rails = rails_of_law(saved(tmp_path, *effects)).draw(KEY, 1e-4)
+    state = rails.init(jnp.array([0.1, 0.2]), SPEED)
+    for _ in range(3):
+        passed = Passed(NOW, jnp.array([0.1, 0.2]), jnp.array([0.1, 0.2]), SPEED)
+        state = rails.update(state, passed, 0.5)
+    found, bare = rails.present(state, NOW, NOW, SPEED).peak(SPEED), CURVE.peak({})
+    np.testing.assert_allclose(found.slip, 5.0 * float(bare.slip), rtol=1e-3)
+    work = np.abs(CURVE(jnp.array([0.02, 0.04]), {})) * np.array([0.1, 0.2]) * 1.5
+    cleaned = 1 + 0.4 * (1 - np.exp(-np.asarray(work) / 0.05))
+    np.testing.assert_allclose(found.adhesion, cleaned * float(bare.adhesion), rtol=1e-6)
+
+
+def test_what_is_of_the_measurement_is_not_on_the_rail(tmp_path):
+    effects = made("lag", time_constant=0.4), made("torque_offset", offset=0.01)
+    rails = rails_of_law(saved(tmp_path, *effects)).draw(KEY, 1e-4)
+    slip = jnp.array([0.05, 0.4])
+    found = rails.present((), NOW, NOW, SPEED)(slip, SPEED)
+    np.testing.assert_allclose(found, CURVE(slip / 5, {}), rtol=1e-12)
+
+
+def test_a_file_that_is_no_rail_is_refused_in_a_sentence(tmp_path):
+    column = made(
+        "memory", k=0.1, time_constant=1.0, reference=0.0, scale=1.0, column="temperature_C"
+    )
+    with pytest.raises(InputError, match="temperature_C with a memory, and a train on its way"):
+        rails_of_law(saved(tmp_path, column, temperature_C=(0.0, 30.0)))
+    with pytest.raises(InputError, match="rests on relative_humidity_pct and has no range of it"):
+        rails_of_law(
+            saved(tmp_path, made("humidity", k=-0.1, centre=50.0, width=10.0, reference=50.0))
+        )
+    with pytest.raises(InputError, match="has no peak at slips up to 1 where the train runs"):
+        rails_of_law(saved(tmp_path, curve=Polach(mu0=0.3, stiffness=100.0)))
+    path = saved(tmp_path)
+    (tmp_path / "metadata.json").unlink()
+    with pytest.raises(InputError, match=r"not known whether law[.]json is in slip ratio"):
+        rails_of_law(path)
