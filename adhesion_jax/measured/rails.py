@@ -26,7 +26,6 @@ from adhesion_jax.effects.slip_noise import SlipNoise
 from adhesion_jax.effects.torque_offset import TorqueOffset
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA
-from adhesion_jax.measured.saved import load_curve
 from adhesion_jax.traction.families.base import SPEED, Family
 from adhesion_jax.traction.rails import ByTime, Passed, Rails, stacked
 from adhesion_jax.traction.signals import Number, PerAxle
@@ -171,11 +170,13 @@ class LawRails(Family):
 
 
 def rails_of_curves(path: Path) -> Family:
-    """The best curve with a peak in a curves.csv of `identify`, in the slip of its points.
+    """The best curve of a curves.csv of `identify`, with its departure: the law.json beside it.
 
-    InputError if the files beside it lack what says so, or no curve has a peak.
+    InputError if one of the files is missing, or the curve has no peak.
     """
-    return CurveRails(RailSurface(load_curve(path).curve, _in_ratio(path)))
+    if not path.exists():
+        raise InputError(f"{path} does not exist; name the curves.csv of adhesion identify.")
+    return rails_of_law(path.with_name("law.json"))
 
 
 def rails_of_law(path: Path) -> Family:

@@ -1,7 +1,6 @@
 """Rails from the files of an identification and of a discovery."""
 
 import json
-import math
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 
 from adhesion_jax.curves import Burckhardt, Exponential, Polach
+from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects import KINDS
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
@@ -50,21 +50,22 @@ def made(name, **fields):
 )
 def test_the_best_curve_of_a_file_is_a_surface_in_the_slip_of_its_points(tmp_path, taken, in_ratio):
     metadata(tmp_path, *taken)
-    (tmp_path / "curves.csv").write_text(
-        "curve,log_density,slip_opt_se,misfit\nexponential,7,.001,0\nburckhardt,9,.001,0\n"
-        "kiencke,11,,0\n"  # which has no peak
-    )
-    (tmp_path / "parameters.csv").write_text(
-        "curve,parameter,value\nburckhardt,c1,.3\nburckhardt,c2,40\nburckhardt,c3,.5\n"
-    )
-    rails = rails_of_curves(tmp_path / "curves.csv").draw(KEY, 1e-4)
+    curve = Burckhardt(c1=0.3, c2=40.0, c3=0.5)
+    bent = Bent(curve, np.array([0.02, -0.01]), 0.02, 0.2)
+    save_law(tmp_path / "law.json", bent)
+    table = tmp_path / "curves.csv"
+    with pytest.raises(InputError, match="does not exist"):
+        rails_of_curves(table)
+    table.write_text("curve,rms\nburckhardt,.001\n")
+    rails = rails_of_curves(table).draw(KEY, 1e-4)
     surface = rails.present((), NOW, NOW, SPEED)
-    slip = jnp.array([0.02, 0.3])
-    per = 5.0 if in_ratio else 1.0
-    expected = [0.3 * (1 - math.exp(-40 * v / per)) - 0.5 * v / per for v in slip.tolist()]
-    np.testing.assert_allclose(surface(slip, SPEED), expected, rtol=1e-12)
-    best = Burckhardt(c1=0.3, c2=40.0, c3=0.5).peak({}, 1.0).slip
-    assert float(surface.peak(SPEED).slip) == pytest.approx(per * float(best))
+    grid = jnp.geomspace(1e-3, 1.0, 20_001)
+    adhesion = surface(grid, SPEED)
+    np.testing.assert_allclose(adhesion, bent(grid / (5.0 if in_ratio else 1.0), {}), rtol=1e-12)
+    assert np.abs(adhesion / curve(grid / (5.0 if in_ratio else 1.0), {}) - 1).max() > 0.005
+    peak = surface.peak(SPEED)
+    assert float(peak.adhesion) == pytest.approx(float(adhesion.max()), rel=1e-6)
+    assert float(peak.slip) == pytest.approx(float(grid[adhesion.argmax()]), rel=1e-3)
 
 
 EFFECTS = {

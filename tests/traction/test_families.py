@@ -125,6 +125,8 @@ def test_peaks_are_those_of_a_fine_grid_and_slips_log_uniform(name):
         turns = np.diff(np.sign(np.diff(adhesion, axis=1)), axis=1) < 0
         assert np.all(turns.sum(axis=1) == 2)
         return
+    if name == "film":
+        largest = largest * (1 + np.asarray(rails.gains)[:, 0])  # once it is clean
     assert SLIPS[0] <= slip.min()
     assert slip.max() <= SLIPS[1]
     assert ADHESIONS[0] <= largest.min()

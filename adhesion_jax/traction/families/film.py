@@ -9,8 +9,9 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from adhesion_jax.traction.families.base import (
     Family,
     between,
-    exponentials,
+    exponential,
     log_between,
+    peaks,
     starts,
 )
 from adhesion_jax.traction.rails import Passed, Timed
@@ -61,15 +62,13 @@ class Filmed(Timed):
 
 
 class FilmRails(Family):
-    """The nominal rails under a film; clean they have up to half as much adhesion again."""
+    """The nominal rails under a film; until it is cleaned adhesion is up to a third less."""
 
     TITLE = "exponential curves under a film that slip energy cleans"
 
     def draw(self, key: PRNGKeyArray, step: float) -> Filmed:
-        of_surfaces, of_starts, of_gains, of_works = jax.random.split(key, 4)
-        return Filmed(
-            exponentials(of_surfaces),
-            starts(of_starts, step),
-            between(of_gains, GAINS),
-            log_between(of_works, WORKS),
-        )
+        of_peaks, of_starts, of_gains, of_works = jax.random.split(key, 4)
+        slip, adhesion = peaks(of_peaks)
+        gains = between(of_gains, GAINS)
+        surfaces = jax.vmap(exponential)(slip, adhesion / (1 + gains))
+        return Filmed(surfaces, starts(of_starts, step), gains, log_between(of_works, WORKS))

@@ -54,7 +54,7 @@ class TwoMaxima(Law):
 
 
 class TwoMaximaRails(Family):
-    """The first maximum is that of the nominal rails, the second lies at .6 to 1.2 m/s."""
+    """The higher maximum is as high as that of nominal rails, the second at .6 to 1.2 m/s."""
 
     TITLE = "curves with a second maximum at .6 to 1.2 m/s"
 
@@ -66,8 +66,9 @@ class TwoMaximaRails(Family):
 
 
 def _law(slip: Scalar, adhesion: Scalar, second: Scalar, share: Scalar) -> TwoMaxima:
-    first = exponential(slip, adhesion).law
-    humps = _Sum(first, share * adhesion - first(jnp.asarray(second), {}), second)
+    lower = adhesion / jnp.maximum(share, 1.0)
+    first = exponential(slip, lower).law
+    humps = _Sum(first, share * lower - first(jnp.asarray(second), {}), second)
     return TwoMaxima(humps, _higher(humps))
 
 
