@@ -1,9 +1,10 @@
 """The adaptive robust re-adhesion controller of Uyulan et al. 2018."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller, followed
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Setting, Signals
@@ -26,6 +27,12 @@ class AdaptiveRobust(Controller):
     linear: Setting  # p, s/m
     square: Setting  # q, s^2/m^2
     layer: Setting  # m/s
+
+    BOX: ClassVar = {
+        "gain": Range(1e4, 1e6, log=True),
+        "adaptation": Range(10.0, 1e5, log=True),
+        "layer": Range(0.005, 0.1, log=True),
+    }
 
     def init(self, nominal: Plant, signals: Signals) -> AdaptiveRobustState:
         return AdaptiveRobustState(jnp.zeros_like(signals.slip))

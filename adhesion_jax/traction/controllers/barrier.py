@@ -1,7 +1,10 @@
 """The controller of the HXD1F paper: an asymmetric barrier Lyapunov function."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller, followed, torque_for
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Setting, Signals
@@ -22,6 +25,8 @@ class Barrier(Controller):
     below: Setting  # ka, m/s
     above: Setting  # kb, m/s
     least: Setting  # torque, as a share of the largest
+
+    BOX: ClassVar = {"gain": Range(10.0, 120.0, log=True)}
 
     def update(
         self, state: tuple[()], nominal: Plant, signals: Signals, period: float

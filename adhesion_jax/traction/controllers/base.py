@@ -1,10 +1,13 @@
 """The contract of a controller: it commands the torque of each motor at every control sample."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import equinox as eqx
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Reference, Signals
 
@@ -17,6 +20,7 @@ class Controller(eqx.Module):
     """
 
     FOLLOWS: ClassVar[bool] = True  # whether it follows the slip that a seeker asks for
+    BOX: ClassVar[Mapping[str, Range]] = MappingProxyType({})  # of the fields that are tuned
 
     def init(self, nominal: Plant, signals: Signals) -> Any:
         """The state before the first control sample; by default there is none."""

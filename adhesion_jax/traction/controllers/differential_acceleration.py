@@ -1,10 +1,11 @@
 """Differential acceleration control: the torque drops when a wheel gains on the train."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller
 from adhesion_jax.traction.filters import lagged
 from adhesion_jax.traction.plants.base import Plant
@@ -42,6 +43,14 @@ class DifferentialAcceleration(Controller):
     back: Setting
     least: Setting  # torque, as a share of the largest
     filter_time: Setting  # s
+
+    BOX: ClassVar = {
+        "ramp": Range(4e3, 6e4, log=True),
+        "trip": Range(0.3, 5.0, log=True),
+        "unloading": Range(2.0, 30.0, log=True),
+        "hold": Range(0.02, 0.3, log=True),
+        "back": Range(0.6, 0.98),
+    }
 
     def init(self, nominal: Plant, signals: Signals) -> DifferentialAccelerationState:
         none = jnp.zeros_like(signals.slip)

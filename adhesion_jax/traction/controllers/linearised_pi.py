@@ -1,9 +1,10 @@
 """Proportional and integral control of slip after feedback linearisation."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller, followed, torque_for
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Setting, Signals
@@ -22,6 +23,11 @@ class LinearisedPI(Controller):
     gain: Setting  # k, 1/s
     integral_gain: Setting  # k_i, 1/s^2
     least: Setting  # torque, as a share of the largest
+
+    BOX: ClassVar = {
+        "gain": Range(5.0, 120.0, log=True),
+        "integral_gain": Range(1.0, 300.0, log=True),
+    }
 
     def init(self, nominal: Plant, signals: Signals) -> LinearisedPIState:
         return LinearisedPIState(jnp.zeros_like(signals.slip))

@@ -1,7 +1,10 @@
 """A sliding mode controller of slip, with and without a boundary layer."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller, followed, torque_for
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import PerAxle, Setting, Signals
@@ -13,6 +16,11 @@ class SlidingMode(Controller):
     gain: Setting  # N m
     layer: Setting  # m/s
     least: Setting  # torque, as a share of the largest
+
+    BOX: ClassVar = {
+        "gain": Range(300.0, 6000.0, log=True),
+        "layer": Range(0.01, 0.2, log=True),
+    }
 
     def update(
         self, state: tuple[()], nominal: Plant, signals: Signals, period: float

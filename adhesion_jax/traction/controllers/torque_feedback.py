@@ -1,10 +1,11 @@
 """Torque feedback of the adhesion observed: Fang et al. 2018, Eq. 9, and Eq. 8 before it."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
 from adhesion_jax.optim.recursive_slope import slope_step
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller
 from adhesion_jax.traction.filters import lagged
 from adhesion_jax.traction.plants.base import Plant
@@ -35,6 +36,12 @@ class SlopeFeedback(Controller):
     first_p: Setting
     first_slope: Setting  # s/m; at 0 a train at rest never starts
     filter_time: Setting  # s
+
+    BOX: ClassVar = {
+        "slope_gain": Range(300.0, 6e4, log=True),
+        "adhesion_gain": Range(1.5e4, 3.2e4),
+        "filter_time": Range(0.005, 0.1, log=True),
+    }
 
     def init(self, nominal: Plant, signals: Signals) -> SlopeFeedbackState:
         none = jnp.zeros_like(signals.slip)

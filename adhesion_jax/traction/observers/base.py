@@ -6,10 +6,13 @@ numbers or arrays [axles] that may differ without a new compilation.
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import equinox as eqx
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Measurement, PerAxle
 
@@ -22,6 +25,7 @@ class Observer(eqx.Module):
     """
 
     TOLD_LOAD: ClassVar[bool] = False  # whether it is given the true load, for comparison
+    BOX: ClassVar[Mapping[str, Range]] = MappingProxyType({})  # of the fields that are tuned
 
     @abstractmethod
     def init(self, nominal: Plant, measured: Measurement) -> Any:

@@ -1,10 +1,11 @@
 """The full-dimension state observer with a double pole, after Fang et al. 2018, Eq. 7 and 8."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.observers.base import Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Measurement, PerAxle, Setting
@@ -25,6 +26,8 @@ class FullDimension(Observer):
     """
 
     pole: Setting
+
+    BOX: ClassVar = {"pole": Range(-150.0, -1000.0, log=True)}
 
     def init(self, nominal: Plant, measured: Measurement) -> FullDimensionState:
         none = jnp.zeros_like(measured.motor_speed)

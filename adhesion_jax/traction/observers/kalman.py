@@ -1,11 +1,12 @@
 """An extended Kalman filter of motor speed, train speed and load."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.observers.base import Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Measurement, PerAxle, Setting
@@ -37,6 +38,8 @@ class Kalman(Observer):
     train_noise: Setting
     load_walk: Setting
     period: Setting
+
+    BOX: ClassVar = {"load_walk": Range(1e3, 1e5, log=True)}
 
     def init(self, nominal: Plant, measured: Measurement) -> KalmanState:
         speed = measured.motor_speed

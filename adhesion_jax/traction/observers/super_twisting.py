@@ -1,9 +1,10 @@
 """The second-order sliding mode observer of Uyulan et al. 2018: a super-twisting algorithm."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.filters import pull
 from adhesion_jax.traction.observers.base import Observer
 from adhesion_jax.traction.plants.base import Plant
@@ -26,6 +27,8 @@ class SuperTwisting(Observer):
     """
 
     gain: Setting
+
+    BOX: ClassVar = {"gain": Range(30.0, 3000.0, log=True)}
 
     def init(self, nominal: Plant, measured: Measurement) -> SuperTwistingState:
         none = jnp.zeros_like(measured.motor_speed)

@@ -1,9 +1,10 @@
 """The nonsingular terminal sliding mode observer of the HXD1F paper, Eq. 20."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.observers.base import Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Measurement, PerAxle, Setting
@@ -29,6 +30,8 @@ class TerminalSliding(Observer):
     surface_gain: Setting  # lambda, of e
     rate_gain: Setting  # beta
     switching_gain: Setting  # K, rad/s^3
+
+    BOX: ClassVar = {"switching_gain": Range(1e4, 2e5, log=True)}
 
     def init(self, nominal: Plant, measured: Measurement) -> TerminalSlidingState:
         none = jnp.zeros_like(measured.motor_speed)

@@ -1,9 +1,10 @@
 """Extremum seeking with a sliding mode, of the HXD1F paper."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.seekers.base import Seeker
 from adhesion_jax.traction.signals import PerAxle, Reference, Setting, Signals
@@ -32,6 +33,12 @@ class SlidingExtremum(Seeker):
     lowest: Setting  # m/s
     highest: Setting  # m/s
     tracker: Setting  # rad/s
+
+    BOX: ClassVar = {
+        "speed": Range(0.05, 1.0, log=True),
+        "rise": Range(0.05, 2.0, log=True),
+        "width": Range(0.01, 0.2, log=True),
+    }
 
     def init(self, nominal: Plant, signals: Signals) -> ExtremumState:
         start = jnp.broadcast_to(jnp.asarray(self.start, dtype=float), signals.adhesion.shape)

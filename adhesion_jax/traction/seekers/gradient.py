@@ -1,10 +1,11 @@
 """The slip seekers of Uyulan et al. 2018: as printed, and with its slope repaired."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.filters import Differentiator
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.seekers.base import Seeker
@@ -32,6 +33,12 @@ class PrintedGradient(Seeker):
     start: Setting  # m/s
     gain: Setting  # L, rad/s^3
     limit: Setting  # of G, s/m
+
+    BOX: ClassVar = {
+        "gamma": Range(0.05, 5.0, log=True),
+        "threshold": Range(1e-3, 1.0, log=True),
+        "gain": Range(10.0, 1000.0, log=True),
+    }
 
     def init(self, nominal: Plant, signals: Signals) -> PrintedState:
         none = jnp.zeros_like(signals.slip)
@@ -82,6 +89,11 @@ class RepairedGradient(Seeker):
     start: Setting  # m/s
     lowest: Setting  # m/s
     highest: Setting  # m/s
+
+    BOX: ClassVar = {
+        "gamma": Range(0.005, 0.5, log=True),
+        "memory": Range(0.05, 1.0, log=True),
+    }
 
     def init(self, nominal: Plant, signals: Signals) -> RepairedState:
         none = jnp.zeros_like(signals.slip)

@@ -1,0 +1,106 @@
+"""What is compared on equal terms: a seeker, a controller and an observer, with what is tuned."""
+
+from collections.abc import Mapping
+from operator import attrgetter
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from adhesion_jax.traction.box import Range
+from adhesion_jax.traction.controllers import CONTROLLERS, Controller
+from adhesion_jax.traction.observers import OBSERVERS, Observer
+from adhesion_jax.traction.observers.full_dimension import FullDimension
+from adhesion_jax.traction.seekers import Seeker
+from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
+from adhesion_jax.traction.seekers.extremum import SlidingExtremum
+from adhesion_jax.traction.seekers.gradient import PrintedGradient, RepairedGradient
+from adhesion_jax.traction.seekers.perturb import PerturbAndObserve
+from adhesion_jax.traction.seekers.slewed import Slewed
+from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
+
+
+class Entrant(NamedTuple):
+    """The parts of a loop that are compared; without a seeker the controller is a whole law."""
+
+    seeker: Seeker | None
+    controller: Controller
+    observer: Observer
+
+
+def box(entrant: Entrant) -> Mapping[str, Range]:
+    """The ranges of the numbers of an entrant that may be tuned, by their places in it."""
+    of_parts = {
+        "seeker": {} if entrant.seeker is None else entrant.seeker.box,
+        "controller": entrant.controller.BOX,
+        "observer": entrant.observer.BOX,
+    }
+    return {f"{part}.{name}": one for part, of in of_parts.items() for name, one in of.items()}
+
+
+def numbers(entrant: Entrant) -> tuple[str, ...]:
+    """The places of the numbers that may be tuned, in their order."""
+    return tuple(box(entrant))
+
+
+def configured(entrant: Entrant, unit: Float[Array, " numbers"]) -> Entrant:
+    """The entrant at a point of the unit cube, whose axes are its ranges."""
+    found = box(entrant)
+    if not found:
+        return entrant
+    values = [one.at(share) for one, share in zip(found.values(), unit, strict=True)]
+    places = [*map(attrgetter, found)]
+    return eqx.tree_at(lambda parts: [place(parts) for place in places], entrant, values)
+
+
+#: The slip at which all begin, and its bounds, m/s.
+_START, _LOWEST, _HIGHEST = 0.1, 0.01, 0.6
+
+_OBSERVER = FullDimension(-500.0)
+
+
+def sought(seeker: Seeker) -> Entrant:
+    """A seeker under the terms that all share: start, slew limit, controller and observer."""
+    return Entrant(_slewed(seeker), CONTROLLERS["barrier"], _OBSERVER)
+
+
+def _slewed(seeker: Seeker) -> Slewed:
+    return Slewed(seeker, start=_START, rate=2.0, lowest=_LOWEST, highest=_HIGHEST)
+
+
+#: What needs no tuning beyond the defaults of its parts stands here too: all are tuned alike.
+ENTRANTS: Mapping[str, Entrant] = {
+    "true-optimum": sought(TrueOptimum()),
+    "constant-slip": sought(ConstantSlip(slip=_START)),
+    "perturb-and-observe": sought(
+        PerturbAndObserve(step=0.006, window=0.05, start=_START, lowest=_LOWEST, highest=_HIGHEST)
+    ),
+    "gradient": sought(
+        RepairedGradient(
+            gamma=0.05, memory=0.3, limit=20.0, start=_START, lowest=_LOWEST, highest=_HIGHEST
+        )
+    ),
+    "sliding-extremum": sought(
+        SlidingExtremum(
+            speed=0.4,
+            rise=0.5,
+            width=0.08,
+            start=_START,
+            lowest=_LOWEST,
+            highest=_HIGHEST,
+            tracker=60.0,
+        )
+    ),
+    "differential-acceleration": Entrant(None, CONTROLLERS["differential-acceleration"], _OBSERVER),
+    "slope-feedback": Entrant(None, CONTROLLERS["slope-feedback"], _OBSERVER),
+    "adaptive-robust": Entrant(
+        _slewed(
+            PrintedGradient(
+                gamma=0.65, threshold=1e-2, switch=jnp.inf, start=_START, gain=400.0, limit=1.0
+            )
+        ),
+        CONTROLLERS["adaptive-robust"],
+        OBSERVERS["super-twisting"],
+    ),
+}
