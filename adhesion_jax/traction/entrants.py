@@ -8,14 +8,19 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from adhesion_jax.curves.burckhardt import Burckhardt
+from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.records import Known
 from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.observers.full_dimension import FullDimension
-from adhesion_jax.traction.seekers import Seeker
+from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
 from adhesion_jax.traction.seekers.extremum import SlidingExtremum
 from adhesion_jax.traction.seekers.gradient import PrintedGradient, RepairedGradient
+from adhesion_jax.traction.seekers.identified import Identified
 from adhesion_jax.traction.seekers.perturb import PerturbAndObserve
 from adhesion_jax.traction.seekers.slewed import Slewed
 from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
@@ -57,6 +62,9 @@ def configured(entrant: Entrant, unit: Float[Array, " numbers"]) -> Entrant:
 #: The slip at which all begin, and its bounds, m/s.
 _START, _LOWEST, _HIGHEST = 0.1, 0.01, 0.6
 
+#: The highest slip that any may have: beyond a second maximum, m/s.
+_FURTHEST = 1.5
+
 _OBSERVER = FullDimension(-500.0)
 
 
@@ -66,10 +74,49 @@ def sought(seeker: Seeker) -> Entrant:
 
 
 def _slewed(seeker: Seeker) -> Slewed:
-    return Slewed(seeker, start=_START, rate=2.0, lowest=_LOWEST, highest=_HIGHEST)
+    return Slewed(seeker, start=_START, rate=2.0, lowest=_LOWEST, highest=_FURTHEST)
 
 
-#: What needs no tuning beyond the defaults of its parts stands here too: all are tuned alike.
+def _by(
+    name: str,
+    known: Known,
+    spacing: float,
+    block: int,
+    ranges: Mapping[str, Range],
+) -> Identified:
+    """An identifier as a seeker."""
+    return Identified(
+        IDENTIFIERS[name],
+        known,
+        dither=0.1,
+        start=_START,
+        threshold=0.015,
+        spacing=spacing,
+        block=block,
+        ranges=tuple(ranges.items()),
+    )
+
+
+#: Burckhardt's curve with all of it unknown, slip in m/s.
+_BURCKHARDT = Known(
+    Burckhardt(c1=0.3, c2=20.0, c3=0.3), [0.001, 2.0, 0.0], [2.0, 120.0, 5.0], slip_limit=_HIGHEST
+)
+
+#: Kiencke's curve in m/s, whose initial slope must be known: on rails on which it varies by a
+#: factor of 30 there is no right value, and the best one is sought like other settings.
+_KIENCKE = Known(
+    Kiencke(a0=4.0, p1=0.0, p2=100.0),
+    [-100.0, 2.8],
+    [500.0, 1e4],
+    slip_limit=_HIGHEST,
+    by_sample=True,
+)
+
+_FACTOR = {"identifier.factor": Range(0.99, 0.998)}
+_SLOPE = {"known.curve.a0": Range(1.0, 15.0, log=True)}
+
+
+#: By name; the numbers are those before any tuning.
 ENTRANTS: Mapping[str, Entrant] = {
     "true-optimum": sought(TrueOptimum()),
     "constant-slip": sought(ConstantSlip(slip=_START)),
@@ -92,6 +139,17 @@ ENTRANTS: Mapping[str, Entrant] = {
             tracker=60.0,
         )
     ),
+    "offset-curve": sought(SEEKERS["offset-curve"]),
+    "varpro": sought(_by("varpro-forgetting", _BURCKHARDT, 1e-3, 10, _FACTOR)),
+    "varpro-offset": sought(_by("varpro-forgetting-offset", _BURCKHARDT, 1e-3, 10, _FACTOR)),
+    "bank-kiencke": sought(_by("bank-kiencke", _KIENCKE, 0.01, 1, _SLOPE)),
+    "riv": sought(_by("riv", _KIENCKE, 0.01, 1, _SLOPE)),
+    "qp": sought(_by("qp-qian2024-1", _KIENCKE, 1e-3, 10, _SLOPE)),
+    "rls": sought(_by("rls-kiencke-variable", _KIENCKE, 1e-3, 10, _SLOPE)),
+    "ml-pooled": sought(
+        _by("ml-pooled", _BURCKHARDT, 0.01, 5, {"identifier.level": Range(1e-7, 1e-2, log=True)})
+    ),
+    "ekf": sought(_by("ekf", _BURCKHARDT, 0.01, 1, {"identifier.spread": Range(0.5, 2.0)})),
     "differential-acceleration": Entrant(None, CONTROLLERS["differential-acceleration"], _OBSERVER),
     "slope-feedback": Entrant(None, CONTROLLERS["slope-feedback"], _OBSERVER),
     "adaptive-robust": Entrant(
