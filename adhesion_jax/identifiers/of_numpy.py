@@ -4,7 +4,7 @@ import inspect
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from traceback import walk_tb
 from typing import Any, ClassVar, NamedTuple
 
@@ -37,12 +37,67 @@ PARTS = ("init", "update", "estimate")
 _faults: list[InputError] = []
 
 
+def blame(words: str) -> None:
+    """Keep what a method did wrong, unless another did before it, for `complain`."""
+    _faults[:] = _faults or [InputError(words)]
+
+
 def complain() -> None:
     """InputError where a method of NumPy did wrong since the last call: for after a program."""
     if _faults:
         first = _faults[0]
         _faults.clear()
         raise first
+
+
+def for_every_run(
+    of_run: Callable[..., tuple[_Floats, ...]], sizes: tuple[int, ...], *given: Array
+) -> list[Array]:
+    """Rows of numbers of these sizes, by a function of NumPy that is called for a run at a time."""
+
+    def called(*bits: Array) -> list[NDArray[np.uint32]]:
+        arrays = [np.ascontiguousarray(x).view(np.float64)[..., 0] for x in bits]
+        runs = arrays[0].shape[: arrays[0].ndim - given[0].ndim]
+        of_runs = (x.reshape(-1, *one.shape) for x, one in zip(arrays, given, strict=True))
+        found = [of_run(*each) for each in zip(*of_runs, strict=True)]
+        rows = (np.stack(part).reshape(*runs, -1) for part in zip(*found, strict=True))
+        return [row[..., None].view(np.uint32) for row in rows]
+
+    # As pairs of 32 bits: the thread that calls Python may be set to single precision.
+    bits = [jax.lax.bitcast_convert_type(x, jnp.uint32) for x in given]
+    shapes = [jax.ShapeDtypeStruct((size, 2), jnp.uint32) for size in sizes]
+    told = jax.pure_callback(called, shapes, *bits, vmap_method="broadcast_all")
+    return [jax.lax.bitcast_convert_type(x, float) for x in told]
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """States of one form, of numbers and of arrays, as numbers behind a zero."""
+
+    first: Any
+
+    @cached_property
+    def _form(self) -> tuple[list[Any], Any]:
+        return jax.tree.flatten(self.first)
+
+    def packed(self, state: Any) -> _Floats:
+        (leaves, tree), before = jax.tree.flatten(state), self._form
+        if tree != before[1] or [*map(np.shape, leaves)] != [*map(np.shape, before[0])]:
+            raise TypeError("update gives a state of another form than init")
+        return np.concatenate([np.zeros(1), *(np.ravel(leaf).astype(float) for leaf in leaves)])
+
+    def unpacked(self, numbers: _Floats) -> Any:
+        state, place = [], 1
+        for leaf in self._form[0]:
+            kind = np.asarray(leaf)
+            part = numbers[place : place + kind.size].reshape(kind.shape)
+            with np.errstate(invalid="ignore"):
+                typed = part.astype(kind.dtype)
+            # A sum that begins with a whole 0 need not stay whole.
+            part = typed if np.array_equal(typed, part) else part
+            state.append(part if isinstance(leaf, np.ndarray) else part.item())
+            place += kind.size
+        return jax.tree.unflatten(self._form[1], state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,37 +118,18 @@ class _OfSamples:
     found: Any
 
     @cached_property
-    def _form(self) -> tuple[Any, list[Any]]:
-        leaves, tree = jax.tree.flatten(self.found.init())
-        return tree, leaves
+    def _packing(self) -> Packing:
+        return Packing(self.found.init())
 
     @cached_property
     def first(self) -> _Floats:
-        tree, leaves = self._form
-        return self._packed(jax.tree.unflatten(tree, leaves))
+        return self._packing.packed(self._packing.first)
 
     def after(self, memory: _Floats, _: _Floats, fresh: _Floats) -> tuple[_Floats, _Told]:
-        state, place = [], 1
-        for leaf in self._form[1]:
-            kind = np.asarray(leaf)
-            part = memory[place : place + kind.size].reshape(kind.shape)
-            with np.errstate(invalid="ignore"):
-                typed = part.astype(kind.dtype)
-            # A sum that begins with a whole 0 need not stay whole.
-            part = typed if np.array_equal(typed, part) else part
-            state.append(part if isinstance(leaf, np.ndarray) else part.item())
-            place += kind.size
-        now = jax.tree.unflatten(self._form[0], state)
+        now = self._packing.unpacked(memory)
         for sample in fresh.T.tolist():
             now = self.found.update(now, *sample)
-        return self._packed(now), self.found.estimate(now)
-
-    def _packed(self, state: Any) -> _Floats:
-        leaves, tree = jax.tree.flatten(state)
-        before = self._form
-        if tree != before[0] or [*map(np.shape, leaves)] != [*map(np.shape, before[1])]:
-            raise TypeError("update gives a state of another form than init")
-        return np.concatenate([np.zeros(1), *(np.ravel(leaf).astype(float) for leaf in leaves)])
+        return self._packing.packed(now), self.found.estimate(now)
 
 
 class _Found(NamedTuple):
@@ -135,25 +171,11 @@ class OfNumpy(Identifier):
     def update(self, state: _Found, record: Record) -> _Found:
         names = quantity_names(state.known.curve)
 
-        def called(*bits: Array) -> list[NDArray[np.uint32]]:
-            memory, points = (np.ascontiguousarray(x).view(np.float64)[..., 0] for x in bits)
-            runs = memory.shape[:-1]
-            of_runs = memory.reshape(-1, memory.shape[-1]), points.reshape(-1, *points.shape[-2:])
-            found = [self._of_run(names, *of_run) for of_run in zip(*of_runs, strict=True)]
-            arrays = (np.stack(part).reshape(*runs, -1) for part in zip(*found, strict=True))
-            return [array[..., None].view(np.uint32) for array in arrays]
-
         possible = jnp.isfinite(record.slip) & (jnp.abs(record.adhesion) <= LARGEST)
         fresh = record.fresh & possible
         points = jnp.stack([record.slip, record.adhesion, 1.0 * record.mask, 1.0 * fresh])
-        # As pairs of 32 bits: the thread that calls Python may be set to single precision.
-        given = [jax.lax.bitcast_convert_type(x, jnp.uint32) for x in (state.memory, points)]
-        shapes = [
-            jax.ShapeDtypeStruct((n, 2), jnp.uint32) for n in (state.memory.size, 2 * len(names))
-        ]
-        memory, told = (
-            jax.lax.bitcast_convert_type(x, float)
-            for x in jax.pure_callback(called, shapes, *given, vmap_method="broadcast_all")
+        memory, told = for_every_run(
+            partial(self._of_run, names), (state.memory.size, 2 * len(names)), state.memory, points
         )
         values, errors = told.reshape(2, -1)
         mu_max = values[names.index("mu_max")]
@@ -199,23 +221,28 @@ class OfNumpy(Identifier):
         except _FAILURES:
             pass
         except Exception as error:  # of whatever the method does
-            _faults[:] = _faults or [InputError(_words(self.told, self.own.found, error))]
+            blame(_words(self.told, self.own.found, error))
         return memory, np.full((2, len(names)), np.nan)
 
 
-def _words(told: str, found: Any, error: Exception) -> str:
+def raised(told: str, found: Any, error: Exception) -> str:
     """What a method did wrong, and in which line of its file."""
     code = getattr(getattr(found, "update", found), "__code__", None)
     file = getattr(code, "co_filename", None)
     own = [line for frame, line in walk_tb(error.__traceback__) if frame.f_code.co_filename == file]
     place = f" in line {own[-1]} of {file}" if own else ""
     words = " ".join(str(error).split()).rstrip(".")
+    kind = type(error).__name__
+    return f"{told} cannot be used as a method: it raises {kind}{place} ({words})."
+
+
+def _words(told: str, found: Any, error: Exception) -> str:
+    """What a method did wrong, and what one must have."""
     return (
-        f"{told} cannot be used as a method: it raises {type(error).__name__}{place} ({words}). "
-        "A function takes the slips and the adhesions of a block as arrays of NumPy and gives "
-        "numbers by name, such as mu_max and slip_opt. A class has init(), update(state, slip, "
-        "adhesion), which gives the next state, and estimate(state), which gives such numbers; a "
-        "state is made of numbers and of arrays that keep their shapes."
+        f"{raised(told, found, error)} A function takes the slips and the adhesions of a block as "
+        "arrays of NumPy and gives numbers by name, such as mu_max and slip_opt. A class has "
+        "init(), update(state, slip, adhesion), which gives the next state, and estimate(state), "
+        "which gives such numbers; a state is made of numbers and of arrays that keep their shapes."
     )
 
 
