@@ -112,6 +112,14 @@ _KIENCKE = Known(
     by_sample=True,
 )
 
+_KIENCKE_FREE = Known(
+    Kiencke(a0=4.0, p1=0.0, p2=100.0, free=("a0", "p1", "p2")),
+    [0.2, -100.0, 2.8],
+    [50.0, 500.0, 1e4],
+    slip_limit=_HIGHEST,
+    by_sample=True,
+)
+
 _FACTOR = {"identifier.factor": Range(0.99, 0.998)}
 _SLOPE = {"known.curve.a0": Range(1.0, 15.0, log=True)}
 
@@ -148,6 +156,9 @@ ENTRANTS: Mapping[str, Entrant] = {
     "rls": sought(_by("rls-kiencke-variable", _KIENCKE, 1e-3, 10, _SLOPE)),
     "ml-pooled": sought(
         _by("ml-pooled", _BURCKHARDT, 0.01, 5, {"identifier.level": Range(1e-7, 1e-2, log=True)})
+    ),
+    "kiencke-free": sought(
+        _by("kiencke-free", _KIENCKE_FREE, 0.01, 1, {"identifier.factor": Range(0.9, 0.99)})
     ),
     "ekf": sought(_by("ekf", _BURCKHARDT, 0.01, 1, {"identifier.spread": Range(0.5, 2.0)})),
     "differential-acceleration": Entrant(None, CONTROLLERS["differential-acceleration"], _OBSERVER),
