@@ -25,14 +25,22 @@ _DOUBTED = 0.3
 #: Times in s after a change of the rail: for the first v* is held, and none is seen in the second.
 _HELD, _LOCKED_OUT = 0.05, 0.5
 
-#: While no peak is found, v* follows the slope: its logarithm by `_PROBED` a second at most, and
+#: What is left of v* where the new rail has less adhesion, but not below half of the start.
+_BACK = 0.6
+
+#: A sample whose slip changes faster than this is left out, m/s^2: the observer's lag takes it off
+#: the curve.
+_HURRY = 6.0
+
+#: While no peak is trusted, v* follows the slope: its logarithm by `_PROBED` a second at most, and
 #: at most where the relative slope d log mu/d log v_s is `_STEEP`.
 _PROBED, _STEEP = 3.0, 0.1
 
 
 class IdentifiedState(NamedTuple):
     identifier: Any  # of each axle
-    record: Float[Array, "2 axles samples"]  # slip and adhesion of the latest samples
+    record: Float[Array, "3 axles samples"]  # slip and adhesion of the latest, 1 where they count
+    slip: PerAxle  # at the last control sample, m/s
     peak: Peak
     asked: PerAxle  # v* without dither, m/s
     trusted: Bool[Array, " axles"]
@@ -43,14 +51,15 @@ class IdentifiedState(NamedTuple):
 class Identified(Seeker):
     """v* = slip_opt of the identifier, with a dither v* (1 + d sin(4 pi t)).
 
-    Slip and adhesion have the same lag. A sample is taken every `spacing`, because the noise within
-    a loop has a memory of some milliseconds, and `block` of them make a record. An estimate that is
-    not finite, gives no peak, or is unsure of its slip by more than 30 %, is not followed: v* stays
-    or, where a curve without a peak was found, creeps up its slope. d is the relative standard
-    error of the slip, within a fifth of `dither` and `dither`, and `dither` without trust. After
-    a change of the rail v* is held for 50 ms, and none is seen for .5 s. A change is a reset of
-    the identifier or, with one that has none, a mean residual of a record above `threshold`, which
-    then begins it anew.
+    Slip and adhesion have the same lag, and samples whose slip changes fast are left out. One is
+    taken every `spacing`, because the noise within a loop has a memory of some milliseconds, and
+    `block` of them make a record. An estimate that is not finite, gives no peak, or is unsure of
+    its slip by more than 30 %, is not followed: v* stays or, where it tells a curve all the same,
+    creeps up the slope of that. d is the relative standard error of the slip, within a fifth of
+    `dither` and `dither`, and `dither` without trust. After a change of the rail v* is held for
+    50 ms, lower than before where the adhesion fell, and no other change is seen for .5 s. A change
+    is a reset of the identifier or, with one that has none, a mean residual of a record above
+    `threshold`, which then begins it anew.
     """
 
     identifier: Identifier
@@ -75,7 +84,8 @@ class Identified(Seeker):
         unknown = none + jnp.nan
         return IdentifiedState(
             self._begun(none),
-            jnp.zeros((2, none.size, self.block)),
+            jnp.zeros((3, none.size, self.block)),
+            signals.slip_beside,
             Peak(unknown, unknown, unknown, unknown),
             none + self.start,
             jnp.zeros(none.size, dtype=bool),
@@ -93,16 +103,19 @@ class Identified(Seeker):
     ) -> tuple[IdentifiedState, Reference]:
         sign = signals.direction
         every = max(round(self.spacing / period), 1)
-        sample = jnp.stack([sign * signals.slip_beside, sign * signals.adhesion])[..., None]
+        calm = jnp.abs(signals.slip_beside - state.slip) < _HURRY * period
+        sample = jnp.stack([sign * signals.slip_beside, sign * signals.adhesion, 1.0 * calm])
 
         def taken(state: IdentifiedState) -> IdentifiedState:
-            record = jnp.concatenate([state.record[..., 1:], sample], axis=-1)
+            record = jnp.concatenate([state.record[..., 1:], sample[..., None]], axis=-1)
             state = state._replace(record=record)
             full = state.number % (every * self.block) == 0
             learned = lambda state: self._learned(state, every * self.block * period)  # noqa: E731
             return jax.lax.cond(full, learned, lambda state: state, state)
 
-        state = state._replace(number=state.number + 1, since=state.since + period)
+        state = state._replace(
+            number=state.number + 1, since=state.since + period, slip=signals.slip_beside
+        )
         # Counted alike in all runs, so that what is not due costs nothing in any of them.
         state = jax.lax.cond(state.number % every == 0, taken, lambda state: state, state)
         unsure = jnp.clip(state.peak.slip_error / state.peak.slip, 0.2 * self.dither, self.dither)
@@ -118,16 +131,16 @@ class Identified(Seeker):
 
     def _learned(self, state: IdentifiedState, time: float) -> IdentifiedState:
         """The state after a full record, `time` seconds after the one before."""
-        slips, adhesions = state.record
-        fresh = jnp.ones(slips.shape, dtype=bool)
+        slips, adhesions, calm = state.record
+        fresh = calm > 0
         records = Record(slips, adhesions, fresh, fresh, {})
         before = jax.vmap(self.identifier.estimate)(state.identifier)
         identifier = jax.vmap(self.identifier.update)(state.identifier, records)
         found = jax.vmap(self.identifier.estimate)(identifier)
         may = state.since >= _LOCKED_OUT
         changed = found.reset & may
+        misfit = jnp.mean(adhesions - self._adhesion(before, slips), axis=-1)
         if not self.identifier.RESETS:
-            misfit = jnp.mean(adhesions - self._adhesion(before, slips), axis=-1)
             changed = may & state.trusted & (jnp.abs(misfit) > self.threshold)
             identifier = jax.tree.map(
                 lambda new, old: jnp.where(changed.reshape(-1, *[1] * (old.ndim - 1)), new, old),
@@ -143,13 +156,16 @@ class Identified(Seeker):
         left, middle, right = jnp.moveaxis(self._adhesion(found, around), -1, 0)
         uphill = (right - left) / (0.1 * jnp.maximum(middle, 1e-3))
         step = time * _PROBED * jnp.clip(uphill / _STEEP, -1.0, 1.0)
-        rises = (found.status == Status.NO_PEAK) & jnp.isfinite(step)
-        probed = state.asked * jnp.exp(jnp.where(rises, step, 0.0))
+        probes = (found.status <= Status.NO_PEAK) & jnp.isfinite(step)
+        probes = probes & (found.status != Status.NOT_CONVERGED)
+        probed = state.asked * jnp.exp(jnp.where(probes, step, 0.0))
         asked = jnp.where(trusted, peak.slip, probed)
+        back = jnp.maximum(_BACK * state.asked, jnp.minimum(state.asked, self.start / 2))
+        held = jnp.where(changed & (misfit < 0), back, state.asked)
         return state._replace(
             identifier=identifier,
             peak=jax.tree.map(lambda new, old: jnp.where(trusted, new, old), peak, state.peak),
-            asked=jnp.where(since < _HELD, state.asked, asked),
+            asked=jnp.where(since < _HELD, held, asked),
             trusted=trusted,
             since=since,
         )
