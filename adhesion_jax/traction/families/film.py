@@ -62,7 +62,11 @@ class Filmed(Timed):
 
 
 class FilmRails(Family):
-    """The nominal rails under a film; until it is cleaned adhesion is up to a third less."""
+    """The nominal rails under a film; until it is cleaned adhesion is up to a third less.
+
+    Slip of this moment raises the adhesion of later ones, which the true optimum of a moment does
+    not count: on 40 rails that of price 0 has .1 % more utility at price 1 than that of price 1.
+    """
 
     TITLE = "exponential curves under a film that slip energy cleans"
 
