@@ -17,6 +17,8 @@ from adhesion_jax.library.discover import Discovery as Discovery
 from adhesion_jax.library.discover import discover as discover
 from adhesion_jax.library.identify import Identification as Identification
 from adhesion_jax.library.identify import identify as identify
+from adhesion_jax.library.leaderboard import Leaderboard as Leaderboard
+from adhesion_jax.library.leaderboard import traction_leaderboard as traction_leaderboard
 from adhesion_jax.library.montecarlo import MonteCarlo as MonteCarlo
 from adhesion_jax.library.montecarlo import montecarlo as montecarlo
 from adhesion_jax.library.online import Online as Online

@@ -244,6 +244,11 @@ def _method(asked: str, found: Any, kind: Kind) -> Any:
     return _instance(asked, found, kind)
 
 
+def _entrant(asked: str, found: Any, kind: Kind) -> Any:
+    """What is compared in a leaderboard: the part with the others that all methods share."""
+    return _named(f"adhesion_jax.{kind.room}.entrant_of")(asked, found)
+
+
 def _builder(asked: str, found: Any, kind: Kind) -> Callable[..., Any]:
     """The function, whose arguments become options, and what it builds a scenario."""
     scenario = _named(kind.home)
@@ -275,4 +280,5 @@ KINDS: dict[str, Kind] = {
     "observer": Kind("an observer", "traction.observers", "Observer", _instance),
     "seeker": Kind("a seeker", "traction.seekers", "Seeker", _instance),
     "controller": Kind("a controller", "traction.controllers", "Controller", _instance),
+    "entrant": Kind("a method of slip control", "traction.entrants", "Entrant", _entrant),
 }

@@ -22,6 +22,7 @@ STOREYS = (
     ("inference",),
     ("measured", "discovery"),
     ("campaign", "planning"),
+    ("leaderboard",),
     ("report",),
     ("library",),
     ("command_line",),

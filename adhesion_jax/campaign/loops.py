@@ -73,10 +73,10 @@ def _compiled(
 
     def of_drawn(loop: Loop, key: jax.Array) -> tuple[dict[str, jax.Array], Trace]:
         totals, rows = trace(loop, grid, key, _every(grid))
-        return _figures(totals, grid), rows
+        return figures_of(totals, grid), rows
 
     def of_run(loop: Loop, key: jax.Array) -> dict[str, jax.Array]:
-        return _figures(run(loop, grid, key), grid)
+        return figures_of(run(loop, grid, key), grid)
 
     def unit(leaves: list[Any]) -> tuple[dict[str, jax.Array], Trace | None]:
         loops, keys = jax.tree.unflatten(form, leaves)
@@ -98,7 +98,7 @@ def _every(grid: Timing) -> int:
     return next(n for n in range(least, grid.samples + 1) if grid.samples % n == 0)
 
 
-def _figures(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
+def figures_of(totals: Totals, grid: Timing) -> dict[str, jax.Array]:
     """The figures of each segment and, last, of the whole run."""
     parts = (closed_loop.by_segment(totals), closed_loop.whole(totals))
     found = [closed_loop.figures(part, grid.sample_period) for part in parts]

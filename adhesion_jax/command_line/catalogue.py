@@ -31,6 +31,8 @@ _REGISTRIES = {
     "observers": ("traction.observers", "OBSERVERS"),
     "seekers": ("traction.seekers", "SEEKERS"),
     "controllers": ("traction.controllers", "CONTROLLERS"),
+    "entrants": ("traction.entrants", "ENTRANTS"),
+    "families": ("traction.families", "FAMILIES"),
 }
 
 

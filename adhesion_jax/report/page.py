@@ -34,7 +34,8 @@ class Items:
 class Table:
     """Cells are written as they stand; columns whose heading is in `right` are set flush right.
 
-    A folded table is long: it can be opened where the rendering can fold.
+    A folded table is long: it can be opened where the rendering can fold. Rows whose places are in
+    `quiet` do not count, and are set in grey.
     """
 
     kind: ClassVar[str] = "table"
@@ -42,6 +43,7 @@ class Table:
     rows: Sequence[Sequence[str]]
     right: Sequence[str] = ()
     folded: str = ""
+    quiet: Sequence[int] = ()
 
 
 @dataclass(frozen=True)

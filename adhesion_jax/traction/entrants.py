@@ -1,8 +1,9 @@
 """What is compared on equal terms: a seeker, a controller and an observer, with what is tuned."""
 
+import inspect
 from collections.abc import Mapping
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
+from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.records import Known
 from adhesion_jax.traction.box import Range
@@ -21,6 +23,7 @@ from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
 from adhesion_jax.traction.seekers.extremum import SlidingExtremum
 from adhesion_jax.traction.seekers.gradient import PrintedGradient, RepairedGradient
 from adhesion_jax.traction.seekers.identified import Identified
+from adhesion_jax.traction.seekers.of_numpy import seeker_of_numpy
 from adhesion_jax.traction.seekers.perturb import PerturbAndObserve
 from adhesion_jax.traction.seekers.slewed import Slewed
 from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
@@ -173,3 +176,30 @@ ENTRANTS: Mapping[str, Entrant] = {
         OBSERVERS["super-twisting"],
     ),
 }
+
+
+def entrant_of(told: str, found: Any) -> Entrant:
+    """The method that a part of the user's own is: what it is not is that of all others.
+
+    That is an object, or the one of a class without arguments; `told` is what a user calls it. One
+    that is no part of a loop may be a seeker of NumPy. Raises InputError where it is none.
+    """
+    form = found if inspect.isclass(found) else type(found)
+    if not issubclass(form, Seeker | Controller | Observer | Entrant):
+        return sought(seeker_of_numpy(told, found))
+    if inspect.isclass(found):
+        try:
+            found = found()
+        except TypeError as error:
+            words = " ".join(str(error).split()).rstrip(".")
+            raise InputError(
+                f"{told} cannot be made without arguments ({words}); give its fields values, or "
+                "name an object of that class."
+            ) from None
+    shared = ENTRANTS["offset-curve"]
+    if isinstance(found, Seeker):
+        return sought(found)
+    if isinstance(found, Controller):
+        seeker = shared.seeker if found.FOLLOWS else None
+        return shared._replace(controller=found, seeker=seeker)
+    return shared._replace(observer=found) if isinstance(found, Observer) else found

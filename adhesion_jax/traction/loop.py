@@ -77,7 +77,9 @@ class Trace(NamedTuple):
     command: PerAxle
     motor_speed: PerAxle
     rim_speed: PerAxle
-    controller: Any  # the state of the controller
+    rail: Any  # the states of rail, seeker and controller
+    seeker: Any
+    controller: Any
 
 
 class _State(NamedTuple):
@@ -218,6 +220,8 @@ def _seen(loop: Loop, grid: Timing, state: _State) -> Trace:
         command=state.command,
         motor_speed=motor,
         rim_speed=loop.plant.circumferential(motor),
+        rail=state.rail,
+        seeker=state.seeker,
         controller=state.controller,
     )
 

@@ -39,7 +39,7 @@ def traction_page(
     pictures: list[Block] = [Picture(name, caption) for name, caption in captions.items()]
     sections.append(Section("Figures", pictures))
     sections.append(Section("What was repaired", [Items(system.repairs)]))
-    sections.append(Section("What was assumed", [Items(system.assumptions), *_parameters(plant)]))
+    sections.append(Section("What was assumed", [Items(system.assumptions), *parameters_of(plant)]))
     meanings = [[name, unit, words] for name, (unit, words) in FIGURES.items()]
     sections.append(
         Section("Columns of metrics.csv", [Table(("column", "unit", "meaning"), meanings)])
@@ -96,7 +96,8 @@ def _metrics_table(metrics: pd.DataFrame, noise: str) -> Table:
     )
 
 
-def _parameters(plant: PlantFile) -> Sequence[Block]:
+def parameters_of(plant: PlantFile) -> Sequence[Block]:
+    """What the parameters of a plant are, and where each is from."""
     rows = [
         [
             name,

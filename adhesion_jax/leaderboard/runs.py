@@ -1,0 +1,145 @@
+"""Runs of a method side by side in one program, each with its configuration, rails and noise."""
+
+import time
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key, PRNGKeyArray
+from numpy.typing import NDArray
+
+from adhesion_jax import programs
+from adhesion_jax.campaign.loops import figures_of, steps_of
+from adhesion_jax.identifiers.of_numpy import complain
+from adhesion_jax.leaderboard.terms import Terms
+from adhesion_jax.traction.entrants import Entrant, configured
+from adhesion_jax.traction.families import Family
+from adhesion_jax.traction.loop import Loop, Timing, Trace, trace
+from adhesion_jax.traction.seekers.base import Peak
+
+#: Number of runs of a program. A tile is always computed whole, so that a run gives the same bits
+#: whatever runs are asked for: matrix products within a method may round differently elsewhere.
+TILE = 128
+
+#: There is a program for each method and family, and each runs a few times alone: it takes half the
+#: time to compile at this level, and no longer to run.
+_COMPILER = {"xla_backend_optimization_level": "1", **programs.WIDELY, **programs.QUICKLY}
+
+#: The slips in m/s at which the curve of a rail is drawn, closer to each other near zero.
+SLIPS = 1.5 * np.linspace(0, 1, 41) ** 2
+
+#: Number of rows of a run that is followed, about.
+_ROWS = 300
+
+
+class Course(NamedTuple):
+    """What is followed of a run, arrays [rows, ...] of jax in a program and of NumPy after it."""
+
+    time: Any  # s
+    segment: Any
+    slip: Any  # of each axle, m/s
+    adhesion: Any
+    peak_slip: Any  # of the largest adhesion, m/s
+    peak_adhesion: Any
+    found_slip: Any  # of the peak that the method has identified, m/s; NaN: none
+    found_adhesion: Any
+    found_slip_se: Any
+    found_adhesion_se: Any
+    curve: Any  # adhesion of the first axle at SLIPS
+
+
+class Tile(NamedTuple):
+    """The figures of the runs of a tile, [runs, segments and, last, the whole run], and more."""
+
+    figures: Mapping[str, np.ndarray]
+    course: Course
+    seconds: float  # CPU time, without compilation
+    compile_seconds: float  # wall-clock time
+    steps: int  # of the plant, of all runs
+
+    def took(self) -> Mapping[str, np.ndarray]:
+        """What the runs took, to be stored."""
+        names = ("seconds", "compile_seconds", "steps")
+        return {name: np.array(getattr(self, name)) for name in names}
+
+
+def tile(
+    terms: Terms,
+    timing: Timing,
+    entrant: Entrant,
+    family: Family,
+    points: Float[np.ndarray, "tile numbers"],
+    keys: Key[Array, " tile"],
+) -> Tile:
+    """The runs of a method at some points of its box, on rails drawn from the keys."""
+    given = jax.tree.map(jnp.asarray, (terms, entrant, family, points, keys))
+    leaves, form = jax.tree.flatten(given)
+    began = time.perf_counter()
+    kinds = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+    compiled = _compiled(form, kinds, timing)
+    compile_seconds = time.perf_counter() - began
+    began = time.process_time()
+    found = jax.block_until_ready(compiled(leaves))
+    seconds = time.process_time() - began
+    complain()
+    figures, course = jax.tree.map(np.asarray, found)
+    return Tile(figures, course, seconds, compile_seconds, TILE * steps_of(timing))
+
+
+@cache
+def _compiled(
+    form: jax.tree_util.PyTreeDef, kinds: tuple[jax.ShapeDtypeStruct, ...], timing: Timing
+) -> Callable[[list[Any]], tuple[dict[str, jax.Array], Course]]:
+    rows = min(_ROWS, timing.samples)
+    every = next(n for n in range(timing.samples // rows, 0, -1) if timing.samples % n == 0)
+
+    def runs(leaves: list[Any]) -> tuple[dict[str, jax.Array], Course]:
+        terms, entrant, family, points, keys = jax.tree.unflatten(form, leaves)
+
+        def run(
+            point: Float[Array, " numbers"], key: PRNGKeyArray
+        ) -> tuple[dict[str, jax.Array], Course]:
+            method = configured(entrant, point)
+            of_rails, of_noise = jax.random.split(key)
+            loop = terms.loop(method, family.draw(of_rails, timing.step))
+            totals, seen = trace(loop, timing, of_noise, every)
+            return figures_of(totals, timing), _course(loop, timing, seen)
+
+        return jax.vmap(run)(points, keys)
+
+    name = ("leaderboard", form, str(kinds), timing)
+    return programs.program(name, runs, [*kinds], _COMPILER)
+
+
+def _course(loop: Loop, timing: Timing, seen: Trace) -> Course:
+    sample, seeker = seen.sample, loop.seeker
+    found = Peak(*[jnp.full_like(sample.slip, jnp.nan)] * 4)
+    if seeker is not None and seeker.IDENTIFIES:
+        found = jax.vmap(seeker.identified)(seen.seeker)
+
+    def curve(row: Trace) -> Float[Array, " slips"]:
+        step = jnp.round(row.time / timing.step).astype(int)
+        speed = row.sample.train_speed
+        surface = loop.rails.present(row.rail, row.sample.segment, step, speed)
+        every = jnp.broadcast_to(SLIPS[:, None], (SLIPS.size, sample.slip.shape[-1]))
+        return jax.vmap(lambda slip: surface(slip, speed))(every)[:, 0]
+
+    return Course(
+        seen.time,
+        sample.segment,
+        sample.slip,
+        sample.adhesion,
+        sample.optimum,
+        sample.largest,
+        *found,
+        jax.vmap(curve)(seen),
+    )
+
+
+def standard_error(values: NDArray[np.float64]) -> float:
+    """Of the mean of independent values; NaN for a single one."""
+    count = len(values)
+    return float(np.std(values, ddof=1) / np.sqrt(count)) if count > 1 else float("nan")

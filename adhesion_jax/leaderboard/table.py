@@ -1,0 +1,269 @@
+"""The table of a board: a row a method and family of rails, from the figures of its runs."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from adhesion_jax.campaign.traction import WHOLE
+from adhesion_jax.leaderboard.field import OPTIMA
+from adhesion_jax.leaderboard.runs import standard_error
+from adhesion_jax.leaderboard.terms import Versions
+from adhesion_jax.metrics.closed_loop import PRICES
+
+#: Utilities are told in MJ.
+_MEGA = 1e6
+
+#: The figures of a run of which a table has the mean and its standard error.
+MEANS = (
+    "utilisation",
+    *(f"utility_{price}" for price in PRICES),
+    "slip_energy_share",
+    "torque_variation",
+    "jerk_rms",
+)
+
+#: The price at which methods are ranked, and what else a method is better by: less of both.
+RANKED_BY, COSTS = "utility_1", ("torque_variation", "slip_energy_share")
+
+#: Unit and meaning of each column.
+COLUMNS: Mapping[str, tuple[str, str]] = {
+    "rails": ("", "the family that the rails are drawn from"),
+    "method": ("", "its name"),
+    "rank": ("", "place by utility_1; empty for a method that is not ranked"),
+    "remark": ("", "why it is not ranked"),
+    "runs": ("", "number of runs that were judged"),
+    "failed": (
+        "",
+        "number of runs in which it made what is no number; they are left out else",
+    ),
+    "utilisation": ("1", "mean adhesion, as a share of the largest possible"),
+    "worst": ("1", "utilisation of the worst run"),
+    "difference": ("1", "utilisation less that of the ranked method with the largest, run by run"),
+    "seeds_apart": ("1", "largest difference between two seeds, in its standard errors"),
+    "promised": ("1", "utilisation on the rails of tuning; empty for a method that was not tuned"),
+    "promised_z": ("1", "promised less judged, in standard errors; empty on other families"),
+    "never95": ("1", "share of the segments in which 95 % of the largest adhesion is never kept"),
+    "t95_median": ("s", "time until it is, median of all segments; empty if it never is"),
+    "t95_p90": ("s", "the same, within which 90 % of the segments are"),
+    **{
+        f"utility_{price}": ("MJ", f"useful work less {price} times the slip energy, of a run")
+        for price in PRICES
+    },
+    **{
+        f"utility_{price}_share": ("1", f"the same, as a share of that of {OPTIMA[price]}")
+        for price in PRICES
+    },
+    "slip_energy_share": ("1", "energy lost in the contact, per useful work"),
+    "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
+    "jerk_rms": ("m/s^3", "jerk of the train, root mean square"),
+    "dominated_by": (
+        "",
+        "a ranked method with a larger utility_1 and less torque_variation and slip_energy_share",
+    ),
+    "microseconds": ("us", "CPU time of an update of seeker and controller"),
+    "state_bytes": ("B", "what they remember from one update to the next"),
+    "tuned": ("", "the numbers that tuning chose"),
+    "plant": ("", "version of plant and loop"),
+    "rails_version": ("", "version of the rails"),
+    "metrics": ("", "version of the metrics"),
+}
+
+
+class Known(NamedTuple):
+    """What is known of a method beside its runs."""
+
+    told: bool  # whether it is told what no train can measure
+    promised: float
+    promised_se: float
+    tuned: str  # its numbers, in words
+    microseconds: float
+    state_bytes: int
+
+
+def table_of(
+    segments: pd.DataFrame,
+    known: Mapping[str, Known],
+    versions: Mapping[str, Versions],
+    tuned_on: str,
+) -> pd.DataFrame:
+    """A row for each method on each family; `versions` are by family."""
+    rows = [
+        _row(rails, method, of_rails[of_rails["method"] == method], one, versions[rails], tuned_on)
+        for rails in versions
+        if len(of_rails := segments[segments["rails"] == rails])
+        for method, one in known.items()
+    ]
+    return ranked(_with_differences(pd.DataFrame(rows), segments))
+
+
+def _row(
+    rails: str, method: str, part: pd.DataFrame, known: Known, versions: Versions, tuned_on: str
+) -> dict[str, Any]:
+    runs = part[part["segment"] == WHOLE]
+    fails = ~np.isfinite(runs["utilisation"].to_numpy())
+    failed = set(zip(runs["seed"][fails], runs["run"][fails], strict=True))
+    whole = runs[~fails]
+    of_segments = part[part["segment"] != WHOLE]
+    sound = [one not in failed for one in zip(of_segments["seed"], of_segments["run"], strict=True)]
+    of_segments = of_segments[np.array(sound, dtype=bool)]
+    of_segments = of_segments[np.isfinite(of_segments["never95"])]
+    row: dict[str, Any] = {
+        "rails": rails,
+        "method": method,
+        "remark": "told what no train can measure" if known.told else "",
+        "runs": len(runs),
+        "failed": len(failed),
+    }
+    if failed:
+        row["remark"] = f"no number in {len(failed)} of {len(runs)} runs"
+    for name in MEANS:
+        values = whole[name].to_numpy() / (_MEGA if name.startswith("utility") else 1.0)
+        row[name] = values.mean() if len(values) else np.nan
+        row[f"{name}_se"] = standard_error(values)
+    judged, error = row["utilisation"], row["utilisation_se"]
+    here = 1.0 if rails == tuned_on else np.nan
+    t95 = of_segments["t95"].fillna(np.inf).to_numpy()
+    return {
+        **row,
+        "worst": whole["utilisation"].min(),
+        "seeds_apart": _apart(whole),
+        "promised": known.promised,
+        "promised_se": known.promised_se,
+        "promised_z": here * (known.promised - judged) / np.hypot(known.promised_se, error),
+        "never95": of_segments["never95"].mean(),
+        "t95_median": _quantile(t95, 0.5),
+        "t95_p90": _quantile(t95, 0.9),
+        "microseconds": known.microseconds,
+        "state_bytes": known.state_bytes,
+        "tuned": known.tuned,
+        "plant": versions.plant,
+        "rails_version": versions.rails,
+        "metrics": versions.metrics,
+    }
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    """The smallest value within which this share of all lies; NaN if that is infinite."""
+    if not len(values):
+        return float("nan")
+    found = float(np.quantile(values, share, method="inverted_cdf"))
+    return found if np.isfinite(found) else float("nan")
+
+
+def _apart(whole: pd.DataFrame) -> float:
+    """The largest difference between the utilisations of two seeds, in its standard errors."""
+    of_seeds = [part["utilisation"].to_numpy() for _, part in whole.groupby("seed")]
+    pairs = [(a, b) for place, a in enumerate(of_seeds) for b in of_seeds[:place]]
+    apart = [
+        abs(a.mean() - b.mean()) / np.hypot(standard_error(a), standard_error(b)) for a, b in pairs
+    ]
+    return max(apart, default=float("nan"))
+
+
+def _with_differences(table: pd.DataFrame, segments: pd.DataFrame) -> pd.DataFrame:
+    """With the differences to the best on each family and the shares of the optima, run by run."""
+    whole = segments[segments["segment"] == WHOLE]
+    parts = []
+    for rails, part in table.groupby("rails", sort=False):
+        here = whole[whole["rails"] == rails]
+        fair = part[part["remark"] == ""]
+        best = "" if fair.empty else top(fair, "utilisation")
+        columns = {
+            "difference": [
+                _difference(*_pair(here, "utilisation", method, best)) for method in part["method"]
+            ],
+            **{
+                f"utility_{price}_share": [
+                    _ratio(*_pair(here, f"utility_{price}", method, optimum))
+                    for method in part["method"]
+                ]
+                for price, optimum in OPTIMA.items()
+            },
+        }
+        for name, found in columns.items():
+            part = part.assign(**{name: [x for x, _ in found], f"{name}_se": [e for _, e in found]})
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
+def _pair(
+    whole: pd.DataFrame, name: str, one: str, other: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A figure of two methods in the runs in which both have it."""
+    keyed = [
+        whole.loc[whole["method"] == method].set_index(["seed", "run"])[name]
+        for method in (one, other)
+    ]
+    both = pd.concat(keyed, axis=1, join="inner").to_numpy()
+    both = both[np.isfinite(both).all(axis=1)]
+    return both[:, 0], both[:, 1]
+
+
+def _difference(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, float]:
+    """The mean difference and its standard error."""
+    if not len(one):
+        return np.nan, np.nan
+    return float(np.mean(one - other)), standard_error(one - other)
+
+
+def _ratio(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, float]:
+    """The ratio of the means and its standard error, to the first order."""
+    if not len(one):
+        return np.nan, np.nan
+    ratio = float(one.mean() / other.mean())
+    return ratio, standard_error(one - ratio * other) / abs(float(other.mean()))
+
+
+def with_rows(table: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
+    """With the rows of another board for what is not in this one: of other versions, unranked."""
+    here = table.groupby("rails", sort=False)[["plant", "rails_version", "metrics"]].first()
+    known = set(zip(table["rails"], table["method"], strict=True))
+    rows = []
+    for _, row in other.iterrows():
+        if (row["rails"], row["method"]) in known or row["rails"] not in here.index:
+            continue
+        same = (row[here.columns] == here.loc[row["rails"]]).all()
+        rows.append({**row, "remark": row["remark"] if same else "of another version"})
+    if not rows:
+        return table
+    order = {name: place for place, name in enumerate(here.index)}
+    joined = pd.concat([table, pd.DataFrame(rows)], ignore_index=True)
+    joined = joined.sort_values("rails", key=lambda names: names.map(order), kind="stable")
+    return ranked(joined.reset_index(drop=True))
+
+
+def ranked(table: pd.DataFrame) -> pd.DataFrame:
+    """With the places of the methods without a remark, and who dominates whom; in that order."""
+    parts = []
+    for _, part in table.groupby("rails", sort=False):
+        ranked = part["remark"] == ""
+        fair = part[ranked]
+        rank = fair[RANKED_BY].rank(ascending=False, method="min")
+        dominators = [_dominator(row, fair) for _, row in part.iterrows()]
+        part = part.assign(
+            rank=rank.reindex(part.index).astype("Int64"),
+            dominated_by=np.where(ranked, dominators, ""),
+        )
+        parts.append(part.sort_values("rank", kind="stable", na_position="last"))
+    found = pd.concat(parts, ignore_index=True)
+    names = [name for column in COLUMNS for name in (column, f"{column}_se") if name in found]
+    return found[names]
+
+
+def _dominator(row: pd.Series, fair: pd.DataFrame) -> str:
+    """The ranked method with the largest utility of those that are better in every respect."""
+    better = fair[RANKED_BY] > row[RANKED_BY]
+    for cost in COSTS:
+        better &= fair[cost] < row[cost]
+    found = fair[better]
+    return "" if found.empty else top(found, RANKED_BY)
+
+
+def top(rows: pd.DataFrame, column: str, least: bool = False) -> str:
+    """The method with the largest value in a column, or with the least."""
+    values = rows[column].to_numpy(dtype=float)
+    place = np.nanargmin(values) if least else np.nanargmax(values)
+    return str(rows["method"].iloc[int(place)])

@@ -1,0 +1,372 @@
+"""`traction_leaderboard`: methods of slip control on equal terms, one's own among them."""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from adhesion_jax import runtime
+from adhesion_jax.campaign.cluster import pool_of
+from adhesion_jax.campaign.store import Arrays, read_all, write_rows
+from adhesion_jax.campaign.traction import WHOLE
+from adhesion_jax.errors import InputError
+from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
+from adhesion_jax.leaderboard import judging, tuning
+from adhesion_jax.leaderboard.field import OPTIMA, Field
+from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown_of
+from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
+from adhesion_jax.leaderboard.terms import STEP, Grid, terms_of, timing_of, versions_of
+from adhesion_jax.leaderboard.tuning import TRIPLES, Tuned, Tuning, tuned
+from adhesion_jax.library.methods import called
+from adhesion_jax.library.results import recorded, text_html
+from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.measured.rails import rails_of_curves, rails_of_law
+from adhesion_jax.options import MOST_RUNS
+from adhesion_jax.plugins import made
+from adhesion_jax.report.leaderboard.figures import FIGURES_OF, Judged, trade
+from adhesion_jax.report.leaderboard.page import leaderboard_page
+from adhesion_jax.report.rendering import page_html
+from adhesion_jax.runtime import as_in_commands
+from adhesion_jax.traction.entrants import ENTRANTS, Entrant, box, sought
+from adhesion_jax.traction.families import FAMILIES, Family
+from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
+from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
+from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.wording import listed
+
+#: The system whose train, demand, noise and start all methods share.
+SYSTEM = "hxd1f"
+
+#: The seed of the rails that methods are tuned on.
+TUNING_SEED = 2026
+
+#: All that may be written.
+LEADERBOARD_FILES = (
+    *("leaderboard.csv", "segments.parquet", "curves.csv", METADATA, "report.html"),
+    *(f"{name}.png" for name in FIGURES_OF),
+)
+
+#: The columns that a terminal has room for.
+_TOLD = (
+    *("rails", "method", "rank", "utilisation", "utilisation_se", "worst", "never95", "t95_median"),
+    *("utility_1_share", "torque_variation", "slip_energy_share", "remark"),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Leaderboard:
+    """Methods of slip control, as they were judged on rails that they were not tuned on.
+
+    Attributes:
+        table: a row a method and family of rails; `columns` tells what each column is.
+        segments: a row for each run and segment: figures, true peak, and the one identified.
+        courses: three runs of each method and family, the best, the median and the worst.
+        plant: the parameters of the train.
+        told: what was asked for and what it took.
+        seconds: by the clock.
+    """
+
+    table: pd.DataFrame
+    segments: pd.DataFrame
+    courses: Mapping[tuple[str, str], Shown]
+    plant: PlantFile
+    told: Mapping[str, Any]
+    seconds: float
+
+    @property
+    def columns(self) -> Mapping[str, tuple[str, str]]:
+        """Unit and meaning of each column of the table."""
+        return COLUMNS
+
+    @property
+    def curves(self) -> pd.DataFrame:
+        """The peak that a method has identified at the end of a segment, beside the true one."""
+        names = ["rails", "method", "seed", "run", "segment", *PEAKS]
+        parts = self.segments[self.segments["segment"] != WHOLE]
+        return parts.loc[np.isfinite(parts["found_slip"]), names].reset_index(drop=True)
+
+    @as_in_commands
+    def plot(self) -> Figure:
+        """What a method uses of the rail, against what it takes of drive and wheel."""
+        return trade(Judged(self.table, self.segments, self.courses))
+
+    def write(self, folder: str | PathLike[str]) -> None:
+        """The tables, figures, report and metadata that the command writes, but for the runs."""
+        path = output_directory(Path(folder))
+        write_table(path / "leaderboard.csv", self.table)
+        write_table(path / "curves.csv", self.curves)
+        pictures = {}
+        for name, draw in FIGURES_OF.items():
+            drawn = draw(Judged(self.table, self.segments, self.courses))
+            drawn.savefig(path / f"{name}.png", dpi=120)
+            pictures[f"{name}.png"] = (path / f"{name}.png").read_bytes()
+        page = leaderboard_page(self.table, self.plant, SYSTEMS[SYSTEM], self.told)
+        (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+        told = {**self.told, "seconds": self.seconds, **runtime.describe()}
+        write_metadata(path / METADATA, told)
+
+    def __repr__(self) -> str:
+        names = [name for name in _TOLD if name in self.table]
+        rate = self.told["plant_steps_per_cpu_second"] / 1e6
+        shown = self.table[names].to_string(
+            index=False, float_format=lambda x: f"{x:.4g}", na_rep="", max_colwidth=40
+        )
+        return (
+            f"{shown}\n\n{self.told['plant_steps']:.3g} plant steps in "
+            f"{self.told['run_cpu_seconds']:.0f} CPU-seconds ({rate:.1f} million a CPU-second), "
+            f"compiled in {self.told['compile_seconds']:.0f} s"
+        )
+
+    def _repr_html_(self) -> str:
+        return self.table.to_html(index=False) + text_html(repr(self))
+
+
+@recorded
+@as_in_commands
+def traction_leaderboard(
+    methods: str | Sequence[str] | Mapping[str, Any] | None = None,
+    plant: str | PathLike[str] | None = None,
+    rails: str | Sequence[str | PathLike[str]] | None = None,
+    law: str | PathLike[str] | None = None,
+    runs: int = 40,
+    budget: int = 64,
+    seed: int = 0,
+    tuning_seed: int = TUNING_SEED,
+    beside: str | PathLike[str] | None = None,
+    step: float | None = None,
+    duration: float = 15.0,
+    workers: int = 1,
+    out: str | PathLike[str] | None = None,
+    resume: bool = False,
+    extend: int = 0,
+    cluster: str | None = None,
+    shared_folder: bool = False,
+) -> Leaderboard:
+    """Tune methods of slip control with equal budgets, and judge them on fresh rails.
+
+    Every method has the same train, sensors, demand, rails and noise. It is tuned on the first of
+    the rails, and judged on all of them. The true optima stand beside the methods.
+
+    Args:
+        methods: names of ENTRANTS, by default all, or methods of your own by name, as
+            `{"mine": Mine()}`: seekers, controllers, observers, or entrants.
+        plant: a TOML file, or the name of a plant that ships; by default that of the HXD1F.
+        rails: names of FAMILIES, or a curves.csv of `identify`; by default exponential rails.
+        law: a law.json of `discover`, whose rails are judged too.
+        runs: number of runs on each family of rails, for each of three seeds.
+        budget: number of configurations that each method is tuned with.
+        seed: the first of the seeds of the rails that methods are judged on.
+        tuning_seed: of the rails that methods are tuned on.
+        beside: a leaderboard.csv whose rows stand beside those of this board.
+        step: of the plant, s.
+        duration: of a run, s.
+        workers: processes, which a script must start under `if __name__ == "__main__":`.
+        out: a folder for the files of the command; what is finished stays there in shards.
+        resume: go on with a board that was interrupted.
+        extend: further runs for the board in the folder.
+        cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
+        shared_folder: those workers see the folder by the same path.
+
+    Returns:
+        The table, the figures of all runs, and the courses of some.
+
+    Raises:
+        InputError: a name or a file cannot be used.
+    """
+    began = time.perf_counter()
+    _check(runs, budget, seed, tuning_seed, workers)
+    if extend and out is not None:
+        runs = extended(Path(out), extend)
+    families, other = _families(rails, law), None if beside is None else _read(beside)
+    system = SYSTEMS[SYSTEM]
+    source = str(plant or system.plant)
+    train = read_plant(shipped().get(source, Path(source)))
+    terms, grid = terms_of(system, train.plant), Grid(step or STEP, duration=duration)
+    entrants = _entrants(methods)
+    tuned_on, family = next(iter(families.items()))
+    timings = [
+        timing_of(terms, grid, f"{name} on {on} rails", entrant, rail)
+        for name, entrant in entrants.items()
+        for on, rail in families.items()
+    ]
+    field = Field(terms, timings[0], entrants)
+    # The optima with a price differ from the one without in what they are told alone.
+    alone = {name: one for name, one in entrants.items() if name not in [*OPTIMA.values()][1:]}
+    to_tune = Tuning(field._replace(entrants=alone), tuned_on, family, budget, tuning_seed)
+    to_judge = Judging(field, families, {}, runs, seed)
+    with (
+        _folder(out) as directory,
+        pool_of(workers, cluster, shared_folder) as pool,
+        opened_for(
+            "leaderboard", [to_judge, to_tune], directory, LEADERBOARD_FILES, resume, extend
+        ) as (folder, stage),
+    ):
+        compute(tuning.content, [to_tune], folder, lambda _: pool)
+        of_tuning = [*read_all(folder, to_tune.name, to_tune.shards)]
+        best = tuned(to_tune, of_tuning)
+        points = {name: best.get(name, best[OPTIMA[0]]).point for name in entrants}
+        compute(judging.content, [to_judge._replace(points=points)], folder, lambda _: pool)
+        of_judging = [*read_all(folder, to_judge.name, to_judge.shards)]
+        write_rows(stage / "segments.parquet", folder, [to_judge])
+        segments = pd.read_parquet(stage / "segments.parquet")
+        versions = {name: versions_of(terms, grid, one) for name, one in families.items()}
+        known = {
+            name: _known(one, best.get(name), best[OPTIMA[0]]) for name, one in entrants.items()
+        }
+        table = table_of(segments, known, versions, tuned_on)
+        if other is not None:
+            table = with_rows(table, other)
+        told = {
+            "system": "leaderboard",
+            "plant": train.title,
+            "rails": {name: one.TITLE for name, one in families.items()},
+            "tuned_on": tuned_on,
+            "runs": runs,
+            "seeds": [*range(seed, seed + SEEDS)],
+            "budget": budget,
+            "tuning_seed": tuning_seed,
+            "tuning_rails": TRIPLES,
+            "step_s": grid.step,
+            "control_period_s": grid.control_period,
+            "duration_s": duration,
+            **_took([*of_tuning, *of_judging]),
+            "million_plant_steps_per_cpu_second": {
+                method: float(one["steps"] / one["seconds"] / 1e6)
+                for (_, on, method), one in zip(to_judge.units, of_judging, strict=True)
+                if on == tuned_on
+            },
+        }
+        courses = shown_of(to_judge, of_judging)
+        found = Leaderboard(table, segments, courses, train, told, time.perf_counter() - began)
+        if out is not None:
+            found.write(stage)
+    return found
+
+
+def _took(shards: Sequence[Arrays]) -> Mapping[str, float]:
+    """What some shards took, all processes together."""
+    steps, seconds, compiling = (
+        sum(float(one[name]) for one in shards) for name in ("steps", "seconds", "compile_seconds")
+    )
+    return {
+        "plant_steps": steps,
+        "plant_steps_per_cpu_second": steps / seconds,
+        "run_cpu_seconds": seconds,
+        "compile_seconds": compiling,
+    }
+
+
+def _check(runs: int, budget: int, seed: int, tuning_seed: int, workers: int) -> None:
+    if not 1 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed <= 2**32 - SEEDS:
+        raise InputError(
+            f"runs are from 1 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
+            f"2**32 - {SEEDS}."
+        )
+    if not 1 <= budget <= 2**16:
+        raise InputError(
+            f"a budget of {budget} configurations is not possible; give 1 to {2**16}, such as 64."
+        )
+    if seed <= tuning_seed < seed + SEEDS:
+        raise InputError(
+            f"methods would be judged on the rails that they are tuned on: the seeds of judging "
+            f"are {seed} to {seed + SEEDS - 1}, and that of tuning is {tuning_seed}; give another "
+            "seed."
+        )
+
+
+def _families(
+    rails: str | Sequence[str | PathLike[str]] | None, law: str | PathLike[str] | None
+) -> Mapping[str, Family]:
+    """The rails by name: a file of curves goes by its own."""
+    named: list[str | PathLike[str]] = (
+        ([] if law else [next(iter(FAMILIES))])
+        if rails is None
+        else [rails]
+        if isinstance(rails, str | PathLike)
+        else [*rails]
+    )
+    found: dict[str, Family] = {}
+    for one in named:
+        if str(one) in FAMILIES:
+            found[str(one)] = FAMILIES[str(one)]
+        elif Path(one).suffix == ".csv":
+            found[Path(one).stem] = rails_of_curves(Path(one))
+        else:
+            raise InputError(
+                f"There are no rails {one}; name {listed([*FAMILIES], 'or')}, or a curves.csv."
+            )
+    return {**found, **({} if law is None else {Path(law).stem: rails_of_law(Path(law))})}
+
+
+def _entrants(methods: str | Sequence[str] | Mapping[str, Any] | None) -> Mapping[str, Entrant]:
+    """The methods by name, and the true optima; InputError for a name that there is not."""
+    optima = {name: sought(TrueOptimum(float(price))) for price, name in OPTIMA.items()}
+    if isinstance(methods, Mapping):
+        known = {**ENTRANTS, **optima}
+        taken = [name for name, own in methods.items() if known.get(name, own) is not own]
+        if taken:
+            raise InputError(
+                f"{listed(taken)} is the name of a method of the package; name yours otherwise."
+            )
+        return {**optima, **{name: made("entrant", name, own) for name, own in methods.items()}}
+    names = [*ENTRANTS] if methods is None else [methods] if isinstance(methods, str) else methods
+    unknown = [called(name) for name in names if name not in ENTRANTS and name not in optima]
+    if unknown:
+        raise InputError(
+            f"There is no method {listed(unknown)}; name some of {', '.join(ENTRANTS)}, or give "
+            "methods of your own by name: {'mine': Mine()}."
+        )
+    return {**optima, **{name: ENTRANTS[name] for name in names if name not in optima}}
+
+
+def _known(entrant: Entrant, own: Tuned | None, optimum: Tuned) -> Known:
+    """What is known of a method: an optimum with a price has the numbers of the one without."""
+    numbers = [
+        f"{place.partition('.')[0]} {place.rpartition('.')[2]} {float(one.at(share)):.4g}"
+        for (place, one), share in zip(
+            box(entrant).items(), jnp.asarray((own or optimum).point), strict=True
+        )
+    ]
+    seeker = entrant.seeker
+    return Known(
+        seeker is not None and seeker.told_price is not None,
+        np.nan if own is None else own.promised,
+        np.nan if own is None else own.promised_se,
+        ", ".join(numbers),
+        *(own or optimum).cost,
+    )
+
+
+@contextmanager
+def _folder(out: str | PathLike[str] | None) -> Iterator[Path]:
+    """The folder of the results, or one that passes."""
+    if out is not None:
+        yield output_directory(Path(out))
+        return
+    with TemporaryDirectory() as passing:
+        yield Path(passing)
+
+
+def _read(board: str | PathLike[str]) -> pd.DataFrame:
+    """The rows of another board; InputError where the file is none."""
+    try:
+        found = pd.read_csv(board, keep_default_na=False, na_values=[""])
+    except OSError as error:
+        reason = error.strerror
+        raise InputError(f"{board} cannot be read ({reason}); name a leaderboard.csv.") from None
+    except ValueError:
+        raise InputError(f"{board} is no table; name a leaderboard.csv.") from None
+    lacks = [name for name in COLUMNS if name not in found]
+    if lacks:
+        raise InputError(f"{board} is no leaderboard.csv: it lacks {listed(lacks)}.")
+    words = [name for name, (unit, _) in COLUMNS.items() if found[name].dtype == object]
+    return found.assign(**{name: found[name].fillna("") for name in words})

@@ -1,0 +1,1 @@
+"""The leaderboard of slip control: figures and page."""
