@@ -23,7 +23,8 @@ def overview(jobs: Sequence[Job], campaigns: Sequence[Campaign]) -> pd.DataFrame
     Of a stream they are those of the second half of each rail (`steady`), of blocks those of the
     summary. `rmse` is a share of the truth; `microseconds` and `bytes` are the time of a point or
     of a sample and the size of the state that a method carries from one to the next. The ratio to
-    the bound is that of those rails on which it has one.
+    the bound is that of those rails on which it has one; where none has, because the box cuts
+    estimates off (`cut_off`), it is that of all, and may be less than 1 for this alone.
     """
     parts = [_of_scenario(job, found) for job, found in zip(jobs, campaigns, strict=True)]
     return pd.concat(parts, ignore_index=True)
@@ -43,11 +44,16 @@ def _of_scenario(job: Job, campaign: Campaign) -> pd.DataFrame:
             "identifier": name,
             "rmse": float(np.sqrt(np.mean(np.square(own["rmse"] / own["truth"])))),
         }
+        cut_off = not own["rmse_over_crlb"].notna().any()
+        if cut_off:
+            ratios = {"rmse_over_crlb": own["rmse"], "rmse_over_crlb_se": own["rmse_se"]}
+            own = own.assign(**{column: error / own["crlb"] for column, error in ratios.items()})
         for column in _MEANS:
-            known = own[own[column].notna()]  # where the box cuts estimates off there is no ratio
+            known = own[own[column].notna()]
             row[column] = float(known[column].mean())
             error = np.sqrt(np.sum(known[f"{column}_se"] ** 2)) / max(len(known), 1)
             row[f"{column}_se"] = float(error) if len(known) else np.nan
+        row["cut_off"] = cut_off
         row["failure_share"] = float(own["failure_share"].mean())
         row |= _tracked(campaign, name)
         row["microseconds"] = 1e6 * float(own["seconds_per_identification"].mean()) / points

@@ -24,6 +24,7 @@ def table_of(ratios, coverages, failures=None):
                     "rmse": 0.001 * ratio,
                     "rmse_over_crlb": ratio,
                     "rmse_over_crlb_se": 0.02,
+                    "cut_off": False,
                     "coverage95": coverage,
                     "coverage95_se": 0.01,
                     "failure_share": (failures or {}).get(name, 0.0),
@@ -62,6 +63,24 @@ def test_the_advice_is_that_of_the_numbers():
     assert not any("None of these" in word for word in words)
     words = advice(table_of(turned, coverages, {"steady": 0.02}))
     assert words[0].startswith("For a controller take wide")
+
+
+def test_what_a_box_cuts_off_is_shown_in_brackets_and_not_advised():
+    table = table_of({"one": (1.0, 1.2, 1.5)}, {"one": (0.95, 0.95, 0.95)})
+    cut = {**table.iloc[-1], "scenario": "coloured", "rmse_over_crlb": 0.7, "cut_off": True}
+    boxed = {**table.iloc[-1], "identifier": "boxed", "rmse_over_crlb": 0.6, "cut_off": True}
+    both = pd.concat([table, pd.DataFrame([cut, boxed])], ignore_index=True)
+    assert advice(both) == advice(table)
+    texts = [text.get_text() for text in figure(both).axes[0].texts]
+    assert sorted(texts) == ["(0.6)", "(0.7)", "1", "1.01", "1.2", "1.5"]
+
+
+def test_a_stream_that_few_methods_take_decides_nothing():
+    ratios = {"one": (1.0, 1.2, 1.5), "two": (1.1, 1.3, 1.6), "filter": (2.0, 2.0, 2.0)}
+    table = table_of(ratios, dict.fromkeys(ratios, (0.95, 0.95, 0.95)))
+    own = {**table[table["identifier"] == "filter"].iloc[0], "scenario": "stream-slope"}
+    words = advice(pd.concat([table, pd.DataFrame([own])], ignore_index=True))
+    assert words[0].startswith("For a controller take one: over 3 streams")
 
 
 def test_intervals_that_none_can_give_are_named():

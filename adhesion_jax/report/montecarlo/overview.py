@@ -45,6 +45,8 @@ def figure(table: pd.DataFrame) -> Figure:
         cells = found.reindex(pd.MultiIndex.from_product((names, scenarios)))
         values = cells.to_numpy(dtype=float).reshape(len(names), -1)
         _cells(axis, values, written, scale, column == "coverage95")
+        if column == "rmse_over_crlb":
+            _bracketed(axis, table[table["cut_off"]], names, scenarios)
         axis.set_yticks(range(len(names)), names, fontsize=8)
         axis.tick_params(length=0)
         axis.set_title(title, fontsize=10)
@@ -69,8 +71,22 @@ def _cells(
             axis.text(column, row, written(value), ha="center", va="center", fontsize=7, color=ink)
 
 
+def _bracketed(
+    axis: Axes, rows: pd.DataFrame, names: Sequence[str], scenarios: Sequence[str]
+) -> None:
+    """Brackets about the numbers of these rows."""
+    cells = {
+        (scenarios.index(scenario), names.index(name))
+        for scenario, name in zip(rows["scenario"], rows["identifier"], strict=True)
+    }
+    for text in axis.texts:
+        if text.get_position() in cells:
+            text.set_text(f"({text.get_text()})")
+
+
 def advice(table: pd.DataFrame) -> list[str]:
     """Which method to take for a controller, a log and a benchmark, and what none can do."""
+    table = table.assign(rmse_over_crlb=table["rmse_over_crlb"].mask(table["cut_off"]))
     sure = table[table["failure_share"] <= _FAILS]
     streams = sure[sure["kind"] == "stream"]
     words = []
@@ -84,7 +100,9 @@ def advice(table: pd.DataFrame) -> list[str]:
 
 
 def _scores(streams: pd.DataFrame) -> pd.DataFrame:
-    """A row for each method that ran on all streams: what it is worth over them."""
+    """A row for each method that ran on all streams that most methods take: its worth on them."""
+    takers = streams.groupby("scenario")["identifier"].transform("count")
+    streams = streams[takers > takers.max() / 2]
     many = streams.groupby("identifier", sort=False)
     scores = pd.DataFrame(
         {
@@ -173,7 +191,9 @@ def page(table: pd.DataFrame, runs: int, picture: str) -> Page:
     words = advice(table)
     caption = (
         "A row is a method, a column a scenario, the darker the worse; where a cell is empty the "
-        "method does not take the scenario, or there is no such figure."
+        "method does not take the scenario, or there is no such figure. In brackets: more than 1 % "
+        "of the estimates lie on a bound of their box, which alone may bring the error below the "
+        "bound that holds without a box."
     )
     how = (
         f"Over {runs} runs of each scenario. Of a stream the figures are those of the second half "
