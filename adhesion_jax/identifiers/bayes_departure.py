@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.identifiers.base import Estimate, Identifier, Status, as_arrays, needs_blocks
+from adhesion_jax.identifiers.base import Estimate, Identifier, Status, as_arrays
+from adhesion_jax.identifiers.online import LARGEST
 from adhesion_jax.metrics.information import quantity_names
 from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.records import Known, Record
@@ -104,6 +105,29 @@ def summed(record: Record) -> Sums:
         points.astype(float),
         jnp.max(size),
     )
+
+
+def joined(before: Sums, after: Sums) -> Sums:
+    """Of two stretches of samples, one of which follows the other."""
+    none = before.points == 0
+    across = jnp.outer(after.first, before.last)  # 0 where either has no sample
+    return Sums(
+        before.same + after.same,
+        before.next + after.next + across,
+        jnp.where(none, after.first, before.first),
+        jnp.where(after.points == 0, before.last, after.last),
+        before.points + after.points,
+        jnp.maximum(before.largest, after.largest),
+    )
+
+
+def usable(record: Record) -> Record:
+    """The samples of a stretch that tell something of a curve, before the others."""
+    possible = jnp.isfinite(record.slip) & (jnp.abs(record.adhesion) <= LARGEST)
+    mask = record.mask & possible & (record.slip != 0)
+    order = jnp.argsort(~mask, stable=True)
+    slip, adhesion = (jnp.where(mask, one, 0.0)[order] for one in (record.slip, record.adhesion))
+    return Record(slip, adhesion, mask[order], mask[order], {})
 
 
 def whitened(sums: Sums, memory: Value) -> Float[Array, "all all"]:
@@ -203,10 +227,9 @@ def members(sums: Sums) -> Members:
 
 class BayesState(NamedTuple):
     known: Known
-    members: Members
-    objective: Value
+    sums: Sums
     finite: Whether
-    points: Count
+    points: Count  # of the last block, or of the stream so far
     skipped: Count
 
 
@@ -218,44 +241,51 @@ class BayesDeparture(Identifier):
     members, equally likely beforehand and weighed by their evidence, which is closed
     (`members_of`). Each has a peak, whose height has the variance of the curve there; the estimate
     is the mean of the mixture, with the variance within the members and between them. The peak is
-    looked for up to the largest slip of the block. There are no parameters to report, so these are
-    NaN; the objective is the mean of the members' sums of squares, made white.
+    looked for up to the largest slip. A block is judged alone, a stream as a whole: what one sample
+    adds to the sums is exact, and nothing is forgotten, so that the rail must stay. There are no
+    parameters to report, so these are NaN; the objective is the mean of the members' sums of
+    squares, made white.
     Source: Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63:425-464 (departure from a model);
     Zellner 1971, Bayesian Inference in Econometrics, sections 3.1 and 4.1.
     """
 
     FITS_LAST_RECORD = False
     RESETS = False
+    KNOWS_MEMORY = True
 
     def accepts(self, known: Known) -> str | None:
         if known.curve.NEEDS or "mu_max" not in known.asked:
             return "it looks for the peak of a curve that depends on slip alone"
-        return needs_blocks(known)
+        return None
 
     def init(self, known: Known, key: PRNGKeyArray) -> BayesState:
-        none, zero = jnp.zeros(len(STEEP) * len(SIZES) * len(MEMORIES)), jnp.zeros(())
-        peak = known.curve.peak(known.conditions, known.slip_limit)
-        start = Members(none, none + peak.adhesion, none + peak.slip, none, none, none)
-        no = jnp.int32(0)
-        return as_arrays(BayesState(known, start, zero, zero == 0, no, no))
+        nothing = jnp.zeros((1,), dtype=bool)
+        sums = summed(Record(jnp.zeros(1), jnp.zeros(1), nothing, nothing, {}))
+        none = jnp.int32(0)
+        return as_arrays(BayesState(known, sums, jnp.ones((), dtype=bool), none, none))
 
     def update(self, state: BayesState, record: Record) -> BayesState:
-        """From this block alone; one that is not finite is left out whole."""
+        """A block that is not finite is left out whole, of a stream the sample."""
+        points = jnp.sum(record.mask, dtype=jnp.int32)
+        if state.known.by_sample:
+            clean = usable(record)
+            still = jnp.sum(record.mask & (record.slip == 0), dtype=jnp.int32)
+            taken = jnp.sum(clean.mask, dtype=jnp.int32)
+            sums = joined(state.sums, summed(clean))
+            skipped = points - taken - still
+            return BayesState(state.known, sums, state.finite, state.points + taken, skipped)
         sums = summed(record)
         finite = jnp.isfinite(sums.same[-1, -1]) & jnp.isfinite(sums.largest)
-        points = jnp.sum(record.mask, dtype=jnp.int32)
         used = finite & (points > _FEWEST)
-        clean = jax.tree.map(lambda new: jnp.where(used, new, jnp.ones_like(new)), sums)
-        found = jax.tree.map(
-            lambda new, old: jnp.where(used, new, old), members(clean), state.members
-        )
-        weight = jax.nn.softmax(found.evidence)
-        objective = jnp.maximum(points - 2.0, 0.0) * (weight @ found.variance)
-        skipped = jnp.where(finite, 0, points)
-        return BayesState(state.known, found, objective, finite, points, skipped)
+        sums = jax.tree.map(lambda new, old: jnp.where(used, new, old), sums, state.sums)
+        return BayesState(state.known, sums, finite, points, jnp.where(finite, 0, points))
 
     def estimate(self, state: BayesState) -> Estimate:
-        of = state.members
+        known, enough = state.known, state.sums.points > _FEWEST
+        clean = jax.tree.map(lambda one: jnp.where(enough, one, jnp.ones_like(one)), state.sums)
+        start, zero = known.curve.peak(known.conditions, known.slip_limit), jnp.zeros(())
+        before = Members(zero, start.adhesion, start.slip, zero, zero, zero)
+        of = jax.tree.map(lambda new, old: jnp.where(enough, new, old), members(clean), before)
         weight = jax.nn.softmax(of.evidence)
         peak, slip = weight @ of.peak, weight @ of.slip
         apart = jnp.stack([of.peak - peak, of.slip - slip])
@@ -277,7 +307,7 @@ class BayesDeparture(Identifier):
             OrderedDict(zip(names, jnp.append(none, jnp.stack([peak, slip])), strict=True)),
             jnp.full((free + 2, free + 2), jnp.nan).at[free:, free:].set(covariance),
             status,
-            state.objective,
+            jnp.maximum(state.sums.points - 2, 0.0) * (weight @ of.variance),
             jnp.zeros((), dtype=bool),
             jnp.asarray(jnp.nan),
             jnp.int32(of.evidence.size),

@@ -1,5 +1,6 @@
 """The weighed family of curves: against dense matrices, and by Monte Carlo where others fail."""
 
+import dataclasses
 import functools
 
 import jax
@@ -130,3 +131,38 @@ def test_its_interval_holds_the_truth_under_correlated_noise_and_of_another_curv
 def test_it_says_why_it_declines():
     assert "one at a time" in METHOD.accepts(build("drift").known)
     assert "slip alone" in METHOD.accepts(build("fang2018-slope").known)
+
+
+def test_a_stream_is_after_every_sample_what_the_block_of_its_samples_is():
+    """Without the samples that are no numbers, and those at standstill, which are not counted."""
+    block = build("single").known
+    stream = dataclasses.replace(block, by_sample=True)
+    record = record_of(60, 60, seed=4)
+    at = np.array([5, 6, 20, 41])
+    slip = np.insert(np.asarray(record.slip), at, [np.nan, 0.0, 0.05, 0.1])
+    adhesion = np.insert(np.asarray(record.adhesion), at, [0.1, 0.08, np.inf, 50.0])
+    every = jnp.ones((slip.size, 1), dtype=bool)
+    one_by_one = Record(
+        jnp.asarray(slip)[:, None], jnp.asarray(adhesion)[:, None], every, every, {}
+    )
+    found = jax.jit(identify)(METHOD, stream, one_by_one, jax.random.key(0))
+    np.testing.assert_array_equal(np.flatnonzero(found.skipped), at[[0, 2, 3]] + [0, 2, 3])
+    used = np.delete(np.arange(slip.size), at + np.arange(4))
+
+    seen = jnp.arange(60) < np.arange(1, 61)[:, None]
+    columns = (jnp.broadcast_to(column, seen.shape) for column in record[:2])
+    growing = Record(*columns, seen, seen, {})
+    expected = jax.jit(identify)(METHOD, block, growing, jax.random.key(0))
+    for name in ("mu_max", "slip_opt"):
+        np.testing.assert_allclose(
+            np.asarray(found.values[name])[used], expected.values[name], rtol=1e-9
+        )
+    covariance = np.asarray(found.covariance)[used, 3:, 3:]
+    np.testing.assert_allclose(covariance, expected.covariance[:, 3:, 3:], rtol=1e-6)
+    np.testing.assert_allclose(np.asarray(found.objective)[used], expected.objective, rtol=1e-6)
+    np.testing.assert_array_equal(np.asarray(found.status)[used], expected.status)
+    # Many samples in a record are the same as one by one.
+    whole = jax.tree.map(lambda column: column.reshape(1, -1), one_by_one)
+    at_once = jax.jit(identify)(METHOD, stream, whole, jax.random.key(0))
+    np.testing.assert_allclose(at_once.values["mu_max"][0], found.values["mu_max"][-1], rtol=1e-9)
+    assert at_once.skipped[0] == 3
