@@ -34,13 +34,19 @@ _PANELS: Sequence[tuple[str, str, Callable[[float], str], Normalize]] = (
 
 
 def figure(table: pd.DataFrame) -> Figure:
-    """A panel for each figure: a row for each method, a column for each scenario, with numbers."""
+    """A panel for each figure: a column for each scenario, a row for each method that has one."""
     ordered = table.sort_values("kind", ascending=False, kind="stable")  # streams first
-    names, scenarios = (list(dict.fromkeys(ordered[x])) for x in ("identifier", "scenario"))
-    size = (0.5 * len(scenarios) + 3.0, (0.28 * len(names) + 0.6) * len(_PANELS) + 1.6)
+    scenarios = list(dict.fromkeys(ordered["scenario"]))
+    of = {
+        panel: list(dict.fromkeys(ordered[ordered[panel[0]].notna()]["identifier"]))
+        for panel in _PANELS
+    }
+    of = {panel: names for panel, names in of.items() if names}
+    heights = [0.28 * len(names) + 0.6 for names in of.values()]
+    size = (0.5 * len(scenarios) + 3.0, sum(heights) + 1.6)
     drawn = Figure(figsize=size, dpi=110, layout="constrained")
-    axes = drawn.subplots(len(_PANELS), 1, sharex=True)
-    for axis, (column, title, written, scale) in zip(axes, _PANELS, strict=True):
+    axes = drawn.subplots(len(of), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    for axis, ((column, title, written, scale), names) in zip(axes, of.items(), strict=True):
         found = table.set_index(["identifier", "scenario"])[column]
         cells = found.reindex(pd.MultiIndex.from_product((names, scenarios)))
         values = cells.to_numpy(dtype=float).reshape(len(names), -1)
