@@ -1,7 +1,7 @@
 """A Monte Carlo campaign: every identifier on the same runs, and tables of what they add up to."""
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -142,22 +142,28 @@ def _accuracy_tables(job: Job, totals: Totals) -> dict[str, pd.DataFrame]:
     none = np.full((1, len(scenario.rails), len(scenario.quantities())), np.nan)
     truth = truth_of(scenario, none)
     methods = [*job.methods]
-    frames: dict[str, list[pd.DataFrame]] = {name: [] for name in scenario.tables()}
+    parts: dict[str, list[dict[str, Any]]] = {name: [] for name in scenario.tables()}
     for place, row in enumerate(job.rows):
-        seconds = totals.sums.seconds.at(methods.index(row.identifier))
-        moments = totals.sums.accuracy.at(place)
-        table = pd.DataFrame(table_rows(moments, truth, row.group.blocks, seconds))
-        names: dict[str, str | int] = {
+        names = {
             "scenario": job.config.scenario,
             "identifier": row.identifier,
             "rail": row.group.rail,
+            **({} if row.group.k is None else {"k": row.group.k}),
         }
-        if row.group.k is not None:
-            names["k"] = row.group.k
-        for column, (name, value) in enumerate(names.items()):
-            table.insert(column, name, value)
-        frames[row.table].append(table)
-    return {name: pd.concat(parts, ignore_index=True) for name, parts in frames.items()}
+        seconds = totals.sums.seconds.at(methods.index(row.identifier))
+        moments = totals.sums.accuracy.at(place)
+        parts[row.table].append({**names, **table_rows(moments, truth, row.group.blocks, seconds)})
+    return {name: _one_below_the_other(of_table) for name, of_table in parts.items()}
+
+
+def _one_below_the_other(parts: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Parts of a table, each of which has a row for each quantity, or one value for all of them."""
+    return pd.DataFrame(
+        {
+            name: np.concatenate([np.broadcast_to(p[name], len(p["quantity"])) for p in parts])
+            for name in parts[0]
+        }
+    )
 
 
 def _tracking_table(job: Job, totals: Totals) -> pd.DataFrame:
@@ -175,9 +181,9 @@ def _tracking_table(job: Job, totals: Totals) -> pd.DataFrame:
 
 def _bands(job: Job, totals: Totals) -> pd.DataFrame:
     centre, scale = scales(job.tiles)
-    frames = []
+    counted, frames = job.counted, []
     for place, name in enumerate(job.names):
-        for number, quantity in enumerate(job.counted):
+        for number, quantity in enumerate(counted):
             counts = totals.counts[place, :, number]
             if number < centre.shape[1]:
                 middle = middles(centre[:, number], scale[:, number])

@@ -98,11 +98,11 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
         name: jax.tree.map(lambda *x: np.concatenate(x)[:runs], *of_name)
         for name, of_name in parts.items()
     }
-    truth = truth_of(scenario, np.concatenate(bounds)[:runs])
+    truth, longest = truth_of(scenario, np.concatenate(bounds)[:runs]), job.longest
     sums = Sums(
         accuracy=_accuracy(job, found, truth, _pooled(scenario, np.asarray(records.fresh), truth)),
         tracking=_tracking(job, found, truth, records.fresh.shape[-1]),
-        delays=np.stack([delay_counts(found[name].tracking, job.longest) for name in job.names]),
+        delays=np.stack([delay_counts(found[name].tracking, longest) for name in job.names]),
         seconds=Moments.of({"seconds": np.array(seconds)}),
     )
     rows = estimate_rows(
@@ -229,20 +229,19 @@ def _tracking(job: Job, found: Mapping[str, Found], truth: Truth, points: int) -
 def _counts(job: Job, found: Mapping[str, Found]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """The estimates after each block counted in bins: the places that are not zero, the numbers."""
     centre, scale = scales(job.tiles)
-    blocks, quantities = centre.shape[0], len(job.counted)
-    every = np.arange(blocks * quantities).reshape(blocks, quantities) * (BINS + 1)
+    asked, blocks, quantities = job.scenario.quantities(), len(centre), len(job.counted)
+    every = np.arange(blocks * quantities).reshape(blocks, quantities) * BINS
     places, numbers = [], []
     for place, name in enumerate(job.names):
         one = found[name]
-        values = np.stack([one.values[q] for q in job.scenario.quantities()], axis=-1)
+        values = np.stack([one.values[q] for q in asked], axis=-1)
         bins = bins_of(values, centre, scale)
         if quantities > bins.shape[-1]:
             bins = np.concatenate([bins, share_bins_of(one.kept_share)[..., None]], axis=-1)
-        count = np.bincount((bins + every).ravel(), minlength=every.size * (BINS + 1))
-        known = count.reshape(-1, BINS + 1)[:, :BINS].ravel()  # the last is of what is no number
-        there = np.flatnonzero(known)
-        places.append(there + place * known.size)
-        numbers.append(known[there].astype(np.int32))
+        # Sorted, and not counted in an array of all places, of which few have a run.
+        there, count = np.unique((bins + every)[bins < BINS], return_counts=True)
+        places.append(there + place * every.size * BINS)
+        numbers.append(count.astype(np.int32))
     return np.concatenate(places), np.concatenate(numbers)
 
 

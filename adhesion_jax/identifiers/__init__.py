@@ -62,11 +62,13 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "rls-slope": rls_slope,
 }
 
-#: Variants that explain a published method, and what takes as long as all others together; they
-#: run only when named.
+#: Variants that explain a published method, solvers that find what `lm-jaxopt` and `gn-optimistix`
+#: find, and what takes as long as all others together; they run only when named.
 ABLATIONS = (
     "ml-de-eq16",
     "ml-de-eq17",
+    "gn-jaxopt",
+    "lm-optimistix",
     "bayes-departure",
     "varpro-forgetting",
     "varpro-forgetting-offset",

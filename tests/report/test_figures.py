@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from scipy.stats import norm
 
 from adhesion_jax.report.montecarlo import figures
 from experiments.claims import report as claims
@@ -79,25 +80,36 @@ def test_the_histogram_has_the_density_of_each_method_the_truth_and_the_bound():
         }
     )
     axes = figures.histogram(summary, densities({"dry": 0.3, "wet": 0.1}, 0.03)).axes
+    assert [text.get_text() for text in axes[0].get_yticklabels()] == ["one", "other"]
     for axis, rail, truth in zip(axes, ("dry", "wet"), (0.3, 0.1), strict=True):
-        assert axis.get_title() == f"{rail} rail"
         assert axis.get_xlabel() == r"maximum adhesion $\mu_{max}$ (1)"
-        assert axis.get_ylabel() == "probability density (1)"
-        (line,) = axis.get_lines()
+        *curves, line = axis.get_lines()
         assert line.get_xdata() == pytest.approx([truth, truth])
-        one, other, band = axis.patches
-        assert (one.get_label(), other.get_label()) == ("one", "other")
-        density, edges, _ = one.get_data()
-        # Three of four estimates lie on the axis, and one beyond is told.
-        assert (edges[0], edges[-1]) == pytest.approx((truth - 0.03, truth + 0.03))
-        assert np.sum(density * np.diff(edges)) == pytest.approx(0.75)
-        mean = np.sum(density * np.diff(edges) * (edges[1:] + edges[:-1]) / 2) / 0.75
-        assert mean == pytest.approx(truth - 0.02 / 3, abs=np.diff(edges)[0])
-        assert [text.get_text() for text in axis.texts] == [
-            "beyond the axis\none: 25 %\nother: 25 %"
-        ]
-        assert band.get_x() == pytest.approx(truth - 1.96 * 0.005)
-        assert band.get_width() == pytest.approx(2 * 1.96 * 0.005)
+        # A quarter of the estimates of each method lies in one bin of .001.
+        high = 1.1 * 0.25 / 0.001
+        assert axis.get_title() == f"{rail} rail, a row is {high:.3g} high"
+        for place, (steps, curve) in enumerate(zip(axis.patches, curves, strict=True)):
+            values, edges, base = steps.get_data()
+            density = high * (values - base)
+            assert base == -place
+            # Three of four estimates lie on the axis, and one beyond is told.
+            assert (edges[0], edges[-1]) == pytest.approx((truth - 0.03, truth + 0.03))
+            assert np.sum(density * np.diff(edges)) == pytest.approx(0.75)
+            mean = np.sum(density * np.diff(edges) * (edges[1:] + edges[:-1]) / 2) / 0.75
+            there = np.array([-0.02, -0.01, 0.01]) + 0.005 * place
+            assert mean == pytest.approx(truth + there.mean(), abs=np.diff(edges)[0])
+            x, normal = curve.get_xdata(), high * (curve.get_ydata() + place)
+            assert normal == pytest.approx(norm.pdf(x, truth, 0.005), rel=1e-9, abs=1e-9)
+        assert [text.get_text() for text in axis.texts] == ["25 % beyond", "25 % beyond"]
+
+
+def test_the_histogram_draws_what_has_no_bound_and_no_estimate_on_its_axis():
+    names = {"scenario": "one", "rail": "dry", "identifier": "lost", "quantity": "mu_max"}
+    summary = pd.DataFrame([{**names, "truth": 0.3}])
+    bins = pd.DataFrame({**names, "lower": [0.2, 0.3], "upper": [0.3, 0.4], "density": 0.0})
+    for bound in (np.nan, 0.0):
+        (axis,) = figures.histogram(summary.assign(crlb=bound), bins).axes
+        assert [text.get_text() for text in axis.texts] == ["100 % beyond"]
 
 
 def test_tracking_shows_the_median_the_band_the_truth_and_the_error_in_per_cent():

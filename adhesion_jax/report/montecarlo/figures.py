@@ -35,54 +35,80 @@ _LEGEND: Mapping[str, Any] = {
     "frameon": True,
 }
 
+#: What the dashed lines of the histogram are.
+_BEST = "normal distribution with the Cramér-Rao bound"
+
 #: A share below this is rounding.
 _NONE_OUTSIDE = 1e-9
 
 
 def histogram(summary: pd.DataFrame, densities: pd.DataFrame) -> Figure:
-    """mu_max of every identifier with truth and bound, one panel per scenario and rail.
+    """mu_max by every identifier, a row each, with truth and bound; a panel per scenario and rail.
 
     `densities` has a row for each scenario, rail, identifier and bin (lower, upper, density). The
-    share of estimates beyond the axis is written in the panel. After He et al. 2018, Fig. 12, 17.
+    rows of a panel have one scale, which its title tells. The share of estimates beyond the axis is
+    written in the row. After He et al. 2018, Fig. 12, 17.
     """
-    rows = summary[summary["quantity"] == "mu_max"]
-    panels = list(dict.fromkeys(zip(rows["scenario"], rows["rail"], strict=True)))
-    names = list(dict.fromkeys(rows["identifier"]))
-    several = len({scenario for scenario, _ in panels}) > 1
-    styles = line_styles(names)
-    columns = min(len(panels), 3)
-    lines = -(-len(panels) // columns)
-    size = (5.2 * max(columns, 1.4), 4.2 * lines + 1.0)
-    figure = Figure(figsize=size, dpi=_FEW_PANELS, layout="constrained")
-    axes = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axis in axes[len(panels) :]:
-        axis.set_axis_off()
-    truth = rows.groupby(["scenario", "rail"])["truth"].first()
-    bound = rows.groupby(["scenario", "rail"])["crlb"].first()
-    beyond: dict[tuple[str, str], list[str]] = {panel: [] for panel in panels}
-    drawn = densities.groupby(["scenario", "rail", "identifier"], sort=False)
-    for key, bins in drawn:
-        scenario, rail, name = map(str, key)
-        axis = axes[panels.index((scenario, rail))]
-        edges = np.append(bins["lower"].to_numpy(), bins["upper"].iloc[-1])
-        outside = 1 - float((bins["density"] * (bins["upper"] - bins["lower"])).sum())
-        if outside > _NONE_OUTSIDE:
-            beyond[scenario, rail].append(f"{name}: {100 * outside:.3g} %")
-        style = {part: styles[name][part] for part in ("color", "linestyle")}
-        axis.stairs(bins["density"], edges, label=name, linewidth=1.3, **style)
-    for panel, axis in zip(panels, axes, strict=False):
-        centre, width = truth[panel], bound[panel]
-        axis.axvline(centre, color="0.4", linewidth=1, label="truth")
-        if np.isfinite(width):
-            band = (centre - 1.96 * width, centre + 1.96 * width)
-            axis.axvspan(*band, color="0.9", zorder=0, label="truth ± 1.96 × Cramér-Rao bound")
-        title = f"{panel[0]}: {panel[1]} rail" if several else f"{panel[1]} rail"
-        axis.set(title=title, xlabel=LABELS["mu_max"], ylabel="probability density (1)")
-        if beyond[panel]:
-            note = "\n".join(["beyond the axis", *beyond[panel]])
-            axis.text(0.02, 0.98, note, transform=axis.transAxes, va="top", fontsize=7)
-    one_legend(figure, axes, **_LEGEND)
+    peaks = summary[summary["quantity"] == "mu_max"]
+    drawn = dict(iter(densities.groupby(["scenario", "rail", "identifier"], sort=False)))
+    lines = {
+        str(scenario): ([*dict.fromkeys(of["rail"])], [*dict.fromkeys(of["identifier"])])
+        for scenario, of in peaks.groupby("scenario", sort=False)
+    }
+    # In inches: margins about the panels, a panel, and what is between two.
+    left, wide, between, below, row = 1.6, 3.0, 0.15, 0.9, 0.34
+    columns = max(len(rails) for rails, _ in lines.values())
+    entries = min(columns, 3)  # of the legend side by side
+    width = left + columns * (wide + between)
+    height = sum(row * len(names) + below for _, names in lines.values()) + 0.8 - 0.1 * entries
+    figure = Figure(figsize=(width, height), dpi=_FEW_PANELS)
+    above = 0.4
+    for scenario, (rails, names) in lines.items():
+        tall = row * len(names)
+        bottom = height - above - tall
+        for column, rail in enumerate(rails):
+            start = left + column * (wide + between)
+            size = wide / width, tall / height
+            axis = figure.add_axes((start / width, bottom / height, *size))
+            told = peaks[(peaks["scenario"] == scenario) & (peaks["rail"] == rail)].iloc[0]
+            of_names = {name: drawn[scenario, rail, name] for name in names}
+            high = _rows(axis, of_names, float(told["truth"]), float(told["crlb"]))
+            axis.tick_params("y", labelleft=column == 0, labelsize=9)
+            title = f"{rail} rail, a row is {high:.3g} high"
+            axis.set_title(f"{scenario}, {title}" if len(lines) > 1 else title, fontsize=9)
+        above += tall + below
+    one_legend(figure, figure.axes[:1], ncols=entries)
     return figure
+
+
+def _rows(axis: Axes, densities: Mapping[str, pd.DataFrame], truth: float, bound: float) -> float:
+    """The density of each method above a line of its own, and the height of a row."""
+    (low, *_), (*_, high) = (next(iter(densities.values()))[end] for end in ("lower", "upper"))
+    x = np.linspace(low, high, 200)
+    sd = bound if bound > 0 else np.nan
+    best = np.exp(-(((x - truth) / sd) ** 2) / 2) / (sd * np.sqrt(2 * np.pi))
+    every = np.concatenate([best, *(bins["density"] for bins in densities.values())])
+    top = 1.1 * float(np.nanmax(every)) or 1.0
+    for place, bins in enumerate(densities.values()):
+        edges = np.append(bins["lower"], bins["upper"].iloc[-1])
+        axis.stairs(
+            bins["density"] / top - place,
+            edges,
+            baseline=-place,
+            fill=True,
+            color="0.75",
+            label="probability density of the estimates",
+        )
+        axis.plot(x, best / top - place, "k--", linewidth=0.8, label=_BEST)
+        outside = 1 - float((bins["density"] * np.diff(edges)).sum())
+        if outside > _NONE_OUTSIDE:
+            beyond = f"{100 * outside:.3g} % beyond"
+            axis.text(high - 0.01 * (high - low), 0.5 - place, beyond, ha="right", fontsize=7)
+    axis.axvline(truth, color="k", linewidth=0.8, label="truth")
+    axis.set(xlim=(low, high), ylim=(1 - len(densities), 1), xlabel=LABELS["mu_max"])
+    axis.set_yticks(-np.arange(len(densities)), densities)
+    axis.xaxis.set_major_locator(MaxNLocator(4))
+    return top
 
 
 def tracking(truth: pd.DataFrame, bands: pd.DataFrame) -> Figure:
