@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 import adhesion_jax as aj
 from adhesion_jax.campaign.tiles import Tiles
 from adhesion_jax.curves import free_values
-from adhesion_jax.inference.cosines import COSINES, Blocks, by_cosines
+from adhesion_jax.inference.cosines import COSINES, Blocks, _sine, by_cosines
 from adhesion_jax.inference.curve_errors import cosine_errors
 from adhesion_jax.metrics.information import quantities
 from adhesion_jax.records import OWN_SLIP, SHARED_SLIP, Known, Record
@@ -107,3 +107,8 @@ def test_the_interval_by_cosines_holds_the_peak_in_all_cells(truth, slips, corre
 def test_a_method_that_does_not_fit_the_last_block_has_no_such_interval():
     table = aj.montecarlo("single", ["ml-pooled"], runs=2).summary
     assert table["coverage95_robust"].isna().all()
+
+
+def test_the_series_of_the_cosines_is_that_of_the_sine():
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 10_001)
+    np.testing.assert_allclose(_sine(angles), np.sin(angles), rtol=0, atol=5e-16)
