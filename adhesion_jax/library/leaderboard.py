@@ -149,7 +149,6 @@ def traction_leaderboard(
     resume: bool = False,
     extend: int = 0,
     cluster: str | None = None,
-    shared_folder: bool = False,
 ) -> Leaderboard:
     """Tune methods of slip control with equal budgets, and judge them on fresh rails.
 
@@ -174,7 +173,6 @@ def traction_leaderboard(
         resume: go on with a board that was interrupted.
         extend: further runs for the board in the folder.
         cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
-        shared_folder: those workers see the folder by the same path.
 
     Returns:
         The table, the figures of all runs, and the courses of some.
@@ -205,7 +203,7 @@ def traction_leaderboard(
     to_judge = Judging(field, families, {}, runs, seed)
     with (
         _folder(out) as directory,
-        pool_of(workers, cluster, shared_folder) as pool,
+        pool_of(workers, cluster) as pool,
         opened_for(
             "leaderboard", [to_judge, to_tune], directory, LEADERBOARD_FILES, resume, extend
         ) as (folder, stage),

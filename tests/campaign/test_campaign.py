@@ -363,7 +363,7 @@ def test_every_identifier_but_the_ablations_runs_unless_named():
     names = choose_identifiers(config, build_scenario(config))
     assert names == (
         *("ml-exact", "ml-pooled", "ml-de", "ml-de-he2018", "ml-de-robust"),
-        *("lm", "gn-optimistix"),
+        *("lm", "lm-jaxopt", "gn-optimistix"),
     )
     assert not set(ABLATIONS) & set(names)
     config = Config("qian2024")
