@@ -20,7 +20,7 @@ SEEKERS: Mapping[str, Seeker] = {
     "gradient": RepairedGradient(
         gamma=0.05, memory=0.3, limit=20.0, start=0.05, lowest=0.005, highest=2.0
     ),
-    "offset-curve": OffsetCurve(price=1.5, memory=0.6, threshold=0.007, dither=0.06, start=0.1),
+    "offset-curve": OffsetCurve(price=1.0, memory=0.6, threshold=0.007, dither=0.06, start=0.1),
     "perturb-and-observe": PerturbAndObserve(
         step=0.006, window=0.05, start=0.1, lowest=0.01, highest=0.6
     ),
