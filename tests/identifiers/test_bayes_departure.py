@@ -129,7 +129,6 @@ def test_its_interval_holds_the_truth_under_correlated_noise_and_of_another_curv
 
 
 def test_it_says_why_it_declines():
-    assert "one at a time" in METHOD.accepts(build("drift").known)
     assert "slip alone" in METHOD.accepts(build("fang2018-slope").known)
 
 
