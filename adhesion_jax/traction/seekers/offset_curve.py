@@ -159,7 +159,16 @@ class OffsetCurve(Seeker):
         return state, Reference(sign * asked, sign * size * turn * jnp.cos(angle))
 
     def identified(self, state: OffsetCurveState) -> Peak:
-        return state.peak
+        """The peak with the errors of noise without memory.
+
+        Those by which v* is moved allow for the noise of a moment, most of which the next moments
+        take back: what is observed of the load is a derivative.
+        """
+        apart = np.sqrt(_ALIKE)
+        return state.peak._replace(
+            slip_error=state.peak.slip_error / apart,
+            adhesion_error=state.peak.adhesion_error / apart,
+        )
 
     def _sampled(
         self, state: OffsetCurveState, slip: PerAxle, adhesion: PerAxle, period: float
