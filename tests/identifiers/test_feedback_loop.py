@@ -25,6 +25,10 @@ ONLINE = [
 ]
 
 
+#: What has a peak and no parameters of the curve that it is told: these are NaN.
+WITHOUT_PARAMETERS = {"bayes-departure": ("p1", "p2")}
+
+
 def slip_asked(values, slip, step):
     """At the peak that was found, or up the slope; probed by a slow and a fast wave."""
     probe = 0.02 * jnp.sin(0.9 * step) + 0.02 * jnp.sin(0.13 * step)
@@ -77,13 +81,16 @@ def test_a_loop_over_many_runs_is_that_of_each_run_step_by_step(name, kind):
         assert float(slip) == pytest.approx(float(slips[run, step]), rel=1e-7)
         for quantity, value in found.items():
             expected = float(values[quantity][run, step])
-            assert float(value) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+            nan_ok = quantity in WITHOUT_PARAMETERS.get(name, ())
+            assert float(value) == pytest.approx(expected, rel=1e-6, abs=1e-12, nan_ok=nan_ok)
 
 
 @pytest.mark.parametrize(("name", "kind"), lanes(ONLINE, always=2, thorough=3))
 def test_the_loop_stays_finite_and_finds_the_peak(name, kind):
     slips, values = looped(name, kind, 600)
-    assert all(np.all(np.isfinite(value)) for value in values.values())
+    without = WITHOUT_PARAMETERS.get(name, ())
+    for quantity, value in values.items():
+        assert np.all(np.isnan(value) if quantity in without else np.isfinite(value)), quantity
     slips = np.asarray(slips)
     assert np.all((slips >= 0.01) & (slips <= 0.2))
     # The runs part ways, for each follows its own estimate.

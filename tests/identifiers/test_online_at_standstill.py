@@ -139,7 +139,8 @@ CASES = [
 def test_every_method_that_takes_single_samples_is_among_them():
     by_sample = [build(name).known for name in ("qian2024-switch", "fang2018-slope")]
     online = {n for n, i in IDENTIFIERS.items() if any(i.accepts(k) is None for k in by_sample)}
-    assert online == {*OWN, *PRINTED}
+    # bayes-departure is for a rail that stays and weighs whole curves anew at each sample.
+    assert online == {*OWN, *PRINTED, "bayes-departure"}
 
 
 @pytest.mark.parametrize(("name", "disturbance"), CASES)

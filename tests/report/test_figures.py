@@ -87,7 +87,7 @@ def test_the_histogram_has_the_density_of_each_method_the_truth_and_the_bound():
         assert line.get_xdata() == pytest.approx([truth, truth])
         # A quarter of the estimates of each method lies in one bin of .001.
         high = 1.1 * 0.25 / 0.001
-        assert axis.get_title() == f"{rail} rail, a row is {high:.3g} high"
+        assert axis.get_title() == f"{rail} rail\na row is as high as a density of {high:.0f}"
         for place, (steps, curve) in enumerate(zip(axis.patches, curves, strict=True)):
             values, edges, base = steps.get_data()
             density = high * (values - base)

@@ -57,7 +57,7 @@ def test_the_bound_of_uyulan_by_hand():
     system = SYSTEMS["uyulan2018"]
     loop = built(system, system.cases(system.step)[0], plant_of(system))
     sample = Sample(jnp.full((6, 1), 10.5), jnp.full((6, 1, 1), 0.28617))
-    runs = Runs(("all",), {}, Trace(None, sample, None, None, None, None))
+    runs = Runs(("all",), {}, Trace(**dict.fromkeys(Trace._fields) | {"sample": sample}))
     found = _bound_of_disturbance(loop, runs)
     assert found.ours == pytest.approx(37.26 / (304 * 1.6766), rel=2e-3)
     assert "goes to 37.3 rad/s²" in found.remark

@@ -56,15 +56,15 @@ def histogram(summary: pd.DataFrame, densities: pd.DataFrame) -> Figure:
         for scenario, of in peaks.groupby("scenario", sort=False)
     }
     # In inches: margins about the panels, a panel, and what is between two.
-    left, wide, between, below, row = 1.6, 3.0, 0.15, 0.9, 0.34
+    left, wide, between, below, row = 1.6, 3.0, 0.15, 1.05, 0.34
     columns = max(len(rails) for rails, _ in lines.values())
     entries = min(columns, 3)  # of the legend side by side
     width = left + columns * (wide + between)
-    height = sum(row * len(names) + below for _, names in lines.values()) + 0.8 - 0.1 * entries
+    heights = [row * max(len(names), 4) for _, names in lines.values()]
+    height = sum(heights) + below * len(lines) + 0.8 - 0.1 * entries
     figure = Figure(figsize=(width, height), dpi=_FEW_PANELS)
-    above = 0.4
-    for scenario, (rails, names) in lines.items():
-        tall = row * len(names)
+    above = 0.5
+    for tall, (scenario, (rails, names)) in zip(heights, lines.items(), strict=True):
         bottom = height - above - tall
         for column, rail in enumerate(rails):
             start = left + column * (wide + between)
@@ -74,8 +74,8 @@ def histogram(summary: pd.DataFrame, densities: pd.DataFrame) -> Figure:
             of_names = {name: drawn[scenario, rail, name] for name in names}
             high = _rows(axis, of_names, float(told["truth"]), float(told["crlb"]))
             axis.tick_params("y", labelleft=column == 0, labelsize=9)
-            title = f"{rail} rail, a row is {high:.3g} high"
-            axis.set_title(f"{scenario}, {title}" if len(lines) > 1 else title, fontsize=9)
+            where = f"{scenario}, {rail} rail" if len(lines) > 1 else f"{rail} rail"
+            axis.set_title(f"{where}\na row is as high as a density of {high:.0f}", fontsize=9)
         above += tall + below
     one_legend(figure, figure.axes[:1], ncols=entries)
     return figure
