@@ -6,6 +6,8 @@ import textwrap
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 import adhesion_jax
@@ -105,3 +107,31 @@ def test_python_blocks_are_python(page):
     for _, language, content in BLOCK.findall(text_of(page)):
         if language == "python":
             ast.parse(textwrap.dedent(content))
+
+
+def test_the_measured_leaderboard_is_that_of_the_file():
+    board = pd.read_csv(HOME / "results" / "leaderboard.csv").set_index("method")
+    section = (
+        text_of(HOME / "docs" / "leaderboard.md")
+        .partition("## What was measured")[2]
+        .partition("\n## ")[0]
+    )
+    rows = re.findall(r"^\| (`[\w-]+`|true optimum) \| (.+) \|$", section, re.MULTILINE)
+    names = ("utilisation", "worst", "never95", "t95_median", "utility_1_share")
+    assert len(rows) == 12
+    for method, cells in rows:
+        of = board.loc[method.strip("`").replace(" ", "-")]
+        for name, cell in zip(names, cells.split("|"), strict=True):
+            if not cell.strip():
+                assert np.isnan(of[name])
+                continue
+            value, *error = re.findall(r"[\d.]+", cell)
+            assert float(value) == pytest.approx(of[name], abs=0.51 * 10 ** -decimals(value))
+            for one in error:
+                assert float(one) == pytest.approx(
+                    of[f"{name}_se"], abs=0.51 * 10 ** -decimals(one)
+                )
+
+
+def decimals(number):
+    return len(number.partition(".")[2])
