@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from hashlib import sha256
-from inspect import getsourcefile
+from inspect import getfile
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -15,8 +15,7 @@ from jaxtyping import Array, Float
 from adhesion_jax.campaign.identity import settings_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics import closed_loop
-from adhesion_jax.traction import loop as loops
-from adhesion_jax.traction import surface as surfaces
+from adhesion_jax.traction import driver, integration, loop, rails, sensors, surface
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.families import Family
@@ -32,6 +31,9 @@ SAMPLED = 1e-3
 
 #: Step of the plant in s.
 STEP = 2e-4
+
+#: What the version of the plant depends on beside the plant, and that of the rails.
+_LOOP, _RAILS = (loop, integration, sensors, driver), (rails, surface)
 
 
 class Terms(eqx.Module):
@@ -102,16 +104,20 @@ class Versions(NamedTuple):
 def versions_of(terms: Terms, grid: Grid, family: Family) -> Versions:
     """The versions of the rows of a board."""
     return Versions(
-        _version((settings_of(terms), repr(grid)), (loops, type(terms.plant))),
-        _version((settings_of(family),), (surfaces, type(family))),
+        _version((settings_of(terms), repr(grid)), (*_LOOP, *_classes(terms.plant))),
+        _version((settings_of(family),), (*_RAILS, *_classes(family))),
         _version((), (closed_loop,)),
     )
+
+
+def _classes(of: eqx.Module) -> list[type]:
+    """Its class and those that it is derived from, but not those of the library of classes."""
+    return [one for one in type(of).__mro__ if issubclass(one, eqx.Module) and one != eqx.Module]
 
 
 def _version(numbers: Iterable[str], parts: Iterable[ModuleType | type]) -> str:
     """Eight digits that change where a number does, or the source of a part."""
     content = sha256("".join(numbers).encode())
     for part in parts:
-        source = getsourcefile(part)
-        content.update(b"" if source is None else Path(source).read_bytes())
+        content.update(Path(getfile(part)).read_bytes())
     return content.hexdigest()[:8]

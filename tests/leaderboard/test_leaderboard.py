@@ -1,5 +1,8 @@
 """Methods on equal terms: seeds, processes, promises, failures, and the table."""
 
+from importlib import import_module
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -288,3 +291,28 @@ def test_versions_change_with_what_they_are_of():
     assert other.plant != first.plant
     assert other.rails != first.rails
     assert other.metrics == first.metrics
+
+
+@pytest.mark.parametrize(
+    ("module", "of"),
+    [
+        ("traction.loop", "plant"),
+        ("traction.integration", "plant"),
+        ("traction.sensors", "plant"),
+        ("traction.plants.base", "plant"),
+        ("traction.families.base", "rails"),
+        ("traction.families.exponential", "rails"),
+        ("traction.rails", "rails"),
+        ("metrics.closed_loop", "metrics"),
+    ],
+)
+def test_a_version_changes_with_the_source_that_its_numbers_depend_on(module, of, monkeypatch):
+    before, read = versions_of(TERMS, GRID, FAMILY), Path.read_bytes
+    changed = Path(import_module(f"adhesion_jax.{module}").__file__)
+    monkeypatch.setattr(
+        Path, "read_bytes", lambda path: read(path) + (b"#" if path == changed else b"")
+    )
+    after = versions_of(TERMS, GRID, FAMILY)
+    assert {name for name in Versions._fields if getattr(before, name) != getattr(after, name)} == {
+        of
+    }
