@@ -221,12 +221,17 @@ def _class(asked: str, found: Any, kind: Kind) -> Any:
 
 
 def _instance(asked: str, found: Any, kind: Kind) -> Any:
-    """The object, or that of the class without arguments."""
+    """The object, if it is one of the kind and lacks nothing, or that of the class."""
+    _class(asked, found if inspect.isclass(found) else type(found), kind)
+    return object_of(asked, found)
+
+
+def object_of(asked: str, found: Any) -> Any:
+    """The object, or that of the class without arguments; InputError where it needs some."""
     if not inspect.isclass(found):
-        _class(asked, type(found), kind)
         return found
     try:
-        return _class(asked, found, kind)()
+        return found()
     except TypeError as error:
         words = " ".join(str(error).split()).rstrip(".")
         raise InputError(

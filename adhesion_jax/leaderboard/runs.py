@@ -116,9 +116,9 @@ def _compiled(
 
 def _course(loop: Loop, timing: Timing, seen: Trace) -> Course:
     sample, seeker = seen.sample, loop.seeker
-    found = Peak(*[jnp.full_like(sample.slip, jnp.nan)] * 4)
-    if seeker is not None and seeker.IDENTIFIES:
-        found = jax.vmap(seeker.identified)(seen.seeker)
+    found = None if seeker is None else jax.vmap(seeker.identified)(seen.seeker)
+    if found is None:
+        found = Peak(*[jnp.full_like(sample.slip, jnp.nan)] * 4)
 
     def curve(row: Trace) -> Float[Array, " slips"]:
         step = jnp.round(row.time / timing.step).astype(int)

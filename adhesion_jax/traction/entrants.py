@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS
+from adhesion_jax.plugins import object_of
 from adhesion_jax.records import Known
 from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers import CONTROLLERS, Controller
@@ -189,15 +189,7 @@ def entrant_of(told: str, found: Any) -> Entrant:
     form = found if inspect.isclass(found) else type(found)
     if not issubclass(form, Seeker | Controller | Observer | Entrant):
         return sought(seeker_of_numpy(told, found))
-    if inspect.isclass(found):
-        try:
-            found = found()
-        except TypeError as error:
-            words = " ".join(str(error).split()).rstrip(".")
-            raise InputError(
-                f"{told} cannot be made without arguments ({words}); give its fields values, or "
-                "name an object of that class."
-            ) from None
+    found = object_of(told, found)
     shared = ENTRANTS["offset-curve"]
     if isinstance(found, Seeker):
         return sought(found)

