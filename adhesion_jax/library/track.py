@@ -28,9 +28,9 @@ from adhesion_jax.runtime import as_in_commands, silent
 #: The files of a followed log.
 TRACK_FILES = ("track.csv", "track.txt", "track.png", METADATA)
 
-#: What follows a log where no method is named: one that follows a drift and resets, one that resets
-#: and forgets nothing else, and one that forgets evenly.
-METHODS = ("bank-kiencke", "riv", "rls-kiencke")
+#: What follows a log where no method is named: one that forgets by resets alone, one that follows a
+#: drift, and one that forgets evenly.
+METHODS = ("riv", "bank-kiencke", "rls-kiencke")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -191,10 +191,15 @@ def test_a_sample_that_is_not_finite_changes_nothing():
 
 @pytest.mark.skipif(not FAULTS.exists(), reason="the collection of logs is not here")
 def test_coasting_with_holds_reaches_and_with_sweeps_has_a_peak():
-    holds, sweeps = (aj.track(FAULTS / f"coasting_{what}.csv") for what in ("holds", "sweeps"))
+    """An adhesion of .2205 is held; what forgets or resets remembers a last roll out as well."""
+    before = "riv", "qp-qian2024-1", "rls-kiencke"
+    holds = aj.track(FAULTS / "coasting_holds.csv", identifiers=before)
+    sweeps = aj.track(FAULTS / "coasting_sweeps.csv", identifiers=before)
     assert holds.estimates["at_least"].all()
     assert holds.summary["mu_max"][1:].between(0.21, 0.2205).all()
     assert "at least 0.21" in f"{holds}"
     assert "adhesion does not fall in the window" in " ".join(holds.verdict.split())
     assert not sweeps.summary["at_least"].any()
     np.testing.assert_allclose(sweeps.summary["mu_max"], 0.3, rtol=0.1)
+    assert aj.track(FAULTS / "coasting_holds.csv").estimates["mu_max"].max() < 0.2215
+    assert aj.track(FAULTS / "coasting_sweeps.csv").summary["mu_max"].between(0.25, 0.33).all()
