@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Container, Sequence
 
 import numpy as np
+import scipy.stats
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
@@ -32,6 +33,9 @@ from adhesion_jax.wording import listed
 
 #: The slip counts as one value if it varies by less than this share of its size.
 _ONE_SLIP = 1e-6
+
+#: Residuals of neighbouring rows are alike if their rank correlation has a smaller p than this.
+_ALIKE = 0.05
 
 
 def _never_falling(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
@@ -98,9 +102,13 @@ def discover(
     warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
     warnings += [*same.values(), *_few_runs(problem)]
     if correct and (opinion is None or opinion.correction is None):
-        warnings.append(
-            "No correction by boosted trees was made: they predict nothing of what the law leaves."
+        reason = (
+            "they predict nothing of what the law leaves."
+            if of_independent_blocks(final)
+            else "the rows are one run in which neighbouring errors are alike, so that rows left "
+            "out would not show whether they predict anything."
         )
+        warnings.append(f"No correction by boosted trees was made: {reason}")
     progress("measuring the errors", 0.95)
     searched = Searched(runs, blocks, plain, final, slip, line, undecided(final), opinion)
     found = summarise(searched, test, warnings, correct, seed)
@@ -216,14 +224,24 @@ def _condensing_words(runs: RunSet, blocks: RunSet) -> list[str]:
     return sentences
 
 
+def of_independent_blocks(state: Selection) -> bool:
+    """Whether blocks, where there are no runs, may take their place: neighbours are not alike.
+
+    So it is of rows in any order, and not in a log, where errors vary slowly.
+    """
+    residual = state.fitted.error[state.setting.problem.points > 0]
+    alike = scipy.stats.spearmanr(residual[:-1], residual[1:])
+    return not state.setting.problem.blocks or bool(alike.pvalue > _ALIKE)
+
+
 def opinion_of(state: Selection, seed: int, without: Container[str] = ()) -> Opinion | None:
-    """What boosted trees predict of the residual of a law; None for blocks of one run.
+    """What boosted trees predict of the residual of a law; None for a log of one run.
 
     They do not know the columns `without`.
     """
-    problem = state.setting.problem
-    if problem.blocks:
+    if not of_independent_blocks(state):
         return None
+    problem = state.setting.problem
     inside = problem.points > 0
     slip = np.asarray(problem.data.slip)[inside]
     known = features_of(problem, slip, problem.flat)

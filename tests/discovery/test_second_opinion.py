@@ -1,9 +1,11 @@
 """Boosted trees on a residual: silent on noise, and right about what was planted."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
+import adhesion_jax as aj
 from adhesion_jax.discovery.search.second_opinion import second_opinion
 
 RUNS, POINTS = 28, 200
@@ -124,3 +126,23 @@ def test_without_enough_to_go_by_there_is_none():
     assert second_opinion(some, told[few], run[few], OWN, 0) is None
     assert second_opinion({"constant": columns["constant"]}, told, run, OWN, 0) is None
     assert second_opinion(columns, np.zeros(run.size), run, OWN, 0) is None
+
+
+@pytest.mark.thorough
+def test_rows_of_one_run_are_judged_by_trees_where_their_order_tells_nothing():
+    """Adhesion is halved where three columns are large together, a form no effect has."""
+    draw = np.random.default_rng(11)
+    slip = draw.uniform(0.01, 0.3, 320)
+    others = {name: draw.uniform(0, 1, 320) for name in ("angle", "depth", "wear")}
+    level = np.where(np.all([column > 0.3 for column in others.values()], axis=0), 0.5, 1.0)
+    adhesion = 0.3 * (1 - np.exp(-40 * slip)) * level + draw.normal(0, 0.005, 320)
+    rows = pd.DataFrame({"slip_ratio": slip, "adhesion": adhesion, **others})
+    found = aj.discover(rows[:240], test=rows[240:], correct=True)
+    assert {*found.findings.opinion.columns} <= {*others}
+    missed = found.predictions[["corrected", "with_trees"]].sub(adhesion[240:], axis=0)
+    assert (missed["with_trees"] ** 2).mean() < 0.9 * (missed["corrected"] ** 2).mean()
+
+    wandering = lfilter([0.02], [1.0, -0.95], draw.normal(size=320))
+    in_order = rows.assign(adhesion=0.3 * (1 - np.exp(-40 * slip)) + wandering)
+    found = aj.discover(in_order[:240], test=in_order[240:], correct=True)
+    assert "neighbouring errors are alike" in f"{found}".replace("\n  ", " ")

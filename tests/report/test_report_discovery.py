@@ -311,7 +311,7 @@ def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
 
 def test_verdict_of_doubts_and_of_the_second_opinion():
     trees = (
-        "oosted trees predict 12.4 % ± 2.1 % of the squared residual (outliers cut) of runs that "
+        "oosted trees predict 12.4 % ± 2.1 % of the squared residual (outliers cut) of rows that "
         "they were not fitted to, from wind_mps and temperature_C (p = 0.0003): something is "
         "missing that the law has no form for."
     )

@@ -55,7 +55,7 @@ def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
         )
     return (
         f"Boosted trees predict {percent(opinion.explained)} ± {percent(opinion.error)} of the "
-        f"squared residual (outliers cut) of runs that they were not fitted to, from {source} "
+        f"squared residual (outliers cut) of rows that they were not fitted to, from {source} "
         f"({p_is(opinion.p)}): something is missing that the law has no form for"
         f"{more}"
     )
