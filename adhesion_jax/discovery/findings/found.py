@@ -14,6 +14,10 @@ from adhesion_jax.discovery.types import Errors, FoundEffect, Interval
 from adhesion_jax.effects import Cause, Effect, Labels, ShapeTerm, kind_of
 from adhesion_jax.effects.labels import NO_LABEL
 
+#: A parameter of which the data tell nothing, as the power of a load that they lack, has an interval
+#: wider than the range that is searched by more than this.
+_UNTOLD = 100.0
+
 
 def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
     """The effects with their intervals, and the error with each added to those before it."""
@@ -31,7 +35,10 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
             for name, described in part.FACTS.parameters.items():
                 if name in part.FACTS.references or _no_label(part, name):
                     continue
-                interval = parameters[prefix + name] = told[number, place][name]
+                interval = told[number, place][name]
+                if interval.high - interval.low > _UNTOLD * (described.upper - described.lower):
+                    continue
+                parameters[prefix + name] = interval
                 if not described.lower < interval.value < described.upper:
                     at_bound.append(prefix + name)
                 column = effect.covariates[0] if effect.covariates else ""
