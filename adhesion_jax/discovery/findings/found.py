@@ -14,8 +14,8 @@ from adhesion_jax.discovery.types import Errors, FoundEffect, Interval
 from adhesion_jax.effects import Cause, Effect, Labels, ShapeTerm, kind_of
 from adhesion_jax.effects.labels import NO_LABEL
 
-#: A parameter of which the data tell nothing, as the power of a load that they lack, has an interval
-#: wider than the range that is searched by more than this.
+#: A parameter of which the data tell nothing, as the power of a load that they lack, has an
+#: interval that is wider than the range that is searched by more than this.
 _UNTOLD = 100.0
 
 
