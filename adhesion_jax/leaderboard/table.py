@@ -58,6 +58,13 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
     },
     "slip_energy_share": ("1", "energy lost in the contact, per useful work"),
     "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
+    **{
+        f"axle_torque_{name}": (
+            "1",
+            f"largest torque of an axle's shaft in a run, over its static one: {which} of runs",
+        )
+        for name, which in (("median", "median"), ("p95", "that of 95 %"))
+    },
     "jerk_rms": ("m/s^3", "jerk of the train, root mean square"),
     "dominated_by": (
         "",
@@ -136,6 +143,8 @@ def _row(
         "never95": of_segments["never95"].mean(),
         "t95_median": _quantile(t95, 0.5),
         "t95_p90": _quantile(t95, 0.9),
+        "axle_torque_median": _quantile(whole["axle_torque_over_static"].to_numpy(), 0.5),
+        "axle_torque_p95": _quantile(whole["axle_torque_over_static"].to_numpy(), 0.95),
         "microseconds": known.microseconds,
         "state_bytes": known.state_bytes,
         "tuned": known.tuned,

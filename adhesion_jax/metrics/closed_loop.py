@@ -49,6 +49,8 @@ class Sample(NamedTuple):
     observed: Float[Array, " axles"]  # adhesion as the observer has it
     asked: Float[Array, " axles"]  # slip that a seeker asks for, m/s; NaN before it has asked
     torque: Float[Array, " axles"]  # of the motor, N m
+    shaft: Float[Array, " axles"]  # torque between the wheels of an axle, N m; NaN: it cannot twist
+    static_shaft: Float[Array, " axles"]  # that at the largest adhesion without acceleration, N m
     slip_power: Float[Array, ""]  # of all axles, W
     pull: Float[Array, ""]  # of all axles, N
     train_speed: Float[Array, ""]  # m/s
@@ -76,13 +78,16 @@ class Segment(NamedTuple):
     runaway_samples: Float[Array, "..."]
     overshoot: Float[Array, "..."]  # the largest
     torque_largest: Float[Array, "..."]
+    shaft_largest: Float[Array, "..."]
+    static_shaft_largest: Float[Array, "..."]
     fastest: Float[Array, "..."]  # speed of the train, m/s
     slowest: Float[Array, "..."]
     reached: Float[Array, "..."]  # s; infinite: not yet
 
 
 #: Fields of a segment of which the largest or the least is kept, instead of the sum.
-_LARGEST, _LEAST = ("overshoot", "torque_largest", "fastest"), ("slowest", "reached")
+_LARGEST = ("overshoot", "torque_largest", "shaft_largest", "static_shaft_largest", "fastest")
+_LEAST = ("slowest", "reached")
 
 
 class Totals(NamedTuple):
@@ -194,6 +199,8 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
         runaway_samples=if_settled(one * ran_away),
         overshoot=jnp.max(sample.direction * (sample.slip - sample.optimum)),
         torque_largest=jnp.max(jnp.abs(sample.torque)),
+        shaft_largest=jnp.max(jnp.abs(sample.shaft)),
+        static_shaft_largest=jnp.max(jnp.abs(sample.static_shaft)),
         fastest=sample.train_speed,
         slowest=sample.train_speed,
         reached=jnp.where(held, (age + 1 - stretch) * period, jnp.inf),
@@ -232,6 +239,11 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     },
     "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
     "torque_largest": ("kN m", "largest torque of a motor"),
+    "axle_torque_over_static": (
+        "1",
+        "largest torque between the wheels of an axle, over the largest that it carries where both "
+        "roll steadily at the largest adhesion; empty where no axle twists",
+    ),
     "jerk_rms": ("m/s^3", "jerk of the train, root mean square"),
     "tracking_rms": ("m/s", "slip minus that of the largest adhesion, root mean square"),
     "tracking_rms_settled": ("m/s", "tracking_rms from 2 s after the switch on"),
@@ -296,6 +308,7 @@ def figures(of: Segment, period: float) -> dict[str, Float[Array, " segments"]]:
         },
         "torque_variation": mean(of.torque_variation, 1e3 * period * of.samples),
         "torque_largest": where_seen(of.torque_largest / 1e3),
+        "axle_torque_over_static": where_seen(of.shaft_largest / of.static_shaft_largest),
         "jerk_rms": root(of.jerk_squares, of.samples),
         "tracking_rms": root(of.tracking_squares, of.samples),
         "tracking_rms_settled": root(of.settled_tracking_squares, of.settled_samples),

@@ -319,6 +319,8 @@ def _sample(loop: Loop, state: _State) -> Sample:
         observed=loop.nominal.adhesion_of(state.observer.load),
         asked=state.asked,
         torque=state.plant.torque,
+        shaft=plant.shaft_torque(state.plant),
+        static_shaft=plant.static_shaft_torque(largest),
         slip_power=plant.axles_alike * jnp.sum(lost),
         pull=plant.axles_alike * jnp.sum(force),
         train_speed=state.plant.train_speed,

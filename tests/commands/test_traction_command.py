@@ -159,4 +159,11 @@ def test_a_plant_that_is_none_is_refused_with_its_file(text, words, tmp_path, mo
 
 
 def test_plants_that_ship_are_named():
-    assert {"hxd1f", "hxd1f_axles", "fang2018", "uyulan2018", "uyulan2018_physical"} <= {*shipped()}
+    assert {
+        "hxd1f",
+        "hxd1f_axles",
+        "hxd1f_twist",
+        "fang2018",
+        "uyulan2018",
+        "uyulan2018_physical",
+    } <= {*shipped()}

@@ -25,6 +25,7 @@ STARTS = {
     "uyulan2018": (10.5, 0.3, (1500.0, -1200.0, 400.0)),
     "fang2018": (15.0, 0.02, (900.0, -700.0, 300.0)),
     "hxd1f": (5.0, 0.02, (9000.0, -6000.0, 2000.0)),
+    "hxd1f_twist": (5.0, 0.02, (9000.0, -6000.0, 2000.0)),
 }
 
 
@@ -256,8 +257,8 @@ def test_a_plant_may_be_like_one_that_ships(tmp_path):
     path.write_text('like = "hxd2"\n')
     with pytest.raises(InputError, match=r"like 'hxd2' is not known; name fang2018 or"):
         read_plant(path)
-    path.write_text('like = "hxd1f"\nmodel = "rigid-axles"\n')
-    with pytest.raises(InputError, match="has both like and model"):
+    path.write_text('like = "hxd1f"\nmodel = "elastic-axles"\n')
+    with pytest.raises(InputError, match="parameter wheel_radius is not known; did you mean"):
         read_plant(path)
 
 

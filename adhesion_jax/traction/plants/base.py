@@ -117,6 +117,14 @@ class Plant(eqx.Module):
     def acceleration(self, adhesion: PerAxle, train_speed: Number) -> Number:
         """Acceleration of the train on level track, m/s^2."""
 
+    def shaft_torque(self, state: Any) -> PerAxle:
+        """Torque in N m of the shaft between the wheels of each axle; NaN where none twists."""
+        return jnp.full_like(state.torque, jnp.nan)
+
+    def static_shaft_torque(self, adhesion: PerAxle) -> PerAxle:
+        """That at which both wheels keep their speed under this adhesion, N m."""
+        return jnp.full_like(adhesion, jnp.nan)
+
     def circumferential(self, motor_speed: PerAxle) -> PerAxle:
         """Speed of the wheel at its rim in m/s."""
         return self.radius / self.gear_ratio * motor_speed

@@ -72,8 +72,7 @@ class ElasticAxles(Plant):
             for slip, load in zip(self._slips(state), self._bearing, strict=True)
         )
         driven = self.gear_ratio * self._efficiency(state) * state.torque
-        shaft = self.shaft_stiffness * state.twist
-        shaft = shaft + self.shaft_damping * (state.right - state.left)
+        shaft = self.shaft_torque(state)
         pull = self.axles_alike * jnp.sum(right + left)
         downhill = self.static_mass * GRAVITY * jnp.sin(held.slope)
         return ElasticState(
@@ -115,6 +114,13 @@ class ElasticAxles(Plant):
             resistance=self._resistance(state.train_speed) * state.train_speed,
             slope=self.static_mass * GRAVITY * jnp.sin(held.slope) * state.train_speed,
         )
+
+    def shaft_torque(self, state: ElasticState) -> PerAxle:
+        elastic = self.shaft_stiffness * state.twist
+        return elastic + self.shaft_damping * (state.right - state.left)
+
+    def static_shaft_torque(self, adhesion: PerAxle) -> PerAxle:
+        return self.radius_left * adhesion * self.left_adhesion * self.wheel_load * GRAVITY
 
     @property
     def inertia(self) -> PerAxle:

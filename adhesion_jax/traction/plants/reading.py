@@ -55,6 +55,8 @@ def shipped() -> Mapping[str, Path]:
 def read_plant(path: Path) -> PlantFile:
     """The plant of a file; with `like`, a shipped plant with the parameters of the file replaced.
 
+    With a `model` beside `like` it is one of that model, whose further parameters the file gives.
+
     Raises InputError, which names the file and the parameter, if the file gives no plant.
     """
     table = _with_what_it_is_like(path, _toml(path))
@@ -106,8 +108,6 @@ def _with_what_it_is_like(path: Path, table: Mapping[str, Any]) -> Mapping[str, 
     name = table["like"]
     if str(name) not in shipped():
         raise InputError(f"{path}: like {name!r} is not known; name {' or '.join(shipped())}.")
-    if "model" in table:
-        raise InputError(f"{path} has both like and model; leave out model: {name} has one.")
     base = _with_what_it_is_like(shipped()[name], _toml(shipped()[name]))
     own = table.get("parameters", {})
     if not isinstance(own, dict):

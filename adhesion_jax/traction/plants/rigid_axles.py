@@ -1,8 +1,9 @@
 """Axles that do not twist, each with a motor and a gear: the plants of Fang et al. and of HXD1F."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from adhesion_jax.traction.plants.base import (
     GRAVITY,
@@ -24,10 +25,9 @@ class RigidState(NamedTuple):
     torque: PerAxle
 
 
-class _Motion(NamedTuple):
-    """What follows from a state."""
+class Motion(NamedTuple):
+    """What motors and gears do."""
 
-    force: PerAxle  # at the rail, N
     angular: PerAxle  # acceleration of the motor, rad/s^2
     wheel_torque: PerAxle  # that the gear hands to the wheelset, N m
     gear_torque: PerAxle  # that the motor hands to the gear, N m
@@ -61,48 +61,39 @@ class RigidAxles(Plant):
     resistance_b: Number = parameter("N/kg/(km/h)", 0.0, 1.0, "its growth with speed")
     resistance_c: Number = parameter("N/kg/(km/h)^2", 0.0, 1.0, "its growth with the squared speed")
 
-    def init(self, motor_speed: PerAxle, train_speed: Number) -> RigidState:
+    def init(self, motor_speed: PerAxle, train_speed: Number) -> Any:
         return RigidState(motor_speed, train_speed, jnp.zeros_like(motor_speed))
 
-    def derivative(self, state: RigidState, held: Held) -> RigidState:
-        motion = self._motion(state, held)
-        pull = self.axles_alike * jnp.sum(motion.force)
-        against = self._resistance(state.train_speed)
-        downhill = self.train_mass * GRAVITY * jnp.sin(held.slope)
+    def derivative(self, state: Any, held: Held) -> Any:
+        force = self.force(state, held)
         return RigidState(
-            motion.angular,
-            (pull - against - downhill) * (1 / self.train_mass),
+            self.motion(state, force).angular,
+            self.forward(jnp.sum(force), state.train_speed, held.slope),
             lagging(self, state.torque, held.command),
         )
 
-    def motor_speed(self, state: RigidState) -> PerAxle:
+    def motor_speed(self, state: Any) -> PerAxle:
         return state.motor_speed
 
-    def slip_velocity(self, state: RigidState) -> PerAxle:
+    def slip_velocity(self, state: Any) -> Float[Array, "*contacts"]:
         return self.wheel_radius / self.gear_ratio * state.motor_speed - state.train_speed
 
-    def force(self, state: RigidState, held: Held) -> PerAxle:
+    def force(self, state: Any, held: Held) -> Float[Array, "*contacts"]:
         adhesion = held.surface(self.slip_velocity(state), state.train_speed)
-        at_rest = adhesion * self.axle_load * GRAVITY
-        if len(self.axle_load) == 1:
-            return at_rest / (1 + adhesion * self.load_transfer)
-        unit = jnp.arange(len(self.axle_load)) // self.axles_in_unit
-        together = unit[:, None] == unit
-        of_unit = jnp.sum(together * at_rest, axis=1)
-        of_unit = of_unit / (1 + jnp.sum(together * adhesion * self.load_transfer, axis=1))
-        return at_rest - adhesion * self.load_transfer * of_unit
+        return adhesion * self.bearing(adhesion)
 
-    def energy(self, state: RigidState) -> Number:
+    def energy(self, state: Any) -> Number:
         inertia = self.motor_inertia + self.wheelset_inertia / self.gear_ratio**2
         turning = 0.5 * inertia * jnp.sum(state.motor_speed**2)
         return self.axles_alike * turning + 0.5 * self.train_mass * state.train_speed**2
 
-    def powers(self, state: RigidState, held: Held) -> Powers:
-        motion = self._motion(state, held)
+    def powers(self, state: Any, held: Held) -> Powers:
+        force = self.force(state, held)
+        motion = self.motion(state, force)
         into = motion.gear_torque - motion.wheel_torque / self.gear_ratio
         return Powers(
             motor=self.axles_alike * jnp.sum(state.torque * state.motor_speed),
-            slip=self.axles_alike * jnp.sum(motion.force * self.slip_velocity(state)),
+            slip=self.axles_alike * jnp.sum(force * self.slip_velocity(state)),
             gear=self.axles_alike * jnp.sum(into * state.motor_speed),
             shaft=jnp.zeros(()),
             resistance=self._resistance(state.train_speed) * state.train_speed,
@@ -133,11 +124,28 @@ class RigidAxles(Plant):
         efficiency = jnp.where(sign >= 0, self.gear_efficiency, 1 / self.gear_efficiency)
         return self.wheel_radius * self.axle_load * GRAVITY / (self.gear_ratio * efficiency)
 
-    def _motion(self, state: RigidState, held: Held) -> _Motion:
-        force = self.force(state, held)
+    def bearing(self, adhesion: PerAxle) -> PerAxle:
+        """Q of each axle in N, whose wheels have this adhesion in the mean."""
+        at_rest = self.axle_load * GRAVITY
+        if len(self.axle_load) == 1:
+            return at_rest / (1 + adhesion * self.load_transfer)
+        unit = jnp.arange(len(self.axle_load)) // self.axles_in_unit
+        together = unit[:, None] == unit
+        of_unit = jnp.sum(together * adhesion * at_rest, axis=1)
+        of_unit = of_unit / (1 + jnp.sum(together * adhesion * self.load_transfer, axis=1))
+        return at_rest - self.load_transfer * of_unit
+
+    def motion(self, state: Any, force: Float[Array, "*contacts"]) -> Motion:
+        """That under forces at the rail in N."""
         load = self.wheel_radius * force
-        inertia = self.wheelset_inertia / self.gear_ratio
-        handed = (inertia / self.motor_inertia * state.torque + load) * state.motor_speed
+        return self.turned(state.torque, state.motor_speed, load, self.wheelset_inertia)
+
+    def turned(
+        self, torque: PerAxle, motor_speed: PerAxle, load: PerAxle, inertia: Number
+    ) -> Motion:
+        """That of motors that turn an inertia in kg m^2 against a load in N m at the wheel."""
+        inertia = inertia / self.gear_ratio
+        handed = (inertia / self.motor_inertia * torque + load) * motor_speed
         # Divisions are of parameters alone: those of arrays [runs, axles] would cost as much as
         # the exponentials.
         driving = 1 / (self.gear_ratio * self.gear_efficiency)
@@ -148,9 +156,14 @@ class RigidAxles(Plant):
             1 / (self.motor_inertia + inertia * driving),
             1 / (self.motor_inertia + inertia * driven),
         )
-        angular = (state.torque - load * through) * turned
+        angular = (torque - load * through) * turned
         wheel_torque = inertia * angular + load
-        return _Motion(force, angular, wheel_torque, wheel_torque * through)
+        return Motion(angular, wheel_torque, wheel_torque * through)
+
+    def forward(self, force: Number, train_speed: Number, slope: Number) -> Number:
+        """Acceleration in m/s^2 of the train under the force in N of all axles that are given."""
+        against = self._resistance(train_speed) + self.train_mass * GRAVITY * jnp.sin(slope)
+        return (self.axles_alike * force - against) * (1 / self.train_mass)
 
     def _resistance(self, train_speed: Number) -> Number:
         speed = 3.6 * jnp.abs(train_speed)
