@@ -104,7 +104,7 @@ def _compiled(
         ) -> tuple[dict[str, jax.Array], Course]:
             method = configured(entrant, point)
             of_rails, of_noise = jax.random.split(key)
-            loop = terms.loop(method, family.draw(of_rails, timing.step))
+            loop = family.met(terms.loop(method, family.draw(of_rails, timing.step)))
             totals, seen = trace(loop, timing, of_noise, every)
             return figures_of(totals, timing), _course(loop, timing, seen)
 

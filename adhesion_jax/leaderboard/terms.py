@@ -86,7 +86,7 @@ class Grid(NamedTuple):
 def timing_of(terms: Terms, grid: Grid, method: str, entrant: Entrant, family: Family) -> Timing:
     """The grid of a method's runs; InputError, which names it, where it has none."""
     try:
-        loop = terms.loop(entrant, family.draw(jax.random.key(0), grid.step))
+        loop = family.met(terms.loop(entrant, family.draw(jax.random.key(0), grid.step)))
         check(loop)
         return timing(loop, *grid)
     except InputError as refusal:

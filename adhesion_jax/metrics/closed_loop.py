@@ -53,6 +53,7 @@ class Sample(NamedTuple):
     static_shaft: Float[Array, " axles"]  # that at the largest adhesion without acceleration, N m
     slip_power: Float[Array, ""]  # of all axles, W
     pull: Float[Array, ""]  # of all axles, N
+    largest_pull: Float[Array, ""]  # that at the largest adhesion of every axle, N
     train_speed: Float[Array, ""]  # m/s
 
 
@@ -61,6 +62,8 @@ class Segment(NamedTuple):
 
     samples: Float[Array, "..."]
     utilised: Float[Array, "..."]
+    pulled: Float[Array, "..."]
+    largest_pulled: Float[Array, "..."]
     slip_energy: Float[Array, "..."]
     useful_work: Float[Array, "..."]
     torque_variation: Float[Array, "..."]
@@ -182,6 +185,8 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
     found = Segment(
         samples=one,
         utilised=utilised,
+        pulled=sample.direction * sample.pull,
+        largest_pulled=sample.largest_pull,
         slip_energy=period * sample.slip_power,
         useful_work=period * sample.pull * sample.train_speed,
         torque_variation=moved,
@@ -228,6 +233,7 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
 #: Unit and meaning of each figure of a segment.
 FIGURES: Mapping[str, tuple[str, str]] = {
     "utilisation": ("1", "mean adhesion, as a share of the largest possible"),
+    "pull_share": ("1", "mean pull, as a share of that at the largest adhesion of every axle"),
     "overshoot": ("m/s", "largest excess of slip over that of the largest adhesion"),
     "t95": ("s", "time until 95 % of the largest adhesion is kept for .3 s; empty if it never is"),
     "never95": ("1", "share of the runs in which it never is"),
@@ -297,6 +303,7 @@ def figures(of: Segment, period: float) -> dict[str, Float[Array, " segments"]]:
     never = jnp.isinf(of.reached)
     return {
         "utilisation": mean(of.utilised, of.samples),
+        "pull_share": mean(of.pulled, of.largest_pulled),
         "overshoot": where_seen(of.overshoot),
         "t95": jnp.where(never, jnp.nan, of.reached),
         "never95": where_seen(never),

@@ -320,9 +320,10 @@ def _sample(loop: Loop, state: _State) -> Sample:
         asked=state.asked,
         torque=state.plant.torque,
         shaft=plant.shaft_torque(state.plant),
-        static_shaft=plant.static_shaft_torque(largest),
+        static_shaft=plant.static_shaft_torque(slip, state.plant.train_speed, held),
         slip_power=plant.axles_alike * jnp.sum(lost),
         pull=plant.axles_alike * jnp.sum(force),
+        largest_pull=plant.pull(largest),
         train_speed=state.plant.train_speed,
     )
 

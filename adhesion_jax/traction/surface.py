@@ -35,6 +35,20 @@ class RailSurface(eqx.Module):
         unit = per(train_speed) if self.in_ratio else 1.0
         return self.law(slip_velocity / unit, {"vehicle_speed_mps": train_speed})
 
+    def of_sides(
+        self,
+        right: Float[Array, " axles"],
+        left: Float[Array, " axles"],
+        train_speed: Float[Array, ""],
+    ) -> tuple[Float[Array, " axles"], Float[Array, " axles"]]:
+        """Adhesion of the right and of the left wheel of each axle, each at a slip of its own."""
+        if not isinstance(self.law, BothSides):
+            return self(right, train_speed), self(left, train_speed)
+        on_right, on_left = (
+            RailSurface(law, self.in_ratio) for law in (self.law.right, self.law.left)
+        )
+        return on_right(right, train_speed), on_left(left, train_speed)
+
     def peak(self, train_speed: Float[Array, ""]) -> Peak:
         """The largest adhesion in traction, and the slip velocity that it needs."""
         conditions = {"vehicle_speed_mps": train_speed}
@@ -96,6 +110,23 @@ def _vertex(
     bend = jnp.where(top, bend, 1.0)
     shift = jnp.where(top, (before - after) / (2 * bend), 0.0)
     return shift, jnp.where(top, here - (after - before) ** 2 / (8 * bend), -jnp.inf)
+
+
+class BothSides(Law):
+    """The mean of the laws of both rails at one slip: that of an axle whose wheels turn alike.
+
+    Its peak is given, so that it is sought once a rail.
+    """
+
+    right: Law
+    left: Law
+    largest: Peak
+
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+        return (self.right(slip, conditions) + self.left(slip, conditions)) / 2
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        return self.largest
 
 
 class Scaled(Law):

@@ -14,6 +14,7 @@ from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.seekers.base import Seeker
 from adhesion_jax.traction.signals import Number, PerAxle, Reference, Signals
+from adhesion_jax.traction.surface import BothSides, Scaled
 from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.uyulan2018 import SURFACES, SYSTEM
 from experiments.claims.settings import (
@@ -168,7 +169,12 @@ def own_motors_loop(loop: Loop) -> Loop:
 
 
 def sided_loop(loop: Loop, setting: Setting) -> Loop:
-    return on_plant(loop, changed(loop.plant, left_adhesion=jnp.full(1, setting["left"])))
+    right = loop.rails.surfaces.law
+    peak, share = right.peak({}), (1 + setting["left"]) / 2
+    largest = peak._replace(adhesion=share * peak.adhesion)
+    law = BothSides(right, Scaled(right, jnp.full(3, setting["left"])), largest)
+    rails = changed(loop.rails, surfaces=changed(loop.rails.surfaces, law=law))
+    return changed(loop, rails=rails)
 
 
 def braking_loop(loop: Loop) -> Loop:
@@ -199,7 +205,7 @@ def own_rails_loop(loop: Loop) -> Loop:
     law = Exponential(a=a + 0 * level, b=b + 0 * level, c=c * level)
     rails = changed(loop.rails, surfaces=changed(loop.rails.surfaces, law=law))
     each = jnp.ones(4)
-    names = ("radius_right", "radius_left", "wheel_load", "left_adhesion")
+    names = ("radius_right", "radius_left", "wheel_load")
     own = {name: each * getattr(loop.plant, name) for name in names}
     plant = changed(loop.plant, axles_alike=jnp.asarray(1.0), **own)
     return changed(on_plant(loop, plant), rails=rails, slip=each * loop.slip)

@@ -38,6 +38,7 @@ def samples_of(rows, segments, seed=0, **given):
         "static_shaft": random.uniform(1e4, 2e4, (rows, axles)),
         "slip_power": random.uniform(0.0, 1e4, rows),
         "pull": random.uniform(0.0, 1e5, rows),
+        "largest_pull": random.uniform(1e5, 2e5, rows),
         "train_speed": 5 + np.cumsum(random.normal(size=rows)) * 0.01,
     }
     return Sample(**{name: jnp.asarray(x) for name, x in (columns | given).items()})
@@ -77,6 +78,7 @@ def brute(samples, segment):
     work = abs(gained)
     return {
         "utilisation": share[here].mean(),
+        "pull_share": (x.direction * x.pull)[here].sum() / x.largest_pull[here].sum(),
         "overshoot": (x.direction[:, None] * (x.slip - x.optimum))[here].max(),
         "t95": reached,
         "never95": float(np.isnan(reached)),

@@ -14,6 +14,7 @@ from scipy.stats import kstest
 from second_simulator import Segments, utilisation
 
 from adhesion_jax.effects.cleaning import Cleaning
+from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.closed_loop import by_segment, figures, whole
 from adhesion_jax.traction.controllers.barrier import Barrier
 from adhesion_jax.traction.families import FAMILIES
@@ -106,10 +107,13 @@ def test_peaks_are_those_of_a_fine_grid_and_slips_log_uniform(name):
 
     surfaces = jax.jit(jax.vmap(first))(rails)
     grid = jnp.geomspace(5e-3, 3.0, 4000)
-    curve = jax.jit(jax.vmap(lambda one: jax.vmap(lambda v: one(jnp.full(1, v), SPEED)[0])(grid)))
+    axles = 8 if name == "axles" else 1
+    curve = jax.jit(
+        jax.vmap(lambda one: jax.vmap(lambda v: one(jnp.full(axles, v), SPEED)[0])(grid))
+    )
     adhesion = np.asarray(curve(surfaces))
     peaks = jax.jit(jax.vmap(lambda one: one.peak(SPEED)))(surfaces)
-    slip, largest = (np.asarray(values).reshape(DRAWS) for values in peaks[:2])
+    slip, largest = (np.asarray(values).reshape(DRAWS, -1)[:, 0] for values in peaks[:2])
     if name == "no-maximum":
         # It has none: the level stands for it, with the slip of 95 % of it.
         assert not np.asarray(peaks.found).any()
@@ -121,6 +125,12 @@ def test_peaks_are_those_of_a_fine_grid_and_slips_log_uniform(name):
         assert np.asarray(peaks.found).all()
         np.testing.assert_allclose(adhesion.max(axis=1), largest, rtol=1e-4)
         np.testing.assert_allclose(grid[adhesion.argmax(axis=1)], slip, rtol=0.02)
+    if name == "split":
+        sides = [surfaces.law.right, surfaces.law.left]
+        between = np.sort([np.log(side.b / side.a) / (side.b - side.a) for side in sides], axis=0)
+        assert np.all((between[0] <= slip) & (slip <= between[1]))
+        assert not np.allclose(*between)
+        return
     if name == "two-maxima":
         turns = np.diff(np.sign(np.diff(adhesion, axis=1)), axis=1) < 0
         assert np.all(turns.sum(axis=1) == 2)
@@ -287,12 +297,49 @@ def test_a_second_simulator_gives_the_same_use_of_adhesion(method):
         assert found["utilisation"][number, 0] == pytest.approx(expected, abs=2e-3)
 
 
+def test_eight_axles_on_rails_of_their_own_pull_what_these_hold():
+    plant = read_plant(shipped()["hxd1f_axles"]).plant
+    system = SYSTEMS["hxd1f"]
+    case = system.cases(system.step)[0]._replace(sampled=1e-3)
+    loop = dataclasses.replace(
+        built(system, case, plant), observer=FullDimension(-500.0), seeker=TrueOptimum(0.0)
+    )
+    loop = FAMILIES["axles"].met(dataclasses.replace(loop, rails=one_of("axles")))
+    known, worn = loop.nominal.wheel_radius, loop.plant.wheel_radius
+    assert known.tolist() == [0.625] * 8
+    assert np.abs(worn - known).max() == pytest.approx(0.004)
+    # No axle can have less adhesion and all together more pull.
+    largest = loop.rails.surface(NOW).peak(SPEED).adhesion
+    assert len(set(largest.tolist())) == 8
+    most = float(plant.pull(largest))
+    for share in np.random.default_rng(0).uniform(0, 1, (50, 8)):
+        assert float(plant.pull(share * largest)) < most
+    # Control that knows the radii, and control that does not.
+    grid = timing(loop, STEP, 1e-3, 2.0)
+    told, untold = (
+        jax.jit(run, static_argnums=1)(one, grid, jax.random.key(0))
+        for one in (dataclasses.replace(loop, nominal=loop.plant), loop)
+    )
+    shares = [
+        float(figures(whole(one), grid.sample_period)["pull_share"][0]) for one in (told, untold)
+    ]
+    assert 0.97 < shares[0] < 1
+    assert shares[1] < shares[0] - 0.01
+
+
+def test_rails_of_eight_axles_refuse_a_plant_of_one():
+    with pytest.raises(InputError, match=r"those of 8 axles .* has 1; give --plant hxd1f_axles\.$"):
+        FAMILIES["axles"].met(hxd1f())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", lanes(FAMILIES, 0, 0))
 @pytest.mark.parametrize("price", [0, 1, 3])
 def test_no_constant_slip_gains_more_than_the_true_optimum(name, price):
     if name == "no-maximum" and price == 0:
         pytest.skip("without a price the best slip on these rails has no end")
+    if name == "axles":
+        pytest.skip("they are rails of eight axles")
     rails = jax.tree.map(lambda values: values[:8], drawn(name))
     column = f"utility_{price}"
     loop = dataclasses.replace(hxd1f(), seeker=TrueOptimum(float(price)))

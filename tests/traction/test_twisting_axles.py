@@ -19,7 +19,7 @@ from adhesion_jax.traction.plants.rigid_axles import RigidAxles
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
 from adhesion_jax.traction.sensors import Sensors
-from adhesion_jax.traction.surface import exponential
+from adhesion_jax.traction.surface import BothSides, RailSurface, Scaled, exponential
 from adhesion_jax.traction.systems import SYSTEMS
 
 #: v* = .2 m/s, mu_max = .36.
@@ -129,6 +129,30 @@ def test_the_torque_of_the_shaft_has_no_jump_at_the_end_of_its_play():
     np.testing.assert_allclose(
         torques, stiffness * np.array([-1e-4, 0, 0, 0, 0, 0, 1e-4]), rtol=1e-9, atol=1e-4
     )
+
+
+@pytest.mark.parametrize("name", ["hxd1f_twist", "uyulan2018"])
+def test_each_wheel_is_held_by_its_own_rail(name):
+    plant, share, slip = read_plant(shipped()[name]).plant, 0.3, 0.12
+    speed = jnp.asarray(5.0)
+    peak = DRY.peak(speed)
+    law = BothSides(
+        DRY.law, Scaled(DRY.law, share), peak._replace(adhesion=(1 + share) / 2 * peak.adhesion)
+    )
+    split = Held(jnp.zeros(1), RailSurface(law), jnp.asarray(0.0))
+    alike = split._replace(surface=DRY)
+    state = plant.init(plant.gear_ratio * (5.0 + slip) / plant.radius, speed)
+    right, left = plant.force(state, split)
+    both = plant.force(state, alike)[0]
+    np.testing.assert_allclose([right, left], [both, share * both], rtol=1e-12)
+    adhesion = float(plant.adhesion(state, split)[0])
+    assert adhesion == pytest.approx((1 + share) / 2 * float(DRY(jnp.asarray(slip), speed)))
+    assert float(plant.pull(plant.adhesion(state, split))) == pytest.approx(
+        float(plant.axles_alike * (right + left)[0]), rel=1e-12
+    )
+    # Steadily the shaft carries what the left rail takes of the left wheel.
+    static = plant.static_shaft_torque(jnp.full(1, slip), speed, split)
+    assert float(static[0]) == pytest.approx(float(plant.radius[0] * left[0]), rel=1e-12)
 
 
 def test_a_stiff_axle_is_a_rigid_one_to_the_order_of_its_compliance():

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from adhesion_jax.traction.families.axles import AxleRails
 from adhesion_jax.traction.families.base import Family
 from adhesion_jax.traction.families.exponential import ExponentialRails
 from adhesion_jax.traction.families.film import FilmRails
@@ -10,6 +11,7 @@ from adhesion_jax.traction.families.patches import PatchRails
 from adhesion_jax.traction.families.polach import PolachRails
 from adhesion_jax.traction.families.slow import SlowRails
 from adhesion_jax.traction.families.speed import SpeedRails
+from adhesion_jax.traction.families.split import SplitRails
 from adhesion_jax.traction.families.two_maxima import TwoMaximaRails
 
 #: The first is the nominal one.
@@ -22,4 +24,6 @@ FAMILIES: Mapping[str, Family] = {
     "no-maximum": NoMaximumRails(),
     "two-maxima": TwoMaximaRails(),
     "film": FilmRails(),
+    "split": SplitRails(),
+    "axles": AxleRails(),
 }

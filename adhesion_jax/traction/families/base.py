@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
+from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.surface import RailSurface, with_peak
 
@@ -37,6 +38,10 @@ class Family(eqx.Module):
     @abstractmethod
     def draw(self, key: PRNGKeyArray, step: float) -> Rails:
         """Rails from a key alone, for a plant with steps in s; pure, and may be compiled."""
+
+    def met(self, loop: Loop) -> Loop:
+        """A loop as it is on these rails; by default as it is."""
+        return loop
 
 
 def starts(key: PRNGKeyArray, step: float) -> Int[Array, " segments"]:

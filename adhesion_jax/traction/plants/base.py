@@ -114,6 +114,10 @@ class Plant(eqx.Module):
         """The inverse of `adhesion_of`."""
 
     @abstractmethod
+    def pull(self, adhesion: PerAxle) -> Number:
+        """Force of all axles at the rail in N, whose wheels have this adhesion in the mean."""
+
+    @abstractmethod
     def acceleration(self, adhesion: PerAxle, train_speed: Number) -> Number:
         """Acceleration of the train on level track, m/s^2."""
 
@@ -121,18 +125,17 @@ class Plant(eqx.Module):
         """Torque in N m of the shaft between the wheels of each axle; NaN where none twists."""
         return jnp.full_like(state.torque, jnp.nan)
 
-    def static_shaft_torque(self, adhesion: PerAxle) -> PerAxle:
-        """That at which both wheels keep their speed under this adhesion, N m."""
-        return jnp.full_like(adhesion, jnp.nan)
+    def static_shaft_torque(self, slip: PerAxle, train_speed: Number, held: Held) -> PerAxle:
+        """That at which both wheels of each axle keep this slip in m/s, N m."""
+        return jnp.full_like(slip, jnp.nan)
 
     def circumferential(self, motor_speed: PerAxle) -> PerAxle:
         """Speed of the wheel at its rim in m/s."""
         return self.radius / self.gear_ratio * motor_speed
 
     def adhesion(self, state: Any, held: Held) -> PerAxle:
-        """Mean over the contacts of each axle."""
-        found = held.surface(self.slip_velocity(state), state.train_speed)
-        return jnp.mean(found.reshape(-1, found.shape[-1]), axis=0)
+        """Mean over the wheels of each axle."""
+        return held.surface(self.slip_velocity(state), state.train_speed)
 
 
 def quantities(kind: type[Plant]) -> Mapping[str, Quantity]:

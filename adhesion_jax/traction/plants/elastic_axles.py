@@ -32,8 +32,8 @@ class ElasticAxles(Plant):
 
     phi is the twist, dphi = w_R - w_L; J1 = i^2 Jm + Jg + Jw + Jx + Jb of motor, gear, right wheel,
     axle and brake, J2 = Jw; eta is 1/eta where the wheel drives the motor.
-    m_dyn dV = n sum (F_R + F_L) - R(V) - m_stc g sin(slope), each force mu(v_s) m_a g, on the left
-    times the share of its rail. R(V) after Davis, in N with m in t, A in m^2 and V in km/h:
+    m_dyn dV = n sum (F_R + F_L) - R(V) - m_stc g sin(slope), each force mu(v_s) m_a g, mu of its
+    rail. R(V) after Davis, in N with m in t, A in m^2 and V in km/h:
     9.81 (.65 m + 13.2 axles + .00931 m V + .00453 A V^2), and of a curve, after Roeckl,
     650/(radius - 55) N/kN above a radius of 350 m, 500/(radius - 30) below.
 
@@ -43,7 +43,6 @@ class ElasticAxles(Plant):
     radius_right: PerAxle = parameter("m", 0.1, 2.0, "radius of the right wheel, beside the gear")
     radius_left: PerAxle = parameter("m", 0.1, 2.0, "radius of the left wheel")
     wheel_load: PerAxle = parameter("kg", 1.0, 1e5, "mass that each wheel bears")
-    left_adhesion: PerAxle = parameter("1", 0.0, 10.0, "of the left rail, over that of the right")
     gear_ratio: Number = parameter("1", 0.1, 100.0, "motor speed over wheel speed")
     gear_efficiency: Number = parameter("1", 0.1, 1.0, "of the gear, in the torque of the wheel")
     motor_inertia: Number = parameter("kg m^2", 1e-3, 1e5, "of the motor")
@@ -67,10 +66,7 @@ class ElasticAxles(Plant):
     def derivative(self, state: ElasticState, held: Held) -> ElasticState:
         # The wheels are kept apart: the compiler fills an array of both number by number, which
         # took a third of the time of a step.
-        right, left = (
-            self._force(slip, load, state, held)
-            for slip, load in zip(self._slips(state), self._bearing, strict=True)
-        )
+        right, left = self._forces(state, held)
         driven = self.gear_ratio * self._efficiency(state) * state.torque
         shaft = self.shaft_torque(state)
         pull = self.axles_alike * jnp.sum(right + left)
@@ -90,11 +86,11 @@ class ElasticAxles(Plant):
         return jnp.stack(self._slips(state))
 
     def force(self, state: ElasticState, held: Held) -> Float[Array, "sides axles"]:
-        return self._force(self.slip_velocity(state), jnp.stack(self._bearing), state, held)
+        return jnp.stack(self._forces(state, held))
 
     def adhesion(self, state: ElasticState, held: Held) -> PerAxle:
-        right, left = held.surface(self.slip_velocity(state), state.train_speed)
-        return jnp.mean(jnp.stack([right, left * self.left_adhesion]), axis=0)
+        right, left = held.surface.of_sides(*self._slips(state), state.train_speed)
+        return (right + left) / 2
 
     def energy(self, state: ElasticState) -> Number:
         turning = self._beside_gear * state.right**2 + self.wheel_inertia * state.left**2
@@ -119,8 +115,9 @@ class ElasticAxles(Plant):
         elastic = self.shaft_stiffness * state.twist
         return elastic + self.shaft_damping * (state.right - state.left)
 
-    def static_shaft_torque(self, adhesion: PerAxle) -> PerAxle:
-        return self.radius_left * adhesion * self.left_adhesion * self.wheel_load * GRAVITY
+    def static_shaft_torque(self, slip: PerAxle, train_speed: Number, held: Held) -> PerAxle:
+        _, left = held.surface.of_sides(slip, slip, train_speed)
+        return self.radius_left * left * self.wheel_load * GRAVITY
 
     @property
     def inertia(self) -> PerAxle:
@@ -137,9 +134,11 @@ class ElasticAxles(Plant):
     def load_of(self, adhesion: PerAxle) -> PerAxle:
         return adhesion * self._load_per_adhesion
 
+    def pull(self, adhesion: PerAxle) -> Number:
+        return 2 * self.axles_alike * jnp.sum(adhesion * self.wheel_load * GRAVITY)
+
     def acceleration(self, adhesion: PerAxle, train_speed: Number) -> Number:
-        pull = 2 * self.axles_alike * jnp.sum(adhesion * self.wheel_load * GRAVITY)
-        return (pull - self._resistance(train_speed)) / self.dynamic_mass
+        return (self.pull(adhesion) - self._resistance(train_speed)) / self.dynamic_mass
 
     @property
     def _load_per_adhesion(self) -> PerAxle:
@@ -156,20 +155,10 @@ class ElasticAxles(Plant):
         right = self.radius_right * state.right - state.train_speed
         return right, self.radius_left * state.left - state.train_speed
 
-    @property
-    def _bearing(self) -> tuple[PerAxle, PerAxle]:
-        """The mass on the right and on the left wheel in kg, as the adhesion of its rail counts."""
-        return self.wheel_load, self.wheel_load * self.left_adhesion
-
-    def _force(
-        self,
-        slip: Float[Array, "*sides axles"],
-        bearing: Float[Array, "*sides axles"],
-        state: ElasticState,
-        held: Held,
-    ) -> Float[Array, "*sides axles"]:
-        """Force at the rail in N of wheels at these slip velocities."""
-        return held.surface(slip, state.train_speed) * bearing * GRAVITY
+    def _forces(self, state: ElasticState, held: Held) -> tuple[PerAxle, PerAxle]:
+        """Force at the rail of the right and of the left wheel, N."""
+        right, left = held.surface.of_sides(*self._slips(state), state.train_speed)
+        return right * self.wheel_load * GRAVITY, left * self.wheel_load * GRAVITY
 
     def _efficiency(self, state: ElasticState) -> PerAxle:
         """Efficiency of the gear, or its inverse where the wheel drives the motor."""

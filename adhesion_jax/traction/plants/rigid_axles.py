@@ -115,9 +115,11 @@ class RigidAxles(Plant):
     def load_of(self, adhesion: PerAxle) -> PerAxle:
         return adhesion * self._load_per_adhesion(adhesion)
 
+    def pull(self, adhesion: PerAxle) -> Number:
+        return self.axles_alike * jnp.sum(adhesion * self.bearing(adhesion))
+
     def acceleration(self, adhesion: PerAxle, train_speed: Number) -> Number:
-        pull = self.axles_alike * jnp.sum(adhesion * self.axle_load * GRAVITY)
-        return (pull - self._resistance(train_speed)) / self.train_mass
+        return (self.pull(adhesion) - self._resistance(train_speed)) / self.train_mass
 
     def _load_per_adhesion(self, sign: PerAxle) -> PerAxle:
         """T_L = r F/(i eta) in traction, r F eta/i in braking."""

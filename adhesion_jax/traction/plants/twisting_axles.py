@@ -24,9 +24,9 @@ class TwistingAxles(RigidAxles):
     """Rigid axles but for a shaft between their wheels, as control does not know.
 
     (1 - s) Jw dw_n = T_w - T_x - r F_n, s Jw dw_f = T_x - r F_f, dphi = w_n - w_f,
-    T_x = K z(phi) + D dphi, each force mu Q/2 at the slip of its wheel. s is the share of the
-    wheelset beyond the shaft. z(phi) is phi less half the play, towards zero, and zero within it:
-    T_x is continuous, and its damping acts within the play, too.
+    T_x = K z(phi) + D dphi, each force mu Q/2 at the slip of its wheel, the near one on the
+    right rail. s is the share of the wheelset beyond the shaft. z(phi) is phi less half the play,
+    towards zero, and zero within it: T_x is continuous, and its damping acts within the play, too.
     K = (2 pi f)^2 J and D = 4 pi f zeta J belong to the free mode of the shaft without play,
     1/J = 1/(s Jw) + 1/((1 - s) Jw + i^2 Jm), the gear taken without loss.
     For f to infinity these are rigid axles, to the order of 1/K.
@@ -70,14 +70,19 @@ class TwistingAxles(RigidAxles):
         damped = self._damping * jnp.sum(state.twist_rate**2)
         return super().powers(state, held)._replace(shaft=self.axles_alike * damped)
 
+    def adhesion(self, state: TwistState, held: Held) -> PerAxle:
+        near, far = held.surface.of_sides(*self._slips(state), state.train_speed)
+        return (near + far) / 2
+
     def motion(self, state: TwistState, force: Float[Array, "sides axles"]) -> Motion:
         return self._near_motion(state, force[0])
 
     def shaft_torque(self, state: TwistState) -> PerAxle:
         return self._stiffness * self._sprung(state) + self._damping * state.twist_rate
 
-    def static_shaft_torque(self, adhesion: PerAxle) -> PerAxle:
-        return self.wheel_radius * adhesion * self.bearing(adhesion) / 2
+    def static_shaft_torque(self, slip: PerAxle, train_speed: Number, held: Held) -> PerAxle:
+        near, far = held.surface.of_sides(slip, slip, train_speed)
+        return self.wheel_radius * far * self.bearing((near + far) / 2) / 2
 
     def _near_motion(self, state: TwistState, force: PerAxle) -> Motion:
         """That of the motors under the shaft and the forces of the near wheels in N."""
@@ -118,6 +123,6 @@ class TwistingAxles(RigidAxles):
 
     def _forces(self, state: TwistState, held: Held) -> tuple[PerAxle, PerAxle]:
         """Force at the rail of the near and of the far wheel, N."""
-        near, far = (held.surface(slip, state.train_speed) for slip in self._slips(state))
+        near, far = held.surface.of_sides(*self._slips(state), state.train_speed)
         each = self.bearing((near + far) / 2) / 2
         return near * each, far * each
