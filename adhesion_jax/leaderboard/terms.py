@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from adhesion_jax.campaign.identity import settings_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics import closed_loop
+from adhesion_jax.programs import kept
 from adhesion_jax.traction import driver, integration, loop, rails, sensors, surface
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.entrants import Entrant
@@ -24,6 +25,7 @@ from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.sensors import Sensors
 from adhesion_jax.traction.signals import PerAxle
+from adhesion_jax.traction.surface import RailSurface
 from adhesion_jax.traction.systems.base import System
 
 #: Seconds from one sample of the sensors to the next.
@@ -31,6 +33,9 @@ SAMPLED = 1e-3
 
 #: Step of the plant in s.
 STEP = 2e-4
+
+#: Number of drawn rails that the step is checked on.
+_DRAWN = 64
 
 #: What the version of the plant depends on beside the plant, and that of the rails.
 _LOOP, _RAILS = (loop, integration, sensors, driver), (rails, surface)
@@ -86,11 +91,21 @@ class Grid(NamedTuple):
 def timing_of(terms: Terms, grid: Grid, method: str, entrant: Entrant, family: Family) -> Timing:
     """The grid of a method's runs; InputError, which names it, where it has none."""
     try:
-        loop = family.met(terms.loop(entrant, family.draw(jax.random.key(0), grid.step)))
+        rails = family.draw(jax.random.key(0), grid.step)
+        rails = eqx.tree_at(lambda one: one.surfaces, rails, _surfaces(family, grid.step))
+        loop = family.met(terms.loop(entrant, rails))
         check(loop)
         return timing(loop, *grid)
     except InputError as refusal:
         raise InputError(f"{method} cannot be judged: {refusal}") from None
+
+
+@kept(static=(1,))
+def _surfaces(family: Family, step: float) -> RailSurface:
+    """Those of some drawn rails, on all of which the step must be short enough."""
+    keys = jax.random.split(jax.random.key(0), _DRAWN)
+    drawn = jax.vmap(lambda key: family.draw(key, step).surfaces)(keys)
+    return jax.tree.map(lambda numbers: numbers.reshape(-1, *numbers.shape[2:]), drawn)
 
 
 class Versions(NamedTuple):

@@ -12,6 +12,7 @@ import pytest
 from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.traction import WHOLE
+from adhesion_jax.errors import InputError
 from adhesion_jax.leaderboard import judging, tuning
 from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.judging import SEEDS, Judging, keys_of, shown_of
@@ -126,6 +127,18 @@ def test_runs_have_their_keys_from_seed_rails_and_number_alone():
     third = keys_of(7, RAILS, np.arange(TILE))
     assert (jax.random.key_data(many)[SEEDS + 2] == jax.random.key_data(third)[SEEDS]).all()
     assert len(np.unique(jax.random.key_data(many), axis=0)) == TILE
+
+
+def test_a_step_is_short_enough_for_the_steepest_of_many_rails():
+    twisting = terms_of(SYSTEMS["hxd1f"], read_plant(shipped()["hxd1f_twist"]).plant)
+    timing_of(twisting, GRID, "constant", CONSTANT, FAMILY)
+    # The first rail that is drawn would allow .47 ms.
+    longer = GRID._replace(step=1e-3 / 3)
+    with pytest.raises(InputError, match=r"^constant cannot be judged: --step 0.000333333 s is"):
+        timing_of(twisting, longer, "constant", CONSTANT, FAMILY)
+    timing_of(TERMS, longer, "constant", CONSTANT, FAMILY)
+    with pytest.raises(InputError, match=r"those of 8 axles of a locomotive, and the plant has 1"):
+        timing_of(TERMS, GRID, "constant", CONSTANT, FAMILIES["axles"])
 
 
 def test_points_are_those_of_one_sequence_in_the_unit_cube():
