@@ -131,6 +131,57 @@ def test_the_torque_of_the_shaft_has_no_jump_at_the_end_of_its_play():
     )
 
 
+def by_hand(speeds, twist, torque, backlash):
+    """Accelerations of near wheel, far wheel and train, from the free bodies."""
+    near, far, train = speeds
+    ratio, eta, radius, weight = 106 / 17, 0.975, 0.625, 30000 * 9.81
+
+    def pull(slip):
+        size = abs(slip)
+        mu = 1.2580 * (np.exp(-3.2666 * size) - np.exp(-7.2592 * size))
+        return np.sign(slip) * mu * weight / 2
+
+    swinging = FAR * REST / (FAR + REST)
+    sprung = np.sign(twist) * max(abs(twist) - backlash / 2, 0.0)
+    shaft = (2 * np.pi * 45) ** 2 * swinging * sprung
+    shaft += 2 * 0.01 * 2 * np.pi * 45 * swinging * (near - far)
+    forces = [pull(radius * wheel - train) for wheel in (near, far)]
+    found = []
+    for loss in (eta, 1 / eta):
+        inertia = 290.0 + ratio**2 * loss * 25.0
+        angular = (ratio * loss * torque - shaft - radius * forces[0]) / inertia
+        handed = 290.0 * angular + shaft + radius * forces[0]
+        if (handed * near >= 0) == (loss < 1):
+            found.append(angular)
+    kmh = 3.6 * train
+    resistance = 1e7 * 9.81e-3 * (0.92 + 0.0048 * kmh + 0.000125 * kmh**2)
+    (angular,) = found
+    far_angular = (shaft - radius * forces[1]) / FAR
+    return angular, far_angular, (8 * sum(forces) - resistance) / 1e7
+
+
+@pytest.mark.parametrize("backlash", [0.0, 1e-3])
+def test_the_equations_are_those_of_the_free_bodies(backlash):
+    plant, random, ratio = twisting(backlash=backlash), np.random.default_rng(0), 106 / 17
+    for _ in range(50):
+        near = random.uniform(7, 12)
+        far, train = near - random.normal(0, 0.2), 0.625 * near - random.normal(0, 0.2)
+        twist, torque = random.normal(0, 2e-3), random.uniform(-9e3, 13e3)
+        state = plant.init(jnp.full(1, ratio * near), jnp.asarray(train))._replace(
+            twist=jnp.full(1, twist),
+            twist_rate=jnp.full(1, near - far),
+            torque=jnp.full(1, torque),
+        )
+        rates = plant.derivative(state, Held(state.torque, DRY, jnp.asarray(0.0)))
+        angular = rates.motor_speed[0] / ratio
+        np.testing.assert_allclose(
+            [angular, angular - rates.twist_rate[0], rates.train_speed],
+            by_hand((near, far, train), twist, torque, backlash),
+            rtol=1e-9,
+        )
+        assert float(rates.twist[0]) == pytest.approx(near - far, rel=1e-12)
+
+
 @pytest.mark.parametrize("name", ["hxd1f_twist", "uyulan2018"])
 def test_each_wheel_is_held_by_its_own_rail(name):
     plant, share, slip = read_plant(shipped()[name]).plant, 0.3, 0.12
