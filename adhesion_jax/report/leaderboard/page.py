@@ -36,8 +36,8 @@ _FAR = 3.0
 #: The columns of the first table, those whose errors are told beside them, and of the second.
 _FIRST = (
     *("rank", "method", "utilisation", "worst", "difference", "never95", "t95_median", "t95_p90"),
-    *("torque_variation", "slip_energy_share", "jerk_rms", "microseconds", "state_bytes"),
-    "remark",
+    *("pull_share", "torque_variation", "axle_torque_median", "axle_torque_p95"),
+    *("slip_energy_share", "jerk_rms", "microseconds", "state_bytes", "remark"),
 )
 _SECOND = (
     "method",
@@ -184,7 +184,8 @@ def _terms(told: Mapping[str, Any], system: System) -> Sequence[str]:
 
 
 def _table(rows: pd.DataFrame, names: Sequence[str]) -> Table:
-    there = [name for name in names if name in rows]
+    # No axle of a rigid train twists.
+    there = [name for name in names if name in rows and rows[name].notna().any()]
     cells = [[_cell(row, name) for name in there] for _, row in rows.iterrows()]
     headings = [f"{name} ({COLUMNS[name][0]})" if COLUMNS[name][0] else name for name in there]
     right = [
