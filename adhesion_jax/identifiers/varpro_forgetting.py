@@ -23,6 +23,10 @@ from adhesion_jax.records import Known, Record
 #: Number of values of d, by equal factors over its range.
 _DEGREES = 48
 
+#: Weight of mu(0) = offset = 0 in samples where there is an offset: slips that lie close to each
+#: other tell curve and offset apart no more, and then the smaller offset is the right one.
+_ORIGIN = 0.01
+
 #: The columns of the sums: phi, its derivative by d, psi, the adhesion, and 1.
 _PHI, _SLOPE, _PSI, _Y, _ONE = range(5)
 
@@ -66,8 +70,8 @@ class ForgettingProjection(Identifier):
     w = factor^(number of samples since). For each d the best a and b in the box are closed (Golub
     and Pereyra 1973); from the best of these one step of Gauss and Newton leads to the d between
     them. The lower bound of d is above 0. Where the sensor of adhesion may have an `offset`, that
-    unknown constant is eliminated first. The covariance is that of noise without memory at slips
-    that come again and again.
+    unknown constant, with a hundredth of a sample at 0, is eliminated first. The covariance is that
+    of noise without memory at slips that come again and again.
     """
 
     FITS_LAST_RECORD = False
@@ -133,7 +137,7 @@ class ForgettingProjection(Identifier):
         products, columns = sums.products, slice(0, _ONE)
         if self.offset:
             total = products[:, columns, _ONE]
-            mean = total / jnp.maximum(sums.weights, 1.0)
+            mean = total / (sums.weights + _ORIGIN)
             products = products[:, columns, columns] - total[:, :, None] * mean[:, None, :]
         of = lambda i, j: products[:, i, j]  # noqa: E731
         inner = Products(of(_PHI, _Y), of(_PSI, _Y), of(_PHI, _PHI), of(_PSI, _PSI), of(_PHI, _PSI))

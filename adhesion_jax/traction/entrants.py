@@ -152,8 +152,6 @@ ENTRANTS: Mapping[str, Entrant] = {
     ),
     "offset-curve": sought(SEEKERS["offset-curve"]),
     "varpro": sought(_by("varpro-forgetting", _BURCKHARDT, 1e-3, 10, _FACTOR)),
-    # Its offset is free altogether: without a hold at mu(0) = 0, as that of offset-curve, the few
-    # slips of a loop tell no peak.
     "varpro-offset": sought(_by("varpro-forgetting-offset", _BURCKHARDT, 1e-3, 10, _FACTOR)),
     "bank-kiencke": sought(_by("bank-kiencke", _KIENCKE, 0.01, 1, _SLOPE)),
     "riv": sought(_by("riv", _KIENCKE, 0.01, 1, _SLOPE)),
