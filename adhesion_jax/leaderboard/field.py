@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
-from adhesion_jax.leaderboard.terms import Terms
 from adhesion_jax.metrics.closed_loop import PRICES
 from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.families import Family
 from adhesion_jax.traction.loop import Timing
+from adhesion_jax.traction.systems.base import Terms
 
 #: The methods that are told the slip of the largest utility at a price.
 OPTIMA: Mapping[int, str] = {

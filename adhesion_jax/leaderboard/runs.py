@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from adhesion_jax import programs
 from adhesion_jax.campaign.loops import figures_of, steps_of
 from adhesion_jax.identifiers.of_numpy import complain
-from adhesion_jax.leaderboard.terms import Terms
 from adhesion_jax.traction.entrants import Entrant, configured
 from adhesion_jax.traction.families import Family
 from adhesion_jax.traction.loop import Loop, Timing, Trace, trace
 from adhesion_jax.traction.seekers.base import Peak
+from adhesion_jax.traction.systems.base import Terms
 
 #: Number of runs of a program. A tile is always computed whole, so that a run gives the same bits
 #: whatever runs are asked for: matrix products within a method may round differently elsewhere.

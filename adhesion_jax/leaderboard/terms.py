@@ -1,4 +1,4 @@
-"""What all methods of a board share: train, sensors, demand, start, and the grid of time."""
+"""The grid of time that all methods of a board share, and the versions of what its rows rest on."""
 
 from collections.abc import Iterable
 from hashlib import sha256
@@ -9,24 +9,17 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from adhesion_jax.campaign.identity import settings_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.programs import kept
 from adhesion_jax.traction import driver, integration, loop, rails, sensors, surface
-from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.families import Family
-from adhesion_jax.traction.loop import Loop, Timing, check, timing
-from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.rails import Rails
-from adhesion_jax.traction.sensors import Sensors
-from adhesion_jax.traction.signals import PerAxle
+from adhesion_jax.traction.loop import Timing, check, timing
 from adhesion_jax.traction.surface import RailSurface
-from adhesion_jax.traction.systems.base import System
+from adhesion_jax.traction.systems.base import Terms
 
 #: Seconds from one sample of the sensors to the next.
 SAMPLED = 1e-3
@@ -39,45 +32,6 @@ _DRAWN = 64
 
 #: What the version of the plant depends on beside the plant, and that of the rails.
 _LOOP, _RAILS = (loop, integration, sensors, driver), (rails, surface)
-
-
-class Terms(eqx.Module):
-    """All of a loop but the rails and the method."""
-
-    plant: Plant
-    driver: Driver
-    sensors: Sensors
-    train_speed: Float[Array, ""]  # at first, m/s
-    slip: PerAxle  # at first, m/s
-    slope: Float[Array, ""]  # of the track, rad
-
-    def loop(self, entrant: Entrant, rails: Rails) -> Loop:
-        """The loop of a method on some rails; control knows the plant exactly."""
-        return Loop(
-            plant=self.plant,
-            nominal=self.plant,
-            rails=rails,
-            driver=self.driver,
-            sensors=self.sensors,
-            observer=entrant.observer,
-            seeker=entrant.seeker,
-            controller=entrant.controller,
-            train_speed=self.train_speed,
-            slip=self.slip,
-            slope=self.slope,
-        )
-
-
-def terms_of(system: System, plant: Plant) -> Terms:
-    """The terms of a system, whose noise is in force, on a plant."""
-    return Terms(
-        plant=plant,
-        driver=system.driver,
-        sensors=Sensors(system.noise, period=SAMPLED),
-        train_speed=jnp.asarray(system.train_speed),
-        slip=jnp.full(plant.radius.shape, system.slip),
-        slope=jnp.asarray(system.slope),
-    )
 
 
 class Grid(NamedTuple):

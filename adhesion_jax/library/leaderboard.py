@@ -24,7 +24,7 @@ from adhesion_jax.leaderboard import judging, tuning
 from adhesion_jax.leaderboard.field import OPTIMA, Field
 from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown_of
 from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
-from adhesion_jax.leaderboard.terms import STEP, Grid, terms_of, timing_of, versions_of
+from adhesion_jax.leaderboard.terms import SAMPLED, STEP, Grid, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuned, Tuning, tuned
 from adhesion_jax.library.methods import called
 from adhesion_jax.library.results import recorded, text_html
@@ -40,7 +40,9 @@ from adhesion_jax.traction.entrants import ENTRANTS, Entrant, box, sought
 from adhesion_jax.traction.families import FAMILIES, Family
 from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
 from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
+from adhesion_jax.traction.sensors import Sensors
 from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.traction.systems.base import terms_of
 from adhesion_jax.wording import listed
 
 #: The system whose train, demand, noise and start all methods share.
@@ -188,7 +190,8 @@ def traction_leaderboard(
     system = SYSTEMS[SYSTEM]
     source = str(plant or system.plant)
     train = read_plant(shipped().get(source, Path(source)))
-    terms, grid = terms_of(system, train.plant), Grid(step or STEP, duration=duration)
+    terms = terms_of(system, train.plant, Sensors(system.noise, period=SAMPLED))
+    grid = Grid(step or STEP, duration=duration)
     entrants = _entrants(methods)
     tuned_on, family = next(iter(families.items()))
     timings = [

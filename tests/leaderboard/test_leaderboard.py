@@ -18,20 +18,24 @@ from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.judging import SEEDS, Judging, keys_of, shown_of
 from adhesion_jax.leaderboard.runs import TILE
 from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
-from adhesion_jax.leaderboard.terms import Grid, Versions, terms_of, timing_of, versions_of
+from adhesion_jax.leaderboard.terms import SAMPLED, Grid, Versions, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning, points, tuned
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.traction.entrants import ENTRANTS, sought
 from adhesion_jax.traction.families import FAMILIES
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.seekers.base import Seeker
+from adhesion_jax.traction.sensors import Sensors
 from adhesion_jax.traction.signals import Reference
 from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.traction.systems.base import terms_of
 
 RAILS = "exponential"
 FAMILY = FAMILIES[RAILS]
 TUNING_SEED = 2026
-TERMS = terms_of(SYSTEMS["hxd1f"], read_plant(shipped()["hxd1f"]).plant)
+SYSTEM = SYSTEMS["hxd1f"]
+SENSORS = Sensors(SYSTEM.noise, period=SAMPLED)
+TERMS = terms_of(SYSTEM, read_plant(shipped()["hxd1f"]).plant, SENSORS)
 
 #: The first segment of a run alone.
 GRID = Grid(duration=1.2)

@@ -5,16 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.driver import Driver
+from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.sensors import Sensors, SpeedNoise
+from adhesion_jax.traction.signals import PerAxle
 
 
 class Case(NamedTuple):
@@ -84,18 +88,46 @@ def with_parts(
     return found[::-1]
 
 
-def built(system: System, case: Case, plant: Plant, noisy: bool = False) -> Loop:
-    """The loop of a case on a plant that control knows exactly."""
-    return Loop(
+class Terms(eqx.Module):
+    """All of a loop but the rails and the method; control knows the plant exactly."""
+
+    plant: Plant
+    driver: Driver
+    sensors: Sensors
+    train_speed: Float[Array, ""]  # at first, m/s
+    slip: PerAxle  # at first, m/s
+    slope: Float[Array, ""]  # of the track, rad
+
+    def loop(self, method: Entrant | Case, rails: Rails) -> Loop:
+        """The loop of a method on some rails."""
+        return Loop(
+            plant=self.plant,
+            nominal=self.plant,
+            rails=rails,
+            driver=self.driver,
+            sensors=self.sensors,
+            observer=method.observer,
+            seeker=method.seeker,
+            controller=method.controller,
+            train_speed=self.train_speed,
+            slip=self.slip,
+            slope=self.slope,
+        )
+
+
+def terms_of(system: System, plant: Plant, sensors: Sensors) -> Terms:
+    """The terms of a system on a plant."""
+    return Terms(
         plant=plant,
-        nominal=plant,
-        rails=case.rails,
         driver=system.driver,
-        sensors=Sensors(system.noise if noisy else None, period=case.sampled),
-        observer=case.observer,
-        seeker=case.seeker,
-        controller=case.controller,
+        sensors=sensors,
         train_speed=jnp.asarray(system.train_speed),
         slip=jnp.full(plant.radius.shape, system.slip),
         slope=jnp.asarray(system.slope),
     )
+
+
+def built(system: System, case: Case, plant: Plant, noisy: bool = False) -> Loop:
+    """The loop of a case."""
+    sensors = Sensors(system.noise if noisy else None, period=case.sampled)
+    return terms_of(system, plant, sensors).loop(case, case.rails)
