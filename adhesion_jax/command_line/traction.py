@@ -71,8 +71,8 @@ class Rails(Names):
 )
 @click.option(
     "--controller",
-    type=Name(NAMES["controllers"], "controller"),
-    help=f"Instead of the paper's: {', '.join(NAMES['controllers'])}, FILE.py:NAME.",
+    type=Names(NAMES["controllers"], "controller"),
+    help=f"Instead of the paper's, side by side: {', '.join(NAMES['controllers'])}, FILE.py:NAME.",
 )
 @click.option(
     "--methods",

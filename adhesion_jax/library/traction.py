@@ -168,7 +168,7 @@ def traction_control(
     plant: str | PathLike[str] | None = None,
     observer: str | None = None,
     seeker: str | None = None,
-    controller: str | None = None,
+    controller: str | Sequence[str] | None = None,
     runs: int = 32,
     seed: int = 0,
     step: float | None = None,
@@ -187,7 +187,8 @@ def traction_control(
         observer: a name of OBSERVERS, in the place of that of the paper.
         seeker: a name of SEEKERS, in the place of that of the paper, or none. One of your own is
             put there: `SEEKERS["mine"] = Mine()`.
-        controller: a name of CONTROLLERS, in the place of that of the paper.
+        controller: a name of CONTROLLERS, in the place of that of the paper, or several, which
+            then stand side by side.
         runs: number of runs with noise.
         seed: of the noise.
         step: of the plant, s.
@@ -210,11 +211,12 @@ def traction_control(
             f"runs are from 0 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
             "2**32 - 1."
         )
+    controllers = [controller] if controller is None or isinstance(controller, str) else controller
     for kind, given, known in (
         ("system", system, [*SYSTEMS]),
         ("observer", observer, [*OBSERVERS]),
         ("seeker", seeker, [NO_SEEKER, *SEEKERS]),
-        ("controller", controller, [*CONTROLLERS]),
+        *(("controller", name, [*CONTROLLERS]) for name in controllers),
     ):
         if given is not None and given not in known:
             raise InputError(f"There is no {kind} {given}; name {listed(known, 'or')}.")
@@ -222,7 +224,8 @@ def traction_control(
     chosen = chosen._replace(step=step or chosen.step)
     source = str(plant or chosen.plant)
     train = read_plant(shipped().get(source, Path(source)))
-    cases = with_parts(chosen.cases(chosen.step), observer, seeker, controller)
+    of_paper = chosen.cases(chosen.step)
+    cases = [case for name in controllers for case in with_parts(of_paper, observer, seeker, name)]
     if extend and out is not None:
         runs = extended(Path(out), extend)
     asked = {
@@ -230,7 +233,7 @@ def traction_control(
         "--plant": source,
         "--observer": observer or _OF_PAPER,
         "--seeker": seeker or _OF_PAPER,
-        "--controller": controller or _OF_PAPER,
+        "--controller": _OF_PAPER if controller is None else ",".join(controllers),
         "--step": f"{chosen.step:g}",
     }
     job = job_of(system, chosen, cases, train.plant, runs, seed, asked)

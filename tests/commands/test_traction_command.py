@@ -103,6 +103,31 @@ def test_the_page_tells_what_was_assumed_and_repaired(written):
     assert all(imread(file).std() > 0.02 for file in out.glob("*.png"))
 
 
+@pytest.mark.slow
+def test_controllers_stand_side_by_side_and_change_no_row_of_each_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        "from adhesion_jax.traction.controllers.sliding_mode import SlidingMode\n"
+        "Mine = SlidingMode(gain=900.0, layer=0.05, least=-0.3)\n"
+    )
+    options = ["--system", "hxd1f", *QUICK, "--runs", "0", "--controller", "mine.py:Mine,barrier"]
+    found = CliRunner().invoke(main, [*options, "--out", "out"], catch_exceptions=False)
+    assert found.exit_code == 0
+    table = pd.read_csv("out/table.csv").set_index("method")
+    beside = "observer full-dimension, seeker constant-slip, controller "
+    assert [*dict.fromkeys(table.index)] == [beside + "Mine", beside + "barrier"]
+    alone = aj.traction_control(
+        "hxd1f",
+        observer="full-dimension",
+        seeker="constant-slip",
+        controller="barrier",
+        step=2e-4,
+        runs=0,
+    )
+    same = alone.table.set_index("method")
+    pd.testing.assert_frame_equal(table.loc[[beside + "barrier"]], same, check_exact=True)
+
+
 BAD = {
     "system": (["--system", "tgv"], "--system tgv is not known; name one of"),
     "observer": (
