@@ -19,6 +19,7 @@ _MEGA = 1e6
 #: The figures of a run of which a table has the mean and its standard error.
 MEANS = (
     "utilisation",
+    "pull",
     "pull_share",
     *(f"utility_{price}" for price in PRICES),
     "slip_energy_share",
@@ -41,6 +42,7 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
         "number of runs in which it made what is no number; they are left out else",
     ),
     "utilisation": ("1", "mean adhesion, as a share of the largest possible"),
+    "pull": ("kN", "mean pull of the train"),
     "pull_share": ("1", "mean pull, as a share of that at the largest adhesion of every axle"),
     "worst": ("1", "utilisation of the worst run"),
     "difference": ("1", "utilisation less that of the ranked method with the largest, run by run"),

@@ -233,7 +233,7 @@ def traction_control(
         "--plant": source,
         "--observer": observer or _OF_PAPER,
         "--seeker": seeker or _OF_PAPER,
-        "--controller": _OF_PAPER if controller is None else ",".join(controllers),
+        "--controller": ",".join(name or _OF_PAPER for name in controllers),
         "--step": f"{chosen.step:g}",
     }
     job = job_of(system, chosen, cases, train.plant, runs, seed, asked)

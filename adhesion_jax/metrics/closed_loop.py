@@ -233,6 +233,7 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
 #: Unit and meaning of each figure of a segment.
 FIGURES: Mapping[str, tuple[str, str]] = {
     "utilisation": ("1", "mean adhesion, as a share of the largest possible"),
+    "pull": ("kN", "mean pull of the train"),
     "pull_share": ("1", "mean pull, as a share of that at the largest adhesion of every axle"),
     "overshoot": ("m/s", "largest excess of slip over that of the largest adhesion"),
     "t95": ("s", "time until 95 % of the largest adhesion is kept for .3 s; empty if it never is"),
@@ -303,6 +304,7 @@ def figures(of: Segment, period: float) -> dict[str, Float[Array, " segments"]]:
     never = jnp.isinf(of.reached)
     return {
         "utilisation": mean(of.utilised, of.samples),
+        "pull": mean(of.pulled, 1e3 * of.samples),
         "pull_share": mean(of.pulled, of.largest_pulled),
         "overshoot": where_seen(of.overshoot),
         "t95": jnp.where(never, jnp.nan, of.reached),

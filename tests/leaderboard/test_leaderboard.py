@@ -134,7 +134,7 @@ def test_runs_have_their_keys_from_seed_rails_and_number_alone():
 
 
 def test_a_step_is_short_enough_for_the_steepest_of_many_rails():
-    twisting = terms_of(SYSTEMS["hxd1f"], read_plant(shipped()["hxd1f_twist"]).plant)
+    twisting = terms_of(SYSTEM, read_plant(shipped()["hxd1f_twist"]).plant, SENSORS)
     timing_of(twisting, GRID, "constant", CONSTANT, FAMILY)
     # The first rail that is drawn would allow .47 ms.
     longer = GRID._replace(step=1e-3 / 3)

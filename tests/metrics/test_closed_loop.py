@@ -78,6 +78,7 @@ def brute(samples, segment):
     work = abs(gained)
     return {
         "utilisation": share[here].mean(),
+        "pull": (x.direction * x.pull)[here].mean() / 1e3,
         "pull_share": (x.direction * x.pull)[here].sum() / x.largest_pull[here].sum(),
         "overshoot": (x.direction[:, None] * (x.slip - x.optimum))[here].max(),
         "t95": reached,

@@ -36,7 +36,7 @@ _FAR = 3.0
 #: The columns of the first table, those whose errors are told beside them, and of the second.
 _FIRST = (
     *("rank", "method", "utilisation", "worst", "difference", "never95", "t95_median", "t95_p90"),
-    *("pull_share", "torque_variation", "axle_torque_median", "axle_torque_p95"),
+    *("pull", "pull_share", "torque_variation", "axle_torque_median", "axle_torque_p95"),
     *("slip_energy_share", "jerk_rms", "microseconds", "state_bytes", "remark"),
 )
 _SECOND = (
@@ -140,6 +140,12 @@ def when(table: pd.DataFrame) -> list[str]:
                 of_wish.setdefault(top(near, column, least), []).append(wish)
             told = [f"{name} has {listed(of)}" for name, of in of_wish.items()]
             words.append(f"Of these {listed(told)}.")
+        held = (fair["pull"] / fair["pull_share"]).mean()
+        left = (held - fair.set_index("method")["pull"]).sort_values()
+        words.append(
+            f"The rails hold {held:.0f} kN: {left.index[0]} leaves {left.iloc[0]:.1f} kN "
+            f"unused, {left.index[-1]} {left.iloc[-1]:.1f} kN."
+        )
         dear = top(fair, "utility_3")
         words.append(f"Where slip work costs three times what it takes, {dear} is worth most.")
         found.append(" ".join(words))
