@@ -9,13 +9,18 @@ from typing import Any
 from adhesion_jax.options import Options as Options
 from adhesion_jax.options import arguments_of, check, declared
 from adhesion_jax.scenarios.base import Scenario as Scenario
-from adhesion_jax.scenarios.blocks import he2018_blocks, single
+from adhesion_jax.scenarios.catalogue import (
+    fang2018_slope,
+    he2018_1,
+    he2018_blocks,
+    qian2024,
+    qian2024_switch,
+    single,
+    stream,
+)
 from adhesion_jax.scenarios.corrected import corrected
 from adhesion_jax.scenarios.course import Group as Group
 from adhesion_jax.scenarios.excitation import Wave
-from adhesion_jax.scenarios.growing import he2018_1, qian2024
-from adhesion_jax.scenarios.slope import fang2018_slope
-from adhesion_jax.scenarios.stream import qian2024_switch, stream
 
 _Builds = Callable[..., Scenario]
 

@@ -27,7 +27,7 @@ from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments, plus
 from adhesion_jax.scenarios import SCENARIOS, Options
-from adhesion_jax.scenarios.blocks import single
+from adhesion_jax.scenarios.catalogue import single
 from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rails import HE2018, RAILS
 

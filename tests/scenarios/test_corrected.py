@@ -326,5 +326,5 @@ def test_no_other_job_loads_the_discovery():
         check=True,
         timeout=120,
     )
-    assert "adhesion_jax.scenarios.stream" in done.stdout
+    assert "adhesion_jax.scenarios.catalogue" in done.stdout
     assert "adhesion_jax.discovery" not in done.stdout

@@ -9,9 +9,9 @@ from scipy.optimize import least_squares
 from adhesion_jax.curves import free_values, with_free_values
 from adhesion_jax.metrics.information import information_along
 from adhesion_jax.scenarios import SCENARIOS, Options, build
-from adhesion_jax.scenarios.change import Change
+from adhesion_jax.scenarios.catalogue import stream
+from adhesion_jax.scenarios.rail_process import Change
 from adhesion_jax.scenarios.rails import FORMS, RAILS, changed, initial_slope, peak_of
-from adhesion_jax.scenarios.stream import stream
 
 STREAMS = [name for name, one in SCENARIOS.items() if getattr(one, "func", one) is stream]
 
