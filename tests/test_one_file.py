@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import adhesion_jax
-from adhesion_jax.effects.cause import Facts
+from adhesion_jax.effects.api import Facts
 from adhesion_jax.errors import InputError
 from experiments.campaigns.plantable import PLANTABLE
 from experiments.campaigns.planting import Planting, of_strength

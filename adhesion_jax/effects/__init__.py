@@ -4,13 +4,12 @@ from collections import ChainMap
 from collections.abc import Mapping, MutableMapping
 from typing import cast
 
+from adhesion_jax.effects.api import Cause as Cause
+from adhesion_jax.effects.api import Columns as Columns
+from adhesion_jax.effects.api import Effect as Effect
 from adhesion_jax.effects.axle_position import AxlePosition
-from adhesion_jax.effects.base import Columns as Columns
-from adhesion_jax.effects.base import Effect as Effect
-from adhesion_jax.effects.cause import Cause as Cause
 from adhesion_jax.effects.cleaning import Cleaning
 from adhesion_jax.effects.contact_heating import ContactHeating
-from adhesion_jax.effects.covariate import Covariate as Covariate
 from adhesion_jax.effects.delay import Delay
 from adhesion_jax.effects.drift import Drift
 from adhesion_jax.effects.falling_friction import FallingFriction
@@ -24,10 +23,12 @@ from adhesion_jax.effects.lateral_creep import LateralCreep
 from adhesion_jax.effects.load_peak import LoadPeak
 from adhesion_jax.effects.load_slope import LoadSlope
 from adhesion_jax.effects.load_transfer import LoadTransfer
-from adhesion_jax.effects.memory import Memory as Memory
 from adhesion_jax.effects.mode_asymmetry import ModeAsymmetry
+from adhesion_jax.effects.one_column import Covariate as Covariate
+from adhesion_jax.effects.one_column import Memory as Memory
+from adhesion_jax.effects.one_column import Periodic as Periodic
+from adhesion_jax.effects.one_column import Threshold as Threshold
 from adhesion_jax.effects.patch import Patch
-from adhesion_jax.effects.periodic import Periodic as Periodic
 from adhesion_jax.effects.product import Product as Product
 from adhesion_jax.effects.rail_joint import RailJoint
 from adhesion_jax.effects.relaxation import Relaxation
@@ -40,7 +41,6 @@ from adhesion_jax.effects.speed import Speed
 from adhesion_jax.effects.spline import Spline as Spline
 from adhesion_jax.effects.surface import Surface as Surface
 from adhesion_jax.effects.temperature import Temperature
-from adhesion_jax.effects.threshold import Threshold as Threshold
 from adhesion_jax.effects.torque_offset import TorqueOffset
 from adhesion_jax.effects.track_curve import CurveOfTrack
 from adhesion_jax.effects.wheel_order import WheelOrder

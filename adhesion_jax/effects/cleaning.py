@@ -1,8 +1,7 @@
 import jax.numpy as jnp
 
 from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
-from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
-from adhesion_jax.effects.history import has_history, steps
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, has_history, now, steps
 
 #: F0 of the formula: the load in N at which the slip energy is counted with the factor 1.
 _LOAD = 1e5

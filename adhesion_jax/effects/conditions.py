@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from adhesion_jax.curves import Conditions, Scalar
-from adhesion_jax.effects.base import Signal
-from adhesion_jax.effects.history import has_history, smoothed, steps
+from adhesion_jax.effects.api import Signal
+from adhesion_jax.effects.dynamic import has_history, smoothed, steps
 from adhesion_jax.programs import kept
 from adhesion_jax.records import Record
 

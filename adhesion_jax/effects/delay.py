@@ -1,8 +1,7 @@
 import jax.numpy as jnp
 
 from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
-from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
-from adhesion_jax.effects.history import shifted
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now, shifted
 
 #: Number of samples that the step form keeps: a longer delay is cut to these.
 _KEPT = 1024

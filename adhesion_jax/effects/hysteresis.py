@@ -1,8 +1,17 @@
 import jax.numpy as jnp
 
 from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
-from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
-from adhesion_jax.effects.history import Filtered, filtered, lagged, rate
+from adhesion_jax.effects.dynamic import (
+    Dynamic,
+    Filtered,
+    State,
+    Stepped,
+    Value,
+    filtered,
+    lagged,
+    now,
+    rate,
+)
 
 
 class Hysteresis(Multiplier, Dynamic):

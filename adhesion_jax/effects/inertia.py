@@ -1,8 +1,7 @@
 import jax.numpy as jnp
 
 from adhesion_jax.effects.api import AdhesionTransform, Conditions, Facts, Scalar, Signal
-from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
-from adhesion_jax.effects.history import has_history, rate
+from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, has_history, now, rate
 
 
 class Inertia(AdhesionTransform, Dynamic):

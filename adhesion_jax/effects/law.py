@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from adhesion_jax.curves import NO_CONDITIONS, Conditions, Law, Scalar, Signal
 from adhesion_jax.curves.precision import precise_of_numbers
-from adhesion_jax.effects.base import Effect, Value
+from adhesion_jax.effects.api import Effect, Value
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.shape import exponents_of, shaped

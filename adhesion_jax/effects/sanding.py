@@ -1,8 +1,16 @@
 import jax.numpy as jnp
 
 from adhesion_jax.effects.api import Conditions, Facts, Multiplier, Scalar, Values
-from adhesion_jax.effects.dynamic import Dynamic, State, Stepped, Value, now
-from adhesion_jax.effects.history import has_history, recurrence, steps
+from adhesion_jax.effects.dynamic import (
+    Dynamic,
+    State,
+    Stepped,
+    Value,
+    has_history,
+    now,
+    recurrence,
+    steps,
+)
 
 
 class Sanding(Multiplier, Dynamic):

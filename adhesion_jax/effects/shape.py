@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.effects.base import Columns, Effect, Signal, Values
+from adhesion_jax.effects.api import Columns, Effect, Signal, Values
 
 #: What a term may act on, in the order in which programs number them.
 ACTS_ON = ("level", "slip", "fall", "offset", "shift")

@@ -6,9 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.effects.api import Conditions, Facts, Scalar, Signal, SlipTransform
-from adhesion_jax.effects.base import Points
-from adhesion_jax.effects.history import has_history, steps
+from adhesion_jax.effects.api import Conditions, Facts, Points, Scalar, Signal, SlipTransform
+from adhesion_jax.effects.dynamic import has_history, steps
 
 #: Multiples of the roughness of the whole run that a part of it may have; the roughness at a point
 #: is estimated from `_AROUND` points on either side of it.

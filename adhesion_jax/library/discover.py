@@ -30,8 +30,13 @@ from adhesion_jax.library.results import (
 from adhesion_jax.plugins import add
 from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
-from adhesion_jax.report.discovery.frames import effects_frame, errors_frame, ranking_frame
-from adhesion_jax.report.discovery.tables import effects_table, errors_table
+from adhesion_jax.report.discovery.tables import (
+    effects_frame,
+    effects_table,
+    errors_frame,
+    errors_table,
+    ranking_frame,
+)
 from adhesion_jax.report.discovery.verdict import verdict
 from adhesion_jax.runtime import as_in_commands, silent
 

@@ -35,10 +35,10 @@ from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.plugins import add
 from adhesion_jax.report.events import draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, measured_figure
-from adhesion_jax.report.measured.page import page_of
 from adhesion_jax.report.measured.tables import (
     answer_lines,
     curve_rows,
+    page_of,
     parameter_rows,
     printed_table,
     short_report,

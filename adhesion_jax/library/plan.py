@@ -36,8 +36,7 @@ from adhesion_jax.planning.plan import (
     wanted_of,
 )
 from adhesion_jax.planning.truth import Truth, curve_of
-from adhesion_jax.report.plan.figure import plan_figure
-from adhesion_jax.report.plan.words import plan_rows, told, wanted_rows
+from adhesion_jax.report.plan import plan_figure, plan_rows, told, wanted_rows
 from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.scenarios.rail_process import steady
 from adhesion_jax.scenarios.rails import RAILS

@@ -38,7 +38,7 @@ from adhesion_jax.report.traction.operating_point import (
 )
 from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
-from adhesion_jax.report.traction.runs import Drawing, shown
+from adhesion_jax.report.traction.runs import shown
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.observers import OBSERVERS
@@ -107,7 +107,7 @@ class Traction:
         write_table(path / "metrics.csv", self.metrics)
         runs_shown = [shown(*pair) for pair in zip(self.cases, self.judged.traces, strict=True)]
         captions = {}
-        for figure, panels in subject.figures(Drawing(runs_shown, self.plant.plant)).items():
+        for figure, panels in subject.figures(runs_shown, self.plant.plant).items():
             if panels:
                 draw(path / f"{figure}.png", panels)
                 captions[f"{figure}.png"] = subject.captions[figure]

@@ -1,13 +1,14 @@
-"""Pages and texts from the templates, in which a reader finds every sentence as it is written."""
+"""Pages as HTML and Markdown, and texts from templates, which have every sentence as it is."""
 
 import base64
 import math
+import re
 from collections.abc import Mapping, Sequence
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
-from adhesion_jax.report.page import Page
-from adhesion_jax.report.text import filled
+from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.report.text import aligned, filled
 from adhesion_jax.wording import listed, number, p_is, percent, plus_minus
 
 #: Titles and the sentences under them.
@@ -58,3 +59,49 @@ def sections_of(template: str, **known: object) -> Sections:
         elif words:
             found[-1][1].append(words)
     return [section for section in found if section[1]]
+
+
+#: What would be taken for markup: names of columns come from the users' files.
+_MARKUP = re.compile(r"([\\`*<>|$#~]|\](?=[(\[]))")
+
+
+def page_markdown(content: Page) -> str:
+    """The whole report, as readable unrendered; figures are named as files beside it."""
+    parts = [f"# {_escaped(content.title)}", f"**{_escaped(content.verdict)}**"]
+    parts += [_section(section) for section in content.sections]
+    return "\n\n".join(parts) + "\n"
+
+
+def _section(section: Section) -> str:
+    body = "\n\n".join(_block(block) for block in section.blocks)
+    if section.boxed:
+        body = "\n".join(f"> {line}".rstrip() for line in body.splitlines())
+    return f"## {_escaped(section.title)}\n\n{body}"
+
+
+def _block(block: Block) -> str:
+    match block:
+        case Paragraph(text):
+            return _escaped(text)
+        case Formula(text):
+            # Nothing is escaped inside code, so that a tick is the one thing that ends it.
+            return f"`{text.replace('`', chr(39))}`"
+        case Items(texts):
+            return "\n".join(f"- {_escaped(text)}" for text in texts)
+        case Picture(file, caption):
+            return f"![{_escaped(caption)}]({file})"
+        case Table():
+            return _table(block)
+
+
+def _table(table: Table) -> str:
+    heading, *rows = aligned(table, _escaped)
+    rule = [
+        "-" * (len(cell) - 1) + (":" if name in table.right else "-")
+        for cell, name in zip(heading, table.headings, strict=True)
+    ]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (heading, rule, *rows))
+
+
+def _escaped(text: str) -> str:
+    return _MARKUP.sub(r"\\\1", text)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.effects.base import Effect
+from adhesion_jax.effects.api import Effect
 from adhesion_jax.effects.shape import ShapeTerm
 
 #: Arrays [runs, points] to the like: slip to slip or to adhesion, adhesion to adhesion.

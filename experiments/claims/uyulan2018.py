@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.report.traction.panels import Line
-from adhesion_jax.report.traction.uyulan2018 import lyapunov_along, lyapunov_panels
+from adhesion_jax.report.traction.systems import lyapunov_along, lyapunov_panels
 from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
 from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.plants.base import GRAVITY, Plant

@@ -9,7 +9,7 @@ from lanes import lanes
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.effects import EFFECTS, KINDS, ShapeTerm, family_of
-from adhesion_jax.effects.cause import AdhesionTransform, Cause, Multiplier, SlipTransform
+from adhesion_jax.effects.api import AdhesionTransform, Cause, Multiplier, SlipTransform
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.law import CorrectedLaw, with_effects

@@ -34,20 +34,18 @@ from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.files import staged
-from adhesion_jax.report.discovery.content import page
-from adhesion_jax.report.discovery.figures import adhesion_over_slip
+from adhesion_jax.report.discovery.figures import adhesion_over_slip, shape_panels
 from adhesion_jax.report.discovery.files import (
     DISCOVERY_FILES,
+    page,
     printed,
     report_json,
     write_discovery,
 )
-from adhesion_jax.report.discovery.frames import errors_frame
-from adhesion_jax.report.discovery.markdown import discovery_markdown
 from adhesion_jax.report.discovery.residuals import level_panels, residual_panels
-from adhesion_jax.report.discovery.shapes import shape_panels
 from adhesion_jax.report.discovery.tables import (
     effects_table,
+    errors_frame,
     errors_table,
     level_columns,
     residual_columns,
@@ -61,6 +59,7 @@ from adhesion_jax.report.discovery.words import (
     in_brackets,
     percent_in_brackets,
 )
+from adhesion_jax.report.rendering import page_markdown
 from adhesion_jax.wording import p_value, plus_minus
 
 EXAMPLES = {
@@ -429,7 +428,7 @@ def test_blocks_of_one_run_are_called_blocks():
     cut = findings.points.assign(run="block " + (findings.points["run"] + 1).astype(str))
     blocks = findings._replace(points=cut)
     assert "on blocks not used for fitting (cross-validation, 24 blocks) is" in verdict(blocks)
-    for text in (printed(blocks), discovery_markdown(page(blocks))):
+    for text in (printed(blocks), page_markdown(page(blocks))):
         assert " 24 runs" not in text
         assert "runs of" not in text
     tested = blocks._replace(test=two_effects().test)
@@ -565,7 +564,7 @@ def test_levels_are_drawn_against_what_differs_between_runs():
     for levels in (None, still):
         case = findings._replace(levels=levels)
         assert level_panels(case) is None
-        assert "levels.png" not in discovery_markdown(page(case))
+        assert "levels.png" not in page_markdown(page(case))
 
 
 def test_shapes_are_the_law_at_low_middle_and_high_values():
@@ -636,7 +635,7 @@ def test_no_column_varies():
     points = findings.points[["run", "slip", "adhesion", "before", "after"]].assign(slip=0.02)
     still = findings._replace(points=points)
     assert residual_panels(still) is None
-    assert "residuals.png" not in discovery_markdown(page(still))
+    assert "residuals.png" not in page_markdown(page(still))
 
 
 def test_on_the_terminal():

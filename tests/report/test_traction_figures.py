@@ -6,7 +6,7 @@ import numpy as np
 
 from adhesion_jax.report.traction.panels import Line, draw
 from adhesion_jax.report.traction.runs import KMH, Shown, over_curves
-from adhesion_jax.report.traction.uyulan2018 import lyapunov_panels
+from adhesion_jax.report.traction.systems import lyapunov_panels
 
 
 def test_the_operating_point_is_drawn_in_traction_and_as_far_as_the_curves_go():

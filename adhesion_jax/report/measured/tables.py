@@ -1,4 +1,4 @@
-"""The tables of a measured record: the one answer, a row for each curve, the printed table."""
+"""The tables and the page of a measured record: the one answer, and a row for each curve."""
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +11,8 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.measured.words import best_first, reasons, weights_of
-from adhesion_jax.report.page import Table
+from adhesion_jax.report.page import Items, Page, Paragraph, Section, Table, pictures
+from adhesion_jax.report.rendering import Sections
 from adhesion_jax.report.text import WIDTH, flush_left, in_columns
 from adhesion_jax.wording import number, plus_minus
 
@@ -185,3 +186,39 @@ def columns_table(understood: pd.DataFrame) -> str:
         span = f"{number(lowest)} to {number(highest)}" if number(lowest) else ""
         rows.append((column, taken_as, unit, span, f"{100 * missing:.3g} %"))
     return in_columns(Table(("column", "taken as", "unit", "range", "missing"), rows))
+
+
+#: Columns of the table of curves that the page shows; the others are in curves.csv.
+_SHOWN = ("curve", "rms", "slip_opt", "mu_max", "mu_max_lo", "mu_max_hi", "weight", "status")
+
+
+def page_of(
+    title: str, answer: str, sections: Sections, curves: pd.DataFrame, files: Sequence[str]
+) -> Page:
+    """The answer, what forbids it, the pictures, the verdict under its titles, and the curves."""
+    shown = [name for name in _SHOWN if name in curves]
+    rows = [
+        [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row]
+        for row in curves[shown].itertuples(index=False)
+    ]
+    table = Table(shown, rows, right=[name for name in shown if name not in ("curve", "status")])
+    warnings = [
+        Section(name, [Items(texts)], boxed=True) for name, texts in sections if _warns(name)
+    ]
+    words = [
+        Section(name, [Paragraph(" ".join(texts))]) for name, texts in sections if not _warns(name)
+    ]
+    return Page(
+        f"Adhesion of {title}",
+        answer,
+        [
+            *warnings,
+            Section("Figures", pictures("identify", files)),
+            *words,
+            Section("Curves", [table]),
+        ],
+    )
+
+
+def _warns(title: str) -> bool:
+    return title in ("No answer", "Not to be trusted", "Warning")

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from adhesion_jax.report.traction.panels import Line, Mark, Panel
 from adhesion_jax.traction.loop import Trace
-from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.surface import RailSurface
 from adhesion_jax.traction.systems.base import Case
 
@@ -31,13 +30,6 @@ def shown(case: Case, trace: Trace) -> Shown:
     """The rows of the run up to the end of the driver's demand."""
     counts = np.asarray(trace.sample.counts)
     return Shown(case, jax.tree.map(lambda x: jnp.asarray(x[counts]), trace))
-
-
-class Drawing(NamedTuple):
-    """The cases, runs and plant that the figures of a system are drawn from."""
-
-    shown: Sequence[Shown]
-    plant: Plant
 
 
 class SpeedUnit(NamedTuple):
@@ -89,13 +81,26 @@ def adhesion(surface: RailSurface, slips: ArrayLike, train_speed: float) -> Arra
     return np.asarray(surface(jnp.asarray(slips), jnp.asarray(train_speed)))
 
 
-def speeds(one: Shown, title: str, unit: SpeedUnit = MPS) -> Panel:
-    rows = one.trace
-    lines = [
-        Line("wheel at the rim", rows.time, unit.of(mean_of_axles(rows.rim_speed))),
-        Line("train", rows.time, unit.of(rows.sample.train_speed)),
+def over_time(
+    one: Shown,
+    title: str,
+    label: str,
+    lines: Mapping[str, ArrayLike],
+    marks: Sequence[Mark] = (),
+    limits: tuple[float, float] | None = None,
+) -> Panel:
+    """The course of some quantities of a run, means over its axles where they are of axles."""
+    time = np.asarray(one.trace.time)
+    drawn = [
+        Line(name, time, mean_of_axles(values) if np.ndim(values) > time.ndim else values)
+        for name, values in lines.items()
     ]
-    return Panel(title, TIME, f"speed ({unit.name})", lines)
+    return Panel(title, TIME, label, drawn, marks, limits)
+
+
+def speeds(one: Shown, title: str, unit: SpeedUnit = MPS) -> Panel:
+    rim, train = unit.of(one.trace.rim_speed), unit.of(one.trace.sample.train_speed)
+    return over_time(one, title, f"speed ({unit.name})", {"wheel at the rim": rim, "train": train})
 
 
 def slips(
@@ -105,36 +110,26 @@ def slips(
     unit: SpeedUnit = MPS,
     limits: tuple[float, float] | None = None,
 ) -> Panel:
-    rows = one.trace
-    lines = [
-        Line("slip", rows.time, unit.of(mean_of_axles(rows.sample.slip))),
-        Line("best slip", rows.time, unit.of(mean_of_axles(rows.sample.optimum))),
-    ]
-    return Panel(title, TIME, f"slip velocity ({unit.name})", lines, marks, limits)
+    sample = one.trace.sample
+    lines = {"slip": unit.of(sample.slip), "best slip": unit.of(sample.optimum)}
+    return over_time(one, title, f"slip velocity ({unit.name})", lines, marks, limits)
 
 
 def adhesions(one: Shown, title: str) -> Panel:
-    rows = one.trace
-    lines = [
-        Line("adhesion", rows.time, mean_of_axles(rows.sample.adhesion)),
-        Line("largest of the rail", rows.time, mean_of_axles(rows.sample.largest)),
-    ]
-    return Panel(title, TIME, "adhesion (1)", lines)
+    sample = one.trace.sample
+    lines = {"adhesion": sample.adhesion, "largest of the rail": sample.largest}
+    return over_time(one, title, "adhesion (1)", lines)
 
 
 def observed(one: Shown, title: str) -> Panel:
-    rows = one.trace
-    lines = [
-        Line("observed", rows.time, mean_of_axles(rows.sample.observed)),
-        Line("true", rows.time, mean_of_axles(rows.sample.adhesion)),
-    ]
-    return Panel(title, TIME, "adhesion (1)", lines)
+    sample = one.trace.sample
+    lines = {"observed": sample.observed, "true": sample.adhesion}
+    return over_time(one, title, "adhesion (1)", lines)
 
 
 def torques(one: Shown, title: str, marks: Sequence[Mark] = ()) -> Panel:
-    rows = one.trace
-    lines = [Line("torque of a motor", rows.time, mean_of_axles(rows.sample.torque) / 1e3)]
-    return Panel(title, TIME, "torque (kN m)", lines, marks)
+    torque = {"torque of a motor": np.asarray(one.trace.sample.torque) / 1e3}
+    return over_time(one, title, "torque (kN m)", torque, marks)
 
 
 def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: SpeedUnit = MPS) -> Panel:

@@ -1,12 +1,19 @@
-"""A plan in words and tables: the noise, the errors, what they rest on, what would be enough."""
+"""A plan in words, tables and the map: the noise, the errors, and what would be enough."""
+
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from adhesion_jax.planning.own_log import OwnLog
 from adhesion_jax.planning.plan import ROUGH, UNDETERMINED, Plan, Present, Wanted
 from adhesion_jax.planning.truth import curve_of
 from adhesion_jax.report.rendering import text_of
+from adhesion_jax.report.style import Shown, label_text, one_legend
 from adhesion_jax.wording import number
 
 #: Half the width of a 95 % interval in standard errors.
@@ -134,3 +141,97 @@ def _wanted_table(plan: Plan, wanted: Wanted) -> str:
         ],
     }
     return pd.DataFrame(cells).to_string(index=False)
+
+
+#: Relative standard errors of the contour lines.
+_LEVELS = np.array([1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.3, 1.0])
+
+#: Colour of what halves an error or reaches a wanted one: dark in grey, too.
+_RED = "#A11D1D"
+
+_PLACE: dict[str, Any] = {
+    "linestyle": "",
+    "markeredgecolor": "white",
+    "markersize": 11,
+    "zorder": 10,
+}
+
+
+def plan_figure(source: str, plan: Plan, present: Present | None, wanted: Wanted | None) -> Figure:
+    """A panel each for mu_max and slip_opt, with one's own log and what would halve its error.
+
+    The plan has enough largest slips for smooth lines.
+    """
+    figure = Shown(figsize=(11, 5.6), layout="constrained")
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for place, (axes, name) in enumerate(zip(panels, QUANTITIES, strict=True)):
+        _map(axes, plan, plan.errors[..., place])
+        axes.set_title(f"standard error of {name} in % of its value", loc="left", fontsize=11)
+        if plan.largest_slips[0] < plan.planner.peak.slip_opt < plan.largest_slips[-1]:
+            height = plan.planner.peak.slip_opt
+            axes.axhline(height, color="black", linestyle=":", label="slip of the peak")
+        if present is not None:
+            _places(axes, plan, present, place)
+    if wanted is not None:
+        _wanted(panels[0], plan, wanted)
+    unit = plan.planner.truth.slip_unit.strip() or "1"
+    panels[0].set_ylabel(f"largest slip ({unit})")
+    figure.suptitle(label_text(source, 90), x=0.01, ha="left", fontsize=12)
+    one_legend(figure, panels, loc="outside lower center", ncols=5, fontsize=None)
+    return figure
+
+
+def _map(axes: Axes, plan: Plan, errors: Float[np.ndarray, "slips numbers"]) -> None:
+    shown = np.log10(np.clip(errors, _LEVELS[0], 2 * _LEVELS[-1]))
+    place, levels = (plan.samples, plan.largest_slips), np.log10([*_LEVELS, 3 * _LEVELS[-1]])
+    axes.contourf(*place, shown, levels, cmap="Blues", vmin=shown.min() - 0.3, vmax=shown.max() + 1)
+    lines = axes.contour(*place, shown, levels, colors="0.15", linewidths=0.9, linestyles="solid")
+    axes.clabel(lines, fmt=lambda level: f"{round(100 * 10**level, 2):g} %", fontsize=9)
+    axes.set(xscale="log", yscale="log", xlabel="number of samples")
+    for axis, steps in (
+        (axes.xaxis, (1.0, 2.0, 5.0)),
+        (axes.yaxis, (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)),
+    ):
+        axis.set_major_locator(LogLocator(subs=steps))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _line(
+    axes: Axes, plan: Plan, errors: Float[np.ndarray, "slips numbers"], level: float, label: str
+) -> None:
+    """The plans of one error."""
+    if errors.min() < level < errors.max():
+        axes.contour(
+            plan.samples,
+            plan.largest_slips,
+            np.log10(errors.clip(1e-9, 1e9)),
+            [np.log10(level)],
+            colors=_RED,
+            linewidths=2.2,
+            linestyles="--",
+        )
+        axes.plot([], [], color=_RED, linewidth=2.2, linestyle="--", label=label)
+
+
+def _places(axes: Axes, plan: Plan, present: Present, quantity: int) -> None:
+    """One's own log, the plans of half its error, and two of them."""
+    half, more = present.errors[quantity] / 2, 4 * present.samples
+    _line(axes, plan, plan.errors[..., quantity], half, "half the error of your log")
+    axes.plot(present.samples, present.largest_slip, "X", color="black", label="your log", **_PLACE)
+    if more <= plan.samples[-1]:
+        label = "four times as many samples"
+        axes.plot(more, present.largest_slip, ">", color=_RED, label=label, **_PLACE)
+    further = present.further[quantity]
+    if further is not None and further <= plan.largest_slips[-1]:
+        axes.plot(present.samples, further, "^", color=_RED, label="further in slip", **_PLACE)
+
+
+def _wanted(axes: Axes, plan: Plan, wanted: Wanted) -> None:
+    """The plans of the error that is wanted, and the one of the fewest samples."""
+    label = f"{100 * wanted.error:.3g} %, as wanted"
+    _line(axes, plan, plan.errors[..., 0], wanted.error, label)
+    if plan.samples[0] <= wanted.cheapest <= plan.samples[-1]:
+        style = {**_PLACE, "markersize": 16}
+        best = (wanted.cheapest, wanted.cheapest_slip)
+        axes.plot(*best, "*", color=_RED, label="with the fewest samples", **style)

@@ -1,0 +1,168 @@
+"""Forms of effects over any one column, for what has no formula of its own."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from adhesion_jax.effects.api import Columns, Conditions, Effect, Form, Scalar, Signal, Values
+from adhesion_jax.effects.dynamic import lagged
+from adhesion_jax.effects.shape import ShapeTerm
+
+#: References of a form, which are described alike.
+_REFERENCE = {"reference": ("column", -1e12, 1e12, "value at which nothing changes")}
+_SCALE = {"scale": ("column", 1e-12, 1e12, "unit of the change")}
+_K = {"k": ("1", -3.0, 3.0, "change of g per standard deviation of the column")}
+
+
+class Covariate(ShapeTerm):
+    """g = k (z - z0)/s, z any column, z0 its median and s its standard deviation."""
+
+    k: Scalar
+    reference: Scalar
+    scale: Scalar
+    column: str = eqx.field(static=True)
+
+    FACTS = Form(
+        source="first term of any smooth dependence",
+        described={**_K, **_REFERENCE, **_SCALE},
+        strengths=("k",),
+        references={"reference": "column", "scale": "column"},
+        formula="g = k (z - z0)/s, z any column, z0 its median and s its standard deviation",
+        phrase="a dependence on {}",
+    )
+
+    def log_factor(self, conditions: Conditions) -> Values:
+        return jnp.asarray(self.k * (conditions[self.column] - self.reference) / self.scale)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return np.linspace(-1.5, 1.5, 6)[:, None]
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
+        return [
+            cls(k=0.02, reference=float(np.median(z)), scale=float(np.std(z)), column=name)
+            for name, z in columns.items()
+        ]
+
+
+class Memory(ShapeTerm):
+    """g = k (y - z0)/s with T y' + y = z, z any column, z0 its median and s its spread.
+
+    A run starts settled.
+    """
+
+    k: Scalar
+    time_constant: Scalar
+    reference: Scalar
+    scale: Scalar
+    column: str = eqx.field(static=True)
+
+    FACTS = Form(
+        source="first-order lag",
+        described={
+            **_K,
+            "time_constant": ("s", 1e-3, 1e4, "time constant of the memory"),
+            **_REFERENCE,
+            **_SCALE,
+        },
+        strengths=("k",),
+        references={"reference": "column", "scale": "column"},
+        formula="g = k (y - z0)/s, T y' + y = z, z any column, z0 its median",
+        phrase="a dependence on {} with a memory",
+    )
+
+    def log_factor(self, conditions: Conditions) -> Values:
+        seen = lagged(jnp.asarray(conditions[self.column]), self.time_constant, conditions)
+        return jnp.asarray(self.k * (seen - self.reference) / self.scale)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return np.linspace(-1.5, 1.5, 6)[:, None]
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
+        return [
+            cls(0.02, time, float(np.median(z)), float(np.std(z)), column=name)
+            for name, z in columns.items()
+            if np.ptp(z) > 0
+            for time in (0.4, 1.2, 4.0)
+        ]
+
+
+class Threshold(ShapeTerm):
+    """g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median."""
+
+    k: Scalar
+    centre: Scalar
+    width: Scalar
+    reference: Scalar
+    column: str = eqx.field(static=True)
+
+    FACTS = Form(
+        source="smooth transition: Granger and Teraesvirta 1993, Modelling Nonlinear Economic "
+        "Relationships, section 2.3",
+        described={
+            "k": ("1", -3.0, 3.0, "half the log change over the step"),
+            "centre": ("column", -1e12, 1e12, "middle of the step"),
+            "width": ("column", 1e-12, 1e12, "half width of the step"),
+            **_REFERENCE,
+        },
+        strengths=("k",),
+        references={"reference": "column"},
+        formula="g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median",
+        phrase="a step over {}",
+    )
+
+    def log_factor(self, conditions: Conditions) -> Values:
+        def step(z: Values | float | Scalar) -> Values:
+            return jnp.tanh((z - self.centre) / self.width)
+
+        return self.k * (step(conditions[self.column]) - step(self.reference))
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return np.linspace(-1.0, 1.0, 6)[:, None]
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
+        return [
+            cls(0.02, float(centre), 0.08 * float(np.ptp(z)), float(np.median(z)), name)
+            for name, z in columns.items()
+            if np.ptp(z) > 0
+            for centre in np.unique(np.quantile(z, [0.15, 0.3, 0.5, 0.7, 0.85]))
+        ]
+
+
+class Periodic(Effect):
+    """mu (1 + a sin(2 pi f z) + b cos(2 pi f z)), f in waves a unit of the column z."""
+
+    sine: Scalar
+    cosine: Scalar
+    frequency: Scalar
+    column: str = eqx.field(static=True)
+
+    FACTS = Form(
+        source="Fourier",
+        described={
+            "sine": ("1", -0.9, 0.9, "amplitude of the sine"),
+            "cosine": ("1", -0.9, 0.9, "amplitude of the cosine"),
+            "frequency": ("1/column", 0.0, 1e12, "waves per unit of the column"),
+        },
+        strengths=("sine", "cosine"),
+        formula="mu (1 + a sin(2 pi f z) + b cos(2 pi f z)), f in waves a unit of the column z",
+        phrase="a wave along {}",
+    )
+
+    def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
+        phase = 2 * jnp.pi * self.frequency * conditions[self.column]
+        return adhesion * (1 + self.sine * jnp.sin(phase) + self.cosine * jnp.cos(phase))
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[Effect]:
+        """One wave over the range; a spectrum of the residual gives better ones."""
+        return [
+            cls(sine=0.03, cosine=0.03, frequency=1 / float(np.ptp(z)), column=name)
+            for name, z in columns.items()
+            if np.ptp(z) > 0
+        ]

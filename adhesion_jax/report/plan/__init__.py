@@ -1,1 +1,0 @@
-"""The report of a plan: tables, words and the map."""

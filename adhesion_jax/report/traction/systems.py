@@ -1,0 +1,256 @@
+"""The tables and figures of three papers beside ours: each of its numbers has a mark."""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from adhesion_jax.campaign.traction import QUIET, WHOLE
+from adhesion_jax.report.traction.panels import Line, Mark, Panel
+from adhesion_jax.report.traction.runs import (
+    KMH,
+    TIME,
+    Array,
+    Shown,
+    adhesion,
+    adhesions,
+    by_method,
+    curves,
+    mean_of_axles,
+    observed,
+    over_curves,
+    over_time,
+    slips,
+    speeds,
+    surfaces,
+    torques,
+)
+from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
+from adhesion_jax.traction.controllers.torque_feedback import SlopeFeedback
+from adhesion_jax.traction.loop import Trace
+from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
+from adhesion_jax.traction.systems import fang2018, hxd1f, uyulan2018
+
+#: Speeds of the train at which the curves are drawn, m/s; those of these rails do not depend on it.
+_UYULAN_SPEED, _FANG_SPEED = 10.0, 20.0
+
+#: Rates of the Lyapunov function to which their axis is even, m^2/s^3.
+_LEVEL = 1e-6
+
+
+def uyulan2018_table(metrics: pd.DataFrame) -> pd.DataFrame:
+    """Tracking with the true optimum, and the estimate of the printed seeker less the slip."""
+    rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
+    found = []
+    for names, (tracking, estimation) in uyulan2018.PRINTED.items():
+        scenario = "-".join(names)
+        these = rows[rows["scenario"] == scenario]
+        found.append(
+            {
+                "scenario": scenario,
+                "tracking_rms": these["tracking_rms"].iloc[0],
+                "estimation_rms": these["estimation_rms"].iloc[-1],
+                "paper_tracking_rms": tracking,
+                "paper_estimation_rms": estimation,
+            }
+        )
+    return pd.DataFrame(found)
+
+
+def uyulan2018_figures(shown: Sequence[Shown], plant: Plant) -> Mapping[str, Sequence[Panel]]:
+    sought = {one.case.scenario: one for one in by_method(shown, "as printed")}
+    shown = by_method(shown, "true optimum")
+    return {
+        "fig_04_surfaces": [_surfaces(shown)],
+        "fig_05_speeds": [speeds(one, one.case.scenario) for one in shown],
+        "fig_06_adhesion": [adhesions(one, one.case.scenario) for one in shown],
+        "fig_07_torque": [
+            torques(one, one.case.scenario, [Mark("the paper's saturation", x=20.0)])
+            for one in shown
+        ],
+        "fig_08_slip": [_slip_and_sought(one, sought[one.case.scenario]) for one in shown],
+        "fig_09_map": [
+            over_curves(one, one.case.scenario, curves(surfaces(one), _UYULAN_SPEED, 5.0))
+            for one in shown
+        ],
+        "fig_10_lyapunov": _lyapunov(shown, plant),
+    }
+
+
+def _surfaces(shown: Sequence[Shown]) -> Panel:
+    known = {name: surface for one in shown for name, surface in surfaces(one).items()}
+    found = {name: known[name] for name in uyulan2018.PRINTED_BEST_SLIP if name in known}
+    marks = [
+        Mark("paper's best slip", slip, float(adhesion(found[name], slip, _UYULAN_SPEED)))
+        for name, slip in uyulan2018.PRINTED_BEST_SLIP.items()
+        if name in found
+    ]
+    lines = curves(found, _UYULAN_SPEED, 5.0)
+    return Panel("adhesion of the surfaces", "slip velocity (m/s)", "adhesion (1)", lines, marks)
+
+
+def _slip_and_sought(one: Shown, sought: Shown) -> Panel:
+    names = dict.fromkeys(one.case.segments)
+    marks = [
+        Mark("paper's best slip", y=uyulan2018.PRINTED_BEST_SLIP[name])
+        for name in names
+        if name in uyulan2018.PRINTED_BEST_SLIP
+    ]
+    panel = slips(one, one.case.scenario, marks, limits=(0.0, 3.0))
+    slip = mean_of_axles(sought.trace.sample.slip)
+    return panel._replace(
+        lines=[*panel.lines, Line("slip, seeker as printed", sought.trace.time, slip)]
+    )
+
+
+def _lyapunov(shown: Sequence[Shown], plant: Plant) -> list[Panel]:
+    """The function V(t) of the paper's controller; other controllers have none."""
+    found = {}
+    for one in shown:
+        controller = one.case.controller
+        if isinstance(controller, AdaptiveRobust) and isinstance(plant, ElasticAxles):
+            values = lyapunov_along(controller, plant, one.trace)
+            found[one.case.scenario] = [Line("L and its rate", one.trace.time, values)]
+    return lyapunov_panels(found)
+
+
+def lyapunov_along(controller: AdaptiveRobust, plant: ElasticAxles, rows: Trace) -> Array:
+    """The Lyapunov function along a run, mean of the axles, m^2/s^2.
+
+    kappa is a constant: its largest adhesion is that of the surface on which the run begins.
+    """
+    sample = rows.sample
+    largest = jnp.broadcast_to(sample.largest[0], jnp.shape(sample.slip))
+    error = sample.slip - sample.optimum
+    return mean_of_axles(
+        uyulan2018.lyapunov(controller, plant, rows.controller.bound, error, largest)
+    )
+
+
+def lyapunov_panels(of: Mapping[str, Sequence[Line]]) -> list[Panel]:
+    """The function and, below, how fast it changes, a panel a scenario; `of` has the function."""
+
+    def changing(line: Line) -> Line:
+        time = np.asarray(line.x)
+        return line._replace(x=time[1:], y=np.diff(line.y) / np.diff(time))
+
+    rates = {name: [*map(changing, lines)] for name, lines in of.items()}
+    return [
+        *(Panel(name, TIME, "L (m²/s²)", lines) for name, lines in of.items()),
+        *(
+            Panel(name, TIME, "dL/dt (m²/s³)", lines, linear=_LEVEL)
+            for name, lines in rates.items()
+        ),
+    ]
+
+
+def fang2018_table(metrics: pd.DataFrame) -> pd.DataFrame:
+    """Settled slip and utilisation on the poor roads; the paper's slips are for K2 = 7000 N m."""
+    rows = metrics[(metrics["noise"] == QUIET) & metrics["segment"].isin(("2", "3", "2 braking"))]
+    return pd.DataFrame(
+        {
+            "method": rows["method"],
+            "road": rows["segment"],
+            "slip_kmh": KMH.per_mps * rows["slip_settled"].abs(),
+            "utilisation": rows["utilisation_settled"],
+            "paper_slip_kmh": rows["segment"].map(fang2018.PRINTED_SLIP_KMH),
+            "status": rows["status"],
+        }
+    ).reset_index(drop=True)
+
+
+def fang2018_figures(shown: Sequence[Shown], _: Plant) -> Mapping[str, Sequence[Panel]]:
+    shown = by_method(shown, "Eq. 9, K2 7000", "Eq. 9, K2 18000")
+    return {
+        "fig_06_roads": [_roads(shown[0])],
+        "fig_07_speeds": [speeds(one, one.case.method, KMH) for one in shown],
+        "fig_08_command": [_command(one) for one in shown],
+        "fig_09_torque": [torques(one, one.case.method) for one in shown],
+        "fig_10_observed": [
+            panel for one in shown for panel in (observed(one, one.case.method), _slope(one))
+        ],
+        "fig_11_track": [over_curves(one, one.case.method, _curves(one), KMH) for one in shown],
+        "fig_12_slip": [_slip(one) for one in shown],
+    }
+
+
+def _curves(one: Shown) -> list[Line]:
+    roads = surfaces(one)
+    return curves({f"road {name}": roads[name] for name in "123"}, _FANG_SPEED, 15.0, KMH)
+
+
+def _roads(one: Shown) -> Panel:
+    roads = surfaces(one)
+    marks = [
+        Mark("paper's best slip", kmh, float(adhesion(roads[name], kmh / KMH.per_mps, _FANG_SPEED)))
+        for name, kmh in fang2018.PRINTED_BEST_SLIP_KMH.items()
+    ]
+    return Panel(
+        "adhesion of the roads", "slip velocity (km/h)", "adhesion (1)", _curves(one), marks
+    )
+
+
+def _command(one: Shown) -> Panel:
+    command = {"torque commanded": np.asarray(one.trace.command) / 1e3}
+    return over_time(one, one.case.method, "torque (kN m)", command)
+
+
+def _slope(one: Shown) -> Panel:
+    lines = {"true": _true_slope(one)}
+    if isinstance(one.case.controller, SlopeFeedback):
+        lines = {"observed": one.trace.controller.slope, **lines}
+    return over_time(one, one.case.method, "slope dμ/dv (s/m)", lines, limits=(-0.2, 0.4))
+
+
+def _true_slope(one: Shown) -> Array:
+    def adhesion_at(slip: jax.Array, segment: jax.Array, speed: jax.Array) -> jax.Array:
+        return one.case.rails.surface(segment)(slip, speed)
+
+    rows = one.trace.sample
+    slip = jnp.asarray(mean_of_axles(rows.slip))
+    slopes = jax.jit(jax.vmap(jax.grad(adhesion_at)))
+    return np.asarray(slopes(slip, jnp.asarray(rows.segment), jnp.asarray(rows.train_speed)))
+
+
+def _slip(one: Shown) -> Panel:
+    marks = [Mark("paper's slip", y=kmh) for kmh in fang2018.PRINTED_SLIP_KMH.values()]
+    return slips(one, one.case.method, marks, KMH, (-8.0, 8.0))
+
+
+def hxd1f_table(metrics: pd.DataFrame) -> pd.DataFrame:
+    """Every method on every surface, without noise; t95 is empty where it is never reached."""
+    rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] != WHOLE)]
+    return pd.DataFrame(
+        {
+            "method": rows["method"],
+            "segment": rows["segment"],
+            "utilisation": rows["utilisation"],
+            "t95_s": rows["t95"],
+            "torque_variation_kNm_s": rows["torque_variation"],
+            "status": rows["status"],
+        }
+    ).reset_index(drop=True)
+
+
+def hxd1f_figures(shown: Sequence[Shown], _: Plant) -> Mapping[str, Sequence[Panel]]:
+    observers = by_method(shown, hxd1f.SMES, "SMES, full dimension -233, ABLF")
+    seekers = by_method(shown, hxd1f.SMES, "DAC")
+    controllers = by_method(shown, "SMES, NTSMO, sliding mode", hxd1f.SMES)
+    return {
+        "fig_10_observer": [observed(one, one.case.method) for one in observers],
+        "fig_11_speeds": [speeds(one, one.case.method) for one in seekers],
+        "fig_12_slip": [_slip_of_hxd1f(one) for one in seekers],
+        "fig_13_adhesion": [adhesions(one, one.case.method) for one in seekers],
+        "fig_14_map": [
+            over_curves(one, one.case.method, curves(surfaces(one), 5.0, 0.6)) for one in seekers
+        ],
+        "fig_15_torque": [torques(one, one.case.method) for one in controllers],
+    }
+
+
+def _slip_of_hxd1f(one: Shown) -> Panel:
+    marks = [Mark("paper's best slip", y=slip) for slip in hxd1f.PRINTED_BEST_SLIP.values()]
+    return slips(one, one.case.method, marks, limits=(-0.05, 0.5))
