@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.pool import Pool, Processes, Work
-from adhesion_jax.campaign.shard import Reduced, Sums, scales, shard, truth_of
+from adhesion_jax.campaign.shard import content, scales, truth_of
+from adhesion_jax.campaign.store import Arrays
 from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.metrics.accuracy import table_rows
 from adhesion_jax.metrics.counts import BINS, edges, middles, quantile, rebinned, share_middles
-from adhesion_jax.metrics.moments import plus
+from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import criteria_of, tracking_row
 from adhesion_jax.runtime import CORES
 
@@ -33,10 +34,17 @@ _WIDTHS = 6
 _HISTOGRAM_BINS = 60
 
 
-class Totals(NamedTuple):
-    """What shards add up to; counts are [names, blocks, counted quantities, BINS]."""
+#: The moments among the arrays of a shard.
+_MOMENTS = ("accuracy", "tracking", "seconds")
 
-    sums: Sums
+
+class Totals(NamedTuple):
+    """What the arrays of shards add up to; counts are [names, blocks, counted quantities, BINS]."""
+
+    accuracy: Moments
+    tracking: Moments
+    seconds: Moments
+    delays: NDArray[np.int64]
     counts: NDArray[np.int32]
     compile_seconds: NDArray[np.float64]
 
@@ -70,16 +78,16 @@ def run_campaign(
     job = Job.of(config, identifiers)
     work = [(job, number) for number in range(job.shards)]
 
-    def reduced() -> Iterable[Reduced]:
+    def parts() -> Iterable[Arrays]:
         for (_, number), found in zip(work, results, strict=True):
             keep(frame_of(found.rows))
             for tile in job.tiles_of(number):
                 if tile * TILE < config.runs:
                     progress(config.scenario)
-            yield found.reduced
+            yield found.arrays
 
-    with suited(Processes(workers), work).mapped(shard, work) as results:
-        return campaign_of(job, added(job, reduced()))
+    with suited(Processes(workers), work).mapped(content, work) as results:
+        return campaign_of(job, added(job, parts()))
 
 
 def frame_of(rows: pa.Table) -> pd.DataFrame:
@@ -100,20 +108,21 @@ def suited(pool: P, work: Work) -> P | Processes:
     return Processes(1)
 
 
-def added(job: Job, parts: Iterable[Reduced]) -> Totals:
+def added(job: Job, parts: Iterable[Arrays]) -> Totals:
     """What the shards of a job add up to, in the order in which they are given."""
     names, blocks = len(job.names), len(job.scenario.rails)
     counts = np.zeros((names, blocks, len(job.counted), BINS), dtype=np.int32)
-    flat = counts.reshape(-1)
-    sums = None
-    seconds = np.zeros(len(job.methods))
+    flat, seconds = counts.reshape(-1), np.zeros(len(job.methods))
+    sums: dict[str, NDArray[Any]] = {}
     for part in parts:
-        sums = part.sums if sums is None else plus(sums, part.sums)
-        flat[part.places] += part.numbers
-        seconds = np.maximum(seconds, part.compile_seconds)
-    if sums is None:
+        flat[part["places"]] += part["numbers"]
+        seconds = np.maximum(seconds, part["compile_seconds"])
+        adding = (key for key in part if key.startswith((*_MOMENTS, "delays")))
+        sums = {key: np.asarray(sums.get(key, 0) + part[key]) for key in adding}
+    if not sums:
         raise ValueError("a campaign has one run or more")
-    return Totals(sums, counts, seconds)
+    accuracy, tracking, times = (Moments.of_arrays(sums, name) for name in _MOMENTS)
+    return Totals(accuracy, tracking, times, sums["delays"], counts, seconds)
 
 
 def campaign_of(job: Job, totals: Totals) -> Campaign:
@@ -150,8 +159,8 @@ def _accuracy_tables(job: Job, totals: Totals) -> dict[str, pd.DataFrame]:
             "rail": row.group.rail,
             **({} if row.group.k is None else {"k": row.group.k}),
         }
-        seconds = totals.sums.seconds.at(methods.index(row.identifier))
-        moments = totals.sums.accuracy.at(place)
+        seconds = totals.seconds.at(methods.index(row.identifier))
+        moments = totals.accuracy.at(place)
         parts[row.table].append({**names, **table_rows(moments, truth, row.group.blocks, seconds)})
     return {name: _one_below_the_other(of_table) for name, of_table in parts.items()}
 
@@ -172,8 +181,8 @@ def _tracking_table(job: Job, totals: Totals) -> pd.DataFrame:
     rows = []
     for place, name in enumerate(job.names):
         for stretch, rail in enumerate(job.stretches):
-            moments = totals.sums.tracking.at((place, stretch))
-            row = tracking_row(totals.sums.delays[place, stretch], moments, stretch == 0, unit)
+            moments = totals.tracking.at((place, stretch))
+            row = tracking_row(totals.delays[place, stretch], moments, stretch == 0, unit)
             names = {"scenario": job.config.scenario, "identifier": name, "rail": rail}
             rows.append({**names, **row})
     return pd.DataFrame(rows)

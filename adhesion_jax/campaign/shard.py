@@ -6,18 +6,16 @@ computed where.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from adhesion_jax.campaign.job import REFERENCE, Job
 from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import Found, estimate_rows
-from adhesion_jax.campaign.store import Arrays, Content
+from adhesion_jax.campaign.store import Content
 from adhesion_jax.campaign.tiles import TILE, TileResult, Tiles
 from adhesion_jax.identifiers import Identifier, Status
 from adhesion_jax.inference.cosines import COSINES
@@ -38,41 +36,19 @@ _UNUSABLE = (Status.NO_PEAK, Status.INADMISSIBLE, Status.NOT_FINITE)
 #: Where a quantity has no bound, this share of its true value takes its place as a scale.
 _SHARE_OF_TRUTH = 0.01
 
-#: The moments among the sums of a shard.
-_MOMENTS = ("accuracy", "tracking", "seconds")
-
 #: Successive numbers times this, modulo one, are far apart.
 _GOLDEN_SECTION = 0.618033988749895
 
 
-class Sums(NamedTuple):
-    """What the runs of a job add up to."""
+def content(job: Job, number: int, tell: Tell = silent) -> Content:
+    """The shard of this number: what its runs add up to, and the estimates that are kept.
 
-    accuracy: Moments  # of `run_statistics`, [rows] or [rows, quantities]
-    tracking: Moments  # of `tracking_statistics`, [names, stretches]
-    delays: NDArray[np.int64]  # runs with each delay, [names, stretches, steps]
-    seconds: Moments  # of one identification, [methods]; its runs are tiles
-
-
-class Reduced(NamedTuple):
-    """What is left of the runs of a shard for tables and figures."""
-
-    sums: Sums
-    #: The places in the counts [names, blocks, counted quantities, BINS] that are not zero.
-    places: NDArray[np.int64]
-    numbers: NDArray[np.int32]
-    compile_seconds: NDArray[np.float64]  # [methods]
-
-
-class Shard(NamedTuple):
-    """What some runs add up to, and the estimates that are kept of each of them."""
-
-    reduced: Reduced
-    rows: pa.Table
-
-
-def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
-    """The shard of this number: each run is drawn once, for all methods."""
+    Each run is drawn once, for all methods. The arrays are the moments of `run_statistics`
+    ("accuracy", [rows] or [rows, quantities]), of `tracking_statistics` ("tracking", [names,
+    stretches]) and of the time of one identification ("seconds", [methods], whose runs are tiles);
+    the runs with each delay, [names, stretches, steps]; the places in the counts [names, blocks,
+    counted quantities, BINS] that are not zero, with the numbers there; and the seconds to compile.
+    """
     config, scenario, of_tile = job.config, job.scenario, job.tiles
     parts: dict[str, list[Found]] = {name: [] for name in job.methods}
     seconds, compile_seconds = [], dict.fromkeys(job.methods, 0.0)
@@ -99,12 +75,6 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
         for name, of_name in parts.items()
     }
     truth, longest = truth_of(scenario, np.concatenate(bounds)[:runs]), job.longest
-    sums = Sums(
-        accuracy=_accuracy(job, found, truth, _pooled(scenario, np.asarray(records.fresh), truth)),
-        tracking=_tracking(job, found, truth, records.fresh.shape[-1]),
-        delays=np.stack([delay_counts(found[name].tracking, longest) for name in job.names]),
-        seconds=Moments.of({"seconds": np.array(seconds)}),
-    )
     rows = estimate_rows(
         config.scenario,
         scenario,
@@ -112,8 +82,18 @@ def shard(job: Job, number: int, tell: Tell = silent) -> Shard:
         tiles.start * TILE,
         job.kept_blocks,
     )
-    compiling = np.array([*compile_seconds.values()])
-    return Shard(Reduced(sums, *_counts(job, found), compiling), rows)
+    pool = _pooled(scenario, np.asarray(records.fresh), truth)
+    places, numbers = _counts(job, found)
+    arrays = {
+        **_accuracy(job, found, truth, pool).arrays("accuracy"),
+        **_tracking(job, found, truth, records.fresh.shape[-1]).arrays("tracking"),
+        **Moments.of({"seconds": np.array(seconds)}).arrays("seconds"),
+        "delays": np.stack([delay_counts(found[name].tracking, longest) for name in job.names]),
+        "places": places,
+        "numbers": numbers,
+        "compile_seconds": np.array([*compile_seconds.values()]),
+    }
+    return Content(arrays, rows)
 
 
 def _rotated(methods: Mapping[str, Identifier], number: int) -> Sequence[str]:
@@ -133,7 +113,7 @@ def _found(tiles: Tiles, method: Identifier, records: Record, result: TileResult
         parameters = np.stack([values[name] for name in known.curve.free], axis=-1)
         on_box = np.any(on_bound(parameters, np.asarray(known.lower), np.asarray(known.upper)), -1)
         if method.FITS_LAST_RECORD:
-            found = np.moveaxis(np.asarray(tiles.cosine_errors(records, parameters)), -1, 0)
+            found = np.moveaxis(np.asarray(tiles.cosine_errors((records, parameters))), -1, 0)
             by_cosines |= dict(zip(quantity_names(known.curve), found, strict=True))
     return Found(
         values=values,
@@ -255,43 +235,3 @@ def scales(tiles: Tiles) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     bound = np.sqrt(np.mean(bound**2, axis=0))
     without = np.where(truth == 0, 1.0, _SHARE_OF_TRUTH * np.abs(truth))
     return truth, np.where(np.isfinite(bound) & (bound > 0), bound, without)
-
-
-def content(job: Job, number: int, tell: Tell = silent) -> Content:
-    """What is stored of a shard."""
-    found = shard(job, number, tell)
-    sums = found.reduced.sums
-    arrays: dict[str, NDArray[Any]] = {
-        "delays": sums.delays,
-        "places": found.reduced.places,
-        "numbers": found.reduced.numbers,
-        "compile_seconds": found.reduced.compile_seconds,
-    }
-    for name in _MOMENTS:
-        moments: Moments = getattr(sums, name)
-        arrays[f"{name} runs"] = np.array(moments.runs)
-        for key in moments.total:
-            arrays[f"{name} total {key}"] = moments.total[key]
-            arrays[f"{name} square {key}"] = moments.total_square[key]
-    return Content(arrays, found.rows)
-
-
-def reduced_of(arrays: Arrays) -> Reduced:
-    """What the runs of a shard add up to, from what is stored of it."""
-    moments = {}
-    for name in _MOMENTS:
-        parts = {
-            kind: {
-                key.removeprefix(f"{name} {kind} "): value
-                for key, value in arrays.items()
-                if key.startswith(f"{name} {kind} ")
-            }
-            for kind in ("total", "square")
-        }
-        moments[name] = Moments(int(arrays[f"{name} runs"]), parts["total"], parts["square"])
-    return Reduced(
-        Sums(**moments, delays=arrays["delays"]),
-        arrays["places"],
-        arrays["numbers"],
-        arrays["compile_seconds"],
-    )

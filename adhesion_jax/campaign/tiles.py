@@ -82,26 +82,21 @@ class Tiles:
         example = noise_key(0, self.name), tile_runs(0)
         return programs.program(("draw", self._content), draw, example)
 
-    def bound(self, records: Record) -> Float[Array, "runs blocks values"]:
-        """The Cramer-Rao bound of every run and block."""
-        found: Float[Array, "runs blocks values"] = self._bound(records)
-        return found
-
     @cached_property
-    def _bound(self) -> Callable[[Record], Float[Array, "runs blocks values"]]:
+    def bound(self) -> Callable[[Record], Float[Array, "runs blocks values"]]:
+        """The Cramer-Rao bound of every run and block of records of a tile."""
         axes = self.scenario.run_axes
         bound = jax.vmap(self.scenario.bound, in_axes=(axes,), axis_size=TILE)
         return programs.program(("bound", self._content), bound, self.draw(0, 0))
 
-    def cosine_errors(
-        self, records: Record, parameters: Float[ArrayLike, "runs blocks free"]
-    ) -> Float[Array, "runs blocks values"]:
-        """The `cosine_errors` of the curves with the least squares of the blocks of a tile."""
-        found: Float[Array, "runs blocks values"] = self._errors(records, parameters)
-        return found
-
     @cached_property
-    def _errors(self) -> Callable[..., Float[Array, "runs blocks values"]]:
+    def cosine_errors(
+        self,
+    ) -> Callable[[tuple[Record, ArrayLike]], Float[Array, "runs blocks values"]]:
+        """The `cosine_errors` of the curves with the least squares of the blocks of a tile.
+
+        They take the records with the parameters, [runs, blocks, free].
+        """
         known, axes = self.scenario.known, self.scenario.run_axes
 
         def errors(of_tile: tuple[Record, Array]) -> Array:
@@ -111,10 +106,8 @@ class Tiles:
             return jnp.moveaxis(found, 0, 1)
 
         parameters = np.zeros((TILE, len(self.scenario.rails), len(known.curve.free)))
-        example = (self.draw(0, 0), parameters)
         name = ("errors by cosines", self._content)
-        compiled = programs.program(name, errors, example, COMPILER)
-        return lambda *of_tile: compiled(of_tile)
+        return programs.program(name, errors, (self.draw(0, 0), parameters), COMPILER)
 
     def identify(
         self, seed: int, tile: int, name: str, method: Identifier, records: Record

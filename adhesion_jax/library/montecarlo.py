@@ -29,7 +29,7 @@ from adhesion_jax.campaign.monte_carlo import (
     suited,
 )
 from adhesion_jax.campaign.overview import OVERVIEW, overview
-from adhesion_jax.campaign.shard import content, reduced_of
+from adhesion_jax.campaign.shard import content
 from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import law_text
@@ -254,14 +254,14 @@ def montecarlo(
 
 def _totals(job: Job, folder: Path) -> Totals:
     """What those shards of a job add up to that are there."""
-    return added(job, map(reduced_of, read_all(folder, job.name, job.shards)))
+    return added(job, read_all(folder, job.name, job.shards))
 
 
 def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
     """The tables, for a terminal, of those shards that are there of the job of a record."""
     job = Job.recorded(record)
     totals = _totals(job, folder)
-    return told(campaign_of(job, totals).tables, totals.sums.accuracy.runs, [job.name])
+    return told(campaign_of(job, totals).tables, totals.accuracy.runs, [job.name])
 
 
 def _options(scenario: str, options: Mapping[str, object]) -> Options:

@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Mapping
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -40,6 +40,24 @@ class Moments(NamedTuple):
             {name: np.sum(x, axis=0) for name, x in statistics.items()},
             {name: np.sum(x * x, axis=0) for name, x in statistics.items()},
         )
+
+    def arrays(self, name: str) -> dict[str, NDArray[Any]]:
+        """The same as arrays, under names that begin with this one."""
+        return {
+            f"{name} runs": np.array(self.runs),
+            **{f"{name} total {key}": sums for key, sums in self.total.items()},
+            **{f"{name} square {key}": squares for key, squares in self.total_square.items()},
+        }
+
+    @staticmethod
+    def of_arrays(arrays: Mapping[str, NDArray[Any]], name: str) -> "Moments":
+        """The inverse of `arrays`."""
+
+        def of(kind: str) -> dict[str, Array]:
+            begin = f"{name} {kind} "
+            return {key[len(begin) :]: arrays[key] for key in arrays if key.startswith(begin)}
+
+        return Moments(int(arrays[f"{name} runs"]), of("total"), of("square"))
 
     def at(self, place: int | tuple[int, ...]) -> "Moments":
         """The moments at one place of the first axes of all statistics."""

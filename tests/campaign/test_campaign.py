@@ -19,7 +19,7 @@ from adhesion_jax.campaign.config import Config, build_scenario, choose_identifi
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.campaign.monte_carlo import run_campaign
-from adhesion_jax.campaign.shard import shard
+from adhesion_jax.campaign.shard import content
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.identifiers import ABLATIONS, Estimate, Identifier
@@ -460,7 +460,7 @@ def test_two_scenarios_of_one_name_live_in_one_session(monkeypatch):
     clean = np.asarray(RAILS["dry"](first.scenario.excitation.slips(), {}))
     noise = [np.asarray(job.tiles.draw(0, 0).adhesion) - clean for job in jobs]
     np.testing.assert_allclose(noise[1], 2 * noise[0], atol=1e-14)
-    before, other, again = (shard(job, 0).rows.to_pandas() for job in (first, second, first))
+    before, other, again = (content(job, 0).rows.to_pandas() for job in (first, second, first))
     pd.testing.assert_frame_equal(before, again, check_exact=True)
     assert not np.any(before["mu_max"] == other["mu_max"])
     # Programs belong to the content of a scenario: a copy, as a worker is given one, shares them.

@@ -98,7 +98,7 @@ def test_the_interval_by_cosines_holds_the_peak_in_all_cells(truth, slips, corre
         values = tiles.identify(1, tile, "ml-exact", aj.IDENTIFIERS["ml-exact"], records)
         found = values.estimate.values
         parameters = np.stack([found[name] for name in told.curve.free], axis=-1)
-        errors = np.asarray(tiles.cosine_errors(records, parameters))[:, 0, -2]
+        errors = np.asarray(tiles.cosine_errors((records, parameters)))[:, 0, -2]
         off = np.abs(found["mu_max"][:, 0] - scenario.quantities()["mu_max"][0])
         covered.append(off <= stdtrit(COSINES, 0.975) * errors)
     assert np.mean(covered) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 512)
