@@ -1,10 +1,13 @@
 """The parts of a page of a report, from which every rendering is made."""
 
+import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
+
+import pandas as pd
 
 #: What each figure shows, by the report and the file.
 CAPTIONS: Mapping[str, Mapping[str, str]] = tomllib.loads(
@@ -44,6 +47,19 @@ class Table:
     right: Sequence[str] = ()
     folded: str = ""
     quiet: Sequence[int] = ()
+
+
+def table_of(frame: pd.DataFrame, digits: int = 4, folded: str = "") -> Table:
+    """All of a data frame, numbers with some digits and flush right; empty where there is none."""
+    numbers = [str(name) for name in frame if pd.api.types.is_numeric_dtype(frame[name])]
+
+    def cell(value: object) -> str:
+        if isinstance(value, float):
+            return f"{value:.{digits}g}" if math.isfinite(value) else ""
+        return str(value)
+
+    rows = [[*map(cell, row)] for row in frame.to_numpy(dtype=object)]
+    return Table([*frame], rows, numbers, folded)
 
 
 @dataclass(frozen=True)

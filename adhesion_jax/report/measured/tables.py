@@ -11,7 +11,7 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.measured.words import best_first, reasons, weights_of
-from adhesion_jax.report.page import Items, Page, Paragraph, Section, Table, pictures
+from adhesion_jax.report.page import Items, Page, Paragraph, Section, Table, pictures, table_of
 from adhesion_jax.report.rendering import Sections
 from adhesion_jax.report.text import WIDTH, flush_left, in_columns
 from adhesion_jax.wording import number, plus_minus
@@ -197,11 +197,6 @@ def page_of(
 ) -> Page:
     """The answer, what forbids it, the pictures, the verdict under its titles, and the curves."""
     shown = [name for name in _SHOWN if name in curves]
-    rows = [
-        [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row]
-        for row in curves[shown].itertuples(index=False)
-    ]
-    table = Table(shown, rows, right=[name for name in shown if name not in ("curve", "status")])
     warnings = [
         Section(name, [Items(texts)], boxed=True) for name, texts in sections if _warns(name)
     ]
@@ -215,7 +210,7 @@ def page_of(
             *warnings,
             Section("Figures", pictures("identify", files)),
             *words,
-            Section("Curves", [table]),
+            Section("Curves", [table_of(curves[shown])]),
         ],
     )
 

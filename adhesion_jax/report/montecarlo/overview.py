@@ -1,6 +1,8 @@
 """Which method to take when: the page and the figure on methods and scenarios, and its words."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,8 +11,8 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from adhesion_jax.report.page import Items, Page, Paragraph, Picture, Section, Table
-from adhesion_jax.wording import listed
+from adhesion_jax.report.page import Items, Page, Paragraph, Picture, Section, table_of
+from adhesion_jax.report.rendering import text_of
 
 #: Intervals can be believed that hold the truth in at least this share of the runs.
 _BELIEVED = 0.90
@@ -95,14 +97,37 @@ def advice(table: pd.DataFrame) -> list[str]:
     table = table.assign(rmse_over_crlb=table["rmse_over_crlb"].mask(table["cut_off"]))
     sure = table[table["failure_share"] <= _FAILS]
     streams = sure[sure["kind"] == "stream"]
-    words = []
-    if len(streams):
-        words += [_for_a_controller(streams), _for_a_log(streams)]
-    for kind, scenario in _TEXTBOOK.items():
-        rows = sure[(sure["scenario"] == scenario) & sure["rmse_over_crlb"].notna()]
-        if len(rows):
-            words.append(_for_a_benchmark(rows, kind))
-    return [*words, *_out_of_reach(table)]
+    scores = _scores(streams) if len(streams) else pd.DataFrame()
+    best = table.groupby("scenario", sort=False)
+    nearest, surest = best["rmse_over_crlb"].min(), best["coverage95"].max()
+    told = text_of(
+        "overview.txt",
+        by_ratio=_ordered(scores, "ratio"),
+        by_coverage=_ordered(scores, "believed", "least", ascending=False),
+        alike={kind: _alike(sure, scenario) for kind, scenario in _TEXTBOOK.items()},
+        far=[*nearest[nearest > _NEAR].index],
+        doubtful=[*surest[surest < _BELIEVED].index],
+        believed=100 * _BELIEVED,
+        where=partial(_where, streams),
+    )
+    return [" ".join(part.split()) for part in told.split("\n\n") if part.strip()]
+
+
+def _ordered(scores: pd.DataFrame, *columns: str, ascending: bool = True) -> list[Any]:
+    if scores.empty:
+        return []
+    return scores.sort_values([*columns], ascending=ascending).reset_index().to_dict("records")
+
+
+def _alike(sure: pd.DataFrame, scenario: str) -> list[Any]:
+    """The methods on a scenario that differ from the best by two standard errors, fastest first."""
+    rows = sure[(sure["scenario"] == scenario) & sure["rmse_over_crlb"].notna()]
+    if rows.empty:
+        return []
+    rows = rows.sort_values("rmse_over_crlb")
+    best = rows.iloc[0]
+    near = rows[rows["rmse_over_crlb"] <= best["rmse_over_crlb"] + 2 * best["rmse_over_crlb_se"]]
+    return near.sort_values("microseconds").to_dict("records")
 
 
 def _scores(streams: pd.DataFrame) -> pd.DataFrame:
@@ -129,69 +154,6 @@ def _where(streams: pd.DataFrame, name: str, column: str, value: float) -> str:
     return str(rows["scenario"].iloc[0])
 
 
-def _for_a_controller(streams: pd.DataFrame) -> str:
-    scores = _scores(streams).sort_values("ratio")
-    name, best = str(scores.index[0]), scores.iloc[0]
-    at_worst = _where(streams, name, "rmse_over_crlb", best["worst"])
-    words = (
-        f"For a controller take {name}: over {best['number']:.0f} streams its RMSE of mu_max is "
-        f"{best['ratio']:.2f} times the bound in the geometric mean, and {best['worst']:.3g} times "
-        f"at worst ({at_worst}). It takes {best['microseconds']:.2g} us a sample in a batch and "
-        f"carries {best['bytes']:.0f} bytes."
-    )
-    if len(scores) > 1:
-        words += f" The next one is {scores.index[1]} with {scores.iloc[1]['ratio']:.2f} times."
-    return words
-
-
-def _for_a_log(streams: pd.DataFrame) -> str:
-    scores = _scores(streams).sort_values(["believed", "least"], ascending=False)
-    name, best = str(scores.index[0]), scores.iloc[0]
-    at_worst = _where(streams, name, "coverage95", best["least"])
-    return (
-        f"For a log, where intervals are to be believed, take {name}: on {best['believed']:.0f} of "
-        f"{best['number']:.0f} streams its 95 % intervals hold the truth in at least "
-        f"{100 * _BELIEVED:.0f} % of the runs, and in {100 * best['least']:.0f} % at worst "
-        f"({at_worst}). Its RMSE is {best['ratio']:.2f} times the bound in the geometric mean."
-    )
-
-
-def _for_a_benchmark(rows: pd.DataFrame, kind: str) -> str:
-    rows = rows.sort_values("rmse_over_crlb")
-    best = rows.iloc[0]
-    alike = rows[rows["rmse_over_crlb"] <= best["rmse_over_crlb"] + 2 * best["rmse_over_crlb_se"]]
-    fastest = alike.sort_values("microseconds").iloc[0]
-    what, unit = ("streams", "sample") if kind == "stream" else ("blocks", "point")
-    words = (
-        f"For a benchmark of methods on {what} take {fastest['identifier']}: on a constant rail in "
-        f"white noise its RMSE is {fastest['rmse_over_crlb']:.2f} times the bound, and it takes "
-        f"{fastest['microseconds']:.2g} us a {unit}."
-    )
-    if len(alike) == 1:
-        return words
-    return f"{words} It is the fastest of {len(alike)} that differ by two standard errors or less."
-
-
-def _out_of_reach(table: pd.DataFrame) -> list[str]:
-    """The scenarios on which no method comes near the bound, or has intervals to be believed."""
-    best = table.groupby("scenario", sort=False)
-    words = []
-    far = best["rmse_over_crlb"].min()
-    far = far[far > _NEAR]
-    if len(far):
-        where = listed([*far.index])
-        words.append(f"None of these methods comes within twice the bound on {where}.")
-    doubtful = best["coverage95"].max()
-    doubtful = doubtful[doubtful < _BELIEVED]
-    if len(doubtful):
-        share, where = f"{100 * _BELIEVED:.0f} %", listed([*doubtful.index])
-        words.append(
-            f"None of these methods has intervals that hold the truth in {share} of the runs "
-            f"on {where}."
-        )
-    return words
-
-
 def page(table: pd.DataFrame, runs: int, picture: str) -> Page:
     """The page: the advice, the figure, and all numbers."""
     words = advice(table)
@@ -209,22 +171,9 @@ def page(table: pd.DataFrame, runs: int, picture: str) -> Page:
     sections = [
         Section("Which method to take", [Items(words[1:])]),
         Section("Methods and scenarios", [Paragraph(how), Picture(picture, caption)]),
-        Section("All numbers", [_table(table)]),
+        Section("All numbers", [table_of(table, 3, f"{len(table)} rows: scenarios and methods")]),
     ]
     return Page("Which method when", words[0] if words else how, sections)
-
-
-def _table(table: pd.DataFrame) -> Table:
-    names = [str(name) for name in table]
-    numbers = [name for name in names if pd.api.types.is_numeric_dtype(table[name])]
-    rows = [
-        [
-            (f"{value:.3g}" if np.isfinite(value) else "") if name in numbers else str(value)
-            for name, value in row.items()
-        ]
-        for _, row in table.iterrows()
-    ]
-    return Table(names, rows, numbers, f"{len(rows)} rows: scenarios and methods")
 
 
 def text(table: pd.DataFrame) -> str:

@@ -2,12 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 import pandas as pd
 
 from adhesion_jax.campaign.traction import NOISY, QUIET, WHOLE
 from adhesion_jax.metrics.closed_loop import FIGURES
-from adhesion_jax.report.page import Block, Items, Page, Paragraph, Picture, Section, Table
+from adhesion_jax.report.page import (
+    Block,
+    Items,
+    Page,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    table_of,
+)
 from adhesion_jax.traction.plants.reading import TAGS, PlantFile
 from adhesion_jax.traction.systems.base import System
 from adhesion_jax.wording import plus_minus
@@ -26,7 +34,7 @@ def traction_page(
 ) -> Page:
     """`captions` are those of the pictures that were drawn, by the names of their files."""
     sections = [
-        Section("Beside the paper", [Paragraph(_beside(system)), _as_table(table)]),
+        Section("Beside the paper", [Paragraph(_beside(system)), table_of(table)]),
         Section("Every method, without noise", [_metrics_table(metrics, QUIET)]),
     ]
     if runs:
@@ -66,17 +74,6 @@ def _beside(system: System) -> str:
         f"Each row is a run without noise on the plant of {system.source}. Columns whose names "
         "begin with paper hold the numbers that the source prints."
     )
-
-
-def _as_table(table: pd.DataFrame) -> Table:
-    numbers = [str(name) for name in table if pd.api.types.is_numeric_dtype(table[name])]
-    return Table([*table], [[*map(_cell, row)] for row in table.to_numpy(dtype=object)], numbers)
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}" if np.isfinite(value) else ""
-    return str(value)
 
 
 def _metrics_table(metrics: pd.DataFrame, noise: str) -> Table:
