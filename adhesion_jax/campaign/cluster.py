@@ -24,8 +24,8 @@ from uuid import uuid4
 from weakref import WeakSet
 
 from adhesion_jax import keeping, plugins, programs, runtime
-from adhesion_jax.campaign.notes import PARTIAL
 from adhesion_jax.campaign.pool import TRIES, Pool, Processes, Work, died, finished, prepare
+from adhesion_jax.campaign.store import write
 from adhesion_jax.errors import InputError, WorkerError
 
 T = TypeVar("T")
@@ -198,7 +198,8 @@ class _Cluster:
         counted = time.monotonic()
         for _, future in ended:
             result, stored = _answer(future)
-            _bring(stored, folder)
+            for name, content in stored.items():
+                write(folder / name, content)
             if time.monotonic() > counted + _COUNTED_FOR:
                 counted = time.monotonic()
                 with suppress(OSError):  # the next answer tells that the scheduler has gone
@@ -221,14 +222,6 @@ def _answer(future: Any) -> tuple[Any, _Stored]:
             "its scheduler is back."
         ) from None
     return answer
-
-
-def _bring(stored: _Stored, folder: Path) -> None:
-    """Bring what a unit has stored to where it belongs, each file whole or not at all."""
-    for name, content in stored.items():
-        partly = folder / f"{PARTIAL}{name}"
-        partly.write_bytes(content)
-        os.replace(partly, folder / name)
 
 
 # What follows is done in a worker.

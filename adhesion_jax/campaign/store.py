@@ -102,7 +102,7 @@ def opened(
                     _clear(folder, "")
                 else:
                     _refuse_other(directory, before, {**asked, "runs": asked["runs"] - extend})
-                _write(folder / _JOB, (json.dumps(asked, indent=2) + "\n").encode())
+                write(folder / _JOB, (json.dumps(asked, indent=2) + "\n").encode())
                 yield folder
             finally:
                 _clear(folder, PARTIAL)
@@ -213,12 +213,12 @@ def stored(content: Callable[[J, int, Tell], Content], job: J, number: int, fold
     with _writer(sink, table.schema) as writer:
         writer.write_table(table)
     written = sink.getvalue().to_pybytes()
-    _write(rows, written)
+    write(rows, written)
     stream, runs = io.BytesIO(), job.runs_of(number)
     checksum = np.frombuffer(sha256(written).digest(), dtype=np.uint8)
     every: dict[str, Any] = {**arrays, _RUNS: np.array(runs), _ROWS: checksum}
     np.savez(stream, **every)
-    _write(sums, stream.getvalue())
+    write(sums, stream.getvalue())
     return runs
 
 
@@ -276,7 +276,7 @@ def _paths(folder: Path, name: str, number: int) -> tuple[Path, Path]:
     return folder / f"{name}-{number:05}.npz", folder / f"{name}-{number:05}.parquet"
 
 
-def _write(path: Path, content: bytes) -> None:
+def write(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
     partly = path.with_name(f"{PARTIAL}{path.name}")
     partly.write_bytes(content)

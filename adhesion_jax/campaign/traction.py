@@ -5,7 +5,7 @@ together; in each of those that follow are some noisy runs of one case, the case
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -162,20 +162,11 @@ def job_of(
     return Job(name, asked or {}, named, tuple(quiet), tuple(noisy), tuple(grids), runs, seed)
 
 
-def judge(job: Job, progress: Callable[[str], None], workers: int = CORES) -> Judged:
-    """The figures of every case, without noise and over its runs with noise, in memory.
-
-    `progress` is given the method of a shard whenever one is done.
-    """
+def judge(job: Job, workers: int = CORES) -> Judged:
+    """The figures of every case, without noise and over its runs with noise, in memory."""
     work = [(job, number) for number in range(job.shards)]
-
-    def parts() -> Iterable[Arrays]:
-        for (_, number), found in zip(work, results, strict=True):
-            progress(job.cases[job.cases_of(number)[0]].method)
-            yield found.arrays
-
     with Processes(workers).mapped(content, work) as results:
-        return judged(job, parts())
+        return judged(job, (found.arrays for found in results))
 
 
 def content(job: Job, number: int, tell: Tell = silent) -> Content:

@@ -15,8 +15,6 @@ _K = {"k": ("1", -3.0, 3.0, "change of g per standard deviation of the column")}
 
 
 class Covariate(ShapeTerm):
-    """g = k (z - z0)/s, z any column, z0 its median and s its standard deviation."""
-
     k: Scalar
     reference: Scalar
     scale: Scalar
@@ -91,8 +89,6 @@ class Memory(ShapeTerm):
 
 
 class Threshold(ShapeTerm):
-    """g = k (tanh((z - c)/w) - tanh((z0 - c)/w)), z any column and z0 its median."""
-
     k: Scalar
     centre: Scalar
     width: Scalar
@@ -135,8 +131,6 @@ class Threshold(ShapeTerm):
 
 
 class Periodic(Effect):
-    """mu (1 + a sin(2 pi f z) + b cos(2 pi f z)), f in waves a unit of the column z."""
-
     sine: Scalar
     cosine: Scalar
     frequency: Scalar

@@ -39,7 +39,7 @@ from adhesion_jax.report.traction.operating_point import (
 from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
 from adhesion_jax.report.traction.runs import shown
-from adhesion_jax.runtime import as_in_commands, silent
+from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
@@ -242,7 +242,7 @@ def traction_control(
         return Traction(system, chosen, train, cases, job, found, time.perf_counter() - began)
 
     if out is None:
-        return told(judge(job, silent, workers))
+        return told(judge(job, workers))
     directory = output_directory(Path(out))
     with (
         pool_of(workers, cluster) as pool,
