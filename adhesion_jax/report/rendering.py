@@ -49,14 +49,19 @@ def text_of(template: str, **known: object) -> str:
     return _TEMPLATES.get_template(template).render(**known).strip()
 
 
+def sentences_of(template: str, **known: object) -> list[str]:
+    """What stands between the blank lines of a template, each in one line."""
+    parts = text_of(template, **known).split("\n\n")
+    return [words for part in parts if (words := " ".join(part.split()))]
+
+
 def sections_of(template: str, **known: object) -> Sections:
     """The sections of a template that have sentences, which blank lines end; titles follow a §."""
     found: list[tuple[str, list[str]]] = []
-    for part in text_of(template, **known).split("\n\n"):
-        words = " ".join(part.split())
+    for words in sentences_of(template, **known):
         if words.startswith("§ "):
             found.append((words[2:], []))
-        elif words:
+        else:
             found[-1][1].append(words)
     return [section for section in found if section[1]]
 

@@ -19,8 +19,8 @@ from adhesion_jax.report.discovery.words import (
     percent,
     percent_in_brackets,
 )
-from adhesion_jax.report.rendering import text_of
-from adhesion_jax.wording import listed, number, p_is
+from adhesion_jax.report.rendering import sentences_of
+from adhesion_jax.wording import number, p_is
 
 #: Functions that the template asks.
 _WORDS = (
@@ -37,34 +37,22 @@ _DROPPED = "not counted as an effect"
 
 def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
-    source = "the slip itself, or columns that go together"
-    if opinion.columns:
-        source = listed([one_line(name) for name in opinion.columns])
-    more = ""
-    if findings.test and findings.with_trees:
-        usual, now = findings.test.after.value, findings.with_trees.after
-        more = (
-            f". On top of the law they take its error on the test set from {error(usual)} to "
-            f"{error_in_brackets(now)}: "
-            "a correction without a formula, from these columns, which is not in law.json"
-        )
-    elif opinion.correction is not None:
-        more = (
-            ". To have a test set predicted with the trees on top of the law, a correction without "
-            "a formula, add --correct and --test (in Python correct=True and test)"
-        )
-    return (
-        f"Boosted trees predict {percent(opinion.explained)} ± {percent(opinion.error)} of the "
-        f"squared residual (outliers cut) of rows that they were not fitted to, from {source} "
-        f"({p_is(opinion.p)}): something is missing that the law has no form for"
-        f"{more}"
+    told = sentences_of(
+        "opinion.txt",
+        findings=findings,
+        opinion=opinion,
+        columns=[one_line(name) for name in opinion.columns],
+        percent=percent,
+        error=error,
+        error_in_brackets=error_in_brackets,
     )
+    return told[0]
 
 
 def verdict(findings: Findings) -> str:
     """The verdict: what is missing, the evidence for it, and how far the error falls."""
     held_out = _held_out(findings)
-    text = text_of(
+    told = sentences_of(
         "discover.txt",
         findings=findings,
         effects=[effect for effect in findings.effects if effect.name not in _IN_NOISE],
@@ -79,7 +67,7 @@ def verdict(findings: Findings) -> str:
         values_at_bound=_values_at_bound,
         **{word.__name__: word for word in _WORDS},
     )
-    return " ".join(text.split())
+    return " ".join(told)
 
 
 def _values_at_bound(effect: FoundEffect) -> list[str]:

@@ -12,7 +12,7 @@ from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.measured.words import best_first, reasons, weights_of
 from adhesion_jax.report.page import Items, Page, Paragraph, Section, Table, pictures, table_of
-from adhesion_jax.report.rendering import Sections
+from adhesion_jax.report.rendering import Sections, text_of
 from adhesion_jax.report.text import WIDTH, flush_left, in_columns
 from adhesion_jax.wording import number, plus_minus
 
@@ -22,29 +22,20 @@ def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement, first: 
 
     Before it what must be said `first`, if anything.
     """
-    if judgement.vetoes:
-        lines = ["mu_max    not known", "slip_opt  not known", *_wrapped(*judgement.vetoes)]
-    elif judgement.at_least is not None:
-        least = judgement.at_least
-        lines = [
-            f"mu_max    at least {least.value:.4f} (95 %: {least.low:.4f})",
-            "slip_opt  no peak is seen among the points",
-            *_wrapped(judgement.why),
-        ]
-    else:
-        lines = [
-            f"mu_max    {_interval(answer.mu_max)}",
-            f"slip_opt  {_interval(answer.slip_opt)}{fit.slip_unit}",
-            *_wrapped(
-                "The peak with its 95 % interval, the choice of the curve included. Weights of the "
-                f"curves by cross-validation: {weights_of(answer)}."
-            ),
-        ]
-    return "\n".join([*_wrapped(first), "", *lines] if first else lines)
+    told = text_of(
+        "answer.txt",
+        answer=answer,
+        fit=fit,
+        judgement=judgement,
+        weights=weights_of(answer),
+        interval=_interval,
+        wrapped=_wrapped,
+    )
+    return f"{_wrapped(first)}\n\n{told}" if first else told
 
 
-def _wrapped(*sentences: str) -> list[str]:
-    return textwrap.wrap(" ".join(sentences), WIDTH, break_on_hyphens=False)
+def _wrapped(words: str) -> str:
+    return textwrap.fill(words, WIDTH, break_on_hyphens=False)
 
 
 def _interval(found: Estimate) -> str:

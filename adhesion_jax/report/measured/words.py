@@ -17,7 +17,7 @@ from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.groups import Group
 from adhesion_jax.measured.residual import Residual
 from adhesion_jax.measured.vetoes import Judgement
-from adhesion_jax.report.rendering import Sections, sections_of
+from adhesion_jax.report.rendering import Sections, sections_of, sentences_of
 from adhesion_jax.report.text import filled
 from adhesion_jax.wording import listed
 
@@ -73,7 +73,7 @@ def verdict(
         judgement=judgement,
         slip=slip,
         runs=runs,
-        groups=_of_groups(groups),
+        groups=groups,
         in_vain=in_vain,
         ranked=ranked,
         warnings=[*filter(None, [different_rails(None, {}, mixed), judgement.warning])],
@@ -133,63 +133,13 @@ def in_lines(sections: Sections) -> str:
 
 def reasons(fit: MeasuredFit) -> list[str]:
     """Every reason why a fit may not be trusted, as sentences; that of TRUSTED if there is none."""
-    sentences = []
-    if fit.status in (Status.NOT_FINITE, Status.INADMISSIBLE):
-        sentences.append(fit.status.sentence)
-    if not fit.peak.found:
-        sentences.append(
-            f"Adhesion has no peak between slip 0 and {fit.slip_limit:g}{fit.slip_unit}; "
-            "mu_max is the largest adhesion in that range."
-        )
-    if not np.isfinite(fit.mu_max_se):
-        sentences.append("The data do not determine all parameters: there are no standard errors.")
-    elif not fit.converged:
-        sentences.append(Status.NOT_CONVERGED.sentence)
-    for name, value, bound, unfelt in zip(
-        fit.curve.free, fit.parameters, fit.on_bound, fit.no_influence, strict=True
-    ):
-        if bound:
-            sentences.append(
-                f"{name} lies on its bound {value:g}: it has no standard error, and those "
-                "of the other parameters hold with it fixed there."
-            )
-        if unfelt:
-            sentences.append(
-                f"{name} has no influence on this curve: it has no standard error, and those of "
-                "the other parameters hold with it fixed."
-            )
-    return sentences or [Status.TRUSTED.sentence]
-
-
-def _of_groups(groups: Mapping[str, Group]) -> str:
-    """What each group says by itself, as clauses."""
-    return "; ".join(_of_group(name, one) for name, one in groups.items())
+    parameters = zip(fit.curve.free, fit.parameters, fit.on_bound, fit.no_influence, strict=True)
+    told = sentences_of("reasons.txt", fit=fit, known=Status, parameters=[*parameters])
+    return told or [Status.TRUSTED.sentence]
 
 
 def different_rails(
     comparison: Comparison | None, groups: Mapping[str, Group], mixed: Comparison | None
 ) -> str:
     """What is said before one answer for rows of different rails; empty for most measurements."""
-    if mixed is not None:
-        levels, by = mixed.table["mu_max"], mixed.by
-        return (
-            f"The rows are of different rails: their level differs by {by} (p = {mixed.p:.1g}), so "
-            f"that under one curve the largest adhesion is from {levels.min():.4f} to "
-            f"{levels.max():.4f}, and one peak for all is a mean of these; the peak of each is "
-            f'told by --by "{by}".'
-        )
-    if comparison is None or not groups or not (comparison.changed or comparison.bent):
-        return ""
-    return (
-        f"Adhesion differs by {comparison.by}: largest adhesion {_of_groups(groups)}. What follows "
-        "is of one curve for all, which is a mean of these."
-    )
-
-
-def _of_group(name: str, group: Group) -> str:
-    level = group.mu_max
-    if group.judgement.vetoes:
-        return f"{name}: no answer ({group.status.rstrip('.')})"
-    if group.judgement.at_least is not None:
-        return f"{name}: at least {level.value:.4f}, no peak is seen"
-    return f"{name}: {level.value:.4f} [{level.low:.4f}, {level.high:.4f}]"
+    return " ".join(sentences_of("rails.txt", comparison=comparison, groups=groups, mixed=mixed))

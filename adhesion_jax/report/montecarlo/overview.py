@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from adhesion_jax.report.page import Items, Page, Paragraph, Picture, Section, table_of
-from adhesion_jax.report.rendering import text_of
+from adhesion_jax.report.rendering import sentences_of
 
 #: Intervals can be believed that hold the truth in at least this share of the runs.
 _BELIEVED = 0.90
@@ -100,7 +100,7 @@ def advice(table: pd.DataFrame) -> list[str]:
     scores = _scores(streams) if len(streams) else pd.DataFrame()
     best = table.groupby("scenario", sort=False)
     nearest, surest = best["rmse_over_crlb"].min(), best["coverage95"].max()
-    told = text_of(
+    return sentences_of(
         "overview.txt",
         by_ratio=_ordered(scores, "ratio"),
         by_coverage=_ordered(scores, "believed", "least", ascending=False),
@@ -110,7 +110,6 @@ def advice(table: pd.DataFrame) -> list[str]:
         believed=100 * _BELIEVED,
         where=partial(_where, streams),
     )
-    return [" ".join(part.split()) for part in told.split("\n\n") if part.strip()]
 
 
 def _ordered(scores: pd.DataFrame, *columns: str, ascending: bool = True) -> list[Any]:
