@@ -20,7 +20,7 @@ from adhesion_jax.report.discovery.words import (
     percent_in_brackets,
 )
 from adhesion_jax.report.rendering import sentences_of
-from adhesion_jax.wording import number, p_is
+from adhesion_jax.wording import number
 
 #: Functions that the template asks.
 _WORDS = (
@@ -37,16 +37,8 @@ _DROPPED = "not counted as an effect"
 
 def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
-    told = sentences_of(
-        "opinion.txt",
-        findings=findings,
-        opinion=opinion,
-        columns=[one_line(name) for name in opinion.columns],
-        percent=percent,
-        error=error,
-        error_in_brackets=error_in_brackets,
-    )
-    return told[0]
+    known = {word.__name__: word for word in (percent, error, error_in_brackets, one_line)}
+    return sentences_of("opinion.txt", findings=findings, opinion=opinion, **known)[0]
 
 
 def verdict(findings: Findings) -> str:
@@ -99,41 +91,16 @@ def _unlike(findings: Findings) -> list[str]:
 
 def _open_questions(findings: Findings) -> list[str]:
     """Sentences, without full stops, on structure in the data that is not counted as an effect."""
-    return [
-        *_did_not_hold(findings),
-        *(one_line(doubt.sentence).rstrip(".") for doubt in findings.doubts),
-        *([opinion_sentence(findings, findings.opinion)] if findings.opinion else []),
-        *_scatter(findings),
-    ]
-
-
-def _did_not_hold(findings: Findings) -> list[str]:
-    """Sentences on dropped effects; if nothing was found, on the candidate that stood out."""
-    if findings.doubts:
-        return []
-    dropped = [one_line(text) for text in findings.warnings if _DROPPED in text]
-    if dropped or findings.effects or findings.unexplained:
-        return [text.rstrip(".") for text in dropped]
-    first = _first_of_ranking(findings)
-    if first is None or first.p_adjusted > rules.SIGNIFICANT:
-        return []
-    return [
-        f"{humanised(first.name)} stands out among {len(findings.ranking)} candidates (adjusted "
-        f"{p_is(first.p_adjusted, findings.least_p)}) and was not accepted "
-        f"({decision(first.decision)}): something is missing that these data do not determine. "
-        "Look at the residual against every column, and measure more runs that differ in them"
-    ]
-
-
-def _scatter(findings: Findings) -> list[str]:
-    """A sentence on the run scatter, if no law is found and it exceeds the noise within runs."""
-    sigma, scatter = (findings.noise.get(name, 0.0) for name in ("sigma", "run_scatter"))
-    if findings.effects or findings.unexplained or findings.noise_floor**2 < 2 * sigma**2:
-        return []
-    return [
-        f"The level of adhesion differs from run to run by {percent(scatter)}, which no effect "
-        "explains and which is more than the noise within the runs"
-    ]
+    told = sentences_of(
+        "open_questions.txt",
+        findings=findings,
+        dropped=[text for text in findings.warnings if _DROPPED in text],
+        first=_first_of_ranking(findings),
+        significant=rules.SIGNIFICANT,
+        opinion=findings.opinion and opinion_sentence(findings, findings.opinion),
+        **{word.__name__: word for word in (decision, humanised, one_line, percent)},
+    )
+    return [sentence.rstrip(".") for sentence in told]
 
 
 def _size(findings: Findings, effect: FoundEffect) -> str:
