@@ -23,7 +23,6 @@ class Option(NamedTuple):
     high: float | None = None
     low_open: bool = False  # whether the bound itself is left out
     high_open: bool = False
-    is_file: bool = False  # the value is what stands in a file
 
     def holds(self, number: float) -> bool:
         """Whether the number lies in the range."""
@@ -96,9 +95,6 @@ Autocorrelation = Annotated[
     float, Option("Correlation of the noise from sample to sample.", 0, 1, high_open=True)
 ]
 BlockCount = Annotated[int, Option("Blocks of a run.", 1, _MOST_BLOCKS)]
-Law = Annotated[
-    str, Option("The law.json of adhesion discover that the truth follows.", is_file=True)
-]
 
 
 class Options(Mapping[str, Any]):
@@ -191,10 +187,7 @@ def check(name: str, known: Mapping[str, Declared], options: Options) -> None:
             )
     for option, one in known.items():
         if one.required and option not in options:
-            raise InputError(
-                f"--scenario {name} needs --{_dashed(option)}"
-                f"{' FILE' if one.option.is_file else ''}. {one.option.help}"
-            )
+            raise InputError(f"--scenario {name} needs --{_dashed(option)}. {one.option.help}")
 
 
 def check_accepted(identifier: str, scenario: str, reason: str | None) -> None:

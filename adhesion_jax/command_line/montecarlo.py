@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import click
@@ -22,7 +21,6 @@ from adhesion_jax.command_line.command import (
 )
 from adhesion_jax.command_line.listing import listing
 from adhesion_jax.command_line.record import record
-from adhesion_jax.errors import InputError
 from adhesion_jax.options import MOST_RUNS, Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
 
@@ -93,8 +91,6 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
     option = one.option
     if name == "rail":
         return Name(NAMES["rails"])
-    if option.is_file:
-        return click.Path(path_type=Path)
     if one.kind is int:
         return click.IntRange(
             int(option.low or 0), None if option.high is None else int(option.high)
@@ -142,15 +138,11 @@ def _type(name: str, one: Declared) -> click.ParamType | type:
 def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> None:
     """Identify thousands of noisy adhesion curves and compare the methods."""
     job = {name: asked.pop(name) for name in _OF_JOB}
-    options: dict[str, Any] = {
-        name: _text(name, value) if isinstance(value, Path) else value
-        for name, value in asked.items()
-    }
     for name in identifiers or ():
         if scenario in KNOWN.refusals and name in NAMES["identifiers"]:
             check_accepted(name, scenario, KNOWN.refusals[scenario].get(name))
     if scenario in KNOWN.scenarios:
-        check(scenario, KNOWN.scenarios[scenario].options, Options(**options))
+        check(scenario, KNOWN.scenarios[scenario].options, Options(**asked))
     scenario, names = begin(scenario, identifiers)
     from adhesion_jax.library.montecarlo import montecarlo
     from adhesion_jax.report.montecarlo.tables import told
@@ -162,21 +154,10 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
         ALL,
         *KNOWN.scenarios,
     ):  # one of the user's own, which is known only now
-        check(scenario, declared(SCENARIOS[scenario]), Options(**options))
+        check(scenario, declared(SCENARIOS[scenario]), Options(**asked))
     job["workers"] = job["workers"] or CORES
-    found = montecarlo(scenario, names or None, **job, **options)
+    found = montecarlo(scenario, names or None, **job, **asked)
     record(job["out"])
     click.echo(told(found.tables, found.asked.runs, [one.name for one in found.jobs]))
     click.echo(found.remarks, nl=bool(found.remarks))
     click.echo(f"\nWritten to {job['out']} in {found.seconds:.0f} s")
-
-
-def _text(option: str, path: Path) -> str:
-    """What stands in the file of an option; InputError where it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror
-    except UnicodeDecodeError:
-        reason = "it is no text"
-    raise InputError(f"--{option} {path} cannot be read ({reason}); name another file.") from None

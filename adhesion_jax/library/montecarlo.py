@@ -1,7 +1,6 @@
 """`montecarlo`: how well methods know the truth of a scenario, one's own methods among them."""
 
 import dataclasses
-import json
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,8 +30,6 @@ from adhesion_jax.campaign.monte_carlo import (
 from adhesion_jax.campaign.overview import OVERVIEW, overview
 from adhesion_jax.campaign.shard import content
 from adhesion_jax.campaign.store import read_all, write_rows
-from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.effects.saved import law_text
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Status
@@ -205,8 +202,7 @@ def montecarlo(
         resume: go on with a job that was interrupted.
         extend: further runs for the job in the folder.
         cluster: local:N, or the address of a scheduler of Dask, whose workers compute.
-        **options: arguments of the scenario, such as rail, sigma, points; `law` is a law that was
-            found, the path of a saved one, or what stands in it.
+        **options: arguments of the scenario, such as rail, sigma, points.
 
     Returns:
         Tables of the accuracy, and the estimates.
@@ -282,8 +278,6 @@ def _options(scenario: str, options: Mapping[str, object]) -> Options:
 
 def _option(name: str, one: Any, value: object) -> object:
     """The value of an option as a scenario takes it; InputError where it lies outside its range."""
-    if one.option.is_file:
-        return _law_text(name, value)
     if one.kind is str:
         return str(value)
     try:
@@ -297,28 +291,15 @@ def _option(name: str, one: Any, value: object) -> object:
     return number
 
 
-def _law_text(name: str, value: object) -> str:
-    if isinstance(value, CorrectedLaw):
-        return law_text(value)
-    if isinstance(value, str) and value.lstrip().startswith("{"):
-        return value
-    try:
-        return Path(str(value)).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        raise InputError(f"{name} {value} cannot be read; give a law or the path of one.") from None
-
-
 def _quantities(summary: pd.DataFrame) -> tuple[str, ...]:
     there = tuple(dict.fromkeys(summary["quantity"]))
     return ("mu_max",) if "mu_max" in there else there
 
 
 def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
-    """The command line, a law among the options as what it says."""
-    options = dict(asked.options)
-    if "law" in options:
-        options["law"] = json.loads(options["law"])
-    config = {**dataclasses.asdict(replace(asked, options=Options())), "options": options}
+    """The command line."""
+    without = dataclasses.asdict(replace(asked, options=Options()))
+    config = {**without, "options": dict(asked.options)}
     return {**config, "scenario": ",".join(part.scenario for part in parts)}
 
 

@@ -18,7 +18,6 @@ from adhesion_jax.scenarios.catalogue import (
     single,
     stream,
 )
-from adhesion_jax.scenarios.corrected import corrected
 from adhesion_jax.scenarios.course import Group as Group
 from adhesion_jax.scenarios.excitation import Wave
 
@@ -41,7 +40,6 @@ SCENARIOS: dict[str, _Builds] = {
     "qian2024": qian2024,
     "qian2024-switch": qian2024_switch,
     "fang2018-slope": fang2018_slope,
-    "corrected": corrected,
     "stream": stream,
     "stream-loop": _case(
         partial(stream, slips=Wave(points=1000, slip_max=0.2)),

@@ -1,6 +1,5 @@
 """What the rail does in the course of a run."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
@@ -11,7 +10,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions, Curve, free_values, with_free_values
-from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import Fall, Period, Recovery, Shift, WaveHeight
 
@@ -26,7 +24,7 @@ class RailProcess(eqx.Module):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    law: Curve | CorrectedLaw | tuple[Curve, ...]
+    law: Curve | tuple[Curve, ...]
     #: What the law needs, is the same in all runs, and nobody measures.
     conditions: Mapping[str, float] = eqx.field(default_factory=dict)
     #: Whether every sample has another curve.
@@ -34,12 +32,8 @@ class RailProcess(eqx.Module):
 
     @property
     def curve(self) -> Curve:
-        """The law, without effects; parameters go with the signals of a run (`Course.shape`)."""
-        if isinstance(self.law, tuple):
-            return of_many(self.law, (-1, 1))
-        curve = self.law.curve if isinstance(self.law, CorrectedLaw) else self.law
-        assert isinstance(curve, Curve)
-        return curve
+        """The law; its parameters go with the signals of a run (`Course.shape`)."""
+        return of_many(self.law, (-1, 1)) if isinstance(self.law, tuple) else self.law
 
     def adhesion(
         self, slip: Float[Array, "*shape"], conditions: Conditions
@@ -53,8 +47,6 @@ class RailProcess(eqx.Module):
             ]
             parts = zip(self.law, slip, of_block, strict=True)
             return jnp.stack([curve(own, measured) for curve, own, measured in parts])
-        if isinstance(self.law, CorrectedLaw) and slip.ndim > 1:  # it takes one whole run in time
-            return jax.vmap(self.law)(slip, conditions)
         return self.law(slip, conditions)
 
     def derivatives(
@@ -66,10 +58,7 @@ class RailProcess(eqx.Module):
         def adhesion(
             values: Float[Array, " free"], slip: Float[Array, " points"]
         ) -> Float[Array, " points"]:
-            changed = with_free_values(curve, values)
-            if isinstance(self.law, CorrectedLaw):
-                return dataclasses.replace(self.law, curve=changed)(slip, conditions)
-            return changed(slip, conditions)
+            return with_free_values(curve, values)(slip, conditions)
 
         values = free_values(curve)
         _, push = jax.linearize(lambda values: adhesion(values, slip), values)

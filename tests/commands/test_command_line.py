@@ -103,8 +103,6 @@ REFUSED = {
         ["montecarlo", "--scenario", "single", "--identifiers", "ml-exact,riv"],
         "riv cannot be run on single: ",
     ),
-    "law": (["montecarlo", "--scenario", "corrected", "--law", "no.json"], "cannot be read"),
-    "without a law": (["montecarlo", "--scenario", "corrected"], "needs --law FILE"),
     "curve": (["identify", "eurosprinter", "--curve", "pacejka"], "--curve pacejka is not known"),
     "curve twice": (
         ["identify", "eurosprinter", "--curve", "kiencke", "--curve", "burckhardt"],

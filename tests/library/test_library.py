@@ -207,8 +207,6 @@ def test_data_that_cannot_be_used_are_refused_in_a_sentence(data, says):
         ({"points": 99.5}, "points is a whole number"),
         ({"sigma": float("nan")}, "sigma is a number from 0 to 10, not nan"),
         ({"sigma": "much"}, "sigma is a number from 0 to 10, not 'much'"),
-        ({"scenario": "corrected"}, "The scenario corrected needs law"),
-        ({"scenario": "corrected", "law": "none.json"}, "law none.json cannot be read"),
     ],
 )
 def test_a_campaign_that_cannot_be_is_refused_in_a_sentence(arguments, says):

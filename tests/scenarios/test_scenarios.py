@@ -1,5 +1,8 @@
 import dataclasses
 import itertools
+import subprocess
+import sys
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -366,3 +369,17 @@ def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_sli
     assert end["mu_max"][-1] / values["mu_max"] == pytest.approx(0.83, rel=1e-12)
     np.testing.assert_allclose(end["slip_opt"], values["slip_opt"], rtol=1e-12)
     assert last.a0 == first.a0
+
+
+def test_no_job_loads_the_discovery():
+    words = "import sys, adhesion_jax.library.montecarlo; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", words],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        check=True,
+        timeout=120,
+    )
+    assert "adhesion_jax.scenarios.catalogue" in done.stdout
+    assert "adhesion_jax.discovery" not in done.stdout
