@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
+from jaxtyping import Array
 
 from adhesion_jax.campaign.identity import settings_of
 from adhesion_jax.errors import InputError
@@ -18,7 +19,6 @@ from adhesion_jax.traction import driver, integration, loop, rails, sensors, sur
 from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.families import Family
 from adhesion_jax.traction.loop import Timing, check, timing
-from adhesion_jax.traction.surface import RailSurface
 from adhesion_jax.traction.systems.base import Terms
 
 #: Seconds from one sample of the sensors to the next.
@@ -46,7 +46,8 @@ def timing_of(terms: Terms, grid: Grid, method: str, entrant: Entrant, family: F
     """The grid of a method's runs; InputError, which names it, where it has none."""
     try:
         rails = family.draw(jax.random.key(0), grid.step)
-        rails = eqx.tree_at(lambda one: one.surfaces, rails, _surfaces(family, grid.step))
+        drawn = _surfaces(family, grid.step)
+        rails = eqx.tree_at(lambda one: jax.tree.leaves(one.surfaces), rails, drawn)
         loop = family.met(terms.loop(entrant, rails))
         check(loop)
         return timing(loop, *grid)
@@ -55,11 +56,14 @@ def timing_of(terms: Terms, grid: Grid, method: str, entrant: Entrant, family: F
 
 
 @kept(static=(1,))
-def _surfaces(family: Family, step: float) -> RailSurface:
-    """Those of some drawn rails, on all of which the step must be short enough."""
+def _surfaces(family: Family, step: float) -> list[Array]:
+    """The numbers of those of some drawn rails, on all of which the step must be short enough.
+
+    Numbers alone: the form of a law is not found again in a program that another process has kept.
+    """
     keys = jax.random.split(jax.random.key(0), _DRAWN)
     drawn = jax.vmap(lambda key: family.draw(key, step).surfaces)(keys)
-    return jax.tree.map(lambda numbers: numbers.reshape(-1, *numbers.shape[2:]), drawn)
+    return [numbers.reshape(-1, *numbers.shape[2:]) for numbers in jax.tree.leaves(drawn)]
 
 
 class Versions(NamedTuple):
