@@ -173,6 +173,17 @@ def test_without_noise_the_peak_is_found_to_one_per_cent(name):
     assert float(seeker.identified(state).adhesion[0]) == pytest.approx(largest, rel=0.01)
 
 
+def test_a_young_rail_asks_for_no_less_than_half_the_start():
+    """Samples of a slip that fell, which tell of a peak at .02 m/s, are followed later."""
+    seeker = SEEKERS["offset-curve"]
+    slips = 0.02 + 0.01 * np.sin(np.arange(600) / 20)
+    adhesions = 0.3 - 400.0 * (slips - 0.02) ** 2
+    _, asked = fed(dataclasses.replace(seeker, dither=0.0), slips, adhesions)
+    dither = 0.004
+    assert asked[:149].min() >= seeker.start / 2 - dither
+    assert asked[-1] < seeker.start / 2 - dither
+
+
 def test_an_offset_of_adhesion_hardly_moves_the_peak():
     seeker = dataclasses.replace(SEEKERS["offset-curve"], price=0.0)
     without, with_it = (fed(seeker, *sweep(), offset=offset)[0] for offset in (0.0, 0.02))
