@@ -80,7 +80,7 @@ class RigidAxles(Plant):
 
     def force(self, state: Any, held: Held) -> Float[Array, "*contacts"]:
         adhesion = held.surface(self.slip_velocity(state), state.train_speed)
-        return adhesion * self.bearing(adhesion)
+        return self.pressed(adhesion, adhesion)
 
     def energy(self, state: Any) -> Number:
         inertia = self.motor_inertia + self.wheelset_inertia / self.gear_ratio**2
@@ -116,7 +116,7 @@ class RigidAxles(Plant):
         return adhesion * self._load_per_adhesion(adhesion)
 
     def pull(self, adhesion: PerAxle) -> Number:
-        return self.axles_alike * jnp.sum(adhesion * self.bearing(adhesion))
+        return self.axles_alike * jnp.sum(self.pressed(adhesion, adhesion))
 
     def acceleration(self, adhesion: PerAxle, train_speed: Number) -> Number:
         return (self.pull(adhesion) - self._resistance(train_speed)) / self.train_mass
@@ -126,16 +126,16 @@ class RigidAxles(Plant):
         efficiency = jnp.where(sign >= 0, self.gear_efficiency, 1 / self.gear_efficiency)
         return self.wheel_radius * self.axle_load * GRAVITY / (self.gear_ratio * efficiency)
 
-    def bearing(self, adhesion: PerAxle) -> PerAxle:
-        """Q of each axle in N, whose wheels have this adhesion in the mean."""
-        at_rest = self.axle_load * GRAVITY
+    def pressed(self, adhesion: PerAxle, mean: PerAxle) -> PerAxle:
+        """Force mu Q in N, with the Q of axles whose wheels have this mean of mu."""
+        at_rest = adhesion * self.axle_load * GRAVITY
         if len(self.axle_load) == 1:
-            return at_rest / (1 + adhesion * self.load_transfer)
+            return at_rest / (1 + mean * self.load_transfer)
         unit = jnp.arange(len(self.axle_load)) // self.axles_in_unit
         together = unit[:, None] == unit
-        of_unit = jnp.sum(together * adhesion * at_rest, axis=1)
-        of_unit = of_unit / (1 + jnp.sum(together * adhesion * self.load_transfer, axis=1))
-        return at_rest - self.load_transfer * of_unit
+        of_unit = jnp.sum(together * mean * self.axle_load * GRAVITY, axis=1)
+        of_unit = of_unit / (1 + jnp.sum(together * mean * self.load_transfer, axis=1))
+        return at_rest - adhesion * self.load_transfer * of_unit
 
     def motion(self, state: Any, force: Float[Array, "*contacts"]) -> Motion:
         """That under forces at the rail in N."""

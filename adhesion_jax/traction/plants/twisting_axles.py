@@ -82,7 +82,7 @@ class TwistingAxles(RigidAxles):
 
     def static_shaft_torque(self, slip: PerAxle, train_speed: Number, held: Held) -> PerAxle:
         near, far = held.surface.of_sides(slip, slip, train_speed)
-        return self.wheel_radius * far * self.bearing((near + far) / 2) / 2
+        return self.wheel_radius * self.pressed(far, (near + far) / 2) / 2
 
     def _near_motion(self, state: TwistState, force: PerAxle) -> Motion:
         """That of the motors under the shaft and the forces of the near wheels in N."""
@@ -124,5 +124,5 @@ class TwistingAxles(RigidAxles):
     def _forces(self, state: TwistState, held: Held) -> tuple[PerAxle, PerAxle]:
         """Force at the rail of the near and of the far wheel, N."""
         near, far = held.surface.of_sides(*self._slips(state), state.train_speed)
-        each = self.bearing((near + far) / 2) / 2
-        return near * each, far * each
+        mean = (near + far) / 2
+        return self.pressed(near, mean) / 2, self.pressed(far, mean) / 2
