@@ -24,9 +24,9 @@ from adhesion_jax.library.montecarlo import montecarlo as montecarlo
 from adhesion_jax.library.online import Online as Online
 from adhesion_jax.library.online import OnlineEstimate as OnlineEstimate
 from adhesion_jax.library.online import online as online
+from adhesion_jax.library.online import sample as sample
 from adhesion_jax.library.plan import Planning as Planning
 from adhesion_jax.library.plan import plan as plan
-from adhesion_jax.library.sample import sample as sample
 from adhesion_jax.library.track import Track as Track
 from adhesion_jax.library.track import track as track
 from adhesion_jax.library.traction import Traction as Traction

@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from adhesion_jax.curves.bent import BELOW_EFFECTS
-from adhesion_jax.data import read_runs
+from adhesion_jax.data import read_all, to_runs
 from adhesion_jax.discovery.model.fitting import Setting, nearly_fitted, robustly_fitted
 from adhesion_jax.discovery.model.packing import _APART
 from adhesion_jax.discovery.model.problem import prepare
@@ -30,7 +30,7 @@ def runs_of(table):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "runs.parquet"
         table.reset_index(drop=True).to_parquet(path)
-        return read_runs([path])
+        return to_runs(read_all([path]))
 
 
 def problem_of(table):

@@ -18,7 +18,7 @@ from adhesion_jax.campaign.rows import Found, estimate_rows
 from adhesion_jax.campaign.store import Content
 from adhesion_jax.campaign.tiles import TILE, TileResult, Tiles
 from adhesion_jax.identifiers import Identifier, Status
-from adhesion_jax.inference.cosines import COSINES
+from adhesion_jax.inference.sandwich import COSINES
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics
 from adhesion_jax.metrics.counts import BINS, bins_of, share_bins_of
 from adhesion_jax.metrics.information import quantity_names

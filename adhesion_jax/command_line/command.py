@@ -1,17 +1,20 @@
-"""How every command speaks: options by click, and one sentence for what cannot be used."""
+"""How every command speaks: options, one sentence for what cannot be used, and a record."""
 
 import errno
+import json
 import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
+from tqdm import tqdm
 
 from adhesion_jax.errors import InputError, WorkerError, cannot_write
 from adhesion_jax.options import MOST_RUNS, Option
@@ -19,7 +22,7 @@ from adhesion_jax.plugins import Part, part, use, worded
 from adhesion_jax.wording import listed
 
 #: Where a click context holds the arguments of a recorded command, as they were given.
-ARGUMENTS = f"{__name__}.arguments"
+_ARGUMENTS = f"{__name__}.arguments"
 
 #: Most folders within each other that results may lie in.
 _DEEPEST = 200
@@ -88,7 +91,7 @@ class Recorded(click.Command):
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        ctx.meta[ARGUMENTS] = list(args)
+        ctx.meta[_ARGUMENTS] = list(args)
         if not ctx.resilient_parsing:
             _, _, given = self.make_parser(ctx).parse_args(list(args))
             for one in given:
@@ -290,3 +293,88 @@ class Names(Name):
 
 def _starting(names: Iterable[str], begun: str) -> list[CompletionItem]:
     return [CompletionItem(name) for name in names if name.startswith(begun)]
+
+
+def listing(**kinds: Iterable[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator that gives a command the option; names may be mapped to words about them."""
+
+    def tell(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+        if not wanted or context.resilient_parsing:
+            return
+        for kind, names in kinds.items():
+            told = names if isinstance(names, Mapping) else dict.fromkeys(names, "")
+            width = max(map(len, told))
+            click.echo(kind)
+            for name, words in told.items():
+                click.echo(f"  {name:<{width}}  {words}".rstrip())
+        context.exit()
+
+    return click.option(
+        "--list",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=tell,
+        help="Show the names that the options know.",
+    )
+
+
+_BAR = "{desc} {percentage:3.0f} %|{bar}| {elapsed}<{remaining}"
+
+
+@contextmanager
+def shown(words: str = "") -> Iterator[Callable[[str, float], None]]:
+    """A function of words and the share that is done, which shows both while it is called.
+
+    Nothing is shown where the standard error is not a terminal.
+    """
+    with tqdm(total=100, desc=words, bar_format=_BAR, leave=False, disable=None) as bar:
+
+        def progress(words: str, share: float) -> None:
+            bar.set_description_str(words)
+            bar.update(100 * share - bar.n)
+
+        yield progress
+
+
+#: The commands that write results.
+RECORDED = ("montecarlo", "identify", "track", "discover", "simulate", "plan", "traction")
+
+
+def record(folder: Path) -> None:
+    """Write metadata.json: what was asked, versions and machine.
+
+    What a result has written there before, as how columns were understood, stays, but for the call
+    of the function that made it.
+    """
+    from adhesion_jax import runtime
+    from adhesion_jax.files import METADATA, staged, write_metadata
+
+    path = folder / METADATA
+    told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else runtime.describe()
+    told.pop("call", None)
+    with staged(folder, [METADATA]) as stage:
+        write_metadata(stage / METADATA, {**_asked(), **told})
+
+
+def _asked() -> Mapping[str, object]:
+    """The command, its arguments, from where, and what all options came to, as JSON has it."""
+    context = click.get_current_context()
+    assert context.command.callback is not None
+    options = {
+        param.opts[0]: _plain(context.params[param.name])
+        for param in context.command.get_params(context)
+        if param.name in context.params
+    }
+    return {
+        "command": context.command.callback.__module__.rpartition(".")[-1],
+        "arguments": context.meta[_ARGUMENTS],
+        "folder": os.getcwd(),
+        "options": options,
+    }
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, (list, tuple)) and not isinstance(value, Part):
+        return [_plain(one) for one in value]
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)

@@ -2,17 +2,22 @@
 
 import textwrap
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import SEED, Names, begin, command, out_folder
-from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.command import (
+    SEED,
+    Names,
+    begin,
+    command,
+    listing,
+    out_folder,
+    record,
+    shown,
+)
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
-from adhesion_jax.command_line.record import record
 from adhesion_jax.plugins import Part
 
 NAMES = catalogue().names
@@ -60,15 +65,12 @@ def main(
     train: tuple[str, ...],
     tests: tuple[str, ...],
     curve: tuple[Any, ...],
-    seed: int,
     effects: tuple[Part, ...] | None,
-    slip_noise: float | None,
-    correct: bool,
     events: bool | None,
-    out: Path,
     columns: Mapping[str, object],
     known: Mapping[str, Any],
     dry_run: bool,
+    **asked: Any,
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
 
@@ -78,31 +80,21 @@ def main(
     """
     _, curves = begin(effects, curve)
     from adhesion_jax.data.events import events_of
-    from adhesion_jax.data.runs import matching, to_runs
     from adhesion_jax.files import output_directory
-    from adhesion_jax.library.discover import discover_in, sources_of
-    from adhesion_jax.library.results import columns_of
+    from adhesion_jax.library.discover import discover
 
     measured = read(train, columns, known, for_search=True)
     judged = read(tests, columns, known, for_search=True) if tests else []
     if dry_run:
         return
-    output_directory(out)
-    logs, judging = events_of(measured, events), events_of(judged, events) if judged else []
-    understood = columns_of([*measured, *judged])
+    output_directory(asked["out"])
+    logs, test = events_of(measured, events), events_of(judged, events) if judged else None
     # Nothing holds the logs while effects are searched in their events.
     del measured, judged
     used = " ".join(filter(None, (log.sentence for log in logs)))
     if used:
         click.echo(f"{textwrap.fill(used, 96)}\n")
     with shown() as progress:
-        runs = to_runs([log.points for log in logs])
-        test = matching(runs, to_runs([log.points for log in judging])) if judging else None
-        sources = sources_of(logs, train)
-        # Events alone are drawn in the end: the rows of other logs are held by the runs.
-        del judging
-        logs = [log for log in logs if log.events is not None]
-        asked = curves, seed, slip_noise, correct, progress, out
-        found = discover_in(runs, test, logs, sources, understood, *asked)
-    record(out)
-    click.echo(f"{found}\n\nWritten to {out} in {found.findings.seconds:.0f} s")
+        found = discover(logs, test, curves, progress=progress, **asked)
+    record(asked["out"])
+    click.echo(f"{found}\n\nWritten to {asked['out']} in {found.findings.seconds:.0f} s")

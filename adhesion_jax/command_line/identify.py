@@ -1,17 +1,21 @@
 """`adhesion identify`: which adhesion curve measured points follow."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import Names, begin, command, out_folder
-from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.command import (
+    Names,
+    begin,
+    command,
+    listing,
+    out_folder,
+    record,
+    shown,
+)
 from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
-from adhesion_jax.command_line.record import record
 
 NAMES = catalogue().names
 
@@ -48,11 +52,10 @@ def main(
     curve: tuple[Any, ...],
     events: bool | None,
     by: str | None,
-    slip_noise: float | None,
-    out: Path,
     columns: Mapping[str, object],
     known: Mapping[str, Any],
     dry_run: bool,
+    **asked: Any,
 ) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
 
@@ -65,8 +68,7 @@ def main(
     (names,) = begin(curve)
     from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
-    from adhesion_jax.library.identify import identify_chosen, with_groups
-    from adhesion_jax.library.reading import citation_of
+    from adhesion_jax.library.identify import identify, with_groups
 
     measured = read(files, with_groups(columns, by), known)
     if dry_run:
@@ -76,8 +78,7 @@ def main(
     logs = events_of(measured, events)
     del measured
     curves = None if "all" in names else names
-    citation = " ".join(filter(None, map(citation_of, files)))
     with shown() as progress:
-        found = identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
-    record(out)
-    click.echo(f"{found}\n\nWritten to {out}")
+        found = identify(logs, curves, by=by, progress=progress, **asked)
+    record(asked["out"])
+    click.echo(f"{found}\n\nWritten to {asked['out']}")

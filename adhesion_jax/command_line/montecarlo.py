@@ -15,12 +15,12 @@ from adhesion_jax.command_line.command import (
     begin,
     command,
     in_shards,
+    listing,
     number_in,
     out_folder,
+    record,
     start,
 )
-from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.record import record
 from adhesion_jax.options import MOST_RUNS, Declared, Options, check, check_accepted, declared
 from adhesion_jax.plugins import part, use
 
@@ -31,16 +31,7 @@ NAMES = KNOWN.names
 ALL = "all"
 
 #: What is asked of the job; all other options are those of the scenario.
-_OF_JOB = (
-    "runs",
-    "seed",
-    "out",
-    "keep",
-    "resume",
-    "extend",
-    "workers",
-    "cluster",
-)
+_OF_JOB = ("runs", "seed", "out", "keep", "resume", "extend", "workers", "cluster")
 
 
 def scenario_options(
@@ -149,11 +140,7 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
     from adhesion_jax.runtime import CORES
     from adhesion_jax.scenarios import SCENARIOS
 
-    if scenario not in (
-        None,
-        ALL,
-        *KNOWN.scenarios,
-    ):  # one of the user's own, which is known only now
+    if scenario not in (None, ALL, *KNOWN.scenarios):  # of the user's own, known only now
         check(scenario, declared(SCENARIOS[scenario]), Options(**asked))
     job["workers"] = job["workers"] or CORES
     found = montecarlo(scenario, names or None, **job, **asked)

@@ -1,7 +1,6 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,12 +14,12 @@ from adhesion_jax.command_line.command import (
     Names,
     begin,
     command,
+    listing,
     number_in,
     out_folder,
+    record,
 )
-from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.reading import CORRECTIONS, Log, read, reading, slip_events
-from adhesion_jax.command_line.record import record
+from adhesion_jax.command_line.reading import Log, read, reading, slip_events
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
 
@@ -31,19 +30,15 @@ _MOST_VALUES = 50
 
 #: Options that belong to a LOG, and those of sweeps, which a log has not; and what they are when
 #: they are not given.
-_OF_LOGS: Mapping[str, object] = {
-    "columns": {},
-    "known": {},
-    "dry_run": False,
-    "events": None,
-}
+_OF_LOGS: Mapping[str, object] = {"columns": {}, "known": {}, "dry_run": False, "events": None}
 _OF_SWEEPS = {"samples_per_run": None}
 
 
 class Written(click.ParamType):
-    """A value that is written as text; what is none is one already."""
+    """A value that is written as text and read by a function; what is none is one already."""
 
-    wanted: str  # what is said of a text that is none, after "is no"
+    def __init__(self, name: str, read: Callable[[str], Any], wanted: str) -> None:
+        self.name, self.read, self.wanted = name, read, wanted
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         try:
@@ -51,53 +46,43 @@ class Written(click.ParamType):
         except ValueError:
             raise InputError(f"{param.opts[0]} {value} is no {self.wanted}.") from None
 
-    @abstractmethod
-    def read(self, text: str) -> Any:
-        """The value; ValueError where the text is none."""
 
-
-class Values(Written):
+def _values(text: str) -> tuple[float, ...]:
     """LOW:HIGH or LOW:HIGH:COUNT, with equal steps of the logarithm."""
-
-    name = "LOW:HIGH[:COUNT]"
-    wanted = (
-        "range; write LOW:HIGH or LOW:HIGH:COUNT, two numbers above 0 in rising order and how many "
-        f"values to take (2 to {_MOST_VALUES})"
-    )
-
-    def read(self, text: str) -> tuple[float, ...]:
-        low, high, count, *_ = [*text.split(":"), "8"]
-        ends, number = (float(low), float(high)), int(count)
-        if not (0 < ends[0] < ends[1] < math.inf and 2 <= number <= _MOST_VALUES):
-            raise ValueError
-        return tuple(np.geomspace(*ends, number).tolist())
+    low, high, count, *_ = [*text.split(":"), "8"]
+    ends, number = (float(low), float(high)), int(count)
+    if not (0 < ends[0] < ends[1] < math.inf and 2 <= number <= _MOST_VALUES):
+        raise ValueError
+    return tuple(np.geomspace(*ends, number).tolist())
 
 
-class Share(Written):
-    """A share: 1% or 0.01."""
-
-    name = "per cent"
-    wanted = "share; write it as 1% or 0.01, above 0 and below 100 %"
-
-    def read(self, text: str) -> float:
-        number = text.strip()
-        share = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
-        if not 0 < share < 1:
-            raise ValueError
-        return share
+def _share(text: str) -> float:
+    """1% or 0.01."""
+    number = text.strip()
+    share = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
+    if not 0 < share < 1:
+        raise ValueError
+    return share
 
 
-class Condition(Written):
+def _condition(text: str) -> tuple[str, float]:
     """A column and its value."""
+    column, _, number = text.partition("=")
+    if not column or not math.isfinite(float(number)):
+        raise ValueError
+    return column, float(number)
 
-    name = "COLUMN=NUMBER"
-    wanted = "condition; write a column and its value, as vehicle_speed_mps=10"
 
-    def read(self, text: str) -> tuple[str, float]:
-        column, _, number = text.partition("=")
-        if not column or not math.isfinite(float(number)):
-            raise ValueError
-        return column, float(number)
+_VALUES = Written(
+    "LOW:HIGH[:COUNT]",
+    _values,
+    "range; write LOW:HIGH or LOW:HIGH:COUNT, two numbers above 0 in rising order and how many "
+    f"values to take (2 to {_MOST_VALUES})",
+)
+_SHARE = Written("per cent", _share, "share; write it as 1% or 0.01, above 0 and below 100 %")
+_CONDITION = Written(
+    "COLUMN=NUMBER", _condition, "condition; write a column and its value, as vehicle_speed_mps=10"
+)
 
 
 def noise(command: Callable[..., None]) -> Callable[..., None]:
@@ -133,21 +118,21 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--condition",
     "conditions",
-    type=Condition(),
+    type=_CONDITION,
     multiple=True,
     help="A condition of the peak, as vehicle_speed_mps=10.",
 )
 @click.option(
-    "--largest-slips", type=Values(), help="Largest slips, as 0.05:0.5; by default about the peak."
+    "--largest-slips", type=_VALUES, help="Largest slips, as 0.05:0.5; by default about the peak."
 )
-@click.option("--samples", type=Values(), help="Numbers of samples, as 100:10000.")
+@click.option("--samples", type=_VALUES, help="Numbers of samples, as 100:10000.")
 @click.option(
     "--samples-per-run",
     type=click.IntRange(2, 10**6),
     help="Samples of a run, in which the slip rises from 0 to the largest.  [default: 200]",
 )
 @noise
-@click.option("--want", type=Share(), help="Relative standard error of mu_max to reach, as 1%.")
+@click.option("--want", type=_SHARE, help="Relative standard error of mu_max to reach, as 1%.")
 @out_folder("plan", "plan.csv, plan.png and plan.txt")
 @listing(data=NAMES["data"], rails=NAMES["rails"], curves=NAMES["curves"])
 def main(
@@ -179,9 +164,8 @@ def main(
     from adhesion_jax.data import as_one, check_curve
     from adhesion_jax.data.events import events_of
     from adhesion_jax.effects.saved import load_law
-    from adhesion_jax.library.identify import identify_chosen
+    from adhesion_jax.library.identify import identify
     from adhesion_jax.library.plan import plan
-    from adhesion_jax.library.reading import citation_of
 
     source: Any = rail
     if log is not None:
@@ -191,7 +175,7 @@ def main(
             return
         chosen = events_of(measured, events)
         del measured  # nothing holds the log while curves are fitted to its events
-        source = identify_chosen(chosen, names, citation_of(log))
+        source = identify(chosen, names)
     elif law is not None:
         source = load_law(law)
     found = plan(source, conditions=dict(conditions), **asked)
@@ -203,7 +187,6 @@ def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: 
     """InputError if one of the options, by what it is when it is not given, was given."""
     for option, absent in options.items():
         if asked[option] != absent:
-            name = f"--{option.replace('_', '-')}"
-            if option == "known":
-                name = CORRECTIONS[next(iter(asked[option]))]  # type: ignore[call-overload]
-            raise InputError(f"{name} does not go with {source}.")
+            given = next(iter(asked[option])) if option == "known" else option  # type: ignore[call-overload]
+            name = "delay" if given == "delays" else given.replace("_", "-")
+            raise InputError(f"--{name} does not go with {source}.")

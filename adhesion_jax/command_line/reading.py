@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from adhesion_jax.command_line.command import File, FiniteRange
-from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.command import File, FiniteRange, shown
 from adhesion_jax.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,15 +20,8 @@ if TYPE_CHECKING:
 #: What is said where nothing can be read.
 WANTED = "name a file of measurements, or a folder or a pattern of such files"
 
-#: What of sensors and wheelset the columns do not tell, and the option that says it.
-CORRECTIONS: Mapping[str, str] = {
-    "wheel_radius": "--wheel-radius",
-    "delays": "--delay",
-    "inertia": "--inertia",
-    "gear_ratio": "--gear-ratio",
-    "efficiency": "--efficiency",
-    "axles": "--axles",
-}
+#: What of sensors and wheelset the columns do not tell, as the functions of the library take it.
+CORRECTIONS = ("wheel_radius", "delays", "inertia", "gear_ratio", "efficiency", "axles")
 
 #: Whether a command shall cut slip events out of a log.
 slip_events = click.option(
@@ -106,9 +98,7 @@ _OPTIONS = (
         "default they are where two quantities of a log have as many.",
     ),
     click.option(
-        "--dry-run",
-        is_flag=True,
-        help="Print how the columns are understood, and stop there.",
+        "--dry-run", is_flag=True, help="Print how the columns are understood, and stop there."
     ),
 )
 
@@ -159,9 +149,9 @@ def read(
 
     A search for effects is satisfied with columns of which it needs fewer rows.
     """
-    from adhesion_jax.data.corrections import Corrections
-    from adhesion_jax.data.gaps import FEW, FEW_OF_A_SEARCH
+    from adhesion_jax.data.forces import Corrections
     from adhesion_jax.data.reading import NotUnderstoodError
+    from adhesion_jax.data.stretches import FEW, FEW_OF_A_SEARCH
     from adhesion_jax.library.reading import all_of
     from adhesion_jax.report.measured.tables import columns_table, understood
 

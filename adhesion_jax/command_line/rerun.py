@@ -12,8 +12,7 @@ from typing import Any
 
 import click
 
-from adhesion_jax.command_line.command import command, out_folder
-from adhesion_jax.command_line.record import RECORDED
+from adhesion_jax.command_line.command import RECORDED, command, out_folder
 from adhesion_jax.errors import InputError
 
 #: What is read of a folder.

@@ -5,9 +5,15 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from adhesion_jax.command_line.command import SEED, FiniteRange, Name, begin, command
-from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.record import record
+from adhesion_jax.command_line.command import (
+    SEED,
+    FiniteRange,
+    Name,
+    begin,
+    command,
+    listing,
+    record,
+)
 from adhesion_jax.errors import InputError
 
 _EFFECTS = ("none", "humidity", "falling_friction")
@@ -21,10 +27,7 @@ _EFFECTS = ("none", "humidity", "falling_friction")
     help="Length of the log; an hour has 360,000 rows.",
 )
 @click.option(
-    "--events",
-    type=click.IntRange(min=0),
-    default=5,
-    help="Number of slip events in it.",
+    "--events", type=click.IntRange(min=0), default=5, help="Number of slip events in it."
 )
 @click.option(
     "--effect",

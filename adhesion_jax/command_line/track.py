@@ -1,17 +1,22 @@
 """`adhesion track`: a log followed by online methods, sample by sample."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import click
 
 from adhesion_jax.command_line.catalogue import catalogue
-from adhesion_jax.command_line.command import FiniteRange, Names, begin, command, out_folder
-from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.progress import shown
+from adhesion_jax.command_line.command import (
+    FiniteRange,
+    Names,
+    begin,
+    command,
+    listing,
+    out_folder,
+    record,
+    shown,
+)
 from adhesion_jax.command_line.reading import Log, read, reading
-from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -49,12 +54,10 @@ _ONLINE = [name for name in NAMES["identifiers"] if name not in KNOWN.not_follow
 def main(
     log: str,
     identifiers: tuple[Any, ...] | None,
-    initial_slope: float | None,
-    events: bool | None,
-    out: Path,
     columns: Mapping[str, object],
     known: Mapping[str, Any],
     dry_run: bool,
+    **asked: Any,
 ) -> None:
     """Follow LOG sample by sample, and draw what is known of the largest adhesion over time.
 
@@ -75,13 +78,6 @@ def main(
         check_curve(measured)
         return
     with shown() as progress:
-        found = track(
-            measured,
-            names or METHODS,
-            initial_slope,
-            events=events,
-            progress=progress,
-            out=out,
-        )
-    record(out)
-    click.echo(f"{found}\n\nWritten to {out}")
+        found = track(measured, names or METHODS, progress=progress, **asked)
+    record(asked["out"])
+    click.echo(f"{found}\n\nWritten to {asked['out']}")

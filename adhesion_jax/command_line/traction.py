@@ -15,10 +15,10 @@ from adhesion_jax.command_line.command import (
     begin,
     command,
     in_shards,
+    listing,
     out_folder,
+    record,
 )
-from adhesion_jax.command_line.listing import listing
-from adhesion_jax.command_line.record import record
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import MOST_RUNS
 

@@ -1,7 +1,7 @@
-"""Cells as numbers: a block of a column at a time, never a cell at a time."""
+"""Cells as numbers, dates and times of day: a block of a column at a time."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -120,3 +120,146 @@ def _array(values: pyarrow.Array) -> np.ndarray:
 
 def _places(mask: pyarrow.Array) -> np.ndarray:
     return np.flatnonzero(mask.to_numpy(zero_copy_only=False))
+
+
+_CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d{1,9})?)?"
+_ZONE = r"\s*(Z|[+-]\d{2}:?\d{2})"
+
+#: The form of a stamp that says no day.
+TIME_OF_DAY = "a time of day"
+
+#: The form of a day without a time, year first.
+A_DATE = "a date"
+
+#: What follows the form of a date where it goes on with a time.
+AND_TIME = " and time"
+
+#: Dates of which the first number may be the day or the month, and the two ways to read them.
+EITHER = "day/month/year or month/day/year"
+ORDERS = ("day/month/year", "month/day/year")
+
+#: Form of a date to the pattern of it; what is written with slashes has one of three forms.
+_SLASHES = "slashes"
+_DATES = {
+    A_DATE: r"\d{4}-\d{2}-\d{2}",
+    "day.month.year": r"\d{1,2}\.\d{1,2}\.\d{2,4}",
+    _SLASHES: r"\d{1,2}/\d{1,2}/\d{4}",
+}
+_FORMS = {
+    TIME_OF_DAY: re.compile(_CLOCK),
+    **{form: re.compile(date) for form, date in _DATES.items()},
+    **{
+        form + AND_TIME: re.compile(rf"{date}[T ,]\s*{_CLOCK}({_ZONE})?")
+        for form, date in _DATES.items()
+    },
+}
+
+#: From what is written to year-month-day and a time with a decimal point, step by step.
+_STEPS = (
+    (r"^(\d)([./])", r"0\1\2"),
+    (r"^(\d\d[./])(\d)([./])", r"\10\2\3"),
+    (r"^(\d\d)\.(\d\d)\.(\d\d)([T ,])", r"\1.\2.20\3\4"),
+    (r"^(\d\d)[./](\d\d)[./](\d{4})[T ,]\s*", r"\3-\2-\1 "),
+    (r"^(\d):", r"0\1:"),
+    (r" (\d):", r" 0\1:"),
+    (r"(:\d\d:\d\d)[,:](\d+)", r"\1.\2"),
+)
+_MONTH_FIRST = (r"^(\d{1,2})/(\d{1,2})/", r"\2/\1/")
+
+_DAY = 86400.0
+_NONE = np.empty(0, np.int64)
+
+
+class Stamps(NamedTuple):
+    """Nanoseconds of a block of cells, null where there are none; the places of no stamps."""
+
+    ticks: pyarrow.Int64Array  # since 1970, or since midnight for a time of day
+    text: np.ndarray  # [cells that are no stamps]
+
+
+def form_of(cells: Sequence[str]) -> str:
+    """In which form cells hold dates, times of day or both; empty where they hold none.
+
+    Of dates such as 03/04/2026 the form is that of EITHER as long as both numbers are at most 12.
+    """
+    written = [cell.strip() for cell in cells if cell.strip()]
+    for form, pattern in _FORMS.items():
+        if written and all(pattern.fullmatch(cell) for cell in written):
+            return form.replace(_SLASHES, _order(written)) if _order(written) else ""
+    return ""
+
+
+def _order(dates: Sequence[str]) -> str:
+    """Whether the day or the month comes first in dates with slashes; empty where neither can."""
+    numbers = [[int(part) for part in date.split("/")[:2]] for date in dates if "/" in date]
+    largest = [max(part) for part in zip(*numbers, strict=True)] or [0, 0]
+    possible = [order for order, month in zip(ORDERS, largest[::-1], strict=True) if month <= 12]
+    return EITHER if len(possible) == 2 else "".join(possible)
+
+
+def is_date(form: str) -> bool:
+    """Whether stamps of this form have a day and no time."""
+    return form not in ("", TIME_OF_DAY) and not form.endswith(AND_TIME)
+
+
+def stamps(cells: pyarrow.Array, form: str = "") -> Stamps:
+    """The cells, text of a form of `form_of` or stamps of their own kind, as nanoseconds."""
+    kind = cells.type
+    if pyarrow.types.is_timestamp(kind):
+        ticks = cells.cast(pyarrow.timestamp("ns", kind.tz), safe=False)
+        return Stamps(ticks.cast(pyarrow.int64()), _NONE)
+    if pyarrow.types.is_time(kind):
+        return Stamps(cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), _NONE)
+    compute = pyarrow.compute
+    text = compute.utf8_trim_whitespace(cells)
+    text = compute.if_else(compute.equal(text, ""), pyarrow.scalar(None, text.type), text)
+    if form.startswith(ORDERS[1]):
+        text = compute.replace_substring_regex(text, *_MONTH_FIRST)
+    shown = text.drop_null()[:1].to_pylist()
+    # The steps that the first cell needs, for each takes as long as all the rest; then all of them.
+    for steps in ([step for step in _STEPS if shown and re.search(step[0], shown[0])], _STEPS):
+        found = _parsed(text, steps)
+        if found is not None:
+            return Stamps(stamps(found).ticks, _NONE)
+    written = _normal(text, _STEPS)
+    series = pd.to_datetime(written.to_pandas(), errors="coerce", format="ISO8601", utc=True)
+    found = pyarrow.array(series, pyarrow.timestamp("ns", "UTC"))
+    bad = compute.and_(text.is_valid(), found.is_null())
+    return Stamps(stamps(found).ticks, np.flatnonzero(bad.to_numpy(zero_copy_only=False)))
+
+
+def _parsed(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array | None:
+    """The stamps, or None where a cell is none after these steps."""
+    normal = _normal(text, steps)
+    zoned = pyarrow.compute.any(pyarrow.compute.match_substring_regex(normal, rf"{_ZONE}$")).as_py()
+    try:
+        return normal.cast(pyarrow.timestamp("ns", "UTC" if zoned else None))
+    except pyarrow.ArrowInvalid:
+        return None
+
+
+def _normal(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array:
+    """The text as year-month-day and time, after these steps; a time of day is of 1970-01-01."""
+    compute = pyarrow.compute
+    for pattern, written in steps:
+        text = compute.replace_substring_regex(text, pattern, written)
+    clock = compute.match_substring_regex(text, r"^\d\d:")
+    if not compute.any(clock).as_py():
+        return text
+    return compute.if_else(clock, compute.binary_join_element_wise("1970-01-01", text, " "), text)
+
+
+def seconds(ticks: pyarrow.Int64Array, origin: int) -> np.ndarray:
+    """Seconds since the origin; a difference of integers, which keeps the digits of a stamp."""
+    since = pyarrow.compute.subtract(ticks, origin).cast(pyarrow.float64(), safe=False)
+    found: np.ndarray = since.to_numpy(zero_copy_only=False)
+    return found / 1e9
+
+
+def unwrapped(seconds: np.ndarray) -> np.ndarray:
+    """Times of day [rows] that go on past midnight: a day is added at each fall by half a day."""
+    known = np.flatnonzero(np.isfinite(seconds))
+    days = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -_DAY / 2)
+    found = seconds.copy()
+    found[known] += _DAY * days
+    return found

@@ -14,7 +14,6 @@ from importlib.util import find_spec
 from io import BufferedIOBase
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,11 +32,8 @@ _TOLD = 5
 _LEAST_S, _BYTES_A_SECOND = 60.0, 1e6
 
 
-class Framed(NamedTuple):
-    """The columns of a file, and what is said of how they were put together."""
-
-    frame: pd.DataFrame
-    said: str
+#: The columns of a file, and what is said of how they were put together.
+Framed = tuple[pd.DataFrame, str]
 
 
 def _lacking(package: str, path: Path) -> InputError:
@@ -134,8 +130,7 @@ def _of_one_length(path: Path, found: Sequence[Vector]) -> Framed:
     said = f"{len(used)} vectors of length {length:,}"
     if other:
         said += f", and {len(other)} of other lengths that are not read: {listed(other[:_TOLD])}"
-    columns = {name: one.values for name, one in _named(used).items()}
-    return Framed(pd.DataFrame(columns), said)
+    return pd.DataFrame({name: one.values for name, one in _named(used).items()}), said
 
 
 def _named(found: Sequence[Vector]) -> dict[str, Vector]:
@@ -160,9 +155,7 @@ def _framed(path: Path) -> Framed:
     if len(timed) < len(found) or not found:
         return _of_one_length(path, found)
     clock = max((one.time for one in timed), key=lambda time: time.size)
-    columns = {"time [s]": clock}
-    for name, one in _named(timed).items():
-        columns[name] = _at(clock, one.time, one.values)
+    own = {name: _at(clock, one.time, one.values) for name, one in _named(timed).items()}
     said = f"{len(timed)} channels"
     clocks = len({one.time.tobytes() for one in timed})
     if clocks > 1:
@@ -170,7 +163,7 @@ def _framed(path: Path) -> Framed:
             f" with {clocks} clocks, on the times of those that have most samples: the others by "
             "straight lines, and whole numbers and text by the value before"
         )
-    return Framed(pd.DataFrame(columns), said)
+    return pd.DataFrame({"time [s]": clock, **own}), said
 
 
 def _at(clock: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -189,7 +182,7 @@ def _at(clock: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _feather(path: Path) -> Framed:
     with _whole(path, "feather file"):
-        return Framed(pd.read_feather(path), "")
+        return pd.read_feather(path), ""
 
 
 #: What reads the files of an ending as a frame.

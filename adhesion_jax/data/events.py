@@ -178,7 +178,10 @@ def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
     share = float(np.sum(stop - first)) / len(table)
     if wanted is None and share > MOST:
         return Chosen(measured, None, _all(table, f"{percent(share)} of them lie in slip events"))
-    usual = _usual_noise(log, noise)
+    usual = noise.constant  # the standard deviation of the averaged slip at the median speed
+    if log.speed is not None:
+        speed = log.speed[:: _stride(log.speed.size)]
+        usual = float(noise.deviation(np.median(speed, keepdims=True))[0])
     if wanted is None and usual > least:
         return Chosen(measured, None, _all(table, f"slip scatters by {usual:.2g} all along"))
     events = _events(measured, log, noise, first, stop)
@@ -197,7 +200,9 @@ def _averaged(measured: Measured) -> _Averaged:
     speed = None
     if measured.slip == "slip_ratio" and "vehicle_speed_mps" in table:
         speed = table["vehicle_speed_mps"].to_numpy(float)
-    step = _usual_step(time)
+    some = np.arange(0, time.size - 1, _stride(time.size))
+    steps = time[some + 1] - time[some]
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     # The first row after a gap; the steps themselves would take as much memory as the time.
     limit = max(GAP_STEPS * step, GAP_S)
     after_gap = np.concatenate([[0], 1 + np.flatnonzero(time[1:] > time[:-1] + limit)])
@@ -212,14 +217,6 @@ def _averaged(measured: Measured) -> _Averaged:
             raw[begin:end], window, output=slip[begin:end], mode="nearest"
         )
     return _Averaged(time, speed, slip, first, stop, window, hold, lag)
-
-
-def _usual_step(time: np.ndarray) -> float:
-    """The median step in time of the steps that are not 0; 0 where there is none."""
-    rows = np.arange(0, time.size - 1, _stride(time.size))
-    steps = time[rows + 1] - time[rows]
-    forward = steps[steps > 0]
-    return float(np.median(forward)) if forward.size else 0.0
 
 
 def _stride(rows: int) -> int:
@@ -284,14 +281,6 @@ def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, 
     stop = np.minimum(late, log.stop[stretch])
     apart = first[1:] >= stop[:-1]
     return first[np.append(True, apart)[: first.size]], stop[np.append(apart, True)[: stop.size]]
-
-
-def _usual_noise(log: _Averaged, noise: SlipNoise) -> float:
-    """The standard deviation of the averaged slip at the median speed."""
-    if log.speed is None:
-        return noise.constant
-    speed = log.speed[:: _stride(log.speed.size)]
-    return float(noise.deviation(np.median(speed, keepdims=True))[0])
 
 
 def _events(

@@ -1,8 +1,10 @@
-"""Files as sheets of cells: what is in them at a glance, and their cells block by block."""
+"""Files, and folders of them, as sheets of cells: what is in them, and their cells in blocks."""
 
+import glob
 import gzip
 import io
 import itertools
+import os
 import re
 import zipfile
 import zlib
@@ -14,14 +16,21 @@ from typing import NamedTuple
 
 import pandas as pd
 import pyarrow
+import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
-from adhesion_jax.data.cells import MISSING, is_text
+from adhesion_jax.data.cells import (
+    A_DATE,
+    AND_TIME,
+    MISSING,
+    TIME_OF_DAY,
+    form_of,
+    is_date,
+    is_text,
+)
 from adhesion_jax.data.containers import FRAMED, SPREADSHEETS, spreadsheet, zipped
-from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, tidy
-from adhesion_jax.data.encodings import encoding_of
-from adhesion_jax.data.stamps import A_DATE, TIME_OF_DAY, form_of
+from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, encoding_of, tidy
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
@@ -100,9 +109,7 @@ def sheet_of_file(path: Path) -> Sheet:
 
 def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
     """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
-    names = [tidy(str(column)) for column in frame.columns]
-    _refuse_duplicates(name, names)
-    places = _named(names)
+    places = _named(name, [str(column) for column in frame.columns])
     cells = {column: _arrow(frame.iloc[:, place]) for column, place in places.items()}
     stamps = {column: _form(values.slice(0, _SHOWN)) for column, values in cells.items()}
 
@@ -126,8 +133,7 @@ def _parquet(path: Path) -> Sheet:
         # Read as a stream: by default the whole file is in memory until its last row is read.
         file = pyarrow.parquet.ParquetFile(path, buffer_size=_STREAM_BYTES, pre_buffer=False)
         schema = file.schema_arrow
-        _refuse_duplicates(str(path), schema.names)
-        places = _named([tidy(name) for name in schema.names])
+        places = _named(str(path), schema.names)
         written = {name: schema.names[place] for name, place in places.items()}
         first = next(file.iter_batches(_SHOWN, columns=[*written.values()]), None)
         first = first or pyarrow.RecordBatch.from_pylist([], schema)
@@ -164,8 +170,7 @@ def _text(path: Path, opened: _Opened) -> Sheet:
         encoding = encoding_of(stream, str(path))
     with opened() as (stream, _):
         dialect = dialect_of(stream, encoding, str(path))
-    _refuse_duplicates(str(path), dialect.names)
-    places = _named(dialect.names)
+    places = _named(str(path), dialect.names)
     stamps = {
         name: form_of([row[place] for row in dialect.rows[:_SHOWN]])
         for name, place in places.items()
@@ -304,8 +309,12 @@ def _held(text: bytes) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
     yield stream, stream
 
 
-def _named(names: Sequence[str]) -> dict[str, int]:
+def _named(path: str, written: Sequence[str]) -> dict[str, int]:
     """The names that are more than those of a saved index, and their places."""
+    names = [tidy(name) for name in written]
+    twice = next((name for name in names if name and names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{path} has the column {twice} twice; give every column its own name.")
     return {name: place for place, name in enumerate(names) if not _SAVED_INDEX.fullmatch(name)}
 
 
@@ -325,7 +334,99 @@ def _not_empty(stamps: Mapping[str, str]) -> Mapping[str, str]:
     return {name: form for name, form in stamps.items() if form}
 
 
-def _refuse_duplicates(path: str, names: Sequence[str]) -> None:
-    twice = next((name for name in names if name and names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"{path} has the column {twice} twice; give every column its own name.")
+#: The column that says of which file a row is.
+FILE = "file"
+
+
+def sheet_of(path: Path) -> Sheet:
+    """A file as a sheet; or all files of a folder or of a pattern, one below the other.
+
+    They are in the order of their names, run 2 before run 10, and a column `file` tells them apart.
+    InputError where their columns do not agree.
+    """
+    is_folder = os.path.isdir(path)
+    if not is_folder and (os.path.exists(path) or not glob.has_magic(str(path))):
+        return sheet_of_file(path)
+    found = glob.glob(f"{glob.escape(str(path))}/*" if is_folder else str(path))
+    paths = [Path(one) for one in found if one.lower().endswith(ENDINGS) and os.path.isfile(one)]
+    if not paths:
+        raise InputError(f"{path} has no file that can be read; {WANTED}.")
+    paths.sort(key=_in_order)
+    if len(paths) == 1:
+        return sheet_of_file(paths[0])
+    return _one_below_the_other(path, paths, [sheet_of_file(one) for one in paths])
+
+
+def _in_order(path: Path) -> list[tuple[int, str]]:
+    """A name as texts and numbers."""
+    return [
+        (int(one), "") if one.isdecimal() else (0, one) for one in re.split(r"(\d+)", f"{path}")
+    ]
+
+
+def _one_below_the_other(path: Path, paths: Sequence[Path], sheets: Sequence[Sheet]) -> Sheet:
+    first = sheets[0]
+    for other in sheets[1:]:
+        apart = sorted({*first.columns} ^ {*other.columns})
+        if apart:
+            reason = f"one of them alone has {listed(apart[:5])}{' ...' if apart[5:] else ''}"
+        elif first.units != other.units:
+            reason = "their rows of units differ"
+        elif first.stamps != other.stamps:
+            reason = "they write dates in different forms"
+        elif {first.mark, other.mark} == {".", ","}:
+            reason = "one has decimal points and the other decimal commas"
+        else:
+            continue
+        raise InputError(
+            f"{path} is not one log: the columns of {first.name} and {other.name} do not agree "
+            f"({reason}); name files of the same columns."
+        )
+    above = os.path.commonpath([one.parent for one in paths])
+    names = [Path(os.path.relpath(one, above)).as_posix() for one in paths]
+
+    def blocks() -> Iterator[tuple[Block, float]]:
+        for place, sheet in enumerate(sheets):
+            for block, share in sheet.blocks():
+                rows = len(next(iter(block.values()), ()))
+                # A column of that name which the files have themselves stays theirs.
+                yield (
+                    {FILE: pyarrow.repeat(names[place], rows), **block},
+                    (place + share) / len(sheets),
+                )
+
+    return first._replace(
+        name=str(path),
+        columns=tuple(dict.fromkeys((*first.columns, FILE))),
+        mark=next((one.mark for one in sheets if one.mark), None),
+        format=f"{len(sheets)} parts, {paths[0].name} to {paths[-1].name}, whose rows are counted "
+        f"one after the other{f', and {first.format}' if first.format else ''}",
+        blocks=blocks,
+    )
+
+
+def with_dates_joined(sheet: Sheet) -> Sheet:
+    """A sheet in which a column of dates and the one column of times of day are one, of both names.
+
+    Dates that are not joined are no stamps: a day alone does not tell the time.
+    """
+    dates = [name for name, form in sheet.stamps.items() if is_date(form)]
+    clocks = [name for name, form in sheet.stamps.items() if form == TIME_OF_DAY]
+    stamps = {name: form for name, form in sheet.stamps.items() if name not in dates}
+    if len(dates) != 1 or len(clocks) != 1 or f"{dates[0]} {clocks[0]}" in sheet.columns:
+        return sheet._replace(stamps=stamps)
+    date, clock = dates[0], clocks[0]
+    both = f"{date} {clock}"
+    del stamps[clock]
+    stamps[both] = sheet.stamps[date] + AND_TIME
+
+    def blocks() -> Iterator[tuple[Block, float]]:
+        for block, share in sheet.blocks():
+            cells = dict(block)
+            parts = (cells.pop(name).cast(pyarrow.string()) for name in (date, clock))
+            trimmed = map(pyarrow.compute.utf8_trim_whitespace, parts)
+            cells[both] = pyarrow.compute.binary_join_element_wise(*trimmed, " ")
+            yield cells, share
+
+    columns = tuple(both if name == date else name for name in sheet.columns if name != clock)
+    return sheet._replace(columns=columns, stamps=stamps, blocks=blocks)

@@ -1,15 +1,58 @@
-"""From the torque of the motor to the force in the contact: gear, and inertia of the wheelset."""
+"""A user's knowledge of sensors and wheelset, and the force in the contact that follows with it."""
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import UNDECIDED
-from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.stretches import series_of, slope_in_time, usual_step
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import number
+
+#: The largest delay of a signal in s that is believed, of either sign.
+LONGEST_DELAY = 10.0
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """What is corrected before slip and adhesion are computed; nothing by default.
+
+    `delays` are in s by the quantity: the value that a signal has at time t belongs to t less its
+    delay. `inertia` is that of a wheelset with all that turns with it, about its axle. `gear_ratio`
+    is the turns of the motor for one of the wheel, and `efficiency` that of motor gear and axle.
+    InputError names the value that cannot be meant, and what can.
+    """
+
+    wheel_radius: float | None = None  # m
+    delays: Mapping[str, float] = field(default_factory=dict)  # s
+    inertia: float | None = None  # kg m^2
+    gear_ratio: float | None = None
+    efficiency: float = 1.0
+    axles: bool = False  # columns with an index are those of axles
+
+    def __post_init__(self) -> None:
+        for name in ("wheel_radius", "inertia", "gear_ratio"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                what = name.replace("_", " ")
+                raise InputError(f"The {what} is {value:g}; give a number above 0.")
+        if not 0 < self.efficiency <= 1:
+            raise InputError(
+                f"The efficiency is {self.efficiency:g}; give a number above 0 and up to 1."
+            )
+        for name, seconds in self.delays.items():
+            if not abs(seconds) <= LONGEST_DELAY:
+                raise InputError(
+                    f"The delay of {name} is {seconds:g} s; give a number of seconds between "
+                    f"-{LONGEST_DELAY:g} and {LONGEST_DELAY:g}."
+                )
+
+
+NOTHING = Corrections()
+
 
 TORQUE = "motor_torque_Nm"
 
@@ -72,7 +115,9 @@ def without_inertia(
     if known.inertia is None:
         return used, []
     forces = [name for name in _WHEELSETS if name in columns]
-    speed = _wheel_speed(columns, known.wheel_radius)
+    speed = columns.get("wheel_speed_mps")
+    if speed is None and "wheel_rotation_radps" in columns and known.wheel_radius is not None:
+        speed = known.wheel_radius * columns["wheel_rotation_radps"]
     _refuse(columns, forces, speed, known.wheel_radius)
     assert speed is not None
     assert known.wheel_radius is not None
@@ -101,15 +146,6 @@ def without_inertia(
             "rows, which do not tell the acceleration of the wheel."
         )
     return used, notes
-
-
-def _wheel_speed(columns: Mapping[str, np.ndarray], radius: float | None) -> np.ndarray | None:
-    """The circumferential speed of the wheel, as measured or from its rotation; None without."""
-    if "wheel_speed_mps" in columns:
-        return columns["wheel_speed_mps"]
-    if "wheel_rotation_radps" in columns and radius is not None:
-        return radius * columns["wheel_rotation_radps"]
-    return None
 
 
 def _refuse(

@@ -42,7 +42,6 @@ class Delay(NamedTuple):
 
     seconds: float
     standard_error: float  # by the jackknife over blocks of the log
-    correlation_gain: float  # share of what is unexplained without the delay that it explains
     clear: bool
 
 
@@ -56,7 +55,7 @@ class Lateness(NamedTuple):
     by_accelerations: tuple[float, float]  # from the lag of the slopes of both speeds
 
 
-NO_DELAY = Delay(0.0, np.inf, 0.0, False)
+NO_DELAY = Delay(0.0, np.inf, False)
 
 
 class Grid(NamedTuple):
@@ -92,8 +91,8 @@ def best_lag(grid: Grid, first: str, second: str) -> Delay:
 
 
 def _judged(seconds: float, error: float, gain: float, step: float) -> Delay:
-    clear = abs(seconds) > max(step, _ERRORS * error) and gain > _GAIN
-    return Delay(seconds, error, gain, clear)
+    """`gain` is the share of what is unexplained without the delay that it explains."""
+    return Delay(seconds, error, abs(seconds) > max(step, _ERRORS * error) and gain > _GAIN)
 
 
 def _products(grid: Grid, first: np.ndarray, second: np.ndarray, most: int) -> np.ndarray:
@@ -146,32 +145,23 @@ def grid_of(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]
         return None
     half = round(_SLOPE_S / step / 2)
     parts: list[dict[str, np.ndarray]] = []
-    steepness: list[dict[str, np.ndarray]] = []
     blocks: list[int] = []
     for block, rows in _blocks(time, run):
-        lasted = time[rows[-1]] - time[rows[0]]
-        if lasted < 2 * _LONGEST_S + 2 * _SLOPE_S:
+        if time[rows[-1]] - time[rows[0]] < 2 * _LONGEST_S + 2 * _SLOPE_S:
             continue
         at = np.arange(time[rows[0]], time[rows[-1]], step)
-        some = {name: np.interp(at, time[rows], values[rows]) for name, values in signals.items()}
-        parts.append(some)
-        steepness.append({name: _slope(values, half, step) for name, values in some.items()})
+        parts.append({n: np.interp(at, time[rows], values[rows]) for n, values in signals.items()})
         blocks.append(block)
     if not parts:
         return None
     sizes = [len(next(iter(part.values()))) for part in parts]
-
-    def joined(of: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        return {name: np.concatenate([one[name] for one in of]) for name in signals}
-
-    number = np.unique(blocks, return_inverse=True)[1]
     return Grid(
         step,
         np.repeat(np.arange(len(sizes)), sizes),
-        np.repeat(number, sizes),
+        np.repeat(np.unique(blocks, return_inverse=True)[1], sizes),
         half,
-        joined(parts),
-        joined(steepness),
+        {n: np.concatenate([part[n] for part in parts]) for n in signals},
+        {n: np.concatenate([_slope(part[n], half, step) for part in parts]) for n in signals},
     )
 
 
@@ -181,16 +171,6 @@ def _slope(values: np.ndarray, half: int, step: float) -> np.ndarray:
     slope: np.ndarray = scipy.ndimage.correlate1d(values, weights, mode="nearest")
     slope[:half] = slope[max(slope.size - half, 0) :] = np.nan
     return slope
-
-
-def _looked_at(count: int) -> np.ndarray | slice:
-    """The places of the rows of the blocks of a log with so many rows; all of a short one."""
-    if count <= _ROWS:
-        return slice(None)
-    size = _ROWS // _BLOCKS
-    begins = np.linspace(0, count - size, _BLOCKS).astype(int)
-    places: np.ndarray = (begins[:, None] + np.arange(size)).ravel()
-    return places
 
 
 def _blocks(time: np.ndarray, run: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
@@ -299,9 +279,13 @@ def late_signals(
     names = ("time_s", "vehicle_speed_mps", "slip_velocity_mps", "adhesion")
     if not {*names} <= {*columns}:
         return ()
-    rows = _looked_at(columns["time_s"].size)
+    count = columns["time_s"].size
+    rows: np.ndarray | slice = slice(None)
+    if count > _ROWS:  # blocks of a long log
+        begins = np.linspace(0, count - _ROWS // _BLOCKS, _BLOCKS).astype(int)
+        rows = (begins[:, None] + np.arange(_ROWS // _BLOCKS)).ravel()
     time, speed, slip, adhesion = (columns[name][rows] for name in names)
-    run = series_of(labels, columns["time_s"].size)[rows]
+    run = series_of(labels, count)[rows]
     found = lateness(time, speed, speed + slip, adhesion, run)
     return (_speed_note(found),) if found is not None and found.clear else ()
 

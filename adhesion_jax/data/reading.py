@@ -10,25 +10,27 @@ import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.data.corrections import NOTHING, Corrections
-from adhesion_jax.data.dates import with_dates_joined
-from adhesion_jax.data.delays import without_delays
-from adhesion_jax.data.derived import SOURCES, derive, needed
-from adhesion_jax.data.exchanged import exchanged
-from adhesion_jax.data.files import Sheet, sheet_of_frame
-from adhesion_jax.data.folder import sheet_of
-from adhesion_jax.data.gaps import FEW, Gaps, bridged, without_gaps
-from adhesion_jax.data.gathering import Gathered, gather
+from adhesion_jax.data.derived import SOURCES, derive, needed, without_delays
+from adhesion_jax.data.files import Sheet, sheet_of, sheet_of_frame, with_dates_joined
+from adhesion_jax.data.forces import NOTHING, Corrections
+from adhesion_jax.data.gathering import (
+    Gathered,
+    gather,
+    of_means,
+    stacked,
+    stacked_note,
+    with_scatter,
+)
 from adhesion_jax.data.lateness import late_signals
 from adhesion_jax.data.plausible import (
+    exchanged,
     refuse_other_units,
     slip_beside_speeds,
     speed_warnings,
     unusual,
 )
-from adhesion_jax.data.repeats import of_means, stacked, stacked_note, with_scatter
-from adhesion_jax.data.rows import Rows
-from adhesion_jax.data.sizes import set_aside
+from adhesion_jax.data.rows import Rows, set_aside
+from adhesion_jax.data.stretches import FEW, Gaps, bridged, without_gaps
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -100,9 +102,9 @@ def to_measured(
 
     Needed are slip_ratio, or what `derive` computes it from, and adhesion, or force and load of one
     body. Columns are taken for these by their names and units, or as `columns` says, see
-    `mapping.said`. The other columns of COLUMNS and LABELS are checked where they are there;
+    `understanding.said`. The other columns of COLUMNS and LABELS are checked where they are there;
     further numeric ones are kept as covariates. Rows with a gap in a column that is needed are left
-    out, and so are those with a gap in another one that is not bridged (`gaps.bridged`), as long as
+    out, and so are those with a gap in another one that is not bridged (`bridged`), as long as
     these are few, at most that share of all; otherwise that column is left out. Whether the points
     are of use is for `check_curve` and `adhesion_faults` to say.
     """
@@ -202,7 +204,10 @@ def _used(
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
     table, scatter_notes = with_scatter(table, slip)
     of_scatter = {"adhesion_sd": "scatter of the repeats"} if scatter_notes else {}
-    understood += _computed(table, {**derived.sources, **of_scatter})
+    understood += [
+        (f"computed: {source}", name, COLUMNS[name].unit, table[name].min(), table[name].max(), 0.0)
+        for name, source in {**derived.sources, **of_scatter}.items()
+    ]
     left_out = {**read.left_out, **unfit, **gaps.left_out}
     return Measured(
         sheet.name,
@@ -267,13 +272,6 @@ def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object
                 span = min(ends), max(ends)
             missing = float(np.isnan(values).mean()) if values.size else 0.0
             yield one.column, one.quantity, one.stamp or one.unit, *span, missing
-
-
-def _computed(table: pd.DataFrame, sources: Mapping[str, str]) -> Iterator[tuple[object, ...]]:
-    """The rows of the same table for columns that were computed."""
-    for name, source in sources.items():
-        lowest, highest = table[name].min(), table[name].max()
-        yield f"computed: {source}", name, COLUMNS[name].unit, lowest, highest, 0.0
 
 
 def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:

@@ -1,17 +1,146 @@
 """The rows of a log that are used: fewer with each step, and each step says which and why."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.data.clock import with_clock
-from adhesion_jax.data.columns import LABELS, MODES
-from adhesion_jax.data.gaps import of_rows
-from adhesion_jax.data.gathering import Gathered
-from adhesion_jax.data.sizes import beyond, leaps
-from adhesion_jax.data.stretches import longest_step, series_of
+from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
+from adhesion_jax.data.gathering import MOST, Gathered
+from adhesion_jax.data.stretches import longest_step, of_rows, series_of, with_clock
+from adhesion_jax.data.understanding import Taken
+from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, number
+
+#: The size that nine rows in ten do not exceed is that of the data; what exceeds it this many
+#: times, and the range of its quantity too, is no part of them. By hand.
+_NINE_IN_TEN, _BEYOND = 0.9, 5.0
+_BY_THE_DATA = ("slip_ratio", "adhesion")
+
+#: A wheel whose load is below this share of that size is lifted.
+_LIFTED = 0.01
+_LOADS = ("normal_load_N", "axle_load_N", "locomotive_load_N")
+
+#: No wheel gains or loses speed faster, in m/s^2: 70 kN turn a wheelset of 420 kg m2 with 60.
+_ACCELERATION = 60.0
+
+#: A leap exceeds the usual step from row to row this many times. By hand.
+_LEAP = 20.0
+
+#: Rows from which that size is told: to order all of a long log takes seconds.
+_SAMPLE = 200_000
+
+
+def set_aside(
+    read: Gathered, taken: Mapping[str, Taken], needed: Set[str], first_row: int
+) -> tuple[list[str], dict[str, str]]:
+    """Makes values that cannot be NaN, in place; sentences, and the columns that are left out.
+
+    An infinite value is none. Text in a column of numbers, and a value out of the range of its
+    quantity, is none where few are, at most MOST of all. Where more are, a column that is not
+    needed is left out, and InputError tells all that is wrong with those that are. `taken` says
+    in which column of the file a quantity was found, and each of several repeats is a column.
+    """
+    notes: list[str] = []
+    faults: list[str] = []
+    left_out: dict[str, str] = {}
+    for name, source in taken.items():
+        values = read.numbers[name]
+        infinite, outside = np.isinf(values), np.zeros(values.size, bool)
+        if source.quantity in COLUMNS:
+            outside = _outside(values, source.quantity)
+        found = []
+        if name in read.texts:
+            found.append((read.texts[name].cells, "text", read.texts[name].first))
+        if outside.any():
+            said = _said(values, outside, source, first_row)
+            found.append((int(outside.sum()), "out of range", said))
+        written = int(np.count_nonzero(~np.isnan(values) & ~infinite))
+        too_many = [(count, said) for count, _, said in found if count > MOST * (written + count)]
+        if too_many and source.quantity in needed:
+            faults += [said for _, said in too_many]
+        elif too_many:
+            left_out[name] = too_many[0][1]
+            del read.numbers[name]
+        else:
+            if infinite.any():
+                row = first_row + int(infinite.argmax())
+                said = f"row {row} of column {source.column}"
+                found.append((int(infinite.sum()), "infinite", said))
+            for count, what, said in found:
+                if count == 1:
+                    notes.append(f"1 value is {what} and not used: {said}.")
+                else:
+                    notes.append(f"{count:,} values are {what} and not used: {said}, and others.")
+            if infinite.any() or outside.any():
+                read.numbers[name] = np.where(infinite | outside, np.nan, values)
+    if faults:
+        raise InputError("; ".join(dict.fromkeys(faults)))
+    return list(dict.fromkeys(notes)), left_out
+
+
+def beyond(values: np.ndarray, quantity: str) -> np.ndarray:
+    """Which of the values that were computed lie beyond what the others show, [rows], bool."""
+    return ~np.isfinite(values) | _outside(values, quantity)
+
+
+def leaps(slip_mps: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Which rows, [rows], bool, have a slip velocity that no wheel reaches and leaves in one row.
+
+    It lies beyond those of both neighbours of its series (or of the one that the first and the last
+    row have), further from zero by more than a wheel can be accelerated, than the size that nine
+    rows in ten do not exceed, and than 20 usual steps: as where a tooth of the encoder is counted
+    twice.
+    """
+    steps, within = np.diff(slip_mps), np.diff(series) == 0
+    usual = float(np.median(np.abs(_some(steps)))) if steps.size else 0.0
+    least = max(_nine_in_ten(slip_mps), _LEAP * usual)
+    far = within & (np.abs(steps) > np.maximum(least, _ACCELERATION * np.diff(time_s)))
+    up = np.where(far, np.sign(steps), 0.0)
+    here, there = np.append(0.0, up), np.append(-up, 0.0)  # by how it differs from either side
+    first, last = np.append(True, ~within), np.append(~within, True)
+    found: np.ndarray = ((here * there > 0) | first | last) & ((here + there) * slip_mps > 0)
+    return found
+
+
+def _some(values: np.ndarray) -> np.ndarray:
+    """The finite ones of evenly chosen values."""
+    some: np.ndarray = values[:: max(1, values.size // _SAMPLE)]
+    return some[np.isfinite(some)]
+
+
+def _nine_in_ten(values: np.ndarray) -> float:
+    """The size that nine values in ten do not exceed; 0 without any."""
+    some = _some(values)
+    return float(np.quantile(np.abs(some), _NINE_IN_TEN)) if some.size else 0.0
+
+
+def _outside(values: np.ndarray, quantity: str) -> np.ndarray:
+    lower, upper = COLUMNS[quantity].lower, COLUMNS[quantity].upper
+    if quantity in (*_BY_THE_DATA, *_LOADS):
+        size = _nine_in_ten(values)
+        if quantity in _LOADS:
+            lower = max(lower, _LIFTED * size)
+        else:
+            lower, upper = min(lower, -_BEYOND * size), max(upper, _BEYOND * size)
+    found: np.ndarray = np.isfinite(values) & ((values < lower) | (values > upper))
+    return found
+
+
+def _said(values: np.ndarray, outside: np.ndarray, source: Taken, first_row: int) -> str:
+    """The first value that cannot be, as a clause."""
+    place = int(outside.argmax())
+    value = float(values[place])
+    column = COLUMNS[source.quantity]
+    unit = "" if column.unit == "1" else f" {column.unit}"
+    to = source.conversion
+    written = "" if to == (1.0, 0.0) else f" ({to.back(value):g} {source.unit})"
+    where = f"row {first_row + place} of column {source.column} has {value:.6g}{unit}{written}"
+    if source.quantity in _LOADS:
+        return f"{where}, under {_LIFTED:.0%} of the usual load ({column.advice})".replace(
+            "%", " %"
+        )
+    return f"{where}, outside {column.span} ({column.advice})"
 
 
 class Rows:

@@ -1,20 +1,25 @@
 """From measured files to a campaign: its runs side by side, with every covariate they have."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import blake2b
-from pathlib import Path
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.data.clock import steps_in_runs
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.grouping import Grouping, group, in_blocks, places, with_history
-from adhesion_jax.data.joining import joined, refuse_two_kinds
-from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, read_all, too_few
-from adhesion_jax.data.stretches import order_by
+from adhesion_jax.data.grouping import (
+    Grouping,
+    group,
+    in_blocks,
+    joined,
+    places,
+    refuse_two_kinds,
+    with_history,
+)
+from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, too_few
+from adhesion_jax.data.stretches import order_by, steps_in_runs
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.wording import listed
@@ -86,7 +91,11 @@ class RunSet(NamedTuple):
         """
         conditions = {name: jnp.asarray(rows[held]) for name, rows in self.whole.conditions.items()}
         run = np.searchsorted(self.starts, held, side="right") - 1
-        return conditions | {"run_order": jnp.asarray(_numbered(self.names)[run])}
+        try:
+            order = np.array([float(name) for name in self.names])
+        except ValueError:
+            order = np.arange(len(self.names), dtype=float)
+        return conditions | {"run_order": jnp.asarray(order[run])}
 
     @property
     def rows(self) -> np.ndarray:
@@ -106,18 +115,6 @@ class RunSet(NamedTuple):
         if self.blocks and "time_s" in self.whole.conditions:
             held, inside = with_history(held, inside)
         return held, inside
-
-
-def _numbered(names: Sequence[str]) -> np.ndarray:
-    try:
-        return np.array([float(name) for name in names])
-    except ValueError:
-        return np.arange(len(names), dtype=float)
-
-
-def read_runs(paths: Sequence[Path]) -> RunSet:
-    """The runs of all files; see `to_runs`."""
-    return to_runs(read_all(paths))
 
 
 def to_runs(files: Sequence[Measured]) -> RunSet:
@@ -154,9 +151,7 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
         named,
         left_out,
         (
-            *_slip_warnings(slip),
-            *_time_warnings(table, whole),
-            *_run_warnings(grouping),
+            *_warnings(table, slip, whole, grouping),
             *dict.fromkeys(note for file in files for note in file.gaps),
             *(
                 f"The column {name} is left out: it is not a number in every row."
@@ -262,14 +257,11 @@ def _conditions(
     named: dict[str, tuple[str, ...]] = {}
     for name, values in columns.items():
         if isinstance(values.dtype, pd.CategoricalDtype) and name != "mode":
-            named[name] = tuple(sorted(values.unique(), key=_by_number))
+            # Numbers by their value, then names.
+            order = sorted((float(x) if x.isdecimal() else np.inf, x) for x in values.unique())
+            named[name] = tuple(label for _, label in order)
             columns[name] = values.map({label: code for code, label in enumerate(named[name])})
     return columns, named
-
-
-def _by_number(label: str) -> tuple[float, str]:
-    """The key by which labels are sorted: numbers by their value, then names."""
-    return (float(label) if label.isdecimal() else np.inf, label)
 
 
 def _numbers(column: pd.Series, order: np.ndarray | None) -> np.ndarray:
@@ -298,38 +290,27 @@ def _repeated(columns: Mapping[str, pd.Series]) -> dict[str, str]:
     return same
 
 
-def _slip_warnings(slip: str) -> Iterable[str]:
+def _warnings(table: pd.DataFrame, slip: str, whole: Grouping, grouping: Grouping) -> Iterator[str]:
+    """Sentences on what slip, time and runs do not allow to be told."""
     if slip == "slip_velocity_mps":
         yield (
             "There is no vehicle_speed_mps: slip is the slip velocity in m/s, the speed is taken "
             "as 1, and no effect of speed can be tested."
         )
-
-
-def _time_warnings(table: pd.DataFrame, grouping: Grouping) -> Iterable[str]:
-    if "time_s" not in table:
-        return
-    equal = int((steps_in_runs(table["time_s"].to_numpy(), grouping.run) == 0).sum())
-    if equal:
-        yield (
-            f"In time_s {equal} {'row has' if equal == 1 else 'rows have'} the time of the row "
-            "before in the same run: no time passes there for effects that act in time."
-        )
-
-
-def _run_warnings(grouping: Grouping) -> Iterable[str]:
+    if "time_s" in table:
+        equal = int((steps_in_runs(table["time_s"].to_numpy(), whole.run) == 0).sum())
+        if equal:
+            yield (
+                f"In time_s {equal} {'row has' if equal == 1 else 'rows have'} the time of the row "
+                "before in the same run: no time passes there for effects that act in time."
+            )
     length = np.bincount(grouping.run)
     if grouping.blocks:
-        points = (
-            f"{length.min()}"
-            if length.min() == length.max()
-            else (f"{length.min()} to {length.max()}")
-        )
+        points = " to ".join(map(str, sorted({length.min(), length.max()})))
         yield (
             f"There is one run only: {length.size} contiguous blocks of {points} points take the "
             "place of runs. Intervals and p-values then assume that points of different blocks are "
-            "nearly independent, and effects that act in time within a run can hardly be "
-            "tested."
+            "nearly independent, and effects that act in time within a run can hardly be tested."
         )
     single = int((length == 1).sum())
     if single:

@@ -99,14 +99,7 @@ def _tdms(path: Path) -> Iterator[Vector]:
 
 
 #: By ending: what reads a file.
-READERS = {
-    ".mat": _matlab,
-    ".h5": _hdf,
-    ".hdf5": _hdf,
-    ".mf4": _mdf,
-    ".mdf": _mdf,
-    ".tdms": _tdms,
-}
+READERS = {".mat": _matlab, ".h5": _hdf, ".hdf5": _hdf, ".mf4": _mdf, ".mdf": _mdf, ".tdms": _tdms}
 
 
 def _native(values: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Estimate, Identifier, Status
 from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
 from adhesion_jax.optim.arrays import Value
-from adhesion_jax.optim.recursive_slope import slope_step
+from adhesion_jax.optim.kalman import slope_step
 from adhesion_jax.records import Known, Record
 
 #: Variance of the slope at the start, per unit of the noise variance: so large that the start does

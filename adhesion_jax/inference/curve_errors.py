@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import with_free_values
-from adhesion_jax.inference.cosines import of_cosines
+from adhesion_jax.inference.sandwich import of_cosines
 from adhesion_jax.metrics.information import information_of, quantities
 from adhesion_jax.records import Known, Record
 

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from adhesion_jax.curves.bent import FUNCTIONS
-from adhesion_jax.inference.cosines import COSINES
-from adhesion_jax.inference.sandwich import grouped
+from adhesion_jax.inference.sandwich import COSINES, grouped
 from adhesion_jax.inference.sums import Sums
 
 #: Standard deviations of the factors, relative to the first: a curve without corners.

@@ -1,5 +1,6 @@
 """The least penalised sum of Huber's function of the residuals, by Levenberg and Marquardt."""
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -7,15 +8,35 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from adhesion_jax.curves import Curve
+from adhesion_jax.curves import SLIP_LIMIT, Curve
+from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.inference.departure import Departure
-from adhesion_jax.inference.grouping import means, of_like
-from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.shares import parameters_at, stretch_at
+from adhesion_jax.inference.law import FittedLaw, Span, peak_of
+from adhesion_jax.inference.rows import Rows, evenly, means, of_like
 from adhesion_jax.inference.sums import Sums, Variance, law_at, pull, sums
-from adhesion_jax.inference.values import Span
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advanced, arrived, begin
+
+
+def parameters_at(curve: Curve, share: Any) -> Any:
+    """The parameters at shares of the physical box, [free ...], of NumPy or of jax."""
+    described = [curve.PARAMETERS[name] for name in curve.free]
+    shape = (-1, *(1,) * (share.ndim - 1))
+    lower = np.reshape([p.lower for p in described], shape)
+    upper = np.reshape([p.upper for p in described], shape)
+    logarithmic = lower > 0
+    ratio = np.where(logarithmic, upper, 1.0) / np.where(logarithmic, lower, 1.0)
+    width = np.where(logarithmic, 0.0, upper - lower)
+    return lower * ratio**share + width * share
+
+
+def stretch_at(curve: Curve, share: Float[np.ndarray, " free"]) -> Float[np.ndarray, " free"]:
+    """The derivatives of the parameters by the shares of the box."""
+    described = [curve.PARAMETERS[name] for name in curve.free]
+    lower, upper = np.array([[p.lower, p.upper] for p in described]).T
+    ratio = np.where(lower > 0, upper, 1.0) / np.where(lower > 0, lower, 1.0)
+    return np.where(lower > 0, parameters_at(curve, share) * np.log(ratio), upper - lower)
+
 
 #: Most evaluations of a descent.
 _MOST_STEPS = 40
@@ -171,3 +192,31 @@ def passed_through(
         alike = Variance(1.0, 1 / found.weight, np.sqrt(found.square))
         share, reached = descended(problem, share, few, alike, departure, False, most=_MOST_OF_FEW)
     return share, reached
+
+
+#: Share of the largest slip about which a departure is finest, for a curve without a peak; and the
+#: share of the slip of the peak below which its functions are straight.
+_MIDDLE, _REACH = 0.2, 0.2
+
+
+def posed(
+    curve: Curve, start: np.ndarray, rows: Rows, slip_is_velocity: bool
+) -> tuple[Problem, Mapping[str, float], float]:
+    """The problem, the conditions of its peak, and the largest slip of that."""
+    limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
+    conditions = {name: float(np.median(rows.conditions[name])) for name in curve.NEEDS}
+    largest = float(max(rows.slip.max(), -rows.slip.min(), np.finfo(float).tiny))
+    # Finest about the peak of the curve of least squares, if that lies among the points.
+    usual = Span(_REACH * _MIDDLE * largest, largest)
+    parameters = np.append(parameters_at(curve, start), np.zeros(FUNCTIONS))
+    peak = peak_of(FittedLaw(curve, parameters, usual, conditions), limit)
+    middle = peak.slip if peak.found and 0 < peak.slip < largest else _MIDDLE * largest
+    return Problem(curve, Span(_REACH * middle, largest)), conditions, limit
+
+
+def from_start(start: np.ndarray) -> np.ndarray:
+    return np.append(np.clip(start, 0.0, 1.0), np.zeros(FUNCTIONS))
+
+
+def chosen_of(column: np.ndarray, count: int) -> np.ndarray:
+    return column[evenly(column.size, count)]

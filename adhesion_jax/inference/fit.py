@@ -1,6 +1,6 @@
 """A curve that may bend, fitted to measured rows by weighted robust least squares."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,17 +12,106 @@ from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.inference.departure import Departure, departure_of
-from adhesion_jax.inference.descent import STRAIGHT, Problem, descended, felt, passed_through
+from adhesion_jax.inference.descent import (
+    STRAIGHT,
+    Problem,
+    chosen_of,
+    descended,
+    felt,
+    from_start,
+    passed_through,
+    posed,
+)
 from adhesion_jax.inference.law import FittedLaw, LawPeak, peak_of
-from adhesion_jax.inference.nearest import nearest_to
-from adhesion_jax.inference.noise import RunNoise, described
-from adhesion_jax.inference.posing import chosen_of, from_start, posed
-from adhesion_jax.inference.prediction import left_out
+from adhesion_jax.inference.noise import RunNoise, SlipNoise, described
 from adhesion_jax.inference.rows import Rows, in_stretches, thinned
 from adhesion_jax.inference.sandwich import Sandwich, sandwich
-from adhesion_jax.inference.slip import SlipNoise
 from adhesion_jax.inference.sums import Sums, Variance, law_at
 from adhesion_jax.inference.weighing import EXACT
+
+#: Most rows that tell where the points are.
+_ROWS = 20_000
+
+#: Slips at which a law is compared with the nearest curve; and the search of that ends where a step
+#: promises to lower half the sum of squares, over the mean square, by less than this.
+_COMPARED, _NEAR = 200, 1e-10
+
+
+class Nearest(NamedTuple):
+    """The curve without a departure that is nearest to a law."""
+
+    parameters: Float[np.ndarray, " free"]
+    by_law: Float[np.ndarray, "free all"]
+    misfit: float
+    on_bound: Bool[np.ndarray, " free"]
+
+
+def nearest_to(
+    problem: Problem,
+    starts: Sequence[np.ndarray],
+    law: FittedLaw,
+    free: Bool[np.ndarray, " free"],
+    rows: Rows,
+    variance: Variance,
+) -> Nearest:
+    """By least squares from the best of some starts, at slips that share out the rows' weight."""
+    some = thinned(rows, _ROWS)
+    size = np.abs(some.slip)
+    order = np.argsort(size, kind="stable")
+    weight = np.cumsum(1 / chosen_of(variance.relative, size.size)[order])
+    shares = (np.arange(_COMPARED) + 0.5) / _COMPARED
+    slip = size[order[np.searchsorted(weight, shares * weight[-1])]]
+    of_law = law.at(slip)
+    conditions = {name: np.full(_COMPARED, value) for name, value in law.conditions.items()}
+    one, whole = np.ones(_COMPARED), np.array([0, _COMPARED])
+    few = Rows(slip, of_law.adhesion, conditions, one, whole, whole, np.zeros(1, int), False, False)
+    height = max(float(np.sqrt(np.mean(of_law.adhesion**2))), 1e-300)
+    even = Variance(height, one, 0 * one)
+    found = []
+    for start in starts:
+        share, _ = descended(problem, from_start(start), few, even, robust=False, near=_NEAR)
+        alone = law._replace(parameters=problem.parameters(share)).at(slip)
+        missed = float(np.sqrt(np.mean((of_law.adhesion - alone.adhesion) ** 2))) / height
+        found.append((missed, share, alone))
+    missed, share, alone = min(found, key=lambda one: one[0])
+    stretch = problem.stretch(share)
+    share = share[: problem.free]
+    bound = free & ((share <= 0) | (share >= 1))
+    used = np.flatnonzero(free & ~bound)
+    by_law = np.zeros((problem.free, stretch.size))
+    own = alone.by_parameter[:, used] * stretch[used]
+    by_law[used] = np.linalg.lstsq(own, of_law.by_parameter, rcond=_NEAR)[0]
+    by_law[used] *= stretch[used, None]
+    return Nearest(problem.parameters(from_start(share))[: problem.free], by_law, missed, bound)
+
+
+#: Parts that are left out to judge a curve, where there are fewer runs.
+_PARTS = 12
+
+
+def left_out(
+    found: Sums, rows: Rows, variance: Variance, free: np.ndarray, penalty: np.ndarray
+) -> Float[np.ndarray, " parts"]:
+    """The log density of each part, given the fit to all others: runs, or a twelfth of a log."""
+    parts = rows.cluster
+    if rows.clusters < 2:
+        parts = np.arange(parts.size) * _PARTS // parts.size
+    elif not (rows.ordered or rows.several):  # points in no order: every twelfth
+        parts = np.argsort(np.argsort(rows.slip[rows.blocks[:-1]], kind="stable")) % _PARTS
+    count, used = int(parts.max()) + 1, np.flatnonzero(free)
+    matrix = np.zeros((count, used.size, used.size))
+    score, own = np.zeros((count, used.size)), np.zeros(count)
+    np.add.at(matrix, parts, found.matrix[:, used[:, None], used])
+    np.add.at(score, parts, found.score[:, used])
+    spread = np.add.reduceat(np.log(variance.row()), rows.blocks[:-1])
+    np.add.at(own, parts, found.squares + spread)
+    others = matrix.sum(axis=0) + np.diag(penalty[used]) - matrix
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(others, axis1=1, axis2=2), 1e-300))
+    even = others * scale[:, :, None] * scale[:, None, :] + 1e-10 * np.eye(used.size)
+    step = -scale * np.linalg.solve(even, (scale * score)[:, :, None])[:, :, 0]
+    bend = np.einsum("pi,pij,pj->p", step, matrix, step)
+    return -0.5 * (own - 2 * np.sum(step * score, axis=1) + bend)
+
 
 #: Most rows of the search; and those of a longer record are then passed through a few times.
 _SEARCH_ROWS = 20_000
@@ -182,7 +271,10 @@ def fitted(
     problem, conditions, limit = posed(curve, start, rows, slip_is_velocity)
     some = thinned(rows, _SEARCH_ROWS)
     share, reached, departure = from_start(start), False, STRAIGHT
-    variance = _thinned(weights, rows, some)
+    variance = weights
+    if some is not rows:
+        relative, spread = (chosen_of(column, some.slip.size) for column in weights[1:])
+        variance = Variance(weights.sigma, relative, spread)
     for turn in range(2 + _ROUNDS):
         left = _left(problem, share, some, variance)
         variance = _scaled(problem, left, some, departure, variance)
@@ -200,15 +292,6 @@ def fitted(
         del found
     fit = _described(problem, start, share, rows, slip, variance, departure, conditions, limit)
     return fit._replace(converged=reached)
-
-
-def _thinned(weights: Variance, rows: Rows, some: Rows) -> Variance:
-    if some is rows:
-        return weights
-    count = some.slip.size
-    return Variance(
-        weights.sigma, chosen_of(weights.relative, count), chosen_of(weights.spread, count)
-    )
 
 
 def _left(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> np.ndarray:
@@ -270,8 +353,7 @@ def _described(
     ordered = rows.ordered or rows.several
     covariance = sandwich(found, rows.cluster, free, penalty, departure.inflation, ordered)
     law = FittedLaw(problem.curve, problem.parameters(share), problem.span, conditions)
-    starts = [share[:count], start]
-    nearest = nearest_to(problem, starts, law, has_influence, rows, variance)
+    nearest = nearest_to(problem, [share[:count], start], law, has_influence, rows, variance)
     return MeasuredFit(
         law,
         limit,

@@ -1,14 +1,186 @@
-"""A fitted curve with its departure: adhesion, derivatives, and the peak."""
+"""A curve with its departure: adhesion, its derivatives by one small program, and the peak."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Curve, with_free_values
-from adhesion_jax.curves.bent import Bent
-from adhesion_jax.inference.values import Span, Values, values
+from adhesion_jax.curves.bent import FUNCTIONS, Bent
+from adhesion_jax.programs import QUICKLY, kept
+
+#: Points of Gauss and Hermite's rule, in standard deviations over the root of 3.
+_NODES = (0.0, -1.0, 1.0)
+
+#: Rows whose sums are taken at a time: few enough for the cache, and for a product of matrices by
+#: one thread, since threads that wait for each other took 30 times as long on a busy machine.
+AT_A_TIME = 2700
+
+#: Numbers of points that are evaluated at a time, the first that holds all of them, or the last:
+#: the programs do not depend on the length of a record.
+_SIZES = (900, AT_A_TIME, len(_NODES) * AT_A_TIME)
+
+#: A slip of less noise than this share of the reach of a departure has the mean of an exact one:
+#: they differ by about the square of it, relative.
+_EXACT = 1e-8
+
+#: Orders of the functions of a departure, times pi.
+_ORDERS = np.pi * (np.arange(FUNCTIONS) + 0.5)
+
+
+class Span(NamedTuple):
+    """Where the departure of a curve lives; see `curves.bent`."""
+
+    reach: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Values:
+    """Adhesion, and its derivatives by the slip and by the parameters: free ones, then factors.
+
+    Each is computed where it is asked for. With three slips a point they are means over a normal
+    slip, by Gauss and Hermite's rule: exact for polynomials of the slip up to the fifth degree.
+    """
+
+    bare: Float[np.ndarray, "columns slips"]  # the curve, and derivatives by slip and free ones
+    factors: Float[np.ndarray, " functions"]
+    span: Span
+    slip: Float[np.ndarray, " slips"]
+    points: int
+
+    @cached_property
+    def adhesion(self) -> Float[np.ndarray, " points"]:
+        return self._mean(self.bare[0] * self._stretch)
+
+    @property
+    def by_slip(self) -> Float[np.ndarray, " points"]:
+        slope = self.bare[1] * self._stretch
+        if self.factors.any():
+            size = np.abs(self.slip)
+            turn = np.where(size < self.span.largest, np.sign(self.slip), 0.0)
+            turn /= (self.span.reach + size) * np.log1p(self.span.largest / self.span.reach)
+            cosines = _multiples(np.cos(0.5 * np.pi * self._place), self._twice, 1.0)
+            slope += self.bare[0] * turn * ((self.factors * _ORDERS) @ cosines)
+        return self._mean(slope)
+
+    @cached_property
+    def by_parameter(self) -> Float[np.ndarray, "points all"]:
+        free = self.bare[2:] * self._stretch
+        return self._mean(np.concatenate([free, self.bare[0] * self._functions])).T
+
+    def _mean(self, columns: Float[np.ndarray, "*more slips"]) -> Float[np.ndarray, "*more points"]:
+        if self.slip.size == self.points:
+            return columns
+        middle, low, high = np.moveaxis(columns.reshape(*columns.shape[:-1], 3, -1), -2, 0)
+        return (low + 4 * middle + high) / 6
+
+    @cached_property
+    def _place(self) -> Float[np.ndarray, " slips"]:
+        size = np.minimum(np.abs(self.slip), self.span.largest)
+        return np.log1p(size / self.span.reach) / np.log1p(self.span.largest / self.span.reach)
+
+    @cached_property
+    def _sine(self) -> Float[np.ndarray, " slips"]:
+        return np.sin(0.5 * np.pi * self._place)
+
+    @property
+    def _twice(self) -> Float[np.ndarray, " slips"]:
+        return 2 - 4 * self._sine**2
+
+    @cached_property
+    def _functions(self) -> Float[np.ndarray, "functions slips"]:
+        """`curves.bent.functions`."""
+        return _multiples(self._sine, self._twice, -1.0)
+
+    @cached_property
+    def _stretch(self) -> Float[np.ndarray, " slips"] | float:
+        return 1 + self.factors @ self._functions if self.factors.any() else 1.0
+
+
+def _multiples(
+    first: Float[np.ndarray, " slips"], twice: Float[np.ndarray, " slips"], before: float
+) -> Float[np.ndarray, "functions slips"]:
+    """Sines or cosines of (j + 1/2) x, from the first of them and 2 cos x, by Chebyshev's rule."""
+    found = np.empty((FUNCTIONS, first.size))
+    found[0] = first
+    np.multiply(twice - before, first, out=found[1])
+    for j in range(2, FUNCTIONS):
+        np.multiply(twice, found[j - 1], out=found[j])
+        found[j] -= found[j - 2]
+    return found
+
+
+def values(
+    curve: Curve,
+    parameters: Float[np.ndarray, " all"],
+    span: Span,
+    slip: Float[np.ndarray, " points"],
+    conditions: Mapping[str, Float[np.ndarray, "..."] | float],
+) -> Values:
+    """The curve with its departure; conditions that it does not need are ignored."""
+    free = parameters[: len(curve.free)]
+    needed = {name: np.broadcast_to(conditions[name], slip.shape) for name in curve.NEEDS}
+    bare = _at_many(curve, free, slip, needed)
+    return Values(bare, parameters[len(curve.free) :], span, slip, slip.size)
+
+
+def expected_values(
+    curve: Curve,
+    parameters: Float[np.ndarray, " all"],
+    span: Span,
+    slip: Float[np.ndarray, " points"],
+    spread: Float[np.ndarray, " points"],
+    conditions: Mapping[str, Float[np.ndarray, "..."] | float],
+) -> Values:
+    """The means over a normal slip of this mean and standard deviation."""
+    if spread.max() <= _EXACT * span.reach:
+        return values(curve, parameters, span, slip, conditions)
+    reach = np.sqrt(3) * spread
+    slips = np.concatenate([slip + node * reach for node in _NODES])
+    repeated = {name: np.tile(conditions[name], len(_NODES)) for name in curve.NEEDS}
+    return replace(values(curve, parameters, span, slips, repeated), points=slip.size)
+
+
+def _at_many(
+    curve: Curve, free: np.ndarray, slip: np.ndarray, conditions: Mapping[str, np.ndarray]
+) -> Float[np.ndarray, "columns slips"]:
+    """The curve with its derivatives, some points at a time."""
+    points = slip.size
+    size = next((size for size in _SIZES if size >= points), _SIZES[-1])
+    parts = []
+    for first in range(0, points, size):
+        some = slice(first, first + size)
+        lacking = max(first + size - points, 0)
+
+        def filled(column: np.ndarray, some: slice = some, lacking: int = lacking) -> np.ndarray:
+            return np.pad(column[some], (0, lacking), mode="edge") if lacking else column[some]
+
+        columns = {name: filled(column) for name, column in conditions.items()}
+        told = np.asarray(_bare(curve, np.asarray(free, float), filled(slip), columns))
+        parts.append(told[:, : size - lacking])
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+
+@kept(compiler={"xla_backend_optimization_level": "1", **QUICKLY})
+def _bare(
+    curve: Curve,
+    free: Float[Array, " free"],
+    slip: Float[Array, " points"],
+    conditions: Mapping[str, Float[Array, " points"]],
+) -> Float[Array, "columns points"]:
+    def at(free: Array, slip: Array) -> Array:
+        return with_free_values(curve, free)(slip, conditions)
+
+    one = jnp.ones_like(slip)
+    adhesion, slope = jax.jvp(lambda slip: at(free, slip), (slip,), (one,))
+    return jnp.concatenate([jnp.stack([adhesion, slope]), jax.jacfwd(at)(free, slip).T])
+
 
 #: Number of slips among which the largest adhesion is looked for; then three about it, at this
 #: share of the distance to its neighbours.

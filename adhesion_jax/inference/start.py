@@ -9,12 +9,10 @@ from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Curve, with_free_values
 from adhesion_jax.curves.bent import FUNCTIONS
-from adhesion_jax.inference.descent import Problem, descended
-from adhesion_jax.inference.grouping import evenly, means, of_like
-from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.shares import parameters_at
+from adhesion_jax.inference.descent import Problem, descended, parameters_at
+from adhesion_jax.inference.law import Span
+from adhesion_jax.inference.rows import Rows, evenly, means, of_like
 from adhesion_jax.inference.sums import Variance, law_at
-from adhesion_jax.inference.values import Span
 from adhesion_jax.optim import levenberg_marquardt
 from adhesion_jax.programs import QUICKLY, kept
 from adhesion_jax.records import Record

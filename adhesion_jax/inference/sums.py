@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from adhesion_jax.curves import Curve
+from adhesion_jax.inference.law import AT_A_TIME, Span, Values, expected_values
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.values import AT_A_TIME, Span, Values, expected_values
 
 #: Most blocks of a chunk that are multiplied one by one; of more, all rows and then sums of them.
 _ONE_BY_ONE = 16

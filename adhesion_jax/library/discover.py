@@ -9,24 +9,16 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from adhesion_jax.data import RunSet, matching, to_runs
-from adhesion_jax.data.corrections import Corrections
-from adhesion_jax.data.events import Chosen, events_of
-from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
+from adhesion_jax.data.events import Chosen
+from adhesion_jax.data.forces import Corrections
+from adhesion_jax.data.stretches import FEW_OF_A_SEARCH
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.effects import Cause
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.files import output_directory
-from adhesion_jax.library.reading import Data, all_of, citation_of, name_of, parts_of
-from adhesion_jax.library.results import (
-    Columns,
-    columns_of,
-    of_numbers,
-    recorded,
-    table_html,
-    text_html,
-    written,
-)
+from adhesion_jax.library.reading import Data, chosen_of, citation_of, name_of, parts_of
+from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.plugins import add
 from adhesion_jax.report.discovery.figures import adhesion_over_slip
 from adhesion_jax.report.discovery.files import DISCOVERY_FILES, printed, write_discovery
@@ -111,7 +103,8 @@ class Discovery:
 
     def _repr_html_(self) -> str:
         tables = (errors_table(self.findings), effects_table(self.findings))
-        return text_html(self.verdict) + "".join(table_html(table) for table in tables)
+        frames = (pd.DataFrame(list(one.rows), columns=list(one.headings)) for one in tables)
+        return text_html(self.verdict) + "".join(frame.to_html(index=False) for frame in frames)
 
 
 @recorded
@@ -168,55 +161,28 @@ def discover(
     own = effects if isinstance(effects, Mapping) else {kind.__name__: kind for kind in effects}
     add("effect", own)
     known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency, axles)
-    logs = events_of(all_of(data, columns, known, few=FEW_OF_A_SEARCH), events)
+    logs = chosen_of(data, columns, known, events, FEW_OF_A_SEARCH)
     train = to_runs([log.points for log in logs])
-    judging, judged = None, []
+    judging: RunSet | None = None
+    judged: Sequence[Chosen] = ()
     if test is not None:
-        judged = events_of(all_of(test, columns, known, few=FEW_OF_A_SEARCH), events)
+        judged = chosen_of(test, columns, known, events, FEW_OF_A_SEARCH)
         judging = matching(train, to_runs([log.points for log in judged]))
-    sources = sources_of(logs, parts_of(data))
-    understood = columns_of([log.points for log in (*logs, *judged)])
-    asked = curves, seed, slip_noise, correct, progress, out
-    return discover_in(train, judging, logs, sources, understood, *asked)
-
-
-def sources_of(logs: Sequence[Chosen], data: Sequence[Data]) -> tuple[str, str]:
-    """The names of tables, and what is to be said of their rows and of whom to cite."""
-    remarks = (*(log.sentence for log in logs), *map(citation_of, data))
-    return ", ".join(map(name_of, data)), " ".join(filter(None, remarks))
-
-
-@as_in_commands
-def discover_in(
-    train: RunSet,
-    test: RunSet | None,
-    logs: Sequence[Chosen],
-    sources: tuple[str, str],
-    understood: Columns,
-    curves: str | Sequence[str],
-    seed: int,
-    slip_noise: float | None,
-    correct: bool,
-    progress: Callable[[str, float], None],
-    out: str | PathLike[str] | None,
-) -> Discovery:
-    """The same in runs that were read before, of the tables of `sources_of` and `columns_of`.
-
-    `logs` are those whose slip events are drawn.
-    """
-    source, citation = sources
+    parts = parts_of(data)
+    remarks = (*(log.sentence for log in logs), *map(citation_of, parts))
     findings = engine.discover(
         train,
-        test,
+        judging,
         curves,
         seed,
         progress,
-        source=source,
-        citation=citation,
+        source=", ".join(map(name_of, parts)),
+        citation=" ".join(filter(None, remarks)),
         slip_noise=slip_noise,
         correct=correct,
     )
     progress("writing the report", 0.97)
     laws = {name: of_numbers(getattr(findings, name)) for name in ("law", "law_before")}
     found = Discovery(findings._replace(**laws), tuple(logs))
+    understood = columns_of([log.points for log in (*logs, *judged)])
     return written(found, out, DISCOVERY_FILES, understood)

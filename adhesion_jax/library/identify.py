@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,22 +14,21 @@ from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import Measured, as_one, check_curve, to_record
 from adhesion_jax.data.columns import GROUP
-from adhesion_jax.data.corrections import Corrections
-from adhesion_jax.data.events import Chosen, events_of
+from adhesion_jax.data.events import Chosen
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
+from adhesion_jax.data.stretches import usual_step
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_table
 from adhesion_jax.inference.fit import MeasuredFit, missing_columns
-from adhesion_jax.inference.slip import SlipNoise
-from adhesion_jax.library.methods import called
-from adhesion_jax.library.reading import Data, all_of, citation_of, parts_of
+from adhesion_jax.inference.noise import SlipNoise
+from adhesion_jax.library.reading import Data, chosen_of, citation_of, parts_named, parts_of
 from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
-from adhesion_jax.measured.answer import Answer, Estimate, answered
+from adhesion_jax.measured.answer import Answer, Estimate, answered, fit_curves
 from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.groups import AUTO, Group, asked_of, branches_of, labels_of, split
-from adhesion_jax.measured.identification import fit_curves
 from adhesion_jax.measured.residual import Residual, residual_structure
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.plugins import add
@@ -43,11 +42,7 @@ from adhesion_jax.report.measured.tables import (
     printed_table,
     short_report,
 )
-from adhesion_jax.report.measured.words import (
-    different_rails,
-    in_lines,
-    verdict,
-)
+from adhesion_jax.report.measured.words import different_rails, in_lines, verdict
 from adhesion_jax.report.page import CAPTIONS
 from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands, silent
@@ -255,6 +250,7 @@ class Identification:
 
 
 @recorded
+@as_in_commands
 def identify(
     data: Data | Sequence[Data],
     curves: str | Sequence[str] | Mapping[str, Curve] | None = None,
@@ -306,32 +302,7 @@ def identify(
         InputError: something cannot be used; the sentence names all that is wrong with the data.
     """
     known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency, axles)
-    logs = events_of(all_of(data, with_groups(columns or {}, by), known), events)
-    citation = " ".join(filter(None, map(citation_of, parts_of(data))))
-    return identify_chosen(logs, curves, citation, by, slip_noise, progress, out)
-
-
-def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, object]:
-    """What is said of columns, with a column to compare by as labels, which may be text.
-
-    A column that is read without that, such as axle or temperature_C, is compared by as it is.
-    """
-    if by in (None, AUTO) or guess(by).quantity:
-        return columns
-    return {**columns, GROUP: by}
-
-
-@as_in_commands
-def identify_chosen(
-    logs: Sequence[Chosen],
-    curves: str | Sequence[str] | Mapping[str, Curve] | None,
-    citation: str,
-    by: str | None = None,
-    slip_noise: float | None = None,
-    progress: Callable[[str, float], None] = silent,
-    out: str | PathLike[str] | None = None,
-) -> Identification:
-    """The same of rows that were read and chosen before, of sets with this citation."""
+    logs = chosen_of(data, with_groups(columns or {}, by), known, events)
     chosen = _curves(curves)
     points = as_one([log.points for log in logs])
     check_curve(points)
@@ -349,13 +320,15 @@ def identify_chosen(
     velocity = points.slip == "slip_velocity_mps"
     found = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)
     found = found._replace(curves={name: of_numbers(fit) for name, fit in found.curves.items()})
-    fits, rows, answer, step = found.curves, found.rows, answered(found.curves), _step(points)
+    fits, rows, answer = found.curves, found.rows, answered(found.curves)
+    time = points.table.get("time_s")
+    step = None if time is None else usual_step(time.to_numpy(float), np.zeros(len(time)))
     branches = branches_of(fits[found.best], rows)
     parts = split(points, by, labels, found, record, grouping.run, slip_noise, step)
     identified = Identification(
         points,
         logs,
-        citation,
+        " ".join(filter(None, map(citation_of, parts_of(data)))),
         fits,
         not_fitted,
         {name: residual_structure(fit, rows) for name, fit in fits.items()},
@@ -372,29 +345,21 @@ def identify_chosen(
     return written(identified, out, IDENTIFY_FILES, columns_of([log.points for log in logs]))
 
 
-def _step(points: Measured) -> float | None:
-    """The usual time between rows, s."""
-    if "time_s" not in points.table:
-        return None
-    steps = np.diff(points.table["time_s"].to_numpy(float))
-    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else None
+def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, object]:
+    """What is said of columns, with a column to compare by as labels, which may be text.
+
+    A column that is read without that, such as axle or temperature_C, is compared by as it is.
+    """
+    if by in (None, AUTO) or guess(by).quantity:
+        return columns
+    return {**columns, GROUP: by}
 
 
-def _curves(
-    curves: str | Sequence[str] | Mapping[str, Curve] | None,
-) -> Mapping[str, Curve]:
+def _curves(curves: str | Sequence[str] | Mapping[str, Curve] | None) -> Mapping[str, Curve]:
     if curves is None:
         return dict(CURVES)
     if isinstance(curves, Mapping):
         forms = {type(known) for known in BASES.values()}
         add("curve", {name: own for name, own in curves.items() if type(own) not in forms})
         return curves
-    names: list[Any] = [curves] if isinstance(curves, str) else [*curves]
-    unknown = [called(one) for one in names if one not in CURVES]
-    if unknown or not names:
-        raise InputError(
-            f"There is no curve {listed(unknown) if unknown else 'named'}; name some of "
-            f"{', '.join(CURVES)}, or give curves of your own by name: "
-            "{'mine': Mine(...)}."
-        )
-    return {name: CURVES[name] for name in names}
+    return parts_named("curve", "curves", curves, CURVES)

@@ -26,12 +26,10 @@ from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown
 from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
 from adhesion_jax.leaderboard.terms import SAMPLED, STEP, Grid, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuned, Tuning, tuned
-from adhesion_jax.library.methods import called
-from adhesion_jax.library.results import recorded, text_html
-from adhesion_jax.library.shards import compute, extended, opened_for
+from adhesion_jax.library.reading import own_parts, parts_named
+from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
+from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
 from adhesion_jax.measured.rails import rails_of_curves, rails_of_law
-from adhesion_jax.options import MOST_RUNS
-from adhesion_jax.plugins import made
 from adhesion_jax.report.leaderboard.figures import FIGURES_OF, Judged, trade
 from adhesion_jax.report.leaderboard.page import leaderboard_page
 from adhesion_jax.report.rendering import page_html
@@ -118,15 +116,8 @@ class Leaderboard:
 
     def __repr__(self) -> str:
         names = [name for name in _TOLD if name in self.table]
-        rate = self.told["plant_steps_per_cpu_second"] / 1e6
-        shown = self.table[names].to_string(
-            index=False, float_format=lambda x: f"{x:.4g}", na_rep="", max_colwidth=40
-        )
-        return (
-            f"{shown}\n\n{self.told['plant_steps']:.3g} plant steps in "
-            f"{self.told['run_cpu_seconds']:.0f} CPU-seconds ({rate:.1f} million a CPU-second), "
-            f"compiled in {self.told['compile_seconds']:.0f} s"
-        )
+        took = (self.told[key] for key in ("plant_steps", "run_cpu_seconds", "compile_seconds"))
+        return f"{aligned(self.table[names], 40)}\n\n{steps_told(*took)}"
 
     def _repr_html_(self) -> str:
         return self.table.to_html(index=False) + text_html(repr(self))
@@ -183,7 +174,17 @@ def traction_leaderboard(
         InputError: a name or a file cannot be used.
     """
     began = time.perf_counter()
-    _check(runs, budget, seed, tuning_seed, workers)
+    check_numbers(runs, workers, seed, seeds=SEEDS)
+    if not 1 <= budget <= 2**16:
+        raise InputError(
+            f"a budget of {budget} configurations is not possible; give 1 to {2**16}, such as 64."
+        )
+    if seed <= tuning_seed < seed + SEEDS:
+        raise InputError(
+            f"methods would be judged on the rails that they are tuned on: the seeds of judging "
+            f"are {seed} to {seed + SEEDS - 1}, and that of tuning is {tuning_seed}; give another "
+            "seed."
+        )
     if extend and out is not None:
         runs = extended(Path(out), extend)
     families, other = _families(rails, law), None if beside is None else _read(beside)
@@ -266,37 +267,14 @@ def _took(shards: Sequence[Arrays]) -> Mapping[str, float]:
     }
 
 
-def _check(runs: int, budget: int, seed: int, tuning_seed: int, workers: int) -> None:
-    if not 1 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed <= 2**32 - SEEDS:
-        raise InputError(
-            f"runs are from 1 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
-            f"2**32 - {SEEDS}."
-        )
-    if not 1 <= budget <= 2**16:
-        raise InputError(
-            f"a budget of {budget} configurations is not possible; give 1 to {2**16}, such as 64."
-        )
-    if seed <= tuning_seed < seed + SEEDS:
-        raise InputError(
-            f"methods would be judged on the rails that they are tuned on: the seeds of judging "
-            f"are {seed} to {seed + SEEDS - 1}, and that of tuning is {tuning_seed}; give another "
-            "seed."
-        )
-
-
 def _families(
     rails: str | Sequence[str | PathLike[str]] | None, law: str | PathLike[str] | None
 ) -> Mapping[str, Family]:
     """The rails by name: a file of curves goes by its own."""
-    named: list[str | PathLike[str]] = (
-        ([] if law else [next(iter(FAMILIES))])
-        if rails is None
-        else [rails]
-        if isinstance(rails, str | PathLike)
-        else [*rails]
-    )
+    if rails is None:
+        rails = [] if law else [next(iter(FAMILIES))]
     found: dict[str, Family] = {}
-    for one in named:
+    for one in [rails] if isinstance(rails, str | PathLike) else rails:
         if str(one) in FAMILIES:
             found[str(one)] = FAMILIES[str(one)]
         elif Path(one).suffix == ".csv":
@@ -311,22 +289,11 @@ def _families(
 def _entrants(methods: str | Sequence[str] | Mapping[str, Any] | None) -> Mapping[str, Entrant]:
     """The methods by name, and the true optima; InputError for a name that there is not."""
     optima = {name: sought(TrueOptimum(float(price))) for price, name in OPTIMA.items()}
+    known = {**ENTRANTS, **optima}
     if isinstance(methods, Mapping):
-        known = {**ENTRANTS, **optima}
-        taken = [name for name, own in methods.items() if known.get(name, own) is not own]
-        if taken:
-            raise InputError(
-                f"{listed(taken)} is the name of a method of the package; name yours otherwise."
-            )
-        return {**optima, **{name: made("entrant", name, own) for name, own in methods.items()}}
-    names = [*ENTRANTS] if methods is None else [methods] if isinstance(methods, str) else methods
-    unknown = [called(name) for name in names if name not in ENTRANTS and name not in optima]
-    if unknown:
-        raise InputError(
-            f"There is no method {listed(unknown)}; name some of {', '.join(ENTRANTS)}, or give "
-            "methods of your own by name: {'mine': Mine()}."
-        )
-    return {**optima, **{name: ENTRANTS[name] for name in names if name not in optima}}
+        return {**optima, **own_parts("entrant", methods, known)}
+    names = [*ENTRANTS] if methods is None else methods
+    return {**optima, **parts_named("method", "methods", names, known)}
 
 
 def _known(entrant: Entrant, own: Tuned | None, optimum: Tuned) -> Known:

@@ -34,10 +34,10 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.identifiers import IDENTIFIERS, Status
 from adhesion_jax.identifiers.of_numpy import OfNumpy
-from adhesion_jax.library.methods import Methods, methods_named
+from adhesion_jax.library.reading import Methods, methods_named
 from adhesion_jax.library.results import recorded
-from adhesion_jax.library.shards import compute, extended, opened_for
-from adhesion_jax.options import MOST_RUNS
+from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
+from adhesion_jax.options import check
 from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.overview import figure as overview_figure
 from adhesion_jax.report.montecarlo.overview import page as overview_page
@@ -213,11 +213,7 @@ def montecarlo(
     began = time.perf_counter()
     given = {name: value for name, value in options.items() if value is not None}
     whole = Options(**given) if scenario in SEVERAL else _options(str(scenario), given)
-    if not 1 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
-        raise InputError(
-            f"runs are from 1 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
-            "2**32 - 1."
-        )
+    check_numbers(runs, workers, seed)
     named = {} if identifiers is None else methods_named(identifiers)
     methods = {**IDENTIFIERS, **named}
     if extend and out is not None:
@@ -261,18 +257,13 @@ def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
 
 
 def _options(scenario: str, options: Mapping[str, object]) -> Options:
-    """The arguments of a scenario; InputError where it takes none such."""
+    """The arguments of a scenario; InputError where it takes none such, or lacks one."""
     if scenario not in SCENARIOS:
         raise InputError(
             f"There is no scenario {scenario}; the scenarios are {', '.join(SCENARIOS)}."
         )
     known = declared(SCENARIOS[scenario])
-    needed = [name for name, one in known.items() if one.required and name not in options]
-    if needed:
-        raise InputError(f"The scenario {scenario} needs {listed(needed)}.")
-    strange = [name for name in options if name not in known]
-    if strange:
-        raise InputError(f"{scenario} takes {listed([*known])}, but not {listed(strange)}.")
+    check(scenario, known, Options(**options))
     return Options(**{name: _option(name, known[name], value) for name, value in options.items()})
 
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,15 +20,16 @@ from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
 from adhesion_jax.library.results import columns_of, recorded, text_html, written
 from adhesion_jax.options import NOISE
-from adhesion_jax.planning.excitation import Sweeps
-from adhesion_jax.planning.own_log import OwnLog, own_log
 from adhesion_jax.planning.plan import (
     FEWEST_SAMPLES,
     MOST_SAMPLES,
+    OwnLog,
     Plan,
     Planner,
     Present,
+    Sweeps,
     Wanted,
+    own_log,
     plan_of,
     planner,
     present_of,
@@ -109,10 +109,8 @@ class Planning:
         return text_html(self.verdict)
 
 
-class _Settled(NamedTuple):
-    words: str
-    planner: Planner
-    log: OwnLog | None
+#: What is taken for the truth in words, all that a plan depends on, and the log it is from.
+_Settled = tuple[str, Planner, OwnLog | None]
 
 
 @recorded
@@ -171,16 +169,15 @@ def plan(
     )
     if want is not None and not 0 < want < 1:
         raise InputError(f"want is a share of mu_max between 0 and 1, as 0.01, not {want:g}.")
-    settled = _settled(source, stated, conditions or {}, samples_per_run)
-    log = settled.log
-    slips, numbers = _grid(settled, largest_slips, samples)
+    words, of, log = _settled(source, stated, conditions or {}, samples_per_run)
+    slips, numbers = _grid(of, log, largest_slips, samples)
     planned = Planning(
-        settled.words,
-        plan_of(settled.planner, slips, numbers),
-        plan_of(settled.planner, np.geomspace(slips[0], slips[-1], _MAP), numbers),
+        words,
+        plan_of(of, slips, numbers),
+        plan_of(of, np.geomspace(slips[0], slips[-1], _MAP), numbers),
         log,
-        present_of(settled.planner, log.largest_slip, log.samples, log.runs) if log else None,
-        wanted_of(settled.planner, slips, want) if want else None,
+        present_of(of, log.largest_slip, log.samples, log.runs) if log else None,
+        wanted_of(of, slips, want) if want else None,
     )
     logs = source.logs if isinstance(source, Identification) else ()
     return written(planned, out, PLAN_FILES, columns_of([one.points for one in logs]))
@@ -200,13 +197,13 @@ def _settled(
         _refuse_strange(conditions, dict.fromkeys(log.truth.conditions, (-math.inf, math.inf)))
         truth = log.truth._replace(conditions={**log.truth.conditions, **conditions})
         words = f"{name} as fitted to {Path(source.measured.name).name}"
-        return _Settled(words, planner(truth, _complete(log.noise), log.design), log)
+        return words, planner(truth, _complete(log.noise), log.design), log
     words, truth = _truth(source, conditions)
     runs = Sweeps(_SAMPLES_PER_RUN if samples_per_run is None else samples_per_run)
     if samples_per_run is not None and samples_per_run < 2:
         raise InputError(f"samples_per_run is 2 or more, not {samples_per_run}.")
     noise = _complete(RunNoise(**{"sigma": _SIGMA, **stated}))
-    return _Settled(words, planner(truth, noise, runs), None)
+    return words, planner(truth, noise, runs), None
 
 
 def _complete(noise: RunNoise) -> RunNoise:
@@ -285,12 +282,13 @@ def _slips(slip_opt: float, present: float | None, limit: float) -> Float[np.nda
 
 
 def _grid(
-    settled: _Settled,
+    of: Planner,
+    log: OwnLog | None,
     largest_slips: Sequence[float] | None,
     samples: Sequence[float] | Sequence[int] | None,
 ) -> tuple[Float[np.ndarray, " slips"], Float[np.ndarray, " numbers"]]:
     """The largest slips and numbers of samples that are stated, or some that suit."""
-    (truth, peak, *_), log = settled.planner, settled.log
+    truth, peak = of.truth, of.peak
     if largest_slips is not None:
         slips = np.unique(np.asarray(largest_slips, float))
     else:

@@ -1,22 +1,69 @@
-"""What the functions take as data: data frames, files, and the sets that ship with the package."""
+"""What the functions take: data frames, files, sets that ship, and parts by their names."""
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from adhesion_jax.data import SHIPPED, Measured, read_all, read_measured, to_measured
-from adhesion_jax.data.corrections import NOTHING, Corrections
-from adhesion_jax.data.gaps import FEW
+from adhesion_jax.data.events import Chosen, events_of
+from adhesion_jax.data.forces import NOTHING, Corrections
 from adhesion_jax.data.reading import Progress
+from adhesion_jax.data.stretches import FEW
 from adhesion_jax.errors import InputError
+from adhesion_jax.identifiers import IDENTIFIERS, Identifier
+from adhesion_jax.plugins import made
 from adhesion_jax.runtime import silent
+from adhesion_jax.wording import listed
+
+T = TypeVar("T")
+
+#: Names of IDENTIFIERS, or methods of one's own by name: objects, classes or functions.
+Methods: TypeAlias = str | Sequence[object] | Mapping[str, Any]
+
+
+def methods_named(identifiers: Methods) -> Mapping[str, Identifier]:
+    """The identifiers by name; a function of slips and adhesions, or a class of NumPy, is one."""
+    if isinstance(identifiers, Mapping):
+        return own_parts("identifier", identifiers, IDENTIFIERS)
+    return parts_named("identifier", "methods", identifiers, IDENTIFIERS)
+
+
+def own_parts(kind: str, own: Mapping[str, Any], known: Mapping[str, T]) -> dict[str, T]:
+    """Parts of the user's own by name; InputError for one of no use, or the name of another."""
+    taken = [name for name, part in own.items() if known.get(name, part) is not part]
+    if taken:
+        raise InputError(
+            f"{listed(taken)} is the name of a method of the package; name yours otherwise."
+        )
+    return {name: made(kind, name, part) for name, part in own.items()}
+
+
+def parts_named(
+    what: str, several: str, named: str | Sequence[object], known: Mapping[str, T]
+) -> dict[str, T]:
+    """The parts of these names; InputError for a name that there is not, and for none."""
+    names: list[Any] = [named] if isinstance(named, str) else [*named]
+    unknown = [
+        one if isinstance(one, str) else str(getattr(one, "__name__", type(one).__name__))
+        for one in names
+        if one not in known
+    ]
+    if unknown or not names:
+        raise InputError(
+            f"There is no {what} {listed(unknown) if unknown else 'named'}; name some of "
+            f"{', '.join(known)}, or give {several} of your own by name: {{'mine': Mine()}}."
+        )
+    return {name: known[name] for name in names}
+
 
 #: A table of measured points: a data frame, columns by their names, a file (or a folder or pattern
-#: of files) by its path, a set that ships by its name, or what has been read of one of these.
-Data = pd.DataFrame | Mapping[str, object] | str | PathLike[str] | Measured
+#: of files) by its path, a set that ships by its name, or what has been read of one of these, or
+#: chosen of its rows.
+Data = pd.DataFrame | Mapping[str, object] | str | PathLike[str] | Measured | Chosen
 
 #: What is said for a data frame, which has no name.
 _FRAME = "the data frame"
@@ -30,8 +77,8 @@ def measured_of(
     few: float = FEW,
 ) -> Measured:
     """The data as measured points; see `data.read_measured`."""
-    if isinstance(data, Measured):
-        return data
+    if isinstance(data, (Measured, Chosen)):
+        return data if isinstance(data, Measured) else data.points
     name = name_of(data)
     if isinstance(data, (pd.DataFrame, Mapping)):
         return to_measured(name, _frame(data), columns, known, few)
@@ -49,7 +96,7 @@ def all_of(
     """Several tables; InputError names all that is wrong with any file of them."""
     parts = parts_of(data)
     frames = (pd.DataFrame, Mapping)
-    files = [_path(part) for part in parts if not isinstance(part, (*frames, Measured))]
+    files = [_path(part) for part in parts if not isinstance(part, (*frames, Measured, Chosen))]
     if len(files) == len(parts):
         return [
             one._replace(name=name_of(part))
@@ -62,14 +109,29 @@ def all_of(
     return tables
 
 
+def chosen_of(
+    data: Data | Sequence[Data],
+    columns: Mapping[str, object] | None,
+    known: Corrections,
+    events: bool | None,
+    few: float = FEW,
+) -> Sequence[Chosen]:
+    """The rows of each table that are used; rows that were chosen before stay as they are."""
+    parts = parts_of(data)
+    chosen = [part for part in parts if isinstance(part, Chosen)]
+    if chosen and len(chosen) == len(parts):
+        return chosen
+    return events_of(all_of(data, columns, known, few=few), events)
+
+
 def parts_of(data: Data | Sequence[Data]) -> Sequence[Data]:
-    single = isinstance(data, (pd.DataFrame, Mapping, str, PathLike, Measured))
+    single = isinstance(data, (pd.DataFrame, Mapping, str, PathLike, Measured, Chosen))
     return [data] if single else data  # type: ignore[list-item, return-value]
 
 
 def name_of(data: Data) -> str:
-    if isinstance(data, Measured):
-        return data.name
+    if isinstance(data, (Measured, Chosen)):
+        return data.name if isinstance(data, Measured) else data.points.name
     return _FRAME if isinstance(data, (pd.DataFrame, Mapping)) else str(data)
 
 

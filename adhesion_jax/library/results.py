@@ -18,7 +18,6 @@ from adhesion_jax import runtime
 from adhesion_jax.data import Measured
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, staged, write_metadata
-from adhesion_jax.report.page import Table
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -109,5 +108,16 @@ def text_html(text: str) -> str:
     return f"<pre style='white-space: pre-wrap'>{html.escape(text)}</pre>"
 
 
-def table_html(table: Table) -> str:
-    return pd.DataFrame(list(table.rows), columns=list(table.headings)).to_html(index=False)
+def aligned(table: pd.DataFrame, width: int | None = None) -> str:
+    """A table for a terminal, with cells of at most this width."""
+    return table.to_string(
+        index=False, float_format=lambda x: f"{x:.4g}", na_rep="", max_colwidth=width
+    )
+
+
+def steps_told(steps: float, seconds: float, compile_seconds: float) -> str:
+    """What plant steps took, all processes together."""
+    return (
+        f"{steps:.3g} plant steps in {seconds:.0f} CPU-seconds ({steps / seconds / 1e6:.1f} "
+        f"million a CPU-second), compiled in {compile_seconds:.0f} s"
+    )

@@ -15,9 +15,19 @@ from adhesion_jax.campaign.pool import Pool, Work
 from adhesion_jax.campaign.store import Content, J, Job, missing, opened, recorded, stored
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import refuse_folders, staged, writing_to
+from adhesion_jax.options import MOST_RUNS
 
 #: Seconds from one look at what is being computed to the next.
 _PAUSE = 0.5
+
+
+def check_numbers(runs: int, workers: int, seed: int, fewest: int = 1, seeds: int = 1) -> None:
+    """InputError where a number of runs or workers, or the first of some seeds, cannot be."""
+    if not fewest <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed <= 2**32 - seeds:
+        raise InputError(
+            f"runs are from {fewest} to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
+            f"2**32 - {seeds}."
+        )
 
 
 def extended(directory: Path, extend: int) -> int:

@@ -10,17 +10,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from adhesion_jax.data import check_curve
-from adhesion_jax.data.corrections import Corrections
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_table
 from adhesion_jax.identifiers import Identifier
-from adhesion_jax.library.methods import Methods, methods_named
-from adhesion_jax.library.reading import Data, citation_of, measured_of
+from adhesion_jax.library.reading import Data, Methods, citation_of, measured_of, methods_named
 from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.following import Followed, follow_log, refusal
-from adhesion_jax.measured.initial_slope import InitialSlope
-from adhesion_jax.measured.initial_slope import initial_slope as slope_of
-from adhesion_jax.measured.log import Log, to_log
+from adhesion_jax.measured.log import InitialSlope, Log, to_log
+from adhesion_jax.measured.log import initial_slope as slope_of
 from adhesion_jax.report.track.figure import track_figure
 from adhesion_jax.report.track.words import checkpoint_rows, printed_summary, summary_rows, told
 from adhesion_jax.runtime import as_in_commands, silent

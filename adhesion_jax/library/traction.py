@@ -27,15 +27,11 @@ from adhesion_jax.campaign.traction import (
 )
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
-from adhesion_jax.library.results import recorded, text_html
-from adhesion_jax.library.shards import compute, extended, opened_for
-from adhesion_jax.options import MOST_RUNS
+from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
+from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
 from adhesion_jax.report.rendering import page_html
 from adhesion_jax.report.traction import SUBJECTS
-from adhesion_jax.report.traction.operating_point import (
-    animate_operating_point,
-    operating_point,
-)
+from adhesion_jax.report.traction.operating_point import animate_operating_point, operating_point
 from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.report.traction.panels import draw
 from adhesion_jax.report.traction.runs import shown
@@ -150,12 +146,8 @@ class Traction:
 
     def __repr__(self) -> str:
         found = self.judged
-        rate = found.steps / found.seconds / 1e6
-        return (
-            f"{_aligned(self.table)}\n\n{found.steps:.3g} plant steps in {found.seconds:.0f} "
-            f"CPU-seconds ({rate:.1f} million a CPU-second), compiled in "
-            f"{found.compile_seconds:.0f} s"
-        )
+        took = steps_told(found.steps, found.seconds, found.compile_seconds)
+        return f"{aligned(self.table)}\n\n{took}"
 
     def _repr_html_(self) -> str:
         return self.table.to_html(index=False) + text_html(self.system.title)
@@ -206,11 +198,7 @@ def traction_control(
         InputError: a name or a file cannot be used.
     """
     began = time.perf_counter()
-    if not 0 <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed < 2**32:
-        raise InputError(
-            f"runs are from 0 to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
-            "2**32 - 1."
-        )
+    check_numbers(runs, workers, seed, fewest=0)
     controllers = [controller] if controller is None or isinstance(controller, str) else controller
     for kind, given, known in (
         ("system", system, [*SYSTEMS]),
@@ -261,9 +249,4 @@ def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
     metrics = metrics_of(cases, added(read_all(folder, record["name"], record["shards"])))
     shown = metrics[metrics["segment"] == WHOLE]
     columns = ["scenario", "method", "noise", *_ON_THE_WAY, "status"]
-    return f"\nmeans over the finished runs, of the whole run each\n{_aligned(shown[columns])}"
-
-
-def _aligned(table: pd.DataFrame) -> str:
-    """A table for a terminal."""
-    return table.to_string(index=False, float_format=lambda x: f"{x:.4g}", na_rep="")
+    return f"\nmeans over the finished runs, of the whole run each\n{aligned(shown[columns])}"

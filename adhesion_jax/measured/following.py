@@ -189,7 +189,8 @@ def _follow(
             np.ones(chosen.size, bool),
             log.starts[begin : begin + CHUNK],
         )
-        arguments = (method, known, carry, *map(_filled, columns), np.array(log.time is not None))
+        filled = [np.pad(column, (0, CHUNK - chosen.size)) for column in columns]
+        arguments = (method, known, carry, *filled, np.array(log.time is not None))
         _chunk.ready(*arguments)  # loaded or compiled before the clock runs
         clock = perf_counter()
         leaves, more = jax.block_until_ready(_chunk(*arguments))
@@ -212,7 +213,7 @@ def _follow(
     alike = float(np.sqrt((1 + held) / (1 - held)))
     widening = 1.0 if method.KNOWS_MEMORY else alike
     return Followed(
-        _with_judgement(_table(rows, log, widening, form), rows, alike),
+        _table(rows, log, widening, form, alike),
         int(tally.resets),
         int(tally.skipped),
         int(tally.trusted),
@@ -220,10 +221,6 @@ def _follow(
         widening,
         seconds / (CHUNK * len(told)),
     )
-
-
-def _filled(column: np.ndarray) -> np.ndarray:
-    return np.pad(column, (0, CHUNK - column.size))
 
 
 def _rows(
@@ -240,8 +237,18 @@ def _rows(
 
 
 def _table(
-    rows: Mapping[str, np.ndarray], log: Log, widening: float, form: Mapping[str, float]
+    rows: Mapping[str, np.ndarray],
+    log: Log,
+    widening: float,
+    form: Mapping[str, float],
+    alike: float,
 ) -> pd.DataFrame:
+    """The estimates with `at_least`, where no fall is sure, and `reached`, the adhesion had surely.
+
+    Errors of estimates are `widening` times those of independent noise, and those of `Fall`, of
+    which `rows` has all fields, `alike` times. With too few samples `reached` is 0.
+    """
+
     def error(name: str) -> np.ndarray:
         noise, slope = widening * rows[f"{name}_se"], rows[f"{name}_by_slope"]
         with np.errstate(invalid="ignore"):  # an estimate may be infinite
@@ -256,21 +263,9 @@ def _table(
             "slip_opt_se": error("slip_opt"),
             "reset": rows["reset"] > 0,
             **{name: rows[name].astype(int) for name in ("status", "resets", "skipped")},
+            "at_least": ~(rows["fall"] > _SURE * alike * rows["fall_se"]),
+            "reached": np.fmax(rows["reached"] - BELOW * alike * rows["reached_se"], 0.0),
         }
-    )
-
-
-def _with_judgement(
-    estimates: pd.DataFrame, fall: Mapping[str, np.ndarray], widening: float
-) -> pd.DataFrame:
-    """The estimates with `at_least`, where no fall is sure, and `reached`, the adhesion had surely.
-
-    `fall` has a column for each field of `Fall`. Errors are `widening` times those of independent
-    noise. With too few samples `reached` is 0.
-    """
-    return estimates.assign(
-        at_least=~(fall["fall"] > _SURE * widening * fall["fall_se"]),
-        reached=np.fmax(fall["reached"] - BELOW * widening * fall["reached_se"], 0.0),
     )
 
 

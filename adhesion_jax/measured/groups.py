@@ -1,6 +1,6 @@
 """Groups of rows: what tells them apart, and what each says by itself."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
@@ -14,14 +14,8 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.start import share_of
-from adhesion_jax.measured.answer import Answer, Estimate, answered
-from adhesion_jax.measured.comparison import (
-    MOST_GROUPS,
-    Comparison,
-    compared,
-    split_that_predicts,
-)
-from adhesion_jax.measured.identification import Fits, fit_curves
+from adhesion_jax.measured.answer import NOT_KNOWN, Answer, Estimate, Fits, answered, fit_curves
+from adhesion_jax.measured.comparison import MOST_GROUPS, Comparison, compared, split_that_predicts
 from adhesion_jax.measured.vetoes import Judgement, judged, standing
 from adhesion_jax.records import Record
 
@@ -102,7 +96,12 @@ def split(
     comparison = compared(best, rows, labels.iloc[order], by)
     velocity = points.slip == "slip_velocity_mps"
     groups = each_by_itself(labels, found.curves, record, run, velocity, slip_noise, step_s)
-    table = beside(comparison.table, by, groups)
+    # What each group says by itself, NaN where it says nothing.
+    own = [groups.get(str(name)) for name in comparison.table[by]]
+    none = (*NOT_KNOWN, np.nan, "")
+    told = [none if one is None else (*one.mu_max, one.slip_opt.value, one.status) for one in own]
+    names = [f"own_{name}" for name in ("mu_max", "mu_max_lo", "mu_max_hi", "slip_opt", "status")]
+    table = comparison.table.join(pd.DataFrame(told, comparison.table.index, names))
     return Split(comparison._replace(table=table), groups, in_vain, mixed)
 
 
@@ -198,19 +197,3 @@ def each_by_itself(
         judgement = judged(found.curves, answer, found.rows, step_s, branches)
         groups[str(name)] = Group(answer, judgement)
     return groups
-
-
-def beside(table: pd.DataFrame, by: str, groups: Mapping[str, Group]) -> pd.DataFrame:
-    """The table of a comparison with what each group says by itself, NaN where it says nothing."""
-    own = [groups.get(str(name)) for name in table[by]]
-
-    def column(of: Callable[[Group], float]) -> list[float]:
-        return [np.nan if group is None else of(group) for group in own]
-
-    return table.assign(
-        own_mu_max=column(lambda group: group.mu_max.value),
-        own_mu_max_lo=column(lambda group: group.mu_max.low),
-        own_mu_max_hi=column(lambda group: group.mu_max.high),
-        own_slip_opt=column(lambda group: group.slip_opt.value),
-        own_status=["" if group is None else group.status for group in own],
-    )

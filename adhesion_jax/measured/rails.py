@@ -35,18 +35,6 @@ from adhesion_jax.traction.surface import RailSurface, highest, per
 _OF_MEASURING = (SlipNoise, SlipBias, TorqueOffset, Inertia, Lag, Delay)
 
 
-class CurveRails(Family):
-    """One surface along the whole run; nothing is drawn."""
-
-    TITLE = "the curve that was identified, along the whole run"
-    SEGMENTS: ClassVar[int] = 1
-
-    surface: RailSurface
-
-    def draw(self, key: PRNGKeyArray, step: float) -> ByTime:
-        return ByTime(stacked([self.surface]), jnp.zeros(1, dtype=int))
-
-
 class Steady(Law):
     """A law in its steady state, whose columns but the speed of the train have one value."""
 
@@ -158,15 +146,18 @@ class Remembering(Rails):
 
 
 class LawRails(Family):
-    """A law with effects along the whole run; nothing is drawn."""
+    """A law along the whole run, with what its effects remember; nothing is drawn."""
 
-    TITLE = "the law that was discovered, along the whole run"
+    TITLE = "the law that was identified or discovered, along the whole run"
     SEGMENTS: ClassVar[int] = 1
 
-    surface: RailSurface  # of a steady law
+    surface: RailSurface  # of a steady law where there are effects
 
-    def draw(self, key: PRNGKeyArray, step: float) -> Remembering:
-        return Remembering(stacked([self.surface]))
+    def draw(self, key: PRNGKeyArray, step: float) -> Rails:
+        surfaces = stacked([self.surface])
+        if isinstance(self.surface.law, Steady):
+            return Remembering(surfaces)
+        return ByTime(surfaces, jnp.zeros(1, dtype=int))
 
 
 def rails_of_curves(path: Path) -> Family:
@@ -197,12 +188,12 @@ def rails_of_law(path: Path) -> Family:
     middle = {name: (low + high) / 2 for name, (low, high) in law.ranges.items()}
     middle.pop("vehicle_speed_mps", None)
     in_ratio = _in_ratio(path)
-    surface = RailSurface(Steady(law, middle) if effects else law.curve, in_ratio)
-    family = LawRails(surface) if effects else CurveRails(surface)
-    rails = family.draw(jax.random.key(0), 1e-3)
+    family = LawRails(RailSurface(Steady(law, middle) if effects else law.curve, in_ratio))
+    rails, none, speed = family.draw(jax.random.key(0), 1e-3), jnp.asarray(0), jnp.asarray(SPEED)
     try:
         # A law looks its columns up by name, so that a missing one raises KeyError.
-        found = _first(rails).peak(jnp.asarray(SPEED))
+        first = rails.present(rails.init(jnp.zeros(1), speed), none, none, speed)
+        found = first.peak(speed)
     except KeyError as missing:
         raise InputError(
             f"{path} rests on {missing.args[0]} and has no range of it; add its smallest and its "
@@ -215,12 +206,6 @@ def rails_of_law(path: Path) -> Family:
             "that a control has nothing to seek; name another law."
         )
     return family
-
-
-def _first(rails: Rails) -> RailSurface:
-    """The surface at the start of a run of one axle."""
-    none, speed = jnp.zeros((), dtype=int), jnp.asarray(SPEED)
-    return rails.present(rails.init(jnp.zeros(1), speed), none, none, speed)
 
 
 def _in_ratio(path: Path) -> bool:

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.grouping import evenly
-from adhesion_jax.inference.rows import Rows, thinned
+from adhesion_jax.inference.rows import Rows, evenly, thinned
 
 #: If no peak lies among the points, the slope is taken beyond the slip at which the curve first
 #: reaches this share of its largest value at the points.

@@ -1,7 +1,8 @@
 """Kalman filters of one measured number: what a belief predicts of it, and what it teaches.
 
 The state does not move by itself: what it is to be spread by meanwhile is added to the covariance.
-Source: Sarkka 2013, Bayesian Filtering and Smoothing, sections 4.3, 5.2 and 5.5.
+Source: Sarkka 2013, Bayesian Filtering and Smoothing, sections 4.3, 5.2 and 5.5. At the end, one
+coefficient by recursive least squares whose forgetting follows its regressor.
 """
 
 from collections.abc import Callable
@@ -86,3 +87,33 @@ def lower_root(matrix: Matrix) -> Matrix:
         row.append(jnp.sqrt(jnp.maximum(left, 0.0)))
         root.append(row + [jnp.zeros(())] * (size - 1 - i))
     return jnp.stack([jnp.stack(row) for row in root])
+
+
+class SlopeStep(NamedTuple):
+    """The coefficient and P after a sample, with its forgetting factor, gain and innovation."""
+
+    theta: Float[Array, "..."]
+    p: Float[Array, "..."]
+    kappa: Float[Array, "..."]  # forgetting factor
+    gain: Float[Array, "..."]
+    scale: Float[Array, "..."]  # 1 + phi^2 P
+    innovation: Float[Array, "..."]
+
+
+def slope_step(
+    theta: Float[Array, "..."],
+    p: Float[Array, "..."],
+    y: Float[Array, "..."],
+    phi: Float[Array, "..."],
+    gamma: Float[Array, "..."],
+) -> SlopeStep:
+    """The model y = theta phi, after Fang et al. 2018, Eq. 11.
+
+    theta <- theta + P phi (y - theta phi)/(1 + phi^2 P),
+    P <- P/(kappa (1 + phi^2 P)), kappa = 1/(1 + gamma phi^2).
+    """
+    scale = 1 + phi**2 * p
+    gain = p * phi / scale
+    innovation = y - theta * phi
+    kappa = 1 / (1 + gamma * phi**2)
+    return SlopeStep(theta + gain * innovation, p / (scale * kappa), kappa, gain, scale, innovation)

@@ -1,14 +1,150 @@
 """How well the peak would be known, over the largest slip and the number of samples."""
 
-from typing import NamedTuple
+import dataclasses
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.linalg import solveh_banded
 
+from adhesion_jax.data import Measured
+from adhesion_jax.data.grouping import group
+from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.planning.excitation import Design, Excitation
-from adhesion_jax.planning.information import Information, information_under
-from adhesion_jax.planning.truth import PeakOfTruth, Truth, peak_of, sensitivity_of, standard_errors
+from adhesion_jax.planning.truth import (
+    PeakOfTruth,
+    Sensitivity,
+    Truth,
+    peak_of,
+    sensitivity_of,
+    standard_errors,
+)
+
+#: Largest number of samples of a log from which its information is computed.
+_MOST_SAMPLES = 200_000
+
+#: Number of samples of a piece of a single long run.
+_PIECE = 2000
+
+
+class Excitation(NamedTuple):
+    """Runs that begin at `starts`; all of them are taken `repeats` times."""
+
+    share: Float[np.ndarray, " points"]  # slip over the largest slip
+    starts: Int[np.ndarray, " runs"]
+    repeats: float
+
+    @property
+    def runs(self) -> float:
+        return self.repeats * self.starts.size
+
+    @property
+    def samples(self) -> float:
+        return self.repeats * self.share.size
+
+
+class Sweeps(NamedTuple):
+    """Runs that rise evenly from slip 0 to the largest; too few samples for one are a short one."""
+
+    samples_per_run: int
+
+    def __call__(self, samples: float) -> Excitation:
+        runs = max(1, round(samples / self.samples_per_run))
+        share = np.linspace(0.0, 1.0, max(2, round(samples / runs)))
+        return Excitation(share, np.zeros(1, dtype=int), float(runs))
+
+
+class Again(NamedTuple):
+    """The runs of a log again and again, all its slips stretched by one factor."""
+
+    share: Float[np.ndarray, " points"]
+    starts: Int[np.ndarray, " runs"]
+    samples: int  # of the whole log
+
+    def __call__(self, samples: float) -> Excitation:
+        return Excitation(self.share, self.starts, samples / self.share.size)
+
+
+#: Called with a number of samples, it gives an excitation of about that number.
+Design: TypeAlias = Sweeps | Again
+
+
+def again(slip: Float[np.ndarray, " points"], starts: Int[np.ndarray, " runs"]) -> Again:
+    """The design of a log; of a long one evenly chosen runs stand for all."""
+    chosen, fewer = _some_runs(slip.size, starts)
+    return Again(slip[chosen] / np.abs(slip).max(), fewer, slip.size)
+
+
+def _some_runs(
+    points: int, starts: Int[np.ndarray, " runs"]
+) -> tuple[Int[np.ndarray, " chosen"], Int[np.ndarray, " fewer"]]:
+    """Samples of whole runs, evenly chosen, if a log is long, and where they begin.
+
+    A single run is cut into pieces, which then are the runs.
+    """
+    if points <= _MOST_SAMPLES:
+        return np.arange(points), starts
+    if starts.size == 1:
+        starts = np.arange(0, points, _PIECE)
+    ends = np.append(starts[1:], points)
+    kept = slice(None, None, -(-points // _MOST_SAMPLES))
+    chosen = [np.arange(start, end) for start, end in zip(starts[kept], ends[kept], strict=True)]
+    begins = np.cumsum([0, *(run.size for run in chosen[:-1])])
+    return np.concatenate(chosen), begins
+
+
+class Information(NamedTuple):
+    """Of the weighted sum of squares of the residuals, by the unknown parameters."""
+
+    curvature: Float[np.ndarray, "free free"]  # H = J' W J
+    score: Float[np.ndarray, "free free"]  # J' W V W J, the covariance of the gradient
+
+
+def weights_under(noise: RunNoise, sensitivity: Sensitivity) -> Float[np.ndarray, " points"]:
+    """The weights of `identify`, 1/(sigma^2 + (slope x noise of the slip)^2).
+
+    What neighbours have in common is no part of them.
+    """
+    return 1 / (noise.sigma**2 + (sensitivity.slope * noise.slip_noise) ** 2)
+
+
+def information_under(
+    noise: RunNoise, sensitivity: Sensitivity, starts: Int[np.ndarray, " runs"]
+) -> Information:
+    """That of the samples of runs that begin at `starts`.
+
+    J is the sensitivity to the parameters, W the weights, and V the covariance of the noise: that
+    of e, of the errors of the slip, to the first order, and of both levels, each of which
+    multiplies the adhesion (`inference.noise`).
+    """
+    weight = weights_under(noise, sensitivity)
+    pull = weight * sensitivity.by_parameters
+    along = pull * sensitivity.adhesion
+    of_runs = np.add.reduceat(along, starts, axis=1)
+    slow = np.exp(-1 / noise.slow_rows) if noise.slow_rows else 0.0
+    score = (
+        noise.sigma**2 * pull @ _correlated(pull, noise.autocorrelation, starts).T
+        + (pull * (sensitivity.slope * noise.slip_noise) ** 2) @ pull.T
+        + noise.slow_level**2 * along @ _correlated(along, slow, starts).T
+        + noise.run_scatter**2 * of_runs @ of_runs.T
+    )
+    return Information(pull @ sensitivity.by_parameters.T, score)
+
+
+def _correlated(
+    columns: Float[np.ndarray, "free points"], r: float, starts: Int[np.ndarray, " runs"]
+) -> Float[np.ndarray, "free points"]:
+    """Each column times the correlations r^|lag| within runs, whose inverse is tridiagonal."""
+    points = columns.shape[1]
+    ends = np.zeros(points)  # of runs that a sample is: none, one, or both
+    ends[starts] += 1
+    ends[np.append(starts[1:], points) - 1] += 1
+    bands = np.full((2, points), -r)
+    bands[0, starts] = 0.0
+    bands[1] = 1 + r**2 * (1 - ends)
+    return (1 - r**2) * solveh_banded(bands, columns.T).T
+
 
 #: Relative standard errors of slip_opt above which the errors of the peak are rough, since they
 #: are those of small errors, and of any quantity above which it is not determined. In simulated
@@ -93,10 +229,8 @@ def plan_of(
 def present_of(planner: Planner, largest_slip: float, samples: int, runs: int) -> Present:
     """The place of a measurement in the plan."""
     errors = relative_errors(planner, np.array([largest_slip]), samples)[0]
-    further = (
-        _slip_that_halves(planner, largest_slip, samples, 0),
-        _slip_that_halves(planner, largest_slip, samples, 1),
-    )
+    place = planner, largest_slip, samples
+    further = _slip_that_halves(*place, 0), _slip_that_halves(*place, 1)
     return Present(largest_slip, samples, runs, errors, further)
 
 
@@ -135,20 +269,16 @@ def relative_errors(
     curvatures, scores = [], []
     for largest, number in np.broadcast(largest_slips, samples):
         excitation = planner.design(float(number))
-        of_runs = _information(planner, float(largest), excitation)
+        which = (float(largest), excitation.share.size)
+        if which not in planner.computed:  # that of the runs, each taken once
+            sensitivity = sensitivity_of(planner.truth, float(largest) * excitation.share)
+            found = information_under(planner.noise, sensitivity, excitation.starts)
+            planner.computed[which] = found
+        of_runs = planner.computed[which]
         curvatures.append(excitation.repeats * of_runs.curvature)
         scores.append(excitation.repeats * of_runs.score)
     errors = standard_errors(planner.peak, np.stack(curvatures), np.stack(scores))
     return errors / np.array([planner.peak.mu_max, planner.peak.slip_opt])
-
-
-def _information(planner: Planner, largest_slip: float, excitation: Excitation) -> Information:
-    """That of the runs of an excitation, each taken once."""
-    which = (largest_slip, excitation.share.size)
-    if which not in planner.computed:
-        sensitivity = sensitivity_of(planner.truth, largest_slip * excitation.share)
-        planner.computed[which] = information_under(planner.noise, sensitivity, excitation.starts)
-    return planner.computed[which]
 
 
 def _slip_that_halves(
@@ -169,3 +299,48 @@ def _slip_that_halves(
         place = int(np.argmax(enough))
         low, high = trials[max(place - 1, 0)], trials[place]
     return float(high)
+
+
+class OwnLog(NamedTuple):
+    """A log as the beginning of a plan."""
+
+    truth: Truth
+    noise: RunNoise
+    design: Again
+    largest_slip: float
+    samples: int
+    runs: int
+    in_time: bool  # whether the order of the samples in time is known
+    misfit: float  # what the curve misses: its root mean square over the samples, relative
+
+
+def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -> OwnLog:
+    """The fitted curve as the truth, and the noise of its fit where none is `stated`.
+
+    Parameters that the fit holds are taken as known. The slips are the measured ones, and their
+    noise is the mean one by which the fit weighs its points. One that is stated is that of the
+    wheel speed in m/s, as for `identify`, where the slip is a ratio and the speed is known.
+    """
+    free = tuple(
+        name for name, held in zip(fit.curve.free, fit.held.tolist(), strict=True) if not held
+    )
+    curve = dataclasses.replace(fit.curve, free=free)
+    found = fit.noise._replace(slip_noise=float(np.sqrt(np.mean(fit.slip_spread**2))))
+    if "slip_noise" in stated and {"slip_ratio", "vehicle_speed_mps"} <= {*measured.table}:
+        speed = measured.table["vehicle_speed_mps"].to_numpy(float)
+        per_speed = float(np.sqrt(np.mean(speed**-2.0)))
+        stated = {**stated, "slip_noise": stated["slip_noise"] * per_speed}
+    runs = group([measured]).run
+    order = np.argsort(runs, kind="stable")
+    starts = np.flatnonzero(np.diff(runs[order], prepend=-1))
+    slip = measured.table[measured.slip].to_numpy(float)[order]
+    return OwnLog(
+        Truth(curve, dict(fit.conditions), fit.slip_limit, fit.slip_unit),
+        found._replace(**stated),
+        again(slip, starts),
+        float(np.abs(slip).max()),
+        slip.size,
+        starts.size,
+        "time_s" in measured.table,
+        fit.misfit,
+    )

@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from adhesion_jax.planning.own_log import OwnLog
-from adhesion_jax.planning.plan import ROUGH, UNDETERMINED, Plan, Present, Wanted
+from adhesion_jax.planning.plan import ROUGH, UNDETERMINED, OwnLog, Plan, Present, Wanted
 from adhesion_jax.planning.truth import curve_of
 from adhesion_jax.report.rendering import text_of
 from adhesion_jax.report.style import Shown, label_text, one_legend

@@ -13,8 +13,7 @@ from scipy.stats import binomtest
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.curves import CURVES, Curve
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.measured.answer import answered
-from adhesion_jax.measured.identification import fit_curves, searched
+from adhesion_jax.measured.answer import answered, fit_curves, searched
 from adhesion_jax.records import Record
 from experiments.campaigns.noise import noise_of_runs
 from experiments.intervals.truths import KNOWN, UNKNOWN, Truth

@@ -15,7 +15,7 @@ import pytest
 
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.program import adhesion
-from adhesion_jax.data import check_curve, read_measured, read_runs
+from adhesion_jax.data import check_curve, read_all, read_measured, to_runs
 from adhesion_jax.errors import InputError
 
 #: Files of each kind that are made, and seconds that one may take.
@@ -97,7 +97,7 @@ def answered(path, columns=None):
         table = found.table
         assert np.isfinite(table.select_dtypes("number").to_numpy(float)).all()
         check_curve(found)
-        read_runs([path])
+        to_runs(read_all([path]))
         return True
     except InputError as refused:
         sentence = str(refused)

@@ -6,8 +6,8 @@ import pytest
 
 import adhesion_jax as aj
 from adhesion_jax.data import read_measured, to_measured, to_runs
-from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.events import events_of
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.errors import InputError
 
 PEAKS = (0.3, 0.28, 0.32, 0.24)

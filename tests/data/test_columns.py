@@ -8,11 +8,9 @@ import pyarrow
 import pytest
 
 from adhesion_jax.data import check_curve, read_all, read_measured, to_measured
-from adhesion_jax.data.cells import decimal_mark, numbers
+from adhesion_jax.data.cells import decimal_mark, form_of, numbers, seconds, stamps, unwrapped
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.data.naming import guess, named
-from adhesion_jax.data.stamps import form_of, seconds, stamps, unwrapped
-from adhesion_jax.data.units import conversion
+from adhesion_jax.data.naming import conversion, guess, named
 from adhesion_jax.errors import InputError
 
 

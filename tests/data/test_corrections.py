@@ -6,7 +6,7 @@ import pytest
 from slip_log import INERTIA, RADAR_LATE, RADIUS, burckhardt_peak, curve, slip_events
 
 from adhesion_jax.data import to_measured
-from adhesion_jax.data.corrections import Corrections
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.errors import InputError
 
 STEP = 0.05

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import to_measured
-from adhesion_jax.data.corrections import Corrections
 from adhesion_jax.data.derived import rolling_radius
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.errors import InputError
 
 RADIUS = 0.575

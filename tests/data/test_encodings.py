@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from adhesion_jax.data.encodings import encoding_of
+from adhesion_jax.data.dialect import encoding_of
 from adhesion_jax.errors import InputError
 
 HEADINGS = [

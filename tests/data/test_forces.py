@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import to_measured
-from adhesion_jax.data.corrections import Corrections
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.errors import InputError
 
 INERTIA, RADIUS, LOAD, RATIO = 420.0, 0.611, 2.08e5, 4.9

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import to_measured, to_runs
-from adhesion_jax.data.gaps import FEW_OF_A_SEARCH
+from adhesion_jax.data.stretches import FEW_OF_A_SEARCH
 
 
 def log(runs=4, rows=50):

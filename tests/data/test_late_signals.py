@@ -10,7 +10,7 @@ from lanes import lanes
 from late_log import trip
 
 from adhesion_jax.data import to_measured
-from adhesion_jax.data.corrections import Corrections
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.data.lateness import late_signals
 
 

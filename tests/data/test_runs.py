@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax.data import SHIPPED, matching, read_measured, read_runs, runs
-from adhesion_jax.data.clock import steps_in_runs
+from adhesion_jax.data import SHIPPED, matching, read_all, read_measured, runs, to_runs
+from adhesion_jax.data.stretches import steps_in_runs
 from adhesion_jax.errors import InputError
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"
@@ -34,7 +34,7 @@ def campaign(lengths=(6, 4, 5)):
 
 def refused(*paths):
     with pytest.raises(InputError) as error:
-        read_runs(paths)
+        to_runs(read_all(paths))
     said = str(error.value)
     assert "\n" not in said
     assert said.endswith(".")
@@ -43,7 +43,7 @@ def refused(*paths):
 
 def test_runs_stand_side_by_side_padded_with_their_last_row(tmp_path):
     table = campaign().assign(wear=np.arange(15.0) ** 2)
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.names == ("a", "b", "c")
     assert found.covariates == ("wear",)
     assert (found.blocks, found.named, found.left_out, found.warnings) == (False, {}, (), ())
@@ -70,7 +70,7 @@ def test_runs_stand_side_by_side_padded_with_their_last_row(tmp_path):
 
 def test_the_rows_of_a_run_may_lie_apart(tmp_path):
     table = good(12).assign(run=[7, 3] * 6, wear=np.arange(12.0))
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.names == ("7", "3")
     assert found.rows.tolist() == [[0, 2, 4, 6, 8, 10], [1, 3, 5, 7, 9, 11]]
     np.testing.assert_array_equal(found.record.conditions["wear"], found.rows)
@@ -79,20 +79,20 @@ def test_the_rows_of_a_run_may_lie_apart(tmp_path):
 def test_gaps_in_time_part_runs(tmp_path):
     # Steps of 0.1 s, and two rows of one stamp; 1.0 s is no gap, 1.1 s is one.
     time = np.cumsum([0, 0.1, 0.1, 0, 0.1, 1.0, 0.1, 1.1, 0.1, 0.1, 50, 0.1])
-    found = read_runs([written(tmp_path, good().assign(time_s=time))])
+    found = to_runs(read_all([written(tmp_path, good().assign(time_s=time))]))
     assert found.names == ("1", "2", "3")
     assert [(row >= 0).sum() for row in found.rows] == [7, 3, 2]
     assert len(found.warnings) == 1
     assert found.warnings[0].startswith("In time_s 1 row has the time of the row before")
     # With steps of 1 s a gap is longer than 10 s.
     slow = np.cumsum([0, 1, 1, 1, 9, 1, 1, 11, 1, 1, 1, 1])
-    found = read_runs([written(tmp_path, good().assign(time_s=slow))])
+    found = to_runs(read_all([written(tmp_path, good().assign(time_s=slow))]))
     assert [(row >= 0).sum() for row in found.rows] == [7, 5]
 
 
 def test_the_column_run_goes_before_gaps(tmp_path):
     table = campaign((6, 6)).assign(time_s=np.tile([0, 1, 2, 100, 100, 100], 2))
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.names == ("a", "b")
     assert "4 rows have the time of the row before" in found.warnings[0]
 
@@ -104,7 +104,7 @@ def test_the_column_run_goes_before_gaps(tmp_path):
 )  # fmt: skip
 def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest):
     for table in (good(points), good(points).assign(run="only", time_s=np.arange(points))):
-        found = read_runs([written(tmp_path, table)])
+        found = to_runs(read_all([written(tmp_path, table)]))
         length = (found.rows >= 0).sum(axis=1)
         assert found.blocks
         assert (len(found.names), length.min(), length.max()) == (blocks, shortest, longest)
@@ -117,7 +117,7 @@ def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest)
 
 def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
     table = good(400).assign(time_s=0.1 * np.arange(400))
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     time, counted = np.asarray(found.record.conditions["time_s"]), found.rows >= 0
     assert (counted == np.asarray(found.record.mask)).all()
     lead = time.shape[1] // 2
@@ -130,14 +130,14 @@ def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
         assert whole[lead] == found.rows[block, lead] == found.rows[block - 1].max() + 1
         assert not counted[block, :lead].any()
     # Without a time the order of the rows says nothing of what came before.
-    bare = read_runs([written(tmp_path, good(400))])
+    bare = to_runs(read_all([written(tmp_path, good(400))]))
     assert (bare.rows[:, 0] >= 0).all()
 
 
 def test_several_files_never_share_a_run(tmp_path):
     first = written(tmp_path, campaign((6, 4)), "x.csv")
     second = written(tmp_path, campaign((3, 5, 4))[3:], "y.csv")
-    found = read_runs([first, second])
+    found = to_runs(read_all([first, second]))
     assert found.names == ("a", f"{first}:b", f"{second}:b", "c")
     assert found.rows[:, 0].tolist() == [0, 6, 10, 15]
     assert found.rows.max() == 18
@@ -146,14 +146,14 @@ def test_several_files_never_share_a_run(tmp_path):
     )
     # Without a column run each file is a run at least.
     bare = [written(tmp_path, good(8).assign(wear=1.0), name) for name in ("x.csv", "y.csv")]
-    found = read_runs(bare)
+    found = to_runs(read_all(bare))
     assert found.names == tuple(f"{path}:1" for path in bare)
     assert not found.blocks
 
 
 def test_a_column_that_one_file_lacks_is_left_out(tmp_path):
     first = written(tmp_path, campaign().assign(axle=1), "x.csv")
-    found = read_runs([first, written(tmp_path, campaign(), "y.csv")])
+    found = to_runs(read_all([first, written(tmp_path, campaign(), "y.csv")]))
     assert (found.left_out, found.named, found.covariates) == ((), {}, ())
     assert found.warnings == ("The column axle is left out: not every file has it.",)
 
@@ -161,7 +161,7 @@ def test_a_column_that_one_file_lacks_is_left_out(tmp_path):
 def test_numbers_of_one_file_are_labels_where_another_has_labels(tmp_path):
     first = written(tmp_path, campaign().assign(wear=1.0), "x.csv")
     second = written(tmp_path, campaign().assign(wear="new"), "y.csv")
-    found = read_runs([first, second])
+    found = to_runs(read_all([first, second]))
     assert found.named == {"wear": ("1", "new")}
     assert found.whole.conditions["wear"].tolist() == [0.0] * 15 + [1.0] * 15
 
@@ -169,14 +169,14 @@ def test_numbers_of_one_file_are_labels_where_another_has_labels(tmp_path):
 def test_axle_and_mode_become_numbers(tmp_path):
     modes = ["Traction", "braking", "COASTING"] * 5
     table = campaign().assign(axle=[10, 9, 1] * 5, mode=modes)
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.named == {"axle": ("1", "9", "10")}
     np.testing.assert_array_equal(found.record.conditions["axle"][0], [2, 1, 0, 2, 1, 0])
     np.testing.assert_array_equal(found.record.conditions["mode"][0], [1, -1, 0, 1, -1, 0])
     assert found.covariates == ()
     # Whole numbers that a parquet file holds as floats are the same labels.
     table.assign(axle=table["axle"].astype(float)).to_parquet(tmp_path / "a.parquet")
-    assert read_runs([tmp_path / "a.parquet"]).named == found.named
+    assert to_runs(read_all([tmp_path / "a.parquet"])).named == found.named
 
 
 def test_rows_without_a_label_are_left_out(tmp_path):
@@ -185,7 +185,7 @@ def test_rows_without_a_label_are_left_out(tmp_path):
     table.loc[5, "axle"] = np.nan
     table.to_parquet(tmp_path / "b.parquet")
     for path, shift in ((written(tmp_path, table), 2), (tmp_path / "b.parquet", 1)):
-        found = read_runs([path])
+        found = to_runs(read_all([path]))
         assert found.whole.slip.size == len(table) - 2
         said = " ".join(found.warnings)
         assert "Not used is 1 row of 15 (6.67 %), in which the run is not named" in said
@@ -195,16 +195,16 @@ def test_rows_without_a_label_are_left_out(tmp_path):
 
 def test_labels_that_are_no_modes_are_labels_of_their_own(tmp_path):
     table = campaign().assign(mode=["auto", "manual", "auto"] * 5)
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.named == {"mode (as it is)": ("auto", "manual")}
     assert any("keeps its labels, which are none of traction" in one for one in found.warnings)
 
 
 def test_braking_is_ordinary_and_one_slip_value_is_allowed(tmp_path):
     braking = campaign().assign(slip_ratio=-good(15)["slip_ratio"], adhesion=-good(15)["adhesion"])
-    assert (read_runs([written(tmp_path, braking)]).record.slip < 0).all()
+    assert (to_runs(read_all([written(tmp_path, braking)])).record.slip < 0).all()
     one = campaign().assign(slip_ratio=0.02)
-    assert read_runs([written(tmp_path, one)]).warnings == ()
+    assert to_runs(read_all([written(tmp_path, one)])).warnings == ()
     opposite = campaign().assign(adhesion=-good(15)["adhesion"])
     assert "mostly of the other sign than slip_ratio" in refused(written(tmp_path, opposite))
     nothing = campaign().assign(adhesion=0.0)
@@ -226,7 +226,7 @@ def test_a_radius_that_turns_the_sign_of_the_slip_is_told(tmp_path):
 def test_slip_velocity_without_a_speed_is_the_slip(tmp_path):
     table = campaign().drop(columns="vehicle_speed_mps")
     path = written(tmp_path, table.rename(columns={"slip_ratio": "slip_velocity_mps"}), "v.csv")
-    found = read_runs([path])
+    found = to_runs(read_all([path]))
     assert found.slip == "slip_velocity_mps"
     assert (found.record.conditions["vehicle_speed_mps"] == 1).all()
     np.testing.assert_array_equal(found.record.conditions["slip_velocity_mps"], found.record.slip)
@@ -241,7 +241,7 @@ def test_a_column_that_repeats_another_is_left_out(tmp_path):
     )
     table["normal_load_N"] = table["copy_of_load"]
     table = table.assign(nothing=0.0, nothing_else=0.0, sanding=0.0)
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.same == {"copy_of_load": "normal_load_N", "leak": "adhesion"}
     assert found.covariates == ("nothing", "nothing_else")
     assert "sanding" in found.record.conditions
@@ -251,7 +251,7 @@ def test_a_column_that_repeats_another_is_left_out(tmp_path):
 def test_what_a_curve_needs_is_kept_though_it_repeats_another(tmp_path):
     table = campaign((15, 15)).assign(time_s=lambda table: table["time_s"] + 1.0)
     table["vehicle_speed_mps"] = table["time_s"]
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.same == {}
     assert {"time_s", "vehicle_speed_mps"} <= {*found.record.conditions}
 
@@ -259,7 +259,7 @@ def test_what_a_curve_needs_is_kept_though_it_repeats_another(tmp_path):
 def test_text_that_is_none_of_labels_is_left_out_and_unknown_columns_are_covariates(tmp_path):
     mixed = [1.0, "two", *range(13)]
     table = campaign().assign(note=mixed, pressure_K=290.0, slip_angle_deg=1.0)
-    found = read_runs([written(tmp_path, table)])
+    found = to_runs(read_all([written(tmp_path, table)]))
     assert found.left_out == ("note",)
     assert found.covariates == ("pressure_K",)
     text, left_out = found.warnings
@@ -268,7 +268,7 @@ def test_text_that_is_none_of_labels_is_left_out_and_unknown_columns_are_covaria
     # Forty different texts are labels, one more is none.
     for count, left_out in ((40, ()), (41, ("note",))):
         table = good(82).assign(note=[f"no {row % count}" for row in range(82)])
-        found = read_runs([written(tmp_path, table)])
+        found = to_runs(read_all([written(tmp_path, table)]))
         assert found.left_out == left_out
         assert len(found.named.get("note", ())) == (0 if left_out else count)
 
@@ -280,7 +280,7 @@ def test_text_becomes_numbers_from_zero_in_the_order_of_the_names(tmp_path):
     )
     table.to_parquet(tmp_path / "set.parquet")
     for path in (written(tmp_path, table.drop(columns="team")), tmp_path / "set.parquet"):
-        found = read_runs([path])
+        found = to_runs(read_all([path]))
         assert found.named["rail"] == ("dry", "leaves", "wet")
         assert found.left_out == ()
         assert "rail" in found.covariates
@@ -294,7 +294,7 @@ def test_text_becomes_numbers_from_zero_in_the_order_of_the_names(tmp_path):
 def test_the_force_is_no_condition(tmp_path):
     table = campaign().assign(normal_load_N=1e5)
     table["tangential_force_N"] = table["adhesion"] * 1e5
-    found = read_runs([written(tmp_path, table.drop(columns="adhesion"))])
+    found = to_runs(read_all([written(tmp_path, table.drop(columns="adhesion"))]))
     assert "tangential_force_N" not in found.record.conditions
     np.testing.assert_allclose(found.record.adhesion[0], good(15)["adhesion"][:6], rtol=1e-14)
 
@@ -304,11 +304,11 @@ def test_a_saved_index_is_no_covariate(tmp_path):
     table.set_index(pd.Index(range(5, 20))).to_parquet(tmp_path / "a.parquet")
     once = written(tmp_path, table.assign(**{"Unnamed: 0": range(15)}))
     for path in (tmp_path / "a.parquet", once):
-        assert read_runs([path]).covariates == ()
+        assert to_runs(read_all([path])).covariates == ()
 
 
 def test_runs_of_one_point_are_kept(tmp_path):
-    found = read_runs([written(tmp_path, campaign((9, 1, 1)))])
+    found = to_runs(read_all([written(tmp_path, campaign((9, 1, 1)))]))
     assert found.rows[:, :2].tolist() == [[0, 1], [9, -1], [10, -1]]
     assert found.warnings[0].startswith("2 of 3 runs have one point only")
 
@@ -326,7 +326,7 @@ def test_the_faults_of_all_files_are_told_at_once(tmp_path):
 def test_ten_rows_are_needed_in_all(tmp_path):
     paths = [written(tmp_path, campaign((n,)), f"{n}.csv") for n in (4, 5, 6)]
     assert "there are 9 points (at least 10 rows" in refused(*paths[:2])
-    assert read_runs([paths[0], paths[2]]).rows.shape == (2, 6)
+    assert to_runs(read_all([paths[0], paths[2]])).rows.shape == (2, 6)
     empty = written(tmp_path, campaign()[:0], "empty.csv")
     assert "empty.csv cannot be used: there is a header but no point" in refused(paths[0], empty)
 
@@ -361,7 +361,7 @@ def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):
     # In the test set two columns are the same, one is new, and so is an axle.
     test = campaign((5, 5)).assign(axle=[4, 7] * 5, wear=np.arange(10.0), new=1.0)
     test["load"] = test["wear"]
-    runs_of = [read_runs([written(tmp_path, table)]) for table in (train, test)]
+    runs_of = [to_runs(read_all([written(tmp_path, table)])) for table in (train, test)]
     seen = matching(*runs_of)
     assert {*seen.record.conditions} == {*runs_of[0].record.conditions}
     assert seen.covariates == runs_of[0].covariates
@@ -370,14 +370,14 @@ def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):
     np.testing.assert_array_equal(seen.record.conditions["axle"][0], [2, -1, 2, -1, 2])
     assert seen.warnings[-1].startswith("The training data have no axle 7:")
     with pytest.raises(InputError, match=r"^The test data lack wear, load and axle, which"):
-        matching(runs_of[0], read_runs([written(tmp_path, campaign())]))
+        matching(runs_of[0], to_runs(read_all([written(tmp_path, campaign())])))
 
 
 def test_labels_of_a_test_set_have_the_codes_of_the_training_set(tmp_path):
     """Those that the training set lacks are -1, and told; numbers are labels of the same text."""
     train = campaign().assign(rail=["wet", "dry", "leaves"] * 5, team=["x", "2", "1"] * 5)
     test = campaign((5, 5)).assign(rail=["icy", "wet", "dry", "wet", "icy"] * 2, team=[2, 3] * 5)
-    runs_of = [read_runs([written(tmp_path, table)]) for table in (train, test)]
+    runs_of = [to_runs(read_all([written(tmp_path, table)])) for table in (train, test)]
     # In the test set alone the order of the names is another one.
     assert runs_of[1].named == {"rail": ("dry", "icy", "wet")}
     seen = matching(*runs_of)
@@ -398,8 +398,8 @@ def test_labels_of_a_test_set_have_the_codes_of_the_training_set(tmp_path):
 def test_the_test_set_has_the_same_slip(tmp_path):
     velocity = campaign().drop(columns="vehicle_speed_mps")
     velocity = velocity.rename(columns={"slip_ratio": "slip_velocity_mps"})
-    by_velocity = read_runs([written(tmp_path, velocity)])
-    by_ratio = read_runs([written(tmp_path, campaign())])
+    by_velocity = to_runs(read_all([written(tmp_path, velocity)]))
+    by_ratio = to_runs(read_all([written(tmp_path, campaign())]))
     seen = matching(by_velocity, by_ratio)
     np.testing.assert_allclose(seen.record.slip, 10 * np.asarray(by_ratio.record.slip), rtol=1e-15)
     assert (seen.record.conditions["vehicle_speed_mps"] == 1).all()
@@ -408,7 +408,7 @@ def test_the_test_set_has_the_same_slip(tmp_path):
 
 
 def test_the_roller_rig_ships_and_has_one_slip_value():
-    found = read_runs([SHIPPED["roller-rig"].path])
+    found = to_runs(read_all([SHIPPED["roller-rig"].path]))
     assert found.rows[found.rows >= 0].tolist() == list(range(40))
     assert len(found.names) == 16
     assert (found.record.slip == 0.02).all()
@@ -420,7 +420,7 @@ def test_the_roller_rig_ships_and_has_one_slip_value():
 @pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice sets are not here")
 def test_a_practice_set_is_read_whole():
     train, test = (
-        read_runs([PRACTICE / f"practice_12_{part}.csv.gz"]) for part in ("train", "test")
+        to_runs(read_all([PRACTICE / f"practice_12_{part}.csv.gz"])) for part in ("train", "test")
     )
     assert train.record.slip.shape == (28, 200)
     assert test.record.slip.shape == (12, 200)
@@ -431,10 +431,10 @@ def test_a_practice_set_is_read_whole():
 
 def test_the_order_of_runs_is_that_of_their_numbers(tmp_path):
     table = good(12).assign(run=[7, 3] * 6)
-    order = np.asarray(read_runs([written(tmp_path, table)]).record.conditions["run_order"])
+    order = np.asarray(to_runs(read_all([written(tmp_path, table)])).record.conditions["run_order"])
     np.testing.assert_array_equal(order, np.repeat([[7.0], [3.0]], 6, axis=1))
     named = good(12).assign(run=["late", "early"] * 6)
-    order = np.asarray(read_runs([written(tmp_path, named)]).record.conditions["run_order"])
+    order = np.asarray(to_runs(read_all([written(tmp_path, named)])).record.conditions["run_order"])
     np.testing.assert_array_equal(order, np.repeat([[0.0], [1.0]], 6, axis=1))
 
 
@@ -444,7 +444,7 @@ def test_labels_of_several_files_are_those_of_all(tmp_path):
     paths = [tmp_path / f"{number}.csv" for number in range(2)]
     for table, path in zip(tables, paths, strict=True):
         table.to_csv(path, index=False)
-    found = read_runs(paths)
+    found = to_runs(read_all(paths))
     assert found.named == {"axle": ("a", "b", "c")}
     expected = [1.0, 0.0] * 6 + [2.0, 1.0] * 6
     np.testing.assert_array_equal(found.whole.conditions["axle"], expected)
@@ -469,5 +469,5 @@ def test_many_columns_are_read_without_a_warning(tmp_path):
     table = pd.DataFrame(columns)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = read_runs([written(tmp_path, table)])
+        found = to_runs(read_all([written(tmp_path, table)]))
     assert len(found.covariates) == 120

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax.data import check_curve, read_runs, to_measured
-from adhesion_jax.data.clock import going_on
+from adhesion_jax.data import check_curve, read_all, to_measured, to_runs
 from adhesion_jax.data.derived import slowest
+from adhesion_jax.data.stretches import going_on
 from adhesion_jax.errors import InputError
 
 
@@ -170,7 +170,7 @@ def test_a_clock_that_is_set_back_for_good_cuts_the_log():
 
 def test_runs_are_told_by_a_time_that_begins_anew(tmp_path):
     log().assign(time_s=lambda one: one["time_s"] % 5.0).to_csv(tmp_path / "a.csv", index=False)
-    assert read_runs([tmp_path / "a.csv"]).lengths.tolist() == [100] * 4
+    assert to_runs(read_all([tmp_path / "a.csv"])).lengths.tolist() == [100] * 4
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -8,7 +8,7 @@ from scipy.stats import binom
 
 import adhesion_jax as aj
 from adhesion_jax.curves import free_values, with_free_values
-from adhesion_jax.data import SHIPPED, matching, read_runs
+from adhesion_jax.data import SHIPPED, matching, read_all, to_runs
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
@@ -306,7 +306,7 @@ def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs():
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, *more(1, 2, 3)])
 def test_a_rig_of_one_slip_has_lateral_creep(seed):
-    found = discover(read_runs([SHIPPED["roller-rig"].path]), seed=seed)
+    found = discover(to_runs(read_all([SHIPPED["roller-rig"].path])), seed=seed)
     assert found.base == "level"
     assert names_of(found.effects) == ["lateral_creep"]
     assert found.unexplained == ()
@@ -325,7 +325,7 @@ def test_a_rig_of_one_slip_has_lateral_creep(seed):
 
 @pytest.mark.slow
 def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
-    found = discover(read_runs([SHIPPED["eurosprinter"].path]))
+    found = discover(to_runs(read_all([SHIPPED["eurosprinter"].path])))
     assert found.effects == found.unexplained == ()
     # The scatter between neighbouring points is .0244.
     assert found.train.before.value == pytest.approx(0.0244, rel=0.02)
@@ -336,7 +336,7 @@ def test_a_locomotive_lacks_nothing_that_a_curve_with_a_peak_has_not():
 @pytest.mark.parametrize("seed", [3, *more(0, 1, 2)])
 def test_a_locomotive_shows_a_fall_as_shape_where_the_curve_has_no_peak(seed):
     """Whichever of its blocks are held out: a curve that bends needs no cause for it."""
-    found = discover(read_runs([SHIPPED["eurosprinter"].path]), base="polach", seed=seed)
+    found = discover(to_runs(read_all([SHIPPED["eurosprinter"].path])), base="polach", seed=seed)
     # Polach's curve alone leaves .0333; .0244 is the scatter between neighbouring points.
     assert found.train.after.low < 0.0244 < found.train.after.high
     assert found.train.after.high < 0.0333

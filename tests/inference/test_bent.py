@@ -12,8 +12,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.inference.law import FittedLaw, peak_of
-from adhesion_jax.inference.values import Span, expected_values
+from adhesion_jax.inference.law import FittedLaw, Span, expected_values, peak_of
 
 REACH, LARGEST = 0.004, 0.15
 SPAN = Span(REACH, LARGEST)

@@ -12,8 +12,8 @@ from scipy.special import stdtrit
 import adhesion_jax as aj
 from adhesion_jax.campaign.tiles import Tiles
 from adhesion_jax.curves import free_values
-from adhesion_jax.inference.cosines import COSINES, Blocks, _sine, by_cosines
 from adhesion_jax.inference.curve_errors import cosine_errors
+from adhesion_jax.inference.sandwich import COSINES, Blocks, _sine, by_cosines
 from adhesion_jax.metrics.information import quantities
 from adhesion_jax.records import OWN_SLIP, SHARED_SLIP, Known, Record
 from adhesion_jax.scenarios import Scenario

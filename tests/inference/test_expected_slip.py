@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from adhesion_jax.inference.expected_slip import expected_slip
+from adhesion_jax.inference.weighing import expected_slip
 
 NOISE = 0.0007
 

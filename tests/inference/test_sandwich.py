@@ -6,11 +6,10 @@ import statsmodels.api as sm
 
 from adhesion_jax.curves import CURVES, free_values
 from adhesion_jax.curves.bent import FUNCTIONS
-from adhesion_jax.inference.cosines import COSINES, by_cosines
+from adhesion_jax.inference.law import Span
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.sandwich import by_clusters, sandwich
+from adhesion_jax.inference.sandwich import COSINES, by_clusters, by_cosines, sandwich
 from adhesion_jax.inference.sums import Sums, sums
-from adhesion_jax.inference.values import Span
 from adhesion_jax.inference.weighing import alike
 
 #: Rows of each cluster: unequal, so that leverage differs.

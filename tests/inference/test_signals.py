@@ -5,9 +5,9 @@ import pytest
 from fault_forms import DRY
 from stranger_runs import STRANGERS, autoregression
 
-from adhesion_jax.data.exchanged import exchanged
+from adhesion_jax.data.plausible import exchanged
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.measured.signals import Points, passages, shifted
+from adhesion_jax.measured.vetoes import Points, passages, shifted
 
 STEP = 0.1
 

@@ -14,8 +14,7 @@ from adhesion_jax.data import SHIPPED, read_measured, to_measured
 from adhesion_jax.identifiers import IDENTIFIERS, Status
 from adhesion_jax.measured import following
 from adhesion_jax.measured.following import follow_log, known_of, refusal
-from adhesion_jax.measured.initial_slope import initial_slope
-from adhesion_jax.measured.log import to_log
+from adhesion_jax.measured.log import initial_slope, to_log
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
 from experiments.discovery_study.one_log import one_log

@@ -21,12 +21,11 @@ from adhesion_jax.data import SHIPPED, read_measured, to_record
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Status
-from adhesion_jax.inference.law import FittedLaw, peak_of
+from adhesion_jax.inference.law import FittedLaw, Span, peak_of
 from adhesion_jax.inference.rows import arranged
 from adhesion_jax.inference.start import least_squares as start_of
 from adhesion_jax.inference.start import parameters_at
-from adhesion_jax.inference.values import Span
-from adhesion_jax.measured.identification import fit_curves
+from adhesion_jax.measured.answer import fit_curves
 from adhesion_jax.measured.residual import residual_structure
 from adhesion_jax.records import Record
 from adhesion_jax.report.measured.words import reasons

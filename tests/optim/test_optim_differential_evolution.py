@@ -8,12 +8,14 @@ from lanes import lanes
 from scipy import stats
 from scipy.optimize import differential_evolution
 
-from adhesion_jax.optim.counter_random import as_integer, as_uniform, counter_bits
 from adhesion_jax.optim.differential_evolution import (
     Search,
     Settings,
     _three_others,
+    as_integer,
+    as_uniform,
     begin,
+    counter_bits,
     generation,
     local_plus_uniform,
     minimise,

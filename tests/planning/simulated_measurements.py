@@ -9,9 +9,7 @@ from jaxtyping import Array, Bool, Float
 from adhesion_jax.curves import Conditions, Law, Scalar, free_values
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.optim.levenberg_marquardt import fit
-from adhesion_jax.planning.excitation import Excitation
-from adhesion_jax.planning.information import weights_under
-from adhesion_jax.planning.plan import Plan
+from adhesion_jax.planning.plan import Excitation, Plan, weights_under
 from adhesion_jax.planning.truth import Truth, curve_of, sensitivity_of, with_parameters
 from experiments.campaigns.noise import noise_of_runs
 

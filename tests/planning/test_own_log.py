@@ -12,8 +12,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.planning.excitation import again
-from adhesion_jax.planning.plan import planner, present_of
+from adhesion_jax.planning.plan import again, planner, present_of
 from adhesion_jax.planning.truth import Truth
 from adhesion_jax.scenarios.rails import RAILS
 

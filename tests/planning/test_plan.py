@@ -15,10 +15,12 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.speed import Speed
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.planning.excitation import Again, Sweeps, again
-from adhesion_jax.planning.information import information_under
 from adhesion_jax.planning.plan import (
     ROUGH,
+    Again,
+    Sweeps,
+    again,
+    information_under,
     plan_of,
     planner,
     present_of,

@@ -38,8 +38,7 @@ from adhesion_jax.discovery.search.second_opinion import features_of
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, Opinion
 from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.inference.slip import SlipNoise
+from adhesion_jax.inference.noise import RunNoise, SlipNoise
 
 #: What is reported of the noise.
 _NOISE = ("sigma", "autocorrelation", "run_scatter", "slow_level")

@@ -10,9 +10,8 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.fitting import TUNING, sigma_of
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.inference.noise import RunNoise, described
+from adhesion_jax.inference.noise import RunNoise, SlipNoise, described, slip_noise
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.slip import SlipNoise, slip_noise
 from adhesion_jax.inference.sums import Variance
 
 #: The noise of the slip is told where it makes this share of the variance of adhesion, and is this

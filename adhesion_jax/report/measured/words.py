@@ -8,9 +8,9 @@ import pandas as pd
 
 from adhesion_jax.data import Measured
 from adhesion_jax.identifiers.base import Status
-from adhesion_jax.inference.cosines import COSINES
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.inference.slip import SlipNoise
+from adhesion_jax.inference.noise import SlipNoise
+from adhesion_jax.inference.sandwich import COSINES
 from adhesion_jax.inference.weighing import EXACT
 from adhesion_jax.measured.answer import Answer
 from adhesion_jax.measured.comparison import Comparison

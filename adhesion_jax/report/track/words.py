@@ -7,8 +7,7 @@ import pandas as pd
 
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.measured.following import QUANTILE, Followed, as_told
-from adhesion_jax.measured.initial_slope import InitialSlope
-from adhesion_jax.measured.log import Log
+from adhesion_jax.measured.log import InitialSlope, Log
 from adhesion_jax.report.measured.words import reasons
 from adhesion_jax.report.rendering import text_of
 from adhesion_jax.report.text import flush_left, with_errors

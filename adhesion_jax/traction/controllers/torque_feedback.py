@@ -4,7 +4,7 @@ from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from adhesion_jax.optim.recursive_slope import slope_step
+from adhesion_jax.optim.kalman import slope_step
 from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller
 from adhesion_jax.traction.filters import lagged
