@@ -164,7 +164,11 @@ def _module(asked: Part) -> ModuleType:
         raise InputError(f"{asked.path} cannot be run, {_fault(error, [asked.path])}.") from None
     keeping.outside(Path(f"{name}.py"), asked.source)
     for other in {*sys.modules} - known - {name}:
-        _keep_in_mind(sys.modules[other], path.parent)
+        # Programs depend on what a file imports from beside it, too.
+        file = Path(getattr(sys.modules[other], "__file__", None) or sys.prefix)
+        own = file.is_relative_to(path.parent) and not file.is_relative_to(sys.prefix)
+        if own and file.suffix == ".py":
+            keeping.outside(file, file.read_bytes())
     return module
 
 
@@ -192,14 +196,6 @@ def _fault(error: BaseException, paths: Collection[str]) -> str | None:
     frame, line = lines[-1]
     words = str(error).strip().partition("\n")[0].rstrip(".")
     return f"{frame.f_code.co_filename}, line {line}: {type(error).__name__}: {words}"
-
-
-def _keep_in_mind(module: ModuleType, folder: Path) -> None:
-    """Programs depend on what a file imports from beside it, too."""
-    file = Path(getattr(module, "__file__", None) or sys.prefix)
-    own = file.is_relative_to(folder) and not file.is_relative_to(sys.prefix)
-    if own and file.suffix == ".py":
-        keeping.outside(file, file.read_bytes())
 
 
 def _of(module: ModuleType, name: str, value: object) -> bool:

@@ -94,12 +94,11 @@ def _said(name: str, names: Sequence[str], quantity: str, value: object) -> Said
     text = " ".join(value.split())
     if text in names:
         return _in_column(name, names, Said(quantity, text))
-    stem = _WITH_UNIT.fullmatch(text)
-    of_names = stem is not None and stem[1] in names
-    if text.startswith("-") and not (of_names or _CONSTANT.fullmatch(text) or quantity in LABELS):
-        return _said(name, names, quantity, text[1:])._replace(turned=True)
     with_unit, constant = _WITH_UNIT.fullmatch(text), _CONSTANT.fullmatch(text)
-    if constant and not (with_unit and with_unit[1] in names):
+    of_names = with_unit is not None and with_unit[1] in names
+    if text.startswith("-") and not (of_names or constant or quantity in LABELS):
+        return _said(name, names, quantity, text[1:])._replace(turned=True)
+    if constant and not of_names:
         return _checked(Said(quantity, "", constant[2], _number(quantity, constant[1])))
     column, unit = (with_unit[1], with_unit[2]) if with_unit else (text, "")
     return _in_column(name, names, Said(quantity, column, unit))

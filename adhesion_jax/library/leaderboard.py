@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
-from adhesion_jax.campaign.store import Arrays, read_all, write_rows
+from adhesion_jax.campaign.store import read_all, write_rows
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
@@ -227,6 +227,11 @@ def traction_leaderboard(
         table = table_of(segments, known, versions, tuned_on)
         if other is not None:
             table = with_rows(table, other)
+        # All processes together.
+        steps, cpu_seconds, compiling = (
+            sum(float(one[name]) for one in (*of_tuning, *of_judging))
+            for name in ("steps", "seconds", "compile_seconds")
+        )
         told = {
             "system": "leaderboard",
             "plant": train.title,
@@ -240,7 +245,10 @@ def traction_leaderboard(
             "step_s": grid.step,
             "control_period_s": grid.control_period,
             "duration_s": duration,
-            **_took([*of_tuning, *of_judging]),
+            "plant_steps": steps,
+            "plant_steps_per_cpu_second": steps / cpu_seconds,
+            "run_cpu_seconds": cpu_seconds,
+            "compile_seconds": compiling,
             "million_plant_steps_per_cpu_second": {
                 method: float(one["steps"] / one["seconds"] / 1e6)
                 for (_, on, method), one in zip(to_judge.units, of_judging, strict=True)
@@ -252,19 +260,6 @@ def traction_leaderboard(
         if out is not None:
             found.write(stage)
     return found
-
-
-def _took(shards: Sequence[Arrays]) -> Mapping[str, float]:
-    """What some shards took, all processes together."""
-    steps, seconds, compiling = (
-        sum(float(one[name]) for one in shards) for name in ("steps", "seconds", "compile_seconds")
-    )
-    return {
-        "plant_steps": steps,
-        "plant_steps_per_cpu_second": steps / seconds,
-        "run_cpu_seconds": seconds,
-        "compile_seconds": compiling,
-    }
 
 
 def _families(

@@ -59,8 +59,11 @@ def shifted(points: Points, rows: Rows, step_s: float | None) -> str:
     at_zero, best = roughness(slip[inner], adhesion[inner]), int(left.argmin())
     lag = int(lags[best])
     clear = at_zero * (_SHIFTED + 1 / np.sqrt(inner.size))
-    excess = at_zero - _floor(adhesion, inner)
-    if abs(lag) < 2 or at_zero - left[best] < max(clear, _EXPLAINED * excess):
+    # The roughness that noise alone makes: by second differences in time, as if it were white.
+    low, high = np.quantile(adhesion[inner], [0.01, 0.99])
+    bends = np.abs(adhesion[inner - 1] - 2 * adhesion[inner] + adhesion[inner + 1])
+    floor = float(np.mean(bends)) / np.sqrt(3) / max(float(high - low), 1e-300)
+    if abs(lag) < 2 or at_zero - left[best] < max(clear, _EXPLAINED * (at_zero - floor)):
         return ""
     own = np.arange(max(lag, 0), slip.size + min(lag, 0))
     own = own[run[own] == run[own - lag]]
@@ -72,13 +75,6 @@ def shifted(points: Points, rows: Rows, step_s: float | None) -> str:
         f"{abs(lag) * step_s:.2g} s {when}, about which it scatters "
         f"{percent(1 - left[best] / at_zero)} less; shift the late signal by --delay."
     )
-
-
-def _floor(values: np.ndarray, inner: np.ndarray) -> float:
-    """The roughness that noise alone makes: by second differences in time, as if it were white."""
-    low, high = np.quantile(values[inner], [0.01, 0.99])
-    bends = np.abs(values[inner - 1] - 2 * values[inner] + values[inner + 1])
-    return float(np.mean(bends)) / np.sqrt(3) / max(float(high - low), 1e-300)
 
 
 def passages(points: Points, rows: Rows) -> int:
