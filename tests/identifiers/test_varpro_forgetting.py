@@ -63,7 +63,7 @@ def test_it_finds_the_weighted_least_squares_of_scipy(name):
 
 
 def test_slips_that_lie_close_to_each_other_tell_a_peak_all_the_same():
-    """Where the offset is free altogether, the adhesion of the peak comes out up to 19 % too large."""
+    """Where the offset is free altogether, the adhesion of the peak comes out to 19 % too large."""
     peak = float(DRY.peak({}).slip)
     rng = np.random.default_rng(7)
     slip = peak * (1 + 0.3 * np.sin(np.arange(2000) / 40)) * np.ones((8, 1))
