@@ -21,6 +21,7 @@ from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
 from adhesion_jax.leaderboard.terms import SAMPLED, Grid, Versions, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning, points, tuned
 from adhesion_jax.metrics.closed_loop import FIGURES
+from adhesion_jax.report.leaderboard.page import when
 from adhesion_jax.traction.entrants import ENTRANTS, sought
 from adhesion_jax.traction.families import FAMILIES
 from adhesion_jax.traction.plants.reading import read_plant, shipped
@@ -333,3 +334,18 @@ def test_a_version_changes_with_the_source_that_its_numbers_depend_on(module, of
     assert {name for name in Versions._fields if getattr(before, name) != getattr(after, name)} == {
         of
     }
+
+
+def test_the_report_tells_in_kilonewton_what_rails_hold_and_what_is_left_of_it():
+    even = dict.fromkeys(("torque_variation", "slip_energy_share", "microseconds", "worst"), 1.0)
+    table = pd.DataFrame(
+        [
+            {"method": name, "rails": "r", "remark": "", "utilisation": share, "utility_3": share}
+            | {"pull": 400 * share, "pull_share": share, **even}
+            for name, share in (("most", 0.995), ("least", 0.9), ("middle", 0.95))
+        ]
+    )
+    (words,) = when(table)
+    assert "The rails hold 400 kN, of which most leaves 2.0 kN and least leaves 40.0 kN un" in words
+    (alone,) = when(table[:1])
+    assert "The rails hold 400 kN, of which most leaves 2.0 kN unused." in alone

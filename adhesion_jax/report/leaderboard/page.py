@@ -142,10 +142,9 @@ def when(table: pd.DataFrame) -> list[str]:
             words.append(f"Of these {listed(told)}.")
         held = (fair["pull"] / fair["pull_share"]).mean()
         left = (held - fair.set_index("method")["pull"]).sort_values()
-        words.append(
-            f"The rails hold {held:.0f} kN: {left.index[0]} leaves {left.iloc[0]:.1f} kN "
-            f"unused, {left.index[-1]} {left.iloc[-1]:.1f} kN."
-        )
+        ends = dict.fromkeys([left.index[0], left.index[-1]])
+        unused = listed([f"{name} leaves {left[name]:.1f} kN" for name in ends])
+        words.append(f"The rails hold {held:.0f} kN, of which {unused} unused.")
         dear = top(fair, "utility_3")
         words.append(f"Where slip work costs three times what it takes, {dear} is worth most.")
         found.append(" ".join(words))
