@@ -5,7 +5,7 @@ from scipy import stats
 
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.measured import comparison, following
-from adhesion_jax.report.plan import words
+from adhesion_jax.report import plan
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ from adhesion_jax.report.plan import words
         (rules.SURE_ERRORS_OF_COLUMN, 1 - 2 * 0.05),  # one-sided 95 %
         (rules.AHEAD_ERRORS, 0.9545),  # two-sided 95 %, as two errors are said to be
         (following.QUANTILE, 0.95),
-        (words._QUANTILE, 0.95),
+        (plan._QUANTILE, 0.95),
     ],
 )
 def test_an_error_bar_holds_its_share_of_a_normal_distribution(errors, inside):
