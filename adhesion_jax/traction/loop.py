@@ -30,6 +30,9 @@ from adhesion_jax.traction.surface import RailSurface
 #: Time between two samples of the metrics in s, or the control period where that is longer.
 SAMPLE = 1e-3
 
+#: From the start of a dip of the power to the next, and the length of one, s.
+DIPS, DIP = 1.0, 0.2
+
 
 class Loop(eqx.Module):
     """All that a run is made of; `nominal` is the plant as control knows it.
@@ -48,6 +51,7 @@ class Loop(eqx.Module):
     train_speed: Float[Array, ""]  # at first, m/s
     slip: PerAxle  # at first, m/s
     slope: Float[Array, ""]  # of the track, as an angle in rad; positive uphill
+    dip: Float[Array, ""] | float = 0.0  # share of its power that the drive lacks in a dip
 
 
 class Timing(NamedTuple):
@@ -58,7 +62,7 @@ class Timing(NamedTuple):
     sample: int  # control periods in a sample of the metrics
     samples: int  # in the run
     measured: int  # steps from a sample of the sensors to the next
-    dead: int  # control periods from a command to its effect
+    dead: int  # control periods from a command to its effect, at most
 
     @property
     def control_period(self) -> float:
@@ -344,7 +348,8 @@ def _control(loop: Loop, grid: Timing, state: _State, key: PRNGKeyArray) -> _Sta
     controller, wanted = loop.controller.update(state.controller, loop.nominal, signals, period)
     waiting = jnp.concatenate([state.waiting, lowered(signals.demand, wanted)[None]])
     state = state._replace(seeker=seeker, controller=controller, waiting=waiting[1:], asked=asked)
-    acting = waiting[0]
+    late = jnp.round(loop.plant.dead_time / period).astype(int)
+    acting = waiting[grid.dead - late]
 
     def stepped(index: Int[Array, ""], state: _State) -> _State:
         if grid.measured < grid.control:
@@ -366,7 +371,9 @@ def _sensed(
 def _stepped(loop: Loop, grid: Timing, state: _State, acting: PerAxle) -> _State:
     """One step of the plant and of the observer beside it."""
     plant = loop.plant
-    command = limited(plant, acting, plant.motor_speed(state.plant))
+    dips = (state.steps * grid.step) % DIPS >= DIPS - DIP
+    share = jnp.where(dips, 1 - loop.dip, 1.0)
+    command = limited(plant, acting, plant.motor_speed(state.plant), share)
     held = _held(loop, state, command)
     before = state.plant._replace(torque=held_by(plant, state.plant.torque, command))
     adhesion = plant.adhesion(before, held)

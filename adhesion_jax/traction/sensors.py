@@ -22,7 +22,9 @@ class Sensors(eqx.Module):
     """`period` is the time from a sample to the next in s, 0 for the step of the plant.
 
     `pulses` counts the pulses of the encoder in a turn of the motor, 0 for one without steps: the
-    speed is the angle in whole pulses gone since the last sample, over the period.
+    speed is the angle in whole pulses gone since the last sample, over the period, or `by_period`
+    that between the last two pulses, over the time between them. `count_error` is the share by
+    which that speed is too large, as where the encoder has more pulses than is known.
     `train_bias` in m/s is added to the speed of the train; `radius_error` is the share by which
     the radius that slip is computed with is too large.
     """
@@ -30,8 +32,10 @@ class Sensors(eqx.Module):
     noise: SpeedNoise | None = None
     train_bias: Float[Array, ""] | float = 0.0
     radius_error: Float[Array, ""] | float = 0.0
+    count_error: Float[Array, ""] | float = 0.0
     period: float = eqx.field(default=0.0, static=True)
     pulses: int = eqx.field(default=0, static=True)
+    by_period: bool = eqx.field(default=False, static=True)
 
     def draw(self, key: PRNGKeyArray, samples: int, axles: int) -> Float[Array, "samples speeds"]:
         """The noise of some samples, in units of its standard deviations; the train's stands last.
@@ -49,7 +53,8 @@ class Sensors(eqx.Module):
     def init(self, nominal: Plant, motor_speed: PerAxle, train_speed: Float[Array, ""]) -> "Sensed":
         """The sensors at rest on the true speeds; the first sample is taken at once."""
         slip = nominal.circumferential(motor_speed) - train_speed
-        return Sensed(motor_speed, train_speed, slip, *[jnp.zeros_like(motor_speed)] * 2)
+        none = jnp.zeros_like(motor_speed)
+        return Sensed(motor_speed, train_speed, slip, none, none, none, motor_speed)
 
     def sample(
         self,
@@ -63,7 +68,9 @@ class Sensors(eqx.Module):
         """The sensors after the true speeds have been sampled, where a sample is due."""
         motor_speed, train_speed = speeds
         counted = sensed.counted
-        if self.pulses:
+        if self.by_period:
+            motor_speed = sensed.read
+        elif self.pulses:
             count = jnp.floor(self.pulses * sensed.turned / (2 * jnp.pi))
             since = 2 * jnp.pi * (count - counted) / self.pulses
             # The first sample has no pulses behind it, and takes the speed as it is.
@@ -73,23 +80,48 @@ class Sensors(eqx.Module):
         if self.noise is not None:
             motor_speed = motor_speed + self.noise.motor * drawn[:-1]
             train_speed = train_speed + self.noise.train * drawn[-1]
+        motor_speed = (1 + self.count_error) * motor_speed
         train_speed = train_speed + self.train_bias
         rim = (1 + self.radius_error) * nominal.circumferential(motor_speed)
-        taken = Sensed(motor_speed, train_speed, rim - train_speed, sensed.turned, counted)
+        taken = sensed._replace(
+            motor_speed=motor_speed,
+            train_speed=train_speed,
+            slip=rim - train_speed,
+            counted=counted,
+        )
         return jax.tree.map(lambda new, old: jnp.where(fresh, new, old), taken, sensed)
 
     def turn(self, sensed: "Sensed", motor_speed: PerAxle, step: float) -> "Sensed":
         """After the motor has turned for a step of the plant."""
         if not self.pulses:
             return sensed
-        return sensed._replace(turned=sensed.turned + step * motor_speed)
+        turned = sensed.turned + step * motor_speed
+        if not self.by_period:
+            return sensed._replace(turned=turned)
+        # Kept within a pulse: `turned` is the angle since the last one.
+        pulse = 2 * jnp.pi / self.pulses
+        count = jnp.floor(turned / pulse)
+        over = turned - count * pulse
+        passed, since = count != 0, sensed.since + step
+        late = over / jnp.where(passed, motor_speed, 1.0)
+        read = count * pulse / jnp.maximum(since - late, 1e-9)
+        return sensed._replace(
+            turned=over,
+            since=jnp.where(passed, late, since),
+            read=jnp.where(passed, read, sensed.read),
+        )
 
 
 class Sensed(NamedTuple):
-    """What was measured last: rad/s, m/s and m/s; the angle turned in rad and its pulses."""
+    """What was measured last: rad/s, m/s and m/s; the angle turned in rad and its pulses.
+
+    By the time between pulses: that since the last one in s, and the speed read in rad/s.
+    """
 
     motor_speed: PerAxle
     train_speed: Float[Array, ""]
     slip: PerAxle
     turned: PerAxle
     counted: PerAxle
+    since: PerAxle
+    read: PerAxle

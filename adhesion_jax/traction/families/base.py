@@ -43,6 +43,11 @@ class Family(eqx.Module):
         """A loop as it is on these rails; by default as it is."""
         return loop
 
+    @property
+    def drawn_as(self) -> str | None:
+        """The family with whose keys these rails are drawn; by default it has keys of its own."""
+        return None
+
 
 def starts(key: PRNGKeyArray, step: float) -> Int[Array, " segments"]:
     """The steps at which segments begin: the first at 0, the others with jitter."""

@@ -147,9 +147,11 @@ def quantities(kind: type[Plant]) -> Mapping[str, Quantity]:
     }
 
 
-def limited(plant: Plant, command: PerAxle, motor_speed: PerAxle) -> PerAxle:
-    """The command within the limits of torque and power: |T| <= min(T_max, P_max/|w|)."""
-    by_power = plant.power_limit / jnp.maximum(jnp.abs(motor_speed), 1e-9)
+def limited(
+    plant: Plant, command: PerAxle, motor_speed: PerAxle, share: Number | float = 1.0
+) -> PerAxle:
+    """The command within the limits of torque and power: |T| <= min(T_max, share P_max/|w|)."""
+    by_power = share * plant.power_limit / jnp.maximum(jnp.abs(motor_speed), 1e-9)
     most = jnp.minimum(plant.torque_limit, by_power)
     return jnp.clip(command, -most, most)
 
