@@ -151,6 +151,9 @@ ENTRANTS: Mapping[str, Entrant] = {
         )
     ),
     "offset-curve": sought(SEEKERS["offset-curve"]),
+    "robust-curve": Entrant(
+        _slewed(SEEKERS["robust-curve"]), CONTROLLERS["anticipating"], _OBSERVER
+    ),
     "varpro": sought(_by("varpro-forgetting", _BURCKHARDT, 1e-3, 10, _FACTOR)),
     "varpro-offset": sought(_by("varpro-forgetting-offset", _BURCKHARDT, 1e-3, 10, _FACTOR)),
     "bank-kiencke": sought(_by("bank-kiencke", _KIENCKE, 0.01, 1, _SLOPE)),

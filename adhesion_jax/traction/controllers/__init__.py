@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
+from adhesion_jax.traction.controllers.anticipating import Anticipating
 from adhesion_jax.traction.controllers.barrier import Barrier
 from adhesion_jax.traction.controllers.base import Controller
 from adhesion_jax.traction.controllers.differential_acceleration import DifferentialAcceleration
@@ -31,6 +32,7 @@ CONTROLLERS: Mapping[str, Controller] = {
     ),
     "threshold": Threshold(difference=0.8, creepage=0.05, released=0.3, unloading=4.0, ramp=1600.0),
     "barrier": Barrier(gain=20.0, below=0.1, above=0.3, least=-0.3),
+    "anticipating": Anticipating(gain=100.0, share=1.5, least=-0.3),
     "sliding-mode": SlidingMode(gain=1500.0, layer=0.0, least=-0.3),
     "sliding-mode-layer": SlidingMode(gain=1500.0, layer=0.05, least=-0.3),
     "linearised-pi": LinearisedPI(gain=20.0, integral_gain=20.0, least=-0.2),

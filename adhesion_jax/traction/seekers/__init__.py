@@ -8,7 +8,10 @@ from adhesion_jax.traction.seekers.extremum import SlidingExtremum
 from adhesion_jax.traction.seekers.gradient import PrintedGradient, RepairedGradient
 from adhesion_jax.traction.seekers.offset_curve import OffsetCurve
 from adhesion_jax.traction.seekers.perturb import PerturbAndObserve
+from adhesion_jax.traction.seekers.robust_curve import RobustCurve
 from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
+
+_OFFSET_CURVE = OffsetCurve(price=1.0, memory=0.6, threshold=0.007, dither=0.06, start=0.1)
 
 #: Those that may be named, with settings.
 SEEKERS: Mapping[str, Seeker] = {
@@ -20,7 +23,8 @@ SEEKERS: Mapping[str, Seeker] = {
     "gradient": RepairedGradient(
         gamma=0.05, memory=0.3, limit=20.0, start=0.05, lowest=0.005, highest=2.0
     ),
-    "offset-curve": OffsetCurve(price=1.0, memory=0.6, threshold=0.007, dither=0.06, start=0.1),
+    "offset-curve": _OFFSET_CURVE,
+    "robust-curve": RobustCurve(_OFFSET_CURVE),
     "perturb-and-observe": PerturbAndObserve(
         step=0.006, window=0.05, start=0.1, lowest=0.01, highest=0.6
     ),

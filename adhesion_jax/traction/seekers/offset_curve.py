@@ -83,6 +83,10 @@ class MeanCurve(NamedTuple):
         """The adhesion at a slip whose exp(-k v) is known."""
         return self.level[:, 0] - jnp.sum(self.rise * left, axis=-1) - self.fall[:, 0] * slip
 
+    def of(self, slip: PerAxle) -> PerAxle:
+        """The adhesion at a slip."""
+        return self.at(slip, jnp.exp(-_STEEP * slip[:, None]))
+
 
 class OffsetCurveState(NamedTuple):
     sums: Sums
