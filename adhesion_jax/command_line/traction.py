@@ -29,7 +29,7 @@ BOARD = "leaderboard"
 
 #: The options that one of both has alone.
 _OF_SYSTEM = ("observer", "seeker", "controller", "animate")
-_OF_BOARD = ("methods", "rails", "law", "budget", "tuning_seed", "beside")
+_OF_BOARD = ("methods", "rails", "law", "track", "budget", "tuning_seed", "beside")
 
 
 class Rails(Names):
@@ -89,6 +89,11 @@ class Rails(Names):
     "--law",
     type=File(wanted="name a law.json of adhesion discover"),
     help="Of the leaderboard: a law.json of adhesion discover, on whose rails methods are judged.",
+)
+@click.option(
+    "--track",
+    type=Name(("nominal", "robust")),
+    help="Of the leaderboard: nominal, or robust: under disturbances that no method knows.",
 )
 @click.option(
     "--budget",

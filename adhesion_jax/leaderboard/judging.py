@@ -87,7 +87,7 @@ def content(job: Judging, number: int, tell: Tell = silent) -> Content:
         job.field.entrants[method],
         job.families[rails],
         np.broadcast_to(job.points[method], (TILE, len(job.points[method]))),
-        keys_of(job.seed, rails, lanes),
+        keys_of(job.seed, job.families[rails].drawn_as or rails, lanes),
     )
     runs = job.runs_of(number)
     used = np.nan_to_num(found.figures["utilisation"][:runs, -1], nan=-np.inf)

@@ -32,11 +32,13 @@ _COORDINATES = 32
 
 
 class Tuning(NamedTuple):
-    """A job: the methods of a field on the rails that they are tuned on."""
+    """A job: the methods of a field on the rails that they are tuned on.
+
+    Several families have as many rails each, and no rail twice.
+    """
 
     field: Field
-    rails: str
-    family: Family
+    families: Mapping[str, Family]
     budget: int  # configurations of a method that has numbers
     seed: int  # of the rails and the noise
 
@@ -49,25 +51,35 @@ class Tuning(NamedTuple):
         return self.budget
 
     @property
-    def units(self) -> list[tuple[int, str]]:
-        """The tile and the method of each shard, the methods by turns."""
+    def units(self) -> list[tuple[int, str, str]]:
+        """The tile, the rails and the method of each shard, the methods by turns."""
         tiles = {name: -(-self.lanes_of(name) // TILE) for name in self.field.entrants}
         return sorted(
-            ((place, name) for name, count in tiles.items() for place in range(count)),
+            (
+                (place, rails, name)
+                for name, count in tiles.items()
+                for rails in self.families
+                for place in range(count)
+            ),
             key=lambda unit: unit[0],
         )
+
+    @property
+    def each(self) -> int:
+        """The number of rails of a family."""
+        return max(TRIPLES // len(self.families), 1)
 
     @property
     def shards(self) -> int:
         return len(self.units)
 
     def lanes_of(self, method: str) -> int:
-        """The number of runs of a method: one that has no numbers has one configuration."""
+        """The runs of a method on a family: one that has no numbers has one configuration."""
         tuned = bool(numbers(self.field.entrants[method]))
-        return TRIPLES * (self.budget if tuned else 1)
+        return self.each * (self.budget if tuned else 1)
 
     def runs_of(self, shard: int) -> int:
-        place, method = self.units[shard]
+        place, _, method = self.units[shard]
         return min(TILE, self.lanes_of(method) - place * TILE)
 
     @property
@@ -75,9 +87,10 @@ class Tuning(NamedTuple):
         told = {
             "--budget": str(self.budget),
             "seed of tuning": str(self.seed),
-            "--rails": self.rails,
+            "--rails": ",".join(self.families),
         }
-        return {"depends on": {**told, **self.field.depends_on([self.family])}}
+        depends = {**told, **self.field.depends_on([*self.families.values()])}
+        return {"depends on": depends}
 
 
 def points(method: Entrant, budget: int) -> Float[np.ndarray, "budget numbers"]:
@@ -89,28 +102,30 @@ def points(method: Entrant, budget: int) -> Float[np.ndarray, "budget numbers"]:
 
 def content(job: Tuning, number: int, tell: Tell = silent) -> Content:
     """What is stored of a shard: the utilisation of every run."""
-    place, method = job.units[number]
+    place, rails, method = job.units[number]
     tell(0, f"tuning {method}")
     entrant = job.field.entrants[method]
     lanes = np.arange(place * TILE, (place + 1) * TILE)
-    configuration = np.minimum(lanes // TRIPLES, job.budget - 1)
+    configuration = np.minimum(lanes // job.each, job.budget - 1)
+    family = job.families[rails]
+    triples = [*job.families].index(rails) * job.each + lanes % job.each
     found = tile(
         job.field.terms,
         job.field.timing,
         entrant,
-        job.family,
+        family,
         points(entrant, job.budget)[configuration],
-        noise_keys(job.seed, job.rails, jnp.asarray(lanes % TRIPLES)),
+        noise_keys(job.seed, family.drawn_as or rails, jnp.asarray(triples)),
     )
     utilisation = found.figures["utilisation"][: job.runs_of(number), -1]
     rows = {
         "method": pa.array([method] * len(utilisation)).dictionary_encode(),
         "configuration": pa.array(configuration[: len(utilisation)]),
-        "triple": pa.array(lanes[: len(utilisation)] % TRIPLES),
+        "triple": pa.array(triples[: len(utilisation)]),
         "utilisation": pa.array(utilisation),
     }
     arrays = {"utilisation": utilisation, **found.took()}
-    if place == 0:
+    if place == 0 and rails == next(iter(job.families)):
         arrays["cost"] = np.array(cost(entrant, job.field.terms.plant))
     return Content(arrays, pa.table(rows))
 
@@ -126,14 +141,21 @@ class Tuned(NamedTuple):
 
 def tuned(job: Tuning, shards: Iterable[Arrays]) -> Mapping[str, Tuned]:
     """The best configuration of each method: one that fails on a rail is none."""
-    parts: dict[str, list[Arrays]] = {name: [] for name in job.field.entrants}
-    for (_, method), arrays in zip(job.units, shards, strict=True):
-        parts[method].append(arrays)
+    parts: dict[str, dict[str, list[Arrays]]] = {
+        name: {rails: [] for rails in job.families} for name in job.field.entrants
+    }
+    for (_, rails, method), arrays in zip(job.units, shards, strict=True):
+        parts[method][rails].append(arrays)
     found = {}
     for method, of_method in parts.items():
-        used = np.concatenate([arrays["utilisation"] for arrays in of_method]).reshape(-1, TRIPLES)
+        used = np.hstack(
+            [
+                np.concatenate([one["utilisation"] for one in each]).reshape(-1, job.each)
+                for each in of_method.values()
+            ]
+        )
         best = int(np.nan_to_num(used.mean(axis=1), nan=-np.inf).argmax())
-        microseconds, state_bytes = of_method[0]["cost"]
+        microseconds, state_bytes = next(iter(of_method.values()))[0]["cost"]
         found[method] = Tuned(
             points(job.field.entrants[method], job.budget)[best],
             float(used[best].mean()),

@@ -21,6 +21,7 @@ from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.leaderboard import judging, tuning
+from adhesion_jax.leaderboard.disturbances import ALL, DISTURBANCES, over_all, with_worst
 from adhesion_jax.leaderboard.field import OPTIMA, Field
 from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown_of
 from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
@@ -30,8 +31,9 @@ from adhesion_jax.library.reading import own_parts, parts_named
 from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
 from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
 from adhesion_jax.measured.rails import rails_of_curves, rails_of_law
-from adhesion_jax.report.leaderboard.figures import FIGURES_OF, Judged, trade
+from adhesion_jax.report.leaderboard.figures import FIGURES_OF, Judged, rail_map, trade
 from adhesion_jax.report.leaderboard.page import leaderboard_page
+from adhesion_jax.report.leaderboard.robust import robust_page
 from adhesion_jax.report.rendering import page_html
 from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.traction.entrants import ENTRANTS, Entrant, box, sought
@@ -49,10 +51,13 @@ SYSTEM = "hxd1f"
 #: The seed of the rails that methods are tuned on.
 TUNING_SEED = 2026
 
+#: The tracks that methods are judged on: by rails, or under disturbances that they do not know.
+TRACKS = ("nominal", "robust")
+
 #: All that may be written.
 LEADERBOARD_FILES = (
-    *("leaderboard.csv", "segments.parquet", "curves.csv", METADATA, "report.html"),
-    *(f"{name}.png" for name in FIGURES_OF),
+    *("leaderboard.csv", "robustness.csv", "segments.parquet", "curves.csv", METADATA),
+    *("report.html", "robustness.png", *(f"{name}.png" for name in FIGURES_OF)),
 )
 
 #: The columns that a terminal has room for.
@@ -96,28 +101,38 @@ class Leaderboard:
 
     @as_in_commands
     def plot(self) -> Figure:
-        """What a method uses of the rail, against what it takes of drive and wheel."""
-        return trade(Judged(self.table, self.segments, self.courses))
+        """What a method uses of the rail, against what it takes; or under each disturbance."""
+        draw = rail_map if self._robust else trade
+        return draw(Judged(self.table, self.segments, self.courses))
+
+    @property
+    def _robust(self) -> bool:
+        return bool(self.told["track"] == TRACKS[1])
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The tables, figures, report and metadata that the command writes, but for the runs."""
         path = output_directory(Path(folder))
-        write_table(path / "leaderboard.csv", self.table)
+        figures, file = FIGURES_OF, "leaderboard.csv"
+        if self._robust:
+            figures, file = {"robustness": rail_map}, "robustness.csv"
+        write_table(path / file, self.table)
         write_table(path / "curves.csv", self.curves)
         pictures = {}
-        for name, draw in FIGURES_OF.items():
+        for name, draw in figures.items():
             drawn = draw(Judged(self.table, self.segments, self.courses))
             drawn.savefig(path / f"{name}.png", dpi=120)
             pictures[f"{name}.png"] = (path / f"{name}.png").read_bytes()
-        page = leaderboard_page(self.table, self.plant, SYSTEMS[SYSTEM], self.told)
+        page_of = robust_page if self._robust else leaderboard_page
+        page = page_of(self.table, self.plant, SYSTEMS[SYSTEM], self.told)
         (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
         told = {**self.told, "seconds": self.seconds, **runtime.describe()}
         write_metadata(path / METADATA, told)
 
     def __repr__(self) -> str:
         names = [name for name in _TOLD if name in self.table]
+        rows = self.table[self.table["rails"] == ALL] if self._robust else self.table
         took = (self.told[key] for key in ("plant_steps", "run_cpu_seconds", "compile_seconds"))
-        return f"{aligned(self.table[names], 40)}\n\n{steps_told(*took)}"
+        return f"{aligned(rows[names], 40)}\n\n{steps_told(*took)}"
 
     def _repr_html_(self) -> str:
         return self.table.to_html(index=False) + text_html(repr(self))
@@ -130,6 +145,7 @@ def traction_leaderboard(
     plant: str | PathLike[str] | None = None,
     rails: str | Sequence[str | PathLike[str]] | None = None,
     law: str | PathLike[str] | None = None,
+    track: str = TRACKS[0],
     runs: int = 40,
     budget: int = 64,
     seed: int = 0,
@@ -154,6 +170,8 @@ def traction_leaderboard(
         plant: a TOML file, or the name of a plant that ships; by default that of the HXD1F.
         rails: names of FAMILIES, or a curves.csv of `identify`; by default exponential rails.
         law: a law.json of `discover`, whose rails are judged too.
+        track: nominal, or robust: on exponential rails under disturbances that no method knows, of
+            which half are tuned on.
         runs: number of runs on each family of rails, for each of three seeds.
         budget: number of configurations that each method is tuned with.
         seed: the first of the seeds of the rails that methods are judged on.
@@ -187,23 +205,43 @@ def traction_leaderboard(
         )
     if extend and out is not None:
         runs = extended(Path(out), extend)
+    if track not in TRACKS:
+        raise InputError(f"There is no track {track}; name {listed(TRACKS, 'or')}.")
+    robust = track == TRACKS[1]
+    if robust and (plant, rails, law, beside) != (None,) * 4:
+        raise InputError(
+            "the robust track has its own train and rails; leave out plant, rails, law and beside."
+        )
     families, other = _families(rails, law), None if beside is None else _read(beside)
+    titles = {name: one.TITLE for name, one in families.items()}
+    tuned_on = [next(iter(families))]
+    if robust:
+        families = {name: one.disturbance for name, one in DISTURBANCES.items()}
+        titles = {name: one.words for name, one in DISTURBANCES.items()}
+        tuned_on = [name for name, one in DISTURBANCES.items() if one.tuned_on]
     system = SYSTEMS[SYSTEM]
     source = str(plant or system.plant)
     train = read_plant(shipped().get(source, Path(source)))
     terms = terms_of(system, train.plant, Sensors(system.noise, period=SAMPLED))
     grid = Grid(step or STEP, duration=duration)
     entrants = _entrants(methods)
-    tuned_on, family = next(iter(families.items()))
+    if robust:  # judged at the price that methods are ranked by
+        entrants.pop(OPTIMA[3])
+    # What limits the step is the plant on its rails, or the observer of a method.
+    first = next(iter(entrants.items())), next(iter(families.items()))
     timings = [
         timing_of(terms, grid, f"{name} on {on} rails", entrant, rail)
-        for name, entrant in entrants.items()
-        for on, rail in families.items()
+        for (name, entrant), (on, rail) in [
+            *((one, first[1]) for one in entrants.items()),
+            *((first[0], one) for one in families.items()),
+        ]
     ]
-    field = Field(terms, timings[0], entrants)
+    # One program does for all dead times.
+    field = Field(terms, max(timings, key=lambda one: one.dead), entrants)
     # The optima with a price differ from the one without in what they are told alone.
     alone = {name: one for name, one in entrants.items() if name not in [*OPTIMA.values()][1:]}
-    to_tune = Tuning(field._replace(entrants=alone), tuned_on, family, budget, tuning_seed)
+    of_tuned = {name: families[name] for name in tuned_on}
+    to_tune = Tuning(field._replace(entrants=alone), of_tuned, budget, tuning_seed)
     to_judge = Judging(field, families, {}, runs, seed)
     with (
         _folder(out) as directory,
@@ -224,7 +262,12 @@ def traction_leaderboard(
         known = {
             name: _known(one, best.get(name), best[OPTIMA[0]]) for name, one in entrants.items()
         }
-        table = table_of(segments, known, versions, tuned_on)
+        if robust:
+            versions = {ALL: versions[tuned_on[0]], **versions}
+            judged = pd.concat([over_all(segments), segments], ignore_index=True)
+            table = with_worst(table_of(judged, known, versions, ""))
+        else:
+            table = table_of(segments, known, versions, tuned_on[0])
         if other is not None:
             table = with_rows(table, other)
         # All processes together.
@@ -234,9 +277,10 @@ def traction_leaderboard(
         )
         told = {
             "system": "leaderboard",
+            "track": track,
             "plant": train.title,
-            "rails": {name: one.TITLE for name, one in families.items()},
-            "tuned_on": tuned_on,
+            "rails": titles,
+            "tuned_on": ", ".join(tuned_on),
             "runs": runs,
             "seeds": [*range(seed, seed + SEEDS)],
             "budget": budget,
@@ -252,7 +296,7 @@ def traction_leaderboard(
             "million_plant_steps_per_cpu_second": {
                 method: float(one["steps"] / one["seconds"] / 1e6)
                 for (_, on, method), one in zip(to_judge.units, of_judging, strict=True)
-                if on == tuned_on
+                if on == tuned_on[0]
             },
         }
         courses = shown_of(to_judge, of_judging)
@@ -281,7 +325,7 @@ def _families(
     return {**found, **({} if law is None else {Path(law).stem: rails_of_law(Path(law))})}
 
 
-def _entrants(methods: str | Sequence[str] | Mapping[str, Any] | None) -> Mapping[str, Entrant]:
+def _entrants(methods: str | Sequence[str] | Mapping[str, Any] | None) -> dict[str, Entrant]:
     """The methods by name, and the true optima; InputError for a name that there is not."""
     optima = {name: sought(TrueOptimum(float(price))) for price, name in OPTIMA.items()}
     known = {**ENTRANTS, **optima}

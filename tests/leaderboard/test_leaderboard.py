@@ -178,7 +178,7 @@ def test_a_shard_has_a_row_for_each_run_and_segment(alone):
 
 
 def test_tuning_keeps_the_configuration_with_the_largest_mean():
-    job = Tuning(field_of(constant=CONSTANT), RAILS, FAMILY, 8, TUNING_SEED)
+    job = Tuning(field_of(constant=CONSTANT), {RAILS: FAMILY}, 8, TUNING_SEED)
     assert [job.runs_of(number) for number in range(job.shards)] == [128, 64]
     found = [tuning.content(job, number).arrays for number in range(job.shards)]
     best = tuned(job, found)["constant"]
@@ -195,7 +195,7 @@ def test_tuning_keeps_the_configuration_with_the_largest_mean():
 @pytest.mark.thorough
 def test_what_has_learned_the_rails_of_tuning_promises_more_than_it_holds():
     field = field_of(look_up=look_up())
-    job = Tuning(field, RAILS, FAMILY, 1, TUNING_SEED)
+    job = Tuning(field, {RAILS: FAMILY}, 1, TUNING_SEED)
     best = tuned(job, [tuning.content(job, 0).arrays])["look_up"]
     rows, *_ = judged(field, at={"look_up": best.point})
     told = {"look_up": known(best.promised, best.promised_se)}

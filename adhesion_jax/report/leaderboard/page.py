@@ -53,7 +53,7 @@ def leaderboard_page(
     sections = [Section("Which method when", [Items(when(table))], boxed=True)]
     for rails, part in table.groupby("rails", sort=False):
         title = f"Rails: {told['rails'].get(rails, rails)}"
-        sections.append(Section(title, [_table(part, _FIRST), _table(part, _SECOND)]))
+        sections.append(Section(title, [table_of_rows(part, _FIRST), table_of_rows(part, _SECOND)]))
     sections.append(Section("Figures", pictures("leaderboard", CAPTIONS["leaderboard"])))
     sections.append(Section("Terms that all methods share", [Items(_terms(told, system))]))
     assumed = [Items([*_ASSUMED, *system.repairs]), *parameters_of(plant)]
@@ -188,7 +188,8 @@ def _terms(told: Mapping[str, Any], system: System) -> Sequence[str]:
     )
 
 
-def _table(rows: pd.DataFrame, names: Sequence[str]) -> Table:
+def table_of_rows(rows: pd.DataFrame, names: Sequence[str]) -> Table:
+    """The columns of these names, with errors where there are some."""
     # No axle of a rigid train twists.
     there = [name for name in names if name in rows and rows[name].notna().any()]
     cells = [[_cell(row, name) for name in there] for _, row in rows.iterrows()]
