@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from adhesion_jax import library
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
 from adhesion_jax.leaderboard import judging
@@ -20,17 +21,20 @@ from adhesion_jax.leaderboard.disturbances import (
 )
 from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.judging import Judging
-from adhesion_jax.leaderboard.terms import Grid, terms_of, timing_of
-from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning
+from adhesion_jax.leaderboard.terms import SAMPLED, Grid, timing_of
+from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning, points
 from adhesion_jax.library.leaderboard import traction_leaderboard
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.traction.entrants import ENTRANTS
 from adhesion_jax.traction.families import FAMILIES
 from adhesion_jax.traction.loop import run
 from adhesion_jax.traction.plants.reading import read_plant, shipped
+from adhesion_jax.traction.sensors import Sensors
 from adhesion_jax.traction.systems import SYSTEMS
+from adhesion_jax.traction.systems.base import terms_of
 
-TERMS = terms_of(SYSTEMS["hxd1f"], read_plant(shipped()["hxd1f"]).plant)
+SENSORS = Sensors(SYSTEMS["hxd1f"].noise, period=SAMPLED)
+TERMS = terms_of(SYSTEMS["hxd1f"], read_plant(shipped()["hxd1f"]).plant, SENSORS)
 METHOD = ENTRANTS["constant-slip"]
 KEY = jax.random.key(3)
 STEP = 2e-4
@@ -136,14 +140,14 @@ def test_another_method_changes_no_row_and_all_disturbances_have_the_same_rails(
     timing = timing_of(TERMS, grid, "", METHOD, families["dead-time-5ms"])
     found = []
     for methods in (entrants, {"first": METHOD}):
-        points = {name: np.full(len(judging.FIGURES), 0.5)[:2] for name in methods}
-        points |= {"second": np.full(4, 0.5)} if "second" in methods else {}
-        job = Judging(Field(TERMS, timing, methods), families, points, 4, 0)
+        at = {name: points(one, 1)[0] for name, one in methods.items()}
+        job = Judging(Field(TERMS, timing, methods), families, at, 4, 0)
         rows = pd.concat([judging.content(job, n).rows.to_pandas() for n in range(job.shards)])
         rows = rows.astype({"method": str, "rails": str, "segment": str})
         found.append(rows[rows["method"] == "first"].reset_index(drop=True))
     pd.testing.assert_frame_equal(*found, check_exact=True)
-    peaks = found[0].pivot_table(index=["seed", "run", "segment"], columns="rails")["peak_slip"]
+    rows = found[0][found[0]["segment"] == "1"]
+    peaks = rows.pivot_table("peak_slip", index=["seed", "run"], columns="rails")
     np.testing.assert_array_equal(peaks["nominal"], peaks["dead-time-5ms"])
 
 
@@ -169,6 +173,38 @@ def test_rows_over_all_are_means_of_the_same_runs():
     np.testing.assert_allclose(
         with_worst(table).iloc[0][["worst", "never95"]].astype(float), [0.5, 0.25]
     )
+
+
+@pytest.mark.thorough
+def test_the_track_writes_its_table_map_and_report(tmp_path, monkeypatch):
+    few = {name: DISTURBANCES[name] for name in ("dead-time-10ms", "backlash")}
+    monkeypatch.setattr(library.leaderboard, "DISTURBANCES", few)
+    one, two = (
+        traction_leaderboard(
+            "constant-slip",
+            track="robust",
+            runs=2,
+            budget=2,
+            duration=1.0,
+            workers=workers,
+            out=out,
+        )
+        for workers, out in ((1, tmp_path / "one"), (2, tmp_path / "two"))
+    )
+    told = one.table.drop(columns=["microseconds"])
+    pd.testing.assert_frame_equal(told, two.table.drop(columns=["microseconds"]), check_exact=True)
+    assert set(told["rails"]) == {ALL, *few}
+    of_all = told[told["rails"] == ALL].set_index("method")
+    each = told[told["rails"] != ALL].groupby("method")
+    np.testing.assert_allclose(of_all["utilisation"], each["utilisation"].mean()[of_all.index])
+    twists = told["axle_torque_p95"].notna()
+    assert set(told.loc[twists, "rails"]) == {ALL, "backlash"}
+    read = pd.read_csv(tmp_path / "one" / "robustness.csv")
+    assert read["method"].tolist() == told["method"].tolist()
+    report = (tmp_path / "one" / "report.html").read_text(encoding="utf-8")
+    assert "In the mean over" in report
+    assert "torque begins 10 ms after its command" in report
+    assert (tmp_path / "one" / "robustness.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize(
