@@ -1,7 +1,6 @@
 """Figures of a board: what is dominated, on which rails, how soon it holds, and where it runs."""
 
 from collections.abc import Callable, Mapping
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,21 +79,21 @@ def _front(rows: pd.DataFrame, cost: str) -> pd.DataFrame:
 
 def rail_map(board: Judged) -> Figure:
     """Utilisation of each method on each family, the darker the less."""
-    table = board.table
-    methods, rails = [*dict.fromkeys(table["method"])], [*dict.fromkeys(table["rails"])]
-    values = table.pivot_table(index="method", columns="rails", values="utilisation", sort=False)
-    used = values.reindex(index=methods, columns=rails).to_numpy(dtype=float)
-    size = (3.6 + 1.15 * len(rails), 1.4 + 0.34 * len(methods))
+    values = board.table.pivot_table(
+        index="method", columns="rails", values="utilisation", sort=False, dropna=False
+    )
+    # The longer list stands below one another, where names need no turning and a page has room.
+    used = values if len(values) >= len(values.columns) else values.T
+    size = (3.6 + 1.15 * len(used.columns), 1.4 + 0.34 * len(used))
     figure = Figure(figsize=size, layout="constrained")
     axis = figure.subplots()
-    axis.imshow(used, cmap="gray", vmin=0.3, vmax=1.0, aspect="auto")
-    for row, column in product(range(len(methods)), range(len(rails))):
-        value = used[row, column]
+    axis.imshow(used.to_numpy(dtype=float), cmap="gray", vmin=0.3, vmax=1.0, aspect="auto")
+    for (row, column), value in np.ndenumerate(used.to_numpy(dtype=float)):
         if np.isfinite(value):
             ink = "white" if value < 0.7 else "black"
             axis.text(column, row, f"{value:.3f}", ha="center", va="center", color=ink, fontsize=9)
-    axis.set_xticks(range(len(rails)), rails, rotation=25, ha="right")
-    axis.set_yticks(range(len(methods)), methods)
+    axis.set_xticks(range(len(used.columns)), used.columns, rotation=25, ha="right")
+    axis.set_yticks(range(len(used)), used.index)
     axis.set_title("utilisation", fontsize=10)
     return figure
 
