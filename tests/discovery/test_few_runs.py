@@ -1,4 +1,4 @@
-"""What acts within runs is tested by stretches of them as well as by their signs."""
+"""What ten runs and what twenty can show, and what they cannot."""
 
 import numpy as np
 import pytest
@@ -25,29 +25,31 @@ def measured(table, draw, factor=1.0, correlation=0.8):
     return curve(table["slip_ratio"]) * factor * levels(draw, table, 0.02) + made
 
 
-def test_what_moves_within_ten_runs_is_found_and_is_surer_than_their_signs_alone_show_it(table):
+def test_what_moves_within_ten_runs_is_found(table):
     draw = np.random.default_rng(4)
     whole = table.assign(adhesion=measured(table, draw, np.exp(0.03 * table["gust"])))
     state = state_of(whole)
-    entries = library_of(state.setting.problem)
-    (effect,) = search(state, entries, 0, lambda *_: None).accepted
+    (effect,) = search(state, library_of(state.setting.problem), 0, lambda *_: None).accepted
     assert effect.covariates == ("gust",)
     # No p is below what the signs of ten runs can show.
     assert least_p(RUNS) == 2.0**-9 <= effect.p <= rules.SIGNIFICANT
-    z = {
-        within: max(
-            one.z
-            for one in screen([(null_of(state.fitted, within=within), entries)], 0)
-            if one.entry.covariates == ("gust",)
-        )
-        for within in (False, True)
-    }
-    assert z[True] > z[False]
+
+
+@pytest.mark.parametrize("seed", [9, 10, 11])
+def test_what_explains_the_levels_of_fourteen_runs_to_a_tenth_of_them_is_told(seed):
+    """A column that stands still within runs, as anybody would see it in a plot of the levels."""
+    draw = np.random.default_rng(seed)
+    whole = campaign(draw, runs=14)
+    level = np.exp(0.1 * whole["warm"]) * levels(draw, whole, 0.006)
+    made = curve(whole["slip_ratio"]) * level + noise(draw, runs=14)
+    fitted = alone(whole.assign(adhesion=made))
+    best = screen([(null_of(fitted), library_of(fitted.setting.problem))], 0)[0]
+    assert best.entry.covariates == ("warm",)
+    assert best.p <= rules.SIGNIFICANT
 
 
 @pytest.mark.thorough
 def test_an_effect_two_thirds_as_large_is_found_in_most_draws(table):
-    """Runs that scatter more than their stretches cost power: it is found in four of five."""
     named = 0
     for seed in range(4, 9):
         draw = np.random.default_rng(seed)
@@ -64,7 +66,7 @@ def test_a_stretch_is_three_times_as_long_as_the_noise_remembers(table):
     for correlation in (0.0, 0.8, 0.97):
         draw = np.random.default_rng(5)
         whole = table.assign(adhesion=measured(table, draw, correlation=correlation))
-        firsts = stretches(null_of(alone(whole)))
+        firsts = stretches(null_of(alone(whole)), 3.0)
         assert {*range(0, RUNS * POINTS, POINTS)} <= {*firsts.tolist()}
         lengths[correlation] = POINTS * RUNS / firsts.size
     # 160 stretches of ten runs are sixteen a run.
@@ -102,8 +104,8 @@ def test_where_nothing_moves_adhesion_within_runs_p_is_as_rarely_small_as_it_say
         assert np.sum(np.array(found) <= level) <= stats.binom.isf(1e-3, 200, level)
 
 
-def largest(fitted, columns, kind, acts_on):
-    """The largest z of a form of each of the columns, by runs and by stretches of them."""
+def best_of(fitted, columns, kind, acts_on):
+    """The form of the columns of largest z."""
     problem = fitted.setting.problem
     entries = [
         entry
@@ -112,21 +114,19 @@ def largest(fitted, columns, kind, acts_on):
         if entry.acts_on == acts_on
     ]
     nulls = [null_of(fitted, within=within) for within in (False, True)]
-    return [screen([(null, entries)], 0)[0] for null in nulls]
+    return screen([(null, entries) for null in nulls], 0)[0]
 
 
-def test_a_shift_by_a_column_that_stands_still_within_runs_is_surer_by_stretches():
+def test_a_shift_by_a_column_that_stands_still_within_runs_is_found():
     draw = np.random.default_rng(8)
     whole = campaign(draw)
     shift = 0.004 * np.sin(4 * whole["warm"])
     made = curve(whole["slip_ratio"] + shift) * levels(draw, whole, 0.01)
     fitted = alone(whole.assign(adhesion=made + noise(draw, correlation=0.3)))
-    by_runs, by_stretches = largest(fitted, ("warm",), Spline, "shift")
-    assert by_stretches.z > by_runs.z + 0.5
-    assert by_stretches.p <= rules.SIGNIFICANT
+    assert best_of(fitted, ("warm",), Spline, "shift").p <= rules.SIGNIFICANT
 
 
-def test_runs_that_differ_in_more_than_their_level_make_stretches_no_surer():
+def test_runs_that_differ_in_more_than_their_level_make_nothing_sure():
     """Each run has a slip scale of its own that no column tells."""
     for seed in (5, 6):
         draw = np.random.default_rng(seed)
@@ -134,5 +134,5 @@ def test_runs_that_differ_in_more_than_their_level_make_stretches_no_surer():
         scale = np.exp(0.2 * draw.normal(size=whole["run"].nunique()))[whole["run"]]
         made = curve(whole["slip_ratio"] * scale) + noise(draw, correlation=0.3)
         columns = ("warm", "old", "gust", "load")
-        for one in largest(alone(whole.assign(adhesion=made)), columns, Spline, "slip"):
-            assert one.p > rules.SIGNIFICANT
+        found = best_of(alone(whole.assign(adhesion=made)), columns, Spline, "slip")
+        assert found.p > rules.SIGNIFICANT

@@ -60,9 +60,8 @@ def test_where_levels_scatter_alone_the_best_of_all_choices_is_as_rarely_signifi
     found = []
     for seed in range(200):
         now = seen(null, clean * levels(draw, designed) + noise(draw))
-        z, own, largest = signed(now, blocks, seed)
+        z, largest = signed(now, blocks, seed)
         found.append(adjusted(float(z.max()), largest, 20))
-        assert own.min() <= found[-1] + 1 / FLIPS
     for level in (0.01, 0.05, 0.2):
         assert np.sum(np.array(found) <= level) <= stats.binom.isf(1e-3, 200, level)
     assert np.mean(np.array(found) <= 0.2) > 0.1

@@ -30,7 +30,7 @@ def score(
     entry = Entry(name, (start,), (column,), generic, family or name)
     away = np.random.default_rng(len(name)).standard_normal(RUNS)
     gains = gain * BY_RUN + scatter * (away - away.mean())
-    return Score(entry, start, 9.0, p, p, 3.0, gains, change)
+    return Score(entry, start, 9.0, p, 3.0, gains, change)
 
 
 def test_a_class_gains_as_much_and_changes_the_prediction_alike():

@@ -1,8 +1,8 @@
 """Probes: what an effect that is not in a model would change in its prediction."""
 
 import dataclasses
-import itertools
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -28,8 +28,8 @@ _KNOTS, _POINTS_A_KNOT = 16, 20
 #: Neighbours before and after a point by whose mean its slip may be smoothed.
 _NEIGHBOURS = 4
 
-#: About this number of stretches take the place of the runs, each of them at least this number of
-#: times as long as the noise remembers.
+#: About this number of stretches of all runs have signs of their own; those that take the place of
+#: the runs are at least this number of times as long as the noise remembers.
 _STRETCHES, _MEMORIES = 160, 3.0
 
 #: Directions shorter than this, beside those before them, are none of their own.
@@ -72,7 +72,7 @@ def null_of(
     levels = nothing
     if within:
         levels = plain.level[:, None] * (run[:, None] == np.arange(run[-1] + 1))
-        firsts = stretches(plain)
+        firsts = stretches(plain, _MEMORIES)
     whole = np.concatenate(
         [
             levels,
@@ -101,18 +101,20 @@ def firsts_of_runs(inside: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(np.nonzero(inside)[0], prepend=-1))
 
 
-def stretches(null: Null) -> np.ndarray:
+def stretches(null: Null, memories: float) -> np.ndarray:
     """The first point of each stretch, with about `_STRETCHES` of them in all runs, [stretches].
 
-    A stretch is several times as long as the noise remembers, so that the errors of two of them are
-    nearly independent once the levels of the runs are given. Runs that are too short stay whole.
+    A stretch is that number of times as long as the noise remembers. With three the errors of two
+    of them are nearly independent once the levels of the runs are given. Runs that are too short
+    stay whole.
     """
     runs = np.append(firsts_of_runs(null.inside), null.level.size)
     error = null.fitted.residual[null.inside]
-    memory = _memory([error[low:high] for low, high in itertools.pairwise(runs)])
+    ends = list(pairwise(runs.tolist()))
+    least = max(memories * _memory([error[low:high] for low, high in ends]), 1.0)
     found = []
-    for low, high in itertools.pairwise(runs):
-        count = min(-(-_STRETCHES // (runs.size - 1)), int((high - low) / (_MEMORIES * memory)))
+    for low, high in ends:
+        count = min(-(-_STRETCHES // (runs.size - 1)), int((high - low) / least))
         found.append(np.linspace(low, high, max(count, 1), endpoint=False).astype(int))
     return np.concatenate(found)
 

@@ -1,18 +1,26 @@
 """Score tests: whether any entry of the library explains what a model leaves."""
 
 from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import fdtrc, ndtri
+from scipy.special import chdtrc, fdtrc, ndtr, ndtri
 
 from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
-from adhesion_jax.discovery.search.probes import Null, directions_of, firsts_of_runs, split
+from adhesion_jax.discovery.search.probes import (
+    Null,
+    directions_of,
+    firsts_of_runs,
+    split,
+    stretches,
+)
 from adhesion_jax.effects import Effect, Spline
 
-#: Number of random sign flips of the runs that the null distribution is drawn from.
+#: Number of random choices of signs under which all that is looked at is compared.
 FLIPS = 1999
 
 #: Directions of an entry whose own part is shorter than this are left out.
@@ -37,9 +45,6 @@ _LEAST_LEFT = 0.1
 #: Amounts of shrinking that are tried.
 _RIDGES = (0.02, 0.2, 1.0)
 
-#: Deviates that differ by less are the same.
-_ROUNDING = 1e-6
-
 #: Largest number of probes that are held at a time.
 _TOGETHER = 800
 
@@ -51,17 +56,17 @@ Form = tuple[str, type, str]
 
 
 def least_p(runs: int) -> float:
-    """The smallest p that signs of so many runs can show: one of the draws, or of the patterns.
+    """The smallest p that is told of so many runs: one of the draws, or of the signs of the runs.
 
-    There are 2^(runs - 1) patterns of signs, for those that are all opposite tell the same.
+    There are 2^(runs - 1) patterns of signs, for those that are all opposite tell the same. What a
+    test says beyond them rests on the normal tails of so few errors.
     """
     return max(1 / (1 + FLIPS), 0.5 ** (runs - 1))
 
 
 def adjusted(z: float, largest: np.ndarray, runs: int) -> float:
     """The p of z among the `largest` of all that is looked at under random signs, [FLIPS]."""
-    # Signs that are all alike give the data again, up to rounding.
-    return max((1 + int(np.sum(largest + _ROUNDING >= z))) / (1 + FLIPS), least_p(runs))
+    return max((1 + int(np.sum(largest >= z))) / (1 + FLIPS), least_p(runs))
 
 
 class Score(NamedTuple):
@@ -70,8 +75,7 @@ class Score(NamedTuple):
     entry: Entry
     start: Effect
     z: float  # of its statistic, as a standard normal deviate
-    p: float  # adjusted for the whole library by sign flips of runs
-    own_p: float  # by the same flips, of this form alone
+    p: float  # adjusted for the whole library by random signs
     needed: float  # the z whose adjusted p is that of acceptance
     gains: np.ndarray  # [runs]: what it would gain on each run, fitted to the others; 0 if not sure
     change: np.ndarray  # [points]: what it would change, in units of the noise; () if not sure
@@ -84,7 +88,6 @@ class Score(NamedTuple):
 class _Tested(NamedTuple):
     starts: list[tuple[Entry, Effect]]
     z: np.ndarray  # [starts]
-    own: np.ndarray  # [starts]: the share of flips in which its own z reaches that of the data
     largest: np.ndarray  # [flips]: the largest z of any start
     gains: list[np.ndarray]  # [starts]
     changes: list[np.ndarray]  # [starts]
@@ -96,19 +99,19 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     Each part are entries with what is given where they are tested; p is adjusted for all parts, and
     the smallest of a form is taken.
 
-    A wild cluster bootstrap of the score (Cameron, Gelbach and Miller 2008, Rev. Econ. Stat. 90,
-    414-427). With everything given projected out, the probes of a start are made orthonormal, X.
-    b = sum over runs of u_r, u_r = X_r' e_r over the points of a run; the sum of its variances is
-    R/(R - 1) times that of |u_r - X_r' X_r b|^2, so that an effect does not hide itself. In it and
-    under random signs u_r is enlarged by 1/sqrt(1 - h), h the share of the probe of the run that is
-    given: a fit makes residuals small where it leans on them (Bell and McCaffrey 2002, Survey
-    Methodology 28, 169-181). F is |b|^2 over it, and z the normal deviate of F with as many degrees
-    of freedom as the runs that carry the probe allow, scaled so that .5 % of the z of each start
-    are beyond 2.58 under random signs of the residuals of the runs, all of a run alike. p is by the
-    largest z of all starts under the same signs (Romano and Wolf 2005, Econometrica 73, 1237-1282).
+    With everything given projected out, the probes of a start are made orthonormal, X. The score of
+    a run is u_r = X_r' e_r over its points, and b their sum. F is |b|^2 over the variance that the
+    u_r - X_r'X_r b show, so that an effect does not hide itself; a fit makes them small where it
+    leans on a run, for which they are enlarged, and which takes degrees of freedom (Bell and
+    McCaffrey 2002, Survey Methodology 28, 169-181). z is the normal deviate of F. It holds for any
+    noise within runs, if runs are independent.
 
-    Where stretches of the runs take their place, the variance of the data is that by whole runs if
-    that is larger: if runs differ in more than their levels, stretches of one do not err alone.
+    p is by the largest z of all starts under random signs (Romano and Wolf 2005, Econometrica 73,
+    1237-1282). The signs are of stretches, which are many even where runs are few, and z is that of
+    |b|^2 alone, scaled so that .5 % of those of each start are beyond 2.58: the signs tell how much
+    alike the starts are, and not how sure one of them is.
+
+    What is tested within runs is held against the scatter of stretches of them.
     """
     largest = np.full(FLIPS, -np.inf)
     tested: list[_Tested] = []
@@ -129,14 +132,14 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     runs = parts[0][0].fitted.setting.problem.runs
     scores: dict[Form, Score] = {}
     for one in tested:
-        told = zip(one.starts, one.z, one.own, one.gains, one.changes, strict=True)
-        for (entry, start), z, own, gains, change in told:
+        told = zip(one.starts, one.z, one.gains, one.changes, strict=True)
+        for (entry, start), z, gains, change in told:
             p = adjusted(float(z), largest, runs)
-            score = Score(entry, start, float(z), p, float(own), needed, gains, change)
+            score = Score(entry, start, float(z), p, needed, gains, change)
             old = scores.get(score.form, score)
             best = score if (old.gains.sum(), old.z) < (gains.sum(), z) else old
-            z, p, own = max(old.z, score.z), min(old.p, score.p), min(old.own_p, score.own_p)
-            scores[score.form] = best._replace(z=z, p=p, own_p=own)
+            z, p = max(old.z, score.z), min(old.p, score.p)
+            scores[score.form] = best._replace(z=z, p=p)
     return tuple(sorted(scores.values(), key=lambda score: -score.z))
 
 
@@ -159,11 +162,11 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     probes, owner = split([start for _, start in starts])
     testable, flat = directions_of(null, probes)
     blocks, places = [], []
-    ends = null.firsts
+    ends = firsts_of_runs(null.inside)
     for place in range(len(starts)):
         own = np.flatnonzero((owner == place) & testable)
         block = orthonormal(flat[:, own])
-        # What rests on a few runs is not tested: random signs of so few say nothing.
+        # What rests on a few runs is not tested: so few do not say how much they scatter.
         shares = np.add.reduceat(block**2, ends, axis=0)
         carried = 1 / np.maximum((shares**2).sum(axis=0), 1e-300)
         block = block[:, carried >= _FEWEST_RUNS_ALONE]
@@ -177,91 +180,102 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         blocks += forms
         places += [place] * len(forms)
     if not blocks:
-        return _Tested([], np.zeros(0), np.zeros(0), np.full(FLIPS, -np.inf), [], [])
-    z, sure, largest = signed(null, blocks, seed)
+        return _Tested([], np.zeros(0), np.full(FLIPS, -np.inf), [], [])
+    z, largest = signed(null, blocks, seed)
     kept = [starts[place] for place in places]
-    whole_runs = firsts_of_runs(null.inside)
-    nothing = np.zeros(whole_runs.size), np.zeros(0)
+    nothing = np.zeros(ends.size), np.zeros(0)
     told = [
-        _gained(block, null.residual, whole_runs) if p <= _SURE else nothing
-        for block, p in zip(blocks, sure, strict=True)
+        _gained(block, null.residual, ends) if ndtr(-one) <= _SURE else nothing
+        for block, one in zip(blocks, z, strict=True)
     ]
     gains, changes = [one for one, _ in told], [change for _, change in told]
-    return _Tested(kept, z, sure, largest, gains, changes)
+    return _Tested(kept, z, largest, gains, changes)
 
 
-def signed(
-    null: Null, blocks: Sequence[np.ndarray], seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndarray, np.ndarray]:
     """The z of blocks of orthonormal probes [points, directions], by the statistic of `screen`.
 
-    Returns z [blocks]; the share of random signs under which the z of a block reaches it [blocks];
-    and the largest z of any block under each choice of signs [FLIPS].
+    Returns z [blocks], and the largest z of any block under each choice of signs [FLIPS].
     """
-    ends, whole_runs = null.firsts, firsts_of_runs(null.inside)
-    of_runs = np.searchsorted(ends, whole_runs)
-    first = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
+    first = np.cumsum([0, *(block.shape[1] for block in blocks)])
+    ranges = [slice(*ends) for ends in pairwise(first)]
     x = np.concatenate(blocks, axis=1)
-    b = null.residual @ x
-    g = np.add.reduceat(x**2, ends, axis=0)
-    u = np.add.reduceat(x * null.residual[:, None], ends, axis=0)
-    given = _given(null.basis, x, ends) / np.maximum(g, 1e-300)
-    u /= np.sqrt(np.maximum(1 - given, _LEAST_LEFT))
-    count = np.diff(first, append=x.shape[1])
-    ranges = [slice(at, at + k) for at, k in zip(first, count, strict=True)]
-    crosses, squares, left = [], [], []
-    for block, some in zip(blocks, ranges, strict=True):
+    pulled, ends = x * null.residual[:, None], null.firsts
+    runs = firsts_of_runs(null.inside)
+    scores, given = np.add.reduceat(pulled, ends, axis=0), _given(null.basis, x, ends)
+    variance_of = _variance if ends.size == runs.size else partial(_of_stretches, ends, runs)
+    z = np.empty(len(blocks))
+    for place, (block, some) in enumerate(zip(blocks, ranges, strict=True)):
         products = np.add.reduceat(block[:, :, None] * block[:, None, :], ends, axis=0)
-        crosses.append(np.einsum("rkl,rl->rk", products, u[:, some]))
-        squares.append(np.einsum("rkl,rlm->km", products, products))
-        of_run = np.add.reduceat(u[:, some] - products @ b[some], of_runs, axis=0)
-        left.append(float(np.sum(of_run**2)))
-    crossed_runs = np.concatenate(crosses, axis=1)
-
-    def variances(b: np.ndarray, crossed: np.ndarray) -> np.ndarray:
-        """Those of sums b [directions, choices]; `crossed` are those of X'X u with their signs."""
-        whole = np.add.reduceat((u**2).sum(axis=0)[:, None] - 2 * b * crossed, first, axis=0)
-        made = [
-            np.sum(b[some] * (s @ b[some]), axis=0) for s, some in zip(squares, ranges, strict=True)
-        ]
-        return np.maximum(whole + np.stack(made), 1e-300) * ends.size / (ends.size - 1)
-
-    def deviates(b: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-        """Z of sums b by their variances [blocks, choices], known with that freedom [blocks]."""
-        statistic = np.add.reduceat(b**2, first, axis=0) / variance
-        z = np.empty_like(statistic)
-        for place, (k, nu) in enumerate(zip(count, freedom, strict=True)):
-            tail = np.clip(fdtrc(k, nu, _GRID), 1e-300, 1 - 1e-12)
-            z[place] = np.interp(statistic[place], _GRID, -ndtri(tail))
-        return z
-
-    def freedom_of(shares: np.ndarray) -> np.ndarray:
-        """The freedom of a variance by clusters with these shares of the directions, [blocks]."""
-        carrying = np.add.reduceat(1 / (shares**2).sum(axis=0), first) / count
-        return np.maximum(carrying - 1, 1.0) * np.sqrt(count)
-
-    freedom = freedom_of(g)
-    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(ends.size, FLIPS))
-    flipped = u.T @ signs
-    flipped = deviates(flipped, variances(flipped, crossed_runs.T @ signs), freedom)
-    # What whole runs scatter beyond their stretches is a variance of its own: Satterthwaite 1946,
-    # Biometrics Bulletin 2, 110-114.
-    variance = variances(b[:, None], crossed_runs.sum(axis=0)[:, None])[:, 0]
-    more = np.maximum(np.array(left) * whole_runs.size / (whole_runs.size - 1) - variance, 0.0)
-    unsure = variance**2 / freedom + more**2 / freedom_of(np.add.reduceat(g, of_runs, axis=0))
-    observed = deviates(b[:, None], (variance + more)[:, None], (variance + more) ** 2 / unsure)
-    # Starts of few runs or many probes have other tails: all are brought to that of a normal one.
+        variance, freedom = variance_of(scores[:, some], products, given[:, :, some])
+        ratio = np.sum(scores[:, some].sum(axis=0) ** 2) / variance
+        z[place] = -ndtri(np.clip(fdtrc(block.shape[1], freedom, ratio), 1e-300, 1 - 1e-12))
+    pieces = np.add.reduceat(pulled, stretches(null, 0.0), axis=0)
+    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(len(pieces), FLIPS))
+    squares = (pieces.T @ signs) ** 2 / np.maximum((pieces**2).sum(axis=0), 1e-300)[:, None]
+    flipped = np.add.reduceat(squares, first[:-1], axis=0)
+    for one, count in zip(flipped, np.diff(first), strict=True):
+        tail = np.clip(chdtrc(count, _GRID), 1e-300, 1 - 1e-12)
+        one[:] = np.interp(one, _GRID, -ndtri(tail))
+    # Of signs the tails are not quite those of a normal deviate: all are brought to them.
     tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
-    scale = -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
-    observed, flipped = observed * scale, flipped * scale
-    sure = (1 + np.sum(flipped + _ROUNDING >= observed, axis=1)) / (1 + FLIPS)
-    return observed[:, 0], sure, flipped.max(axis=0)
+    flipped *= -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
+    return z, flipped.max(axis=0)
 
 
-def _given(basis: np.ndarray, x: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """The squared length of what is given of the probe of each run, [runs, directions]."""
-    parts = np.split(np.arange(len(x)), ends[1:])
-    return np.stack([((basis[part].T @ x[part]) ** 2).sum(axis=0) for part in parts])
+def _variance(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[float, float]:
+    """The variance of the sum b of the scores u [runs, directions], and its degrees of freedom.
+
+    `products` are X_r'X_r, `given` the scores N_r'X_r of what is given, N. Of independent errors of
+    variance one the u_r - X_r'X_r b of a direction have the covariance D - W W', where D are the
+    shares of the runs in the probe, and W their scores of N and X. Each is enlarged to variance D;
+    with K the covariance then, the sum of their squares has (tr K)^2/tr K^2 degrees of freedom.
+    """
+    scores = np.concatenate([given, products], axis=1)  # [runs, given and own, directions]
+    shares = np.diagonal(products, axis1=1, axis2=2)
+    held = (scores**2).sum(axis=1)
+    weight = 1 / np.maximum(1 - held / np.maximum(shares, 1e-300), _LEAST_LEFT)
+    trace = (weight * (shares - held)).sum(axis=0)
+    scores = np.moveaxis(scores * np.sqrt(weight)[:, None], 2, 0)
+    turned = np.swapaxes(scores, 1, 2)
+    crossed = scores @ turned if scores.shape[1] < scores.shape[2] else turned @ scores
+    square = (crossed**2).sum(axis=(1, 2)) + (weight**2 * shares * (shares - 2 * held)).sum(axis=0)
+    freedom = float(np.mean(trace**2 / np.maximum(square, 1e-300)))
+    left = float((weight * (u - products @ u.sum(axis=0)) ** 2).sum())
+    variance = trace.size * left / max(float(trace.sum()), 1e-300)
+    return max(variance, 1e-300), max(freedom, 1.0) * np.sqrt(trace.size)
+
+
+def _of_stretches(
+    ends: np.ndarray, runs: np.ndarray, u: np.ndarray, products: np.ndarray, given: np.ndarray
+) -> tuple[float, float]:
+    """`_variance` by stretches with those first points, and what whole runs scatter beyond it.
+
+    Stretches are not quite independent: their scores are enlarged, and the effect is not, so that
+    what is given widens the variance. That of whole runs counts where it is larger (Satterthwaite
+    1946, Biometrics Bulletin 2, 110-114).
+    """
+    shares = np.diagonal(products, axis1=1, axis2=2)
+    share = (given**2).sum(axis=1) / np.maximum(shares, 1e-300)
+    left = u / np.sqrt(np.maximum(1 - share, _LEAST_LEFT)) - products @ u.sum(axis=0)
+    at = np.searchsorted(ends, runs)
+    variance, more = (
+        float((one**2).sum()) * len(one) / (len(one) - 1)
+        for one in (left, np.add.reduceat(left, at, axis=0))
+    )
+    more = max(more - variance, 0.0)
+    freedom, of_runs = (
+        max(float(np.mean(1 / (one**2).sum(axis=0))) - 1, 1.0) * np.sqrt(u.shape[1])
+        for one in (shares, np.add.reduceat(shares, at, axis=0))
+    )
+    unsure = variance**2 / freedom + more**2 / of_runs
+    return max(variance + more, 1e-300), (variance + more) ** 2 / max(unsure, 1e-300)
+
+
+def _given(basis: np.ndarray, x: np.ndarray, runs: np.ndarray) -> np.ndarray:
+    """The scores of what is given of the probe of each run, [runs, given, directions]."""
+    parts = np.split(np.arange(len(x)), runs[1:])
+    return np.stack([basis[part].T @ x[part] for part in parts])
 
 
 def _gained(x: np.ndarray, residual: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -148,7 +148,7 @@ def _scanned(
     """
     taken = [effect.name for effect in state.accepted]
     lines = [
-        Score(entry, entry.starts[0], float(scipy.stats.norm.isf(p)), p, p, np.nan, *_UNKNOWN)
+        Score(entry, entry.starts[0], float(scipy.stats.norm.isf(p)), p, np.nan, *_UNKNOWN)
         for entry, p in waves(nulls[0], taken, seed)
         if has_room(state.fitted.effects, entry.starts[0])
     ]

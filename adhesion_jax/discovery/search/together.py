@@ -40,7 +40,7 @@ def together(state: Selection, null: Null, number: int, seed: int) -> Selection:
     chosen = [some for size in _SIZES for some in combinations(places.tolist(), size)]
     if not chosen:
         return state
-    z, _, largest = signed(null, [orthonormal(flat[:, list(some)]) for some in chosen], seed)
+    z, largest = signed(null, [orthonormal(flat[:, list(some)]) for some in chosen], seed)
     best = int(np.argmax(z))
     p = adjusted(float(z[best]), largest, problem.runs)
     if p > rules.SCAN_SIGNIFICANT:
