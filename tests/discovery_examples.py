@@ -232,7 +232,7 @@ def two_effects() -> Findings:
 
 def unexplained() -> Findings:
     """Structure along a column, and no cause."""
-    spline = Spline(0.0231, 0.01, -0.02, 0.01, 0.0, 25.0, 95.0, "relative_humidity_pct")
+    spline = Spline(0.0231, 0.01, -0.02, 0.01, 0.0, 60.0, 20.0, "relative_humidity_pct")
     return null()._replace(
         law=law(spline),
         points=points()[[*_OWN, "relative_humidity_pct"]],

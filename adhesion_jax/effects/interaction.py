@@ -5,23 +5,23 @@ import numpy as np
 
 from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
 from adhesion_jax.effects.shape import ShapeTerm
-from adhesion_jax.effects.two_columns import ENDS, REFERENCES, at_corners, legendre, pairs
+from adhesion_jax.effects.two_columns import REFERENCES, SCALES, at_corners, legendre, pairs
 
 
 class Interaction(ShapeTerm):
     """g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials.
 
-    u and v are the columns on -1 to 1 over their ranges, held at the edges beyond.
+    u and v are the columns on -1 to 1 by the share of the data below them.
     """
 
     k11: Scalar
     k12: Scalar
     k21: Scalar
     k22: Scalar
-    first_low: Scalar
-    first_high: Scalar
-    second_low: Scalar
-    second_high: Scalar
+    first_mean: Scalar
+    first_spread: Scalar
+    second_mean: Scalar
+    second_spread: Scalar
     first: str = eqx.field(static=True)
     second: str = eqx.field(static=True)
 
@@ -33,7 +33,7 @@ class Interaction(ShapeTerm):
                 for i in (1, 2)
                 for j in (1, 2)
             },
-            **ENDS,
+            **SCALES,
         },
         strengths=("k11", "k12", "k21", "k22"),
         references=REFERENCES,
@@ -42,8 +42,8 @@ class Interaction(ShapeTerm):
     )
 
     def log_factor(self, conditions: Conditions) -> Values:
-        u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
-        v, v2 = legendre(conditions[self.second], self.second_low, self.second_high)
+        u, u2 = legendre(conditions[self.first], self.first_mean, self.first_spread)
+        v, v2 = legendre(conditions[self.second], self.second_mean, self.second_spread)
         return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
 
     @classmethod

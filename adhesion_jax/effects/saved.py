@@ -19,11 +19,18 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 
 #: Format number of the files of a discovery; a file without one is of format 1.
-FORMAT = 2
+FORMAT = 3
 
-#: Effects whose formulas or parameters have changed since format 1: read by the present formulas,
-#: their saved values would give other adhesions.
-_CHANGED = ("covariate", "product", "slip_noise", "spline")
+#: The first format with the present formula of each effect that has changed: saved values of an
+#: earlier one would give other adhesions.
+_CHANGED = {
+    "covariate": 2,
+    "product": 2,
+    "slip_noise": 2,
+    "spline": 3,
+    "interaction": 3,
+    "surface": 3,
+}
 
 
 #: The calendar of a law that does not know of time.
@@ -142,11 +149,12 @@ def _check_format(saved: Mapping[str, Any], source: str) -> None:
             f"{source} is a law of format {written}, and this version reads up to {FORMAT}; "
             "use the version that saved it, or a newer one."
         )
-    changed = [effect["name"] for effect in saved["effects"] if effect["name"] in _CHANGED]
-    if written < 2 and changed:
+    names = [effect["name"] for effect in saved["effects"]]
+    changed = [name for name in names if written < _CHANGED.get(name, 1)]
+    if changed:
         raise InputError(
-            f"{source} is a law of format 1 with {' and '.join(changed)}, whose formula has "
-            "changed since; find the effects again with adhesion discover of this version."
+            f"{source} is a law of format {written} with {' and '.join(changed)}, whose formula "
+            "has changed since; find the effects again with adhesion discover of this version."
         )
 
 

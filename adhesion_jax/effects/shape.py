@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.curves import Conditions
+from adhesion_jax.curves import Conditions, Scalar
 from adhesion_jax.effects.api import Columns, Effect, Signal, Values
 
 #: What a term may act on, in the order in which programs number them.
@@ -49,6 +49,14 @@ class ShapeTerm(Effect):
     @abstractmethod
     def starts(cls, columns: Columns) -> Sequence["ShapeTerm"]:
         """Terms to try first, on the level."""
+
+
+def share_below(column: Values | float, mean: Scalar, spread: Scalar) -> Values:
+    """The logistic distribution of that mean and standard deviation at the column, from 0 to 1.
+
+    Places on it lie about evenly among the data, however long the tails of the column are.
+    """
+    return jax.nn.sigmoid(jnp.pi / 3**0.5 * (jnp.asarray(column) - mean) / spread)
 
 
 @cache

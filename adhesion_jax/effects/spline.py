@@ -1,43 +1,36 @@
 """A column without a formula of its own: a smooth curve through the data."""
 
-from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
 
-from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Signal, Values
-from adhesion_jax.effects.shape import ShapeTerm
-from adhesion_jax.programs import kept
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
+from adhesion_jax.effects.shape import ShapeTerm, share_below
 
 _KNOTS = np.linspace(0.0, 1.0, 6)
 
 
-def _basis(place: Signal) -> Sequence[Signal]:
-    """The five functions beside the constant, each zero in the middle of the range."""
-
-    def cubic(u: Signal | float, j: int) -> Signal:
-        cubes = jnp.maximum(u - _KNOTS[j], 0.0) ** 3 - jnp.maximum(u - _KNOTS[-1], 0.0) ** 3
-        return cubes / (_KNOTS[-1] - _KNOTS[j])
-
-    def basis(u: Signal | float) -> list[Signal]:
-        last = cubic(u, _KNOTS.size - 2)
-        return [jnp.asarray(u), *(cubic(u, j) - last for j in range(_KNOTS.size - 2))]
-
-    u = jnp.clip(place, 0.0, 1.0)
-    return [here - middle for here, middle in zip(basis(u), basis(0.5), strict=True)]
+def _natural(u: Any) -> list[Any]:
+    """The five functions of Eq. 5.4 and 5.5 beside the constant, u from 0 to 1."""
+    cubes = [((u - knot) * (u > knot)) ** 3 / (1 - knot) for knot in _KNOTS[:-1]]
+    return [u, *(cube - cubes[-1] for cube in cubes[:-1])]
 
 
-@kept()
-def _basis_at(places: Float[ArrayLike, " places"]) -> Float[Array, "places functions"]:
-    return jnp.stack(_basis(jnp.asarray(places)), axis=1)
+def _turned() -> np.ndarray:
+    """What makes the functions uncorrelated and of variance one over u, the smoothest first."""
+    grid = np.stack(_natural((np.arange(1000) + 0.5) / 1000), axis=1)
+    return np.linalg.inv(np.linalg.qr(grid - grid.mean(axis=0))[1]) * len(grid) ** 0.5
+
+
+_TURNED, _MIDDLE = _turned(), np.array(_natural(0.5))
 
 
 class Spline(ShapeTerm):
-    """g = s(u), s a natural cubic spline with six knots on u = (z - low)/(high - low).
+    """g = s(u), s a natural cubic spline with six knots on the share u of the data below z.
 
-    Outside [low, high] the column is held at the edge.
+    u is the logistic distribution of the mean and the standard deviation of the column.
     """
 
     k1: Scalar
@@ -45,8 +38,8 @@ class Spline(ShapeTerm):
     k3: Scalar
     k4: Scalar
     k5: Scalar
-    low: Scalar
-    high: Scalar
+    mean: Scalar
+    spread: Scalar
     column: str = eqx.field(static=True)
 
     FACTS = Form(
@@ -54,30 +47,29 @@ class Spline(ShapeTerm):
         "5.4 and 5.5",
         described={
             **{f"k{j}": ("1", -50.0, 50.0, f"weight of basis function {j}") for j in range(1, 6)},
-            "low": ("column", -1e12, 1e12, "smallest value in the data"),
-            "high": ("column", -1e12, 1e12, "largest value in the data"),
+            "mean": ("column", -1e12, 1e12, "mean of the data"),
+            "spread": ("column", 1e-12, 1e12, "standard deviation of the data"),
         },
         strengths=("k1", "k2", "k3", "k4", "k5"),
-        references={"low": "column", "high": "column"},
-        formula="g = s(u), s a natural cubic spline with six knots on u = (z - low)/(high - low)",
+        references={"mean": "column", "spread": "column"},
+        formula="g = s(u), s a natural cubic spline with six knots on the share u of data below z",
         phrase="a smooth dependence on {}",
     )
 
     def log_factor(self, conditions: Conditions) -> Values:
-        basis = _basis(jnp.asarray((conditions[self.column] - self.low) / (self.high - self.low)))
-        weights = (self.k1, self.k2, self.k3, self.k4, self.k5)
-        terms = [weight * part for weight, part in zip(weights, basis, strict=True)]
-        return jnp.sum(jnp.stack(terms), axis=0)
+        weights = _TURNED @ jnp.stack([self.k1, self.k2, self.k3, self.k4, self.k5])
+        functions = _natural(share_below(conditions[self.column], self.mean, self.spread))
+        terms = zip(weights, functions, _MIDDLE, strict=True)
+        return sum(weight * (one - middle) for weight, one, middle in terms)
 
     @classmethod
     def at_places(cls) -> np.ndarray:
-        return np.asarray(_basis_at(_KNOTS))
+        return (np.stack(_natural(_KNOTS), axis=1) - _MIDDLE) @ _TURNED
 
     @classmethod
     def starts(cls, columns: Columns) -> list[ShapeTerm]:
-        ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
         return [
-            cls(0.02, 0.02, 0.02, 0.02, 0.02, low=low, high=high, column=name)
-            for name, (low, high) in ends.items()
-            if high > low
+            cls(0.02, 0.02, 0.02, 0.02, 0.02, float(z.mean()), float(z.std()), column=name)
+            for name, z in columns.items()
+            if np.ptp(z) > 0
         ]

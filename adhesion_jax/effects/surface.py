@@ -5,7 +5,7 @@ import numpy as np
 
 from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
 from adhesion_jax.effects.shape import ShapeTerm
-from adhesion_jax.effects.two_columns import ENDS, REFERENCES, at_corners, legendre, pairs
+from adhesion_jax.effects.two_columns import REFERENCES, SCALES, at_corners, legendre, pairs
 
 #: Degrees of the polynomials in u and in v.
 _DEGREES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
@@ -14,8 +14,8 @@ _DEGREES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 class Surface(ShapeTerm):
     """g = k10 P_1(u) + k01 P_1(v) + k20 P_2(u) + k11 P_1(u) P_1(v) + k02 P_2(v).
 
-    P are the Legendre polynomials; u and v are the columns on -1 to 1 over their ranges, held at
-    the edges beyond.
+    P are the Legendre polynomials; u and v are the columns on -1 to 1
+    by the share of the data below them.
     """
 
     k10: Scalar
@@ -23,10 +23,10 @@ class Surface(ShapeTerm):
     k20: Scalar
     k11: Scalar
     k02: Scalar
-    first_low: Scalar
-    first_high: Scalar
-    second_low: Scalar
-    second_high: Scalar
+    first_mean: Scalar
+    first_spread: Scalar
+    second_mean: Scalar
+    second_spread: Scalar
     first: str = eqx.field(static=True)
     second: str = eqx.field(static=True)
 
@@ -34,7 +34,7 @@ class Surface(ShapeTerm):
         source="any smooth function of two columns up to the second degree",
         described={
             **{f"k{i}{j}": ("1", -9.0, 9.0, f"weight of degrees {i} and {j}") for i, j in _DEGREES},
-            **ENDS,
+            **SCALES,
         },
         strengths=tuple(f"k{i}{j}" for i, j in _DEGREES),
         references=REFERENCES,
@@ -43,8 +43,8 @@ class Surface(ShapeTerm):
     )
 
     def log_factor(self, conditions: Conditions) -> Values:
-        u, u2 = legendre(conditions[self.first], self.first_low, self.first_high)
-        v, v2 = legendre(conditions[self.second], self.second_low, self.second_high)
+        u, u2 = legendre(conditions[self.first], self.first_mean, self.first_spread)
+        v, v2 = legendre(conditions[self.second], self.second_mean, self.second_spread)
         return self.k10 * u + self.k01 * v + self.k20 * u2 + self.k11 * u * v + self.k02 * v2
 
     @classmethod

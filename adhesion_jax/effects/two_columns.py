@@ -1,33 +1,32 @@
-"""What functions of two columns share: both on -1 to 1 over their ranges, and their parameters."""
+"""What functions of two columns share: both on -1 to 1 by shares of the data; their parameters."""
 
 from collections.abc import Mapping
 from itertools import combinations
 
-import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.effects.api import Columns, Scalar, Values
+from adhesion_jax.effects.shape import share_below
 
-#: The ends of the ranges of both columns, and the columns they are references in.
-ENDS: Mapping[str, tuple[str, float, float, str]] = {
-    f"{place}_{end}": ("column", -1e12, 1e12, f"{end} end in the data")
+#: The mean and the spread of both columns, and the columns they are references in.
+SCALES: Mapping[str, tuple[str, float, float, str]] = {
+    f"{place}_{name}": ("column", least, 1e12, f"{words} of the data")
     for place in ("first", "second")
-    for end in ("low", "high")
+    for name, least, words in (("mean", -1e12, "mean"), ("spread", 1e-12, "standard deviation"))
 }
-REFERENCES: Mapping[str, str] = {name: name.split("_")[0] for name in ENDS}
+REFERENCES: Mapping[str, str] = {name: name.split("_")[0] for name in SCALES}
 
 
-def legendre(column: Values | float, low: Scalar, high: Scalar) -> tuple[Values, Values]:
-    """P_1(u) and P_2(u), u the column on -1 to 1 over its range, held at the edges beyond."""
-    place = jnp.clip(2 * (column - low) / (high - low) - 1, -1.0, 1.0)
+def legendre(column: Values | float, mean: Scalar, spread: Scalar) -> tuple[Values, Values]:
+    """P_1(u) and P_2(u), u from -1 to 1 by the share of the data below the column."""
+    place = 2 * share_below(column, mean, spread) - 1
     return place, 1.5 * place**2 - 0.5
 
 
 def pairs(columns: Columns) -> list[tuple[float, float, float, float, str, str]]:
-    """The ends of both ranges and both names, for every two columns that vary."""
-    ends = {name: (float(z.min()), float(z.max())) for name, z in columns.items()}
-    varying = [name for name, (low, high) in ends.items() if high > low]
-    return [(*ends[one], *ends[other], one, other) for one, other in combinations(varying, 2)]
+    """The means and spreads of both and both names, for every two columns that vary."""
+    scales = {name: (float(z.mean()), float(z.std())) for name, z in columns.items() if np.ptp(z)}
+    return [(*scales[one], *scales[other], one, other) for one, other in combinations(scales, 2)]
 
 
 def at_corners(*degrees: tuple[int, int]) -> np.ndarray:

@@ -391,6 +391,20 @@ def test_an_offset_or_a_shift_may_be_a_curve_over_its_column(null, table, librar
     assert p["covariate:warm", Covariate, acts_on] > 0.1
 
 
+def test_a_curve_over_the_bulk_of_a_column_of_long_tails_is_found():
+    """Half of the data lie below a fortieth of its range."""
+    draw = np.random.default_rng(36)
+    table = campaign(draw).assign(wear=lambda own: np.exp(1.2 * own["gust"] / own["gust"].std()))
+    wave = np.cos(1.5 * np.pi * table["wear"].rank() / len(table))
+    assert table["wear"].median() < table["wear"].min() + np.ptp(table["wear"]) / 40
+    made = curve(table["slip_ratio"]) * np.exp(0.02 * wave) + noise(draw, correlation=0.5)
+    whole = table.drop(columns="gust").assign(adhesion=made)
+    null = null_of(alone(whole), within=True)
+    best = screen([(null, library_of(null.fitted.setting.problem))], seed=0)[0]
+    assert best.form == ("covariate:wear", Spline, "level")
+    assert best.p <= rules.SIGNIFICANT
+
+
 def test_labels_are_found_where_each_has_a_level_of_its_own(null, table, library):
     draw = np.random.default_rng(32)
     level = table["place"].map({"a": 1.0, "b": 0.9, "c": 1.08, "d": 0.97}).to_numpy()

@@ -3,6 +3,7 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -226,17 +227,29 @@ def factors_of(term, conditions):
     return np.asarray(found)
 
 
+def share_below(column, mean, spread):
+    return stats.logistic.cdf(column, mean, spread * 3**0.5 / np.pi)
+
+
 def test_a_spline_is_the_natural_cubic_spline_through_its_knots():
-    effect = Spline(0.5, -0.8, 1.1, 0.4, -0.6, low=2.0, high=7.0, column="wear")
-    knots = np.linspace(2.0, 7.0, 6)
-    heights = np.log(factors_of(effect, {"wear": jnp.asarray(knots)}))
+    """The knots lie at even shares of the data."""
+    effect = Spline(0.5, -0.8, 1.1, 0.4, -0.6, mean=2.0, spread=7.0, column="wear")
+    column = np.append(stats.logistic(2.0, 7.0 * 3**0.5 / np.pi).ppf(np.linspace(0, 1, 101)), -5.0)
+    found = np.log(factors_of(effect, {"wear": jnp.asarray(np.clip(column, -1e4, 1e4))}))
+    knots = np.linspace(0.0, 1.0, 6)
+    heights = found[[0, 20, 40, 60, 80, 100]]
     assert np.ptp(heights) > 0.1
-    between = np.linspace(2.0, 7.0, 101)
-    found = np.log(factors_of(effect, {"wear": jnp.asarray(between)}))
-    expected = CubicSpline(knots, heights, bc_type="natural")(between)
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-14)
-    outside = np.log(factors_of(effect, {"wear": jnp.array([-5.0, 90.0])}))
-    np.testing.assert_allclose(outside, heights[[0, -1]], rtol=1e-12)
+    expected = CubicSpline(knots, heights, bc_type="natural")(share_below(column, 2.0, 7.0))
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-13)
+
+
+def test_the_functions_of_a_spline_are_uncorrelated_over_the_data_and_ever_rougher():
+    column = stats.logistic(0.0, 3**0.5 / np.pi).ppf((np.arange(2000) + 0.5) / 2000)
+    units = [Spline(*unit, mean=0.0, spread=1.0, column="wear") for unit in np.eye(5)]
+    found = np.stack([np.log(factors_of(one, {"wear": jnp.asarray(column)})) for one in units])
+    np.testing.assert_allclose(np.cov(found), np.eye(5), atol=2e-3)
+    roughness = np.sum(np.diff(found, 2, axis=1) ** 2, axis=1)
+    assert np.all(np.diff(roughness) > 0)
 
 
 def test_plain_columns_and_products_are_linear_in_the_logarithm():
@@ -257,11 +270,11 @@ def test_a_threshold_is_a_step_about_its_centre():
     np.testing.assert_allclose(np.log(factors_of(effect, conditions)), expected, atol=1e-8)
 
 
-def test_an_interaction_is_of_legendre_polynomials_on_the_ranges():
+def test_an_interaction_is_of_legendre_polynomials_on_the_shares_below():
     numbers = (0.1, -0.2, 0.3, 0.05)
-    effect = KINDS["interaction"](*numbers, 2.0, 6.0, -1.0, 9.0, "wear", "gap")
+    effect = KINDS["interaction"](*numbers, 2.0, 6.0, 1.0, 9.0, "wear", "gap")
     wear, gap = np.array([2.0, 3.0, 4.0, 6.0, 5.0]), np.array([-1.0, 6.5, 4.0, 9.0, 40.0])
-    u, v = (wear - 4) / 2, np.minimum((gap - 4) / 5, 1.0)
+    u, v = 2 * share_below(wear, 2.0, 6.0) - 1, 2 * share_below(gap, 1.0, 9.0) - 1
     weights = np.zeros((3, 3))
     weights[1:, 1:] = np.reshape(numbers, (2, 2))
     expected = np.polynomial.legendre.legval2d(u, v, weights)
@@ -271,9 +284,9 @@ def test_an_interaction_is_of_legendre_polynomials_on_the_ranges():
 
 def test_a_surface_is_of_legendre_polynomials_up_to_the_second_degree():
     numbers = (0.1, -0.2, 0.3, 0.05, 0.15)
-    effect = KINDS["surface"](*numbers, 2.0, 6.0, -1.0, 9.0, "wear", "gap")
+    effect = KINDS["surface"](*numbers, 2.0, 6.0, 1.0, 9.0, "wear", "gap")
     wear, gap = np.array([2.0, 3.0, 4.0, 6.0, 5.0]), np.array([-1.0, 6.5, 4.0, 9.0, 40.0])
-    u, v = (wear - 4) / 2, np.minimum((gap - 4) / 5, 1.0)
+    u, v = 2 * share_below(wear, 2.0, 6.0) - 1, 2 * share_below(gap, 1.0, 9.0) - 1
     weights = np.array([[0.0, -0.2, 0.15], [0.1, 0.05, 0.0], [0.3, 0.0, 0.0]])
     expected = np.polynomial.legendre.legval2d(u, v, weights)
     found = factors_of(effect, {"wear": jnp.asarray(wear), "gap": jnp.asarray(gap)})

@@ -28,11 +28,11 @@ def saved(folder, **changes):
     return path
 
 
-def test_a_law_is_saved_in_format_two(tmp_path):
-    assert json.loads(saved(tmp_path).read_text())["format"] == 2
+def test_a_law_is_saved_in_format_three(tmp_path):
+    assert json.loads(saved(tmp_path).read_text())["format"] == 3
 
 
-@pytest.mark.parametrize("written", [None, 1, 2])
+@pytest.mark.parametrize("written", [None, 1, 2, 3])
 def test_a_law_of_an_older_format_is_read(tmp_path, written):
     read = load_law(saved(tmp_path, format=written))
     curve, factor = (
@@ -65,12 +65,18 @@ def test_effects_whose_formula_has_changed_are_refused_in_format_one(tmp_path, w
     )
 
 
+def test_a_spline_over_the_range_of_a_column_is_refused(tmp_path):
+    spline = {"name": "spline", **{f"k{j}": 0.1 for j in range(1, 6)}, "low": 0.0, "high": 9.0}
+    with pytest.raises(InputError, match="a law of format 2 with spline, whose formula"):
+        load_law(saved(tmp_path, format=2, effects=[{**spline, "column": "wind_mps"}]))
+
+
 def test_a_newer_format_is_refused(tmp_path):
-    path = saved(tmp_path, format=3)
+    path = saved(tmp_path, format=4)
     with pytest.raises(InputError) as refused:
         load_law(path)
     assert str(refused.value) == (
-        f"{path} is a law of format 3, and this version reads up to 2; use the version that "
+        f"{path} is a law of format 4, and this version reads up to 3; use the version that "
         "saved it, or a newer one."
     )
 

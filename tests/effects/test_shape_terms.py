@@ -237,12 +237,13 @@ def test_the_compiled_program_predicts_what_the_law_does(setting, base):
     problem = setting.problem
     (start,) = KINDS["labels"].starts({"sanding": np.arange(3.0)})
     labels = dataclasses.replace(start, k1=0.1, k2=-0.1, acts_on="level")
-    ends = {name: (float(z.min()), float(z.max())) for name, z in problem.flat.items()}
-    humid, warm, age = ends["relative_humidity_pct"], ends["temperature_C"], ends["rail_age_days"]
+    scales = {name: (float(z.mean()), float(z.std())) for name, z in problem.flat.items()}
+    names = ("relative_humidity_pct", "temperature_C", "rail_age_days")
+    humid, warm, age = (scales[name] for name in names)
     effects = (
         Covariate(0.1, 60.0, 15.0, column="relative_humidity_pct", acts_on="fall"),
         KINDS["spline"](0.3, -0.2, 0.5, 0.1, -0.4, *warm, column="temperature_C", acts_on="slip"),
-        KINDS["threshold"](0.1, np.mean(age), 3.0, age[0], column="rail_age_days"),
+        KINDS["threshold"](0.1, age[0], 3.0, 0.0, column="rail_age_days"),
         labels,
         KINDS["memory"](0.02, 0.8, 0.5, 0.6, column="slip_velocity_mps", acts_on="offset"),
         Covariate(0.002, 9e4, 1e4, column="normal_load_N", acts_on="shift"),
@@ -284,8 +285,8 @@ def cold():
     warm = table["temperature_C"] > table["temperature_C"].median()
     setting = setting_of(table[~(warm & (table["slip_ratio"].abs() > 0.01))])
     column = setting.problem.flat["temperature_C"]
-    ends = column.min(), column.max()
-    start = KINDS["spline"](*[0.02] * 5, *ends, column="temperature_C", acts_on="fall")
+    scale = column.mean(), column.std()
+    start = KINDS["spline"](*[0.02] * 5, *scale, column="temperature_C", acts_on="fall")
     return fit_model(setting, "burckhardt", (0.3, 60.0, 0.3), (start,)), start
 
 
@@ -293,7 +294,8 @@ def heights(spline, strengths):
     """The function of a spline at its six knots."""
     names = [f"k{place}" for place in range(1, 6)]
     changed = dataclasses.replace(spline, **dict(zip(names, strengths, strict=True)))
-    at = jnp.linspace(float(spline.low), float(spline.high), 6)
+    shares = jnp.linspace(0.0, 1.0, 6)
+    at = spline.mean + spline.spread * 3**0.5 / jnp.pi * jnp.log(shares / (1 - shares))
     return np.asarray(changed.log_factor({"temperature_C": at}))
 
 

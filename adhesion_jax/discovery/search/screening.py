@@ -64,6 +64,14 @@ def least_p(runs: int) -> float:
     return max(1 / (1 + FLIPS), 0.5 ** (runs - 1))
 
 
+def scan_level(runs: int) -> float:
+    """The largest p that is significant in a scan: `rules.SCAN_SIGNIFICANT`.
+
+    It is the least that so few runs can show if that is more, and never above that of any effect.
+    """
+    return min(max(rules.SCAN_SIGNIFICANT, least_p(runs)), rules.SIGNIFICANT)
+
+
 def adjusted(z: float, largest: np.ndarray, runs: int) -> float:
     """The p of z among the `largest` of all that is looked at under random signs, [FLIPS]."""
     return max((1 + int(np.sum(largest >= z))) / (1 + FLIPS), least_p(runs))
@@ -300,11 +308,6 @@ def _gained(x: np.ndarray, residual: np.ndarray, ends: np.ndarray) -> tuple[np.n
 
 
 def orthonormal(flat: np.ndarray) -> np.ndarray:
-    """Orthonormal directions of the columns [points, columns], what they share first.
-
-    Those of a spline are about a line, a parabola and so on.
-    """
-    if not flat.shape[1]:
-        return flat
-    basis, sizes, _ = np.linalg.svd(flat, full_matrices=False)
-    return basis[:, sizes > _OWN]
+    """Orthonormal directions of the columns [points, columns], each beside those before it."""
+    basis, sizes = np.linalg.qr(flat)
+    return basis[:, np.abs(np.diag(sizes)) > _OWN]
