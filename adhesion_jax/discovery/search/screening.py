@@ -64,14 +64,6 @@ def least_p(runs: int) -> float:
     return max(1 / (1 + FLIPS), 0.5 ** (runs - 1))
 
 
-def scan_level(runs: int) -> float:
-    """The largest p that is significant in a scan: `rules.SCAN_SIGNIFICANT`.
-
-    It is the least that so few runs can show if that is more, and never above that of any effect.
-    """
-    return min(max(rules.SCAN_SIGNIFICANT, least_p(runs)), rules.SIGNIFICANT)
-
-
 def adjusted(z: float, largest: np.ndarray, runs: int) -> float:
     """The p of z among the `largest` of all that is looked at under random signs, [FLIPS]."""
     return max((1 + int(np.sum(largest >= z))) / (1 + FLIPS), least_p(runs))

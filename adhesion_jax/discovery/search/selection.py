@@ -15,7 +15,7 @@ from adhesion_jax.discovery.search.probes import Null, null_of, split
 from adhesion_jax.discovery.search.pruning import pruned
 from adhesion_jax.discovery.search.refinement import fitted_start, refined
 from adhesion_jax.discovery.search.scans import waves
-from adhesion_jax.discovery.search.screening import Score, least_p, scan_level, screen
+from adhesion_jax.discovery.search.screening import Score, least_p, screen
 from adhesion_jax.discovery.search.state import (
     Accepted,
     Selection,
@@ -74,8 +74,7 @@ def search(
             state = state._replace(ranking=found.ranking)
             progress("looking for waves and pairs of columns", 0.15 + share)
             scanned = _scanned(state, nulls, scores, seed + number)
-            level = scan_level(state.setting.problem.runs)
-            found = _next(state, scanned, level, number, seed)
+            found = _next(state, scanned, rules.SCAN_SIGNIFICANT, number, seed)
         if not _grown(found, state):
             return found
         found = refined(found, seed)
@@ -187,7 +186,7 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
         forms = [form.starts[0] for name in own for form in forms_of_column(name, problem)]
         if pairs := surfaces(problem, entry.covariates, (other,)):
             parts.append((null_of(chosen.fitted, split(forms)[0]), pairs))
-    scored = [one for one in screen(parts, seed) if one.p <= scan_level(problem.runs)]
+    scored = [one for one in screen(parts, seed) if one.p <= rules.SCAN_SIGNIFICANT]
     trials = tried(now.fitted, scored[: rules.TRIED_FORMS])
     if not trials:
         return None

@@ -6,9 +6,10 @@ import numpy as np
 
 from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import Problem
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, column_entries, constant_within_runs
 from adhesion_jax.discovery.search.probes import Null, directions_of
-from adhesion_jax.discovery.search.screening import adjusted, orthonormal, scan_level, signed
+from adhesion_jax.discovery.search.screening import adjusted, orthonormal, signed
 from adhesion_jax.discovery.search.state import (
     Selection,
     all_but,
@@ -42,7 +43,7 @@ def together(state: Selection, null: Null, number: int, seed: int) -> Selection:
     z, largest = signed(null, [orthonormal(flat[:, list(some)]) for some in chosen], seed)
     best = int(np.argmax(z))
     p = adjusted(float(z[best]), largest, problem.runs)
-    if p > scan_level(problem.runs):
+    if p > rules.SCAN_SIGNIFICANT:
         return state
     some = [lines[place] for place in chosen[best]]
     new = [as_effect(line, (line.name,), line.starts[0], p, 0.0) for line in some]
