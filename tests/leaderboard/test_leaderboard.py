@@ -13,7 +13,7 @@ from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
-from adhesion_jax.leaderboard import judging, tuning
+from adhesion_jax.leaderboard import judging, terms, tuning
 from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.judging import SEEDS, Judging, keys_of, shown_of
 from adhesion_jax.leaderboard.runs import TILE
@@ -154,6 +154,13 @@ def test_points_are_those_of_one_sequence_in_the_unit_cube():
     # A scrambled Sobol sequence has one of 64 points in each 64th of every axis.
     for axis in found.T:
         assert sorted((64 * axis).astype(int)) == [*range(64)]
+
+
+def test_a_step_is_checked_alike_by_a_program_that_another_process_has_kept():
+    method = "constant-slip", ENTRANTS["constant-slip"]
+    first = timing_of(TERMS, GRID, *method, FAMILY)
+    terms._surfaces.programs.clear()  # as at the start of a process
+    assert timing_of(TERMS, GRID, *method, FAMILY) == first
 
 
 def test_a_shard_has_a_row_for_each_run_and_segment(alone):
