@@ -91,6 +91,11 @@ def test_the_public_names_are_those_of_the_package():
     assert sorted(named) == adhesion_jax.__all__
 
 
+@every_page
+def test_nothing_is_left_to_be_filled_in(page):
+    assert re.findall(r"@@|\bTODO\b|\bFIXME\b|\bXXX\b", text_of(page)) == []
+
+
 def test_pages_are_not_long():
     assert [page.name for page in DOCS if len(text_of(page).split()) > WORDS_OF_A_PAGE] == []
 
