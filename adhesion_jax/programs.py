@@ -227,8 +227,11 @@ def _find_lapack() -> None:
 def _keep(path: Path, made: jax.stages.Compiled) -> None:
     try:
         payload = pickle.dumps(serialize(made))
+        form = pickle.loads(pickle.dumps(made.out_tree))
     except (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError):
         return  # one that calls Python, or a backend that cannot: each process compiles its own
+    if form != made.out_tree:
+        return  # its result would not be found again: modules mark what they lack by an object
     keeping.keep(path, payload)
     with suppress(OSError):
         _bound(path.parent)

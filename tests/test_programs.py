@@ -57,6 +57,21 @@ def test_a_name_that_does_not_tell_its_content_is_not_kept(store):
     assert not [*folder.glob("*.program")]
 
 
+def test_a_program_whose_result_would_not_be_found_again_is_not_kept(store):
+    """A curve that is a result: a kept program of it ended in a TypeError of its library."""
+    folder, compiled = store
+    curve = CURVES["burckhardt"]
+
+    def scaled(numbers):
+        return jax.tree.map(lambda number: number * numbers[0], curve)
+
+    for _ in range(2):
+        made = programs.program("scaled", scaled, NUMBERS)(NUMBERS)
+        assert float(made.c1) == pytest.approx(4 * float(curve.c1))
+    assert len(compiled) == 2
+    assert not [*folder.glob("*.program")]
+
+
 class Own(eqx.Module):
     """A class of a program that uses the package as a library."""
 
