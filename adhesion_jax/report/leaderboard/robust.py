@@ -9,7 +9,7 @@ import pandas as pd
 from adhesion_jax.leaderboard.disturbances import ALL, DISTURBANCES
 from adhesion_jax.leaderboard.table import COLUMNS, top
 from adhesion_jax.report.leaderboard.page import table_of_rows
-from adhesion_jax.report.page import Items, Page, Section, Table, pictures
+from adhesion_jax.report.page import CAPTIONS, Items, Page, Section, Table, pictures
 from adhesion_jax.report.traction.page import parameters_of
 from adhesion_jax.traction.plants.reading import TAGS, PlantFile
 from adhesion_jax.traction.systems.base import System
@@ -53,7 +53,7 @@ def robust_page(
     sections = [
         Section("Which method when", [Items(when(there))], boxed=True),
         Section("Mean over all disturbances", [table_of_rows(rows, _SHOWN)]),
-        Section("Figures", pictures("leaderboard", ["robustness.png"])),
+        Section("Figures", pictures("robust", CAPTIONS["robust"])),
         Section("The disturbances", [Table(heading, listing)]),
         *(
             Section(f"{name}: {told['rails'][name]}", [table_of_rows(part, _SHOWN[:-1])])
