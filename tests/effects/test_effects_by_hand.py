@@ -240,7 +240,7 @@ def test_a_spline_is_the_natural_cubic_spline_through_its_knots():
     heights = found[[0, 20, 40, 60, 80, 100]]
     assert np.ptp(heights) > 0.1
     expected = CubicSpline(knots, heights, bc_type="natural")(share_below(column, 2.0, 7.0))
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-14)
 
 
 def test_the_functions_of_a_spline_are_uncorrelated_over_the_data_and_ever_rougher():
