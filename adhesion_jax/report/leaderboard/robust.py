@@ -101,7 +101,7 @@ def verdict(table: pd.DataFrame) -> str:
     own = table[(table["method"] == best) & (table["rails"] != ALL)]
     poor = own[own["utilisation"] < _MUCH]
     if len(poor):
-        told = [f"{one['rails']} ({100 * one['utilisation']:.1f} %)" for _, one in poor.iterrows()]
+        told = [f"{one['rails']} ({100 * one['utilisation']:.2f} %)" for _, one in poor.iterrows()]
         words.append(f"It uses less than {100 * _MUCH:.0f} % under {listed(told)}.")
     torque = own["axle_torque_p95"].max()
     if np.isfinite(torque):
