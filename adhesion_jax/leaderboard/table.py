@@ -1,6 +1,7 @@
 """The table of a board: a row a method and family of rails, from the figures of its runs."""
 
 from collections.abc import Mapping
+from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,10 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from adhesion_jax.campaign.traction import WHOLE
+from adhesion_jax.errors import InputError
 from adhesion_jax.leaderboard.field import OPTIMA
 from adhesion_jax.leaderboard.runs import standard_error
 from adhesion_jax.leaderboard.terms import Versions
 from adhesion_jax.metrics.closed_loop import PRICES
+from adhesion_jax.wording import listed
 
 #: Utilities are told in MJ.
 _MEGA = 1e6
@@ -81,6 +84,12 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
     "rails_version": ("", "version of the rails"),
     "metrics": ("", "version of the metrics"),
 }
+
+
+#: The columns that hold words, versions among them, which may be all digits.
+WORDS = (
+    *("rails", "method", "remark", "dominated_by", "tuned", "plant", "rails_version", "metrics"),
+)
 
 
 class Known(NamedTuple):
@@ -239,13 +248,32 @@ def with_rows(table: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
         if (row["rails"], row["method"]) in known or row["rails"] not in here.index:
             continue
         same = (row[here.columns] == here.loc[row["rails"]]).all()
-        rows.append({**row, "remark": row["remark"] if same else "of another version"})
+        remark = row["remark"] if same else "of another version"
+        # Its differences are from the best of its own board.
+        rows.append({**row, "remark": remark, "difference": np.nan, "difference_se": np.nan})
     if not rows:
         return table
     order = {name: place for place, name in enumerate(here.index)}
     joined = pd.concat([table, pd.DataFrame(rows)], ignore_index=True)
     joined = joined.sort_values("rails", key=lambda names: names.map(order), kind="stable")
     return ranked(joined.reset_index(drop=True))
+
+
+def board_of(board: str | PathLike[str]) -> pd.DataFrame:
+    """The rows of another board; InputError where the file is none."""
+    try:
+        found = pd.read_csv(
+            board, keep_default_na=False, na_values=[""], dtype=dict.fromkeys(WORDS, str)
+        )
+    except OSError as error:
+        reason = error.strerror
+        raise InputError(f"{board} cannot be read ({reason}); name a leaderboard.csv.") from None
+    except ValueError:
+        raise InputError(f"{board} is no table; name a leaderboard.csv.") from None
+    lacks = [name for name in COLUMNS if name not in found]
+    if lacks:
+        raise InputError(f"{board} is no leaderboard.csv: it lacks {listed(lacks)}.")
+    return found.assign(**{name: found[name].fillna("") for name in WORDS})
 
 
 def ranked(table: pd.DataFrame) -> pd.DataFrame:

@@ -24,7 +24,7 @@ from adhesion_jax.leaderboard import judging, tuning
 from adhesion_jax.leaderboard.disturbances import ALL, DISTURBANCES, over_all, with_worst
 from adhesion_jax.leaderboard.field import OPTIMA, Field
 from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown_of
-from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
+from adhesion_jax.leaderboard.table import COLUMNS, Known, board_of, table_of, with_rows
 from adhesion_jax.leaderboard.terms import SAMPLED, STEP, Grid, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuned, Tuning, tuned
 from adhesion_jax.library.reading import own_parts, parts_named
@@ -212,7 +212,7 @@ def traction_leaderboard(
         raise InputError(
             "the robust track has its own train and rails; leave out plant, rails, law and beside."
         )
-    families, other = _families(rails, law), None if beside is None else _read(beside)
+    families, other = _families(rails, law), None if beside is None else board_of(beside)
     titles = {name: one.TITLE for name, one in families.items()}
     tuned_on = [next(iter(families))]
     if robust:
@@ -361,19 +361,3 @@ def _folder(out: str | PathLike[str] | None) -> Iterator[Path]:
         return
     with TemporaryDirectory() as passing:
         yield Path(passing)
-
-
-def _read(board: str | PathLike[str]) -> pd.DataFrame:
-    """The rows of another board; InputError where the file is none."""
-    try:
-        found = pd.read_csv(board, keep_default_na=False, na_values=[""])
-    except OSError as error:
-        reason = error.strerror
-        raise InputError(f"{board} cannot be read ({reason}); name a leaderboard.csv.") from None
-    except ValueError:
-        raise InputError(f"{board} is no table; name a leaderboard.csv.") from None
-    lacks = [name for name in COLUMNS if name not in found]
-    if lacks:
-        raise InputError(f"{board} is no leaderboard.csv: it lacks {listed(lacks)}.")
-    words = [name for name, (unit, _) in COLUMNS.items() if found[name].dtype == object]
-    return found.assign(**{name: found[name].fillna("") for name in words})

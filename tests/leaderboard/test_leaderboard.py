@@ -13,11 +13,12 @@ from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
+from adhesion_jax.files import write_table
 from adhesion_jax.leaderboard import judging, terms, tuning
 from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.judging import SEEDS, Judging, keys_of, shown_of
 from adhesion_jax.leaderboard.runs import TILE
-from adhesion_jax.leaderboard.table import COLUMNS, Known, table_of, with_rows
+from adhesion_jax.leaderboard.table import COLUMNS, Known, board_of, table_of, with_rows
 from adhesion_jax.leaderboard.terms import SAMPLED, Grid, Versions, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning, points, tuned
 from adhesion_jax.metrics.closed_loop import FIGURES
@@ -297,16 +298,21 @@ def test_a_method_is_dominated_by_one_that_is_better_in_every_respect():
 
 
 @pytest.mark.parametrize("other", [True, False])
-def test_rows_of_another_version_are_not_ranked(other):
+def test_rows_of_another_version_are_not_ranked(other, tmp_path):
     here = table_of(made_up(good=0.9), {"good": known()}, VERSIONS, RAILS)
     versions = {RAILS: Versions("a", "b", "other" if other else "c")}
     both = dict.fromkeys(("poor", "good"), known())
-    there = table_of(made_up(poor=0.6, good=0.95), both, versions, RAILS)
-    table = with_rows(here, there)
+    write_table(
+        tmp_path / "board.csv", table_of(made_up(poor=0.6, good=0.95), both, versions, RAILS)
+    )
+    table = with_rows(here, board_of(tmp_path / "board.csv"))
     assert table["method"].tolist() == ["good", "poor"]
     assert table["utilisation"].iloc[0] == here["utilisation"].iloc[0]
     assert table["remark"].tolist() == ["", "of another version" if other else ""]
     assert table["rank"].isna().tolist() == [False, other]
+    assert table["dominated_by"].tolist() == ["", ""]
+    # The difference of another board is from a run that is not in this one.
+    assert table["difference"].isna().tolist() == [False, True]
 
 
 def test_versions_change_with_what_they_are_of():

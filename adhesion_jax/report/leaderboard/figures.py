@@ -84,15 +84,16 @@ def rail_map(board: Judged) -> Figure:
     )
     # The longer list stands below one another, where names need no turning and a page has room.
     used = values if len(values) >= len(values.columns) else values.T
-    size = (3.6 + 1.15 * len(used.columns), 1.4 + 0.34 * len(used))
+    size = (3.2 + 0.6 * len(used.columns), 1.8 + 0.34 * len(used))
     figure = Figure(figsize=size, layout="constrained")
     axis = figure.subplots()
     axis.imshow(used.to_numpy(dtype=float), cmap="gray", vmin=0.3, vmax=1.0, aspect="auto")
     for (row, column), value in np.ndenumerate(used.to_numpy(dtype=float)):
         if np.isfinite(value):
             ink = "white" if value < 0.7 else "black"
-            axis.text(column, row, f"{value:.3f}", ha="center", va="center", color=ink, fontsize=9)
-    axis.set_xticks(range(len(used.columns)), used.columns, rotation=25, ha="right")
+            told = f"{value:.3f}".replace("0.", ".", 1)
+            axis.text(column, row, told, ha="center", va="center", color=ink, fontsize=9.5)
+    axis.set_xticks(range(len(used.columns)), used.columns, rotation=50, ha="right")
     axis.set_yticks(range(len(used)), used.index)
     axis.set_title("utilisation", fontsize=10)
     return figure

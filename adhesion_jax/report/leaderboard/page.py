@@ -24,8 +24,8 @@ _ASSUMED = (
     "Segments last 5 s, and begin up to .5 s earlier or later (assumed).",
     "Noise of the speeds, the period of the sensors, the start at v* = .1 m/s and the largest rate "
     "of the slip asked for, 2 m/s^2, are those of all methods (assumed).",
-    "The ranges that numbers are tuned in are those of each method; what was chosen stands in the "
-    "column tuned (assumed, and tuned).",
+    "The ranges that numbers are tuned in are those of each method; what was chosen stands above "
+    "(assumed, and tuned).",
     "The prices of slip work, 0, 1 and 3 joules of useful work for a joule, stand for what wear "
     "costs (assumed).",
 )
@@ -42,7 +42,7 @@ _FIRST = (
 _SECOND = (
     "method",
     *(name for price in PRICES for name in (f"utility_{price}", f"utility_{price}_share")),
-    *("dominated_by", "promised", "promised_z", "seeds_apart", "tuned"),
+    *("dominated_by", "promised", "promised_z", "seeds_apart"),
 )
 
 
@@ -55,6 +55,8 @@ def leaderboard_page(
         title = f"Rails: {told['rails'].get(rails, rails)}"
         sections.append(Section(title, [table_of_rows(part, _FIRST), table_of_rows(part, _SECOND)]))
     sections.append(Section("Figures", pictures("leaderboard", CAPTIONS["leaderboard"])))
+    first = table[table["rails"] == table["rails"].iloc[0]]
+    sections.append(Section("What tuning chose", [tuned_numbers(first)]))
     sections.append(Section("Terms that all methods share", [Items(_terms(told, system))]))
     assumed = [Items([*_ASSUMED, *system.repairs]), *parameters_of(plant)]
     sections.append(Section("What was assumed", assumed))
@@ -188,8 +190,8 @@ def _terms(told: Mapping[str, Any], system: System) -> Sequence[str]:
     )
 
 
-def table_of_rows(rows: pd.DataFrame, names: Sequence[str]) -> Table:
-    """The columns of these names, with errors where there are some."""
+def table_of_rows(rows: pd.DataFrame, names: Sequence[str], folded: str = "") -> Table:
+    """The columns of these names, with errors where there are some; folded under a heading."""
     # No axle of a rigid train twists.
     there = [name for name in names if name in rows and rows[name].notna().any()]
     cells = [[_cell(row, name) for name in there] for _, row in rows.iterrows()]
@@ -200,7 +202,14 @@ def table_of_rows(rows: pd.DataFrame, names: Sequence[str]) -> Table:
         if pd.api.types.is_numeric_dtype(rows[name])
     ]
     quiet = [place for place, remark in enumerate(rows["remark"]) if remark]
-    return Table(headings, cells, right, quiet=quiet)
+    return Table(headings, cells, right, folded, quiet)
+
+
+def tuned_numbers(rows: pd.DataFrame) -> Table:
+    """The numbers of each method that was tuned, in a table of their own: they are many words."""
+    there = rows[rows["tuned"] != ""]
+    cells = [*zip(there["method"], there["tuned"], strict=True)]
+    return Table(("method", "numbers"), cells)
 
 
 def _cell(row: pd.Series, name: str) -> str:

@@ -1,6 +1,6 @@
 """The page of the robust track: verdict, which method when, map, and what is assumed."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,7 @@ import pandas as pd
 
 from adhesion_jax.leaderboard.disturbances import ALL, DISTURBANCES
 from adhesion_jax.leaderboard.table import COLUMNS, top
-from adhesion_jax.report.leaderboard.page import table_of_rows
+from adhesion_jax.report.leaderboard.page import table_of_rows, tuned_numbers
 from adhesion_jax.report.page import CAPTIONS, Items, Page, Section, Table, pictures
 from adhesion_jax.report.traction.page import parameters_of
 from adhesion_jax.traction.plants.reading import TAGS, PlantFile
@@ -17,7 +17,7 @@ from adhesion_jax.wording import listed, plus_minus
 
 _SHOWN = (
     *("rank", "method", "utilisation", "worst", "difference", "never95", "utility_1_share"),
-    *("axle_torque_median", "axle_torque_p95", "torque_variation", "remark", "tuned"),
+    *("axle_torque_median", "axle_torque_p95", "torque_variation", "remark"),
 )
 
 #: Below this share of the adhesion a disturbance costs a method much.
@@ -31,7 +31,7 @@ _REPLACE = (
     "The frequency and the damping of the wheelset, and the inertia beyond its shaft, are those of "
     "no vehicle: a torsional measurement of the axle replaces the three levels (assumed).",
     "Lag and dead time of the drive are levels: a step of the torque demand, at standstill with "
-    " the brake on, replaces them (assumed).",
+    "the brake on, replaces them (assumed).",
     "Noise, pulses and the reading of the encoder are levels: its data sheet and a log at constant "
     "speed replace them (assumed).",
     "Radius and load of the wheels vary between two turnings and with the supplies: the workshop's "
@@ -55,10 +55,8 @@ def robust_page(
         Section("Mean over all disturbances", [table_of_rows(rows, _SHOWN)]),
         Section("Figures", pictures("robust", CAPTIONS["robust"])),
         Section("The disturbances", [Table(heading, listing)]),
-        *(
-            Section(f"{name}: {told['rails'][name]}", [table_of_rows(part, _SHOWN[:-1])])
-            for name, part in there.groupby("rails", sort=False)
-        ),
+        Section("Under each disturbance", [*_each(there, told["rails"])]),
+        Section("What tuning chose", [tuned_numbers(rows)]),
         Section("What was assumed", [Items([*_REPLACE, *system.repairs]), *parameters_of(plant)]),
         Section(
             "Columns of robustness.csv",
@@ -72,6 +70,11 @@ def robust_page(
     ]
     title = f"Slip control under disturbances: {plant.title}"
     return Page(title, verdict(table), sections)
+
+
+def _each(table: pd.DataFrame, titles: Mapping[str, str]) -> Iterator[Table]:
+    for name, rows in table.groupby("rails", sort=False):
+        yield table_of_rows(rows, _SHOWN, folded=f"{name}: {titles[str(name)]}")
 
 
 def verdict(table: pd.DataFrame) -> str:
