@@ -114,6 +114,36 @@ def test_python_blocks_are_python(page):
             ast.parse(textwrap.dedent(content))
 
 
+def test_the_tables_of_other_rails_and_disturbances_are_those_of_the_files():
+    judged = pd.read_csv(HOME / "results" / "robustness.csv")
+    board = judged.set_index(["method", "rails"])
+    page = text_of(HOME / "docs" / "robust.md")
+    names = re.search(r"^\| method \| mean of all \| (.+) \|$", page, re.MULTILINE)[1]
+    rails = ["all", *(name.strip(" `") for name in names.split("|"))]
+    rows = re.findall(r"^\| `([\w-]+)` \| (\.\d+ ± .+) \|$", page, re.MULTILINE)
+    assert len(rows) == 8
+    for method, cells in rows:
+        for name, cell in zip(rails, cells.split("|"), strict=True):
+            value = cell.split("±")[0].strip()
+            expected = board.loc[(method, name), "utilisation"]
+            assert float(value) == pytest.approx(expected, abs=0.51 * 10 ** -decimals(value))
+    fair = judged[judged["remark"].isna()].pivot_table(
+        index="method", columns="rails", values="utilisation"
+    )
+    assert (fair.drop(columns="all").idxmax() == "robust-curve").sum() == 23
+    families = pd.read_csv(HOME / "results" / "leaderboard_families.csv")
+    best = families[families["rank"] == 1].set_index("rails")
+    page = text_of(HOME / "docs" / "offset_curve.md")
+    rows = re.findall(r"^\| `([\w-]+)` \| (.+?) ± \S+ \| (\S+) \| (\S+) ±", page, re.MULTILINE)
+    assert [name for name, *_ in rows] == [*best.index]
+    assert (best["method"] == "offset-curve").all()
+    columns = ("utilisation", "worst", "utility_1_share")
+    for name, *cells in rows:
+        for column, value in zip(columns, cells, strict=True):
+            expected = best.loc[name, column]
+            assert float(value) == pytest.approx(expected, abs=0.51 * 10 ** -decimals(value))
+
+
 def test_the_measured_leaderboard_is_that_of_the_file():
     board = pd.read_csv(HOME / "results" / "leaderboard.csv").set_index("method")
     section = (
