@@ -35,7 +35,6 @@ from adhesion_jax.effects.relaxation import Relaxation
 from adhesion_jax.effects.sanding import Sanding
 from adhesion_jax.effects.shape import ShapeTerm as ShapeTerm
 from adhesion_jax.effects.slip_bias import SlipBias
-from adhesion_jax.effects.slip_noise import SlipNoise
 from adhesion_jax.effects.slip_speed import SlipSpeed
 from adhesion_jax.effects.speed import Speed
 from adhesion_jax.effects.spline import Spline as Spline
@@ -73,7 +72,6 @@ EFFECTS: MutableMapping[str, type[Cause]] = {
     "wheel_order": WheelOrder,
     "rail_joint": RailJoint,
     "drift": Drift,
-    "slip_noise": SlipNoise,
 }
 
 #: Every kind of effect by the name it is saved under; those beyond the causes are forms over any

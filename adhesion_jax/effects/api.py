@@ -100,9 +100,8 @@ class Facts(Form):
     wave along a column, or a cause that no data can tell from it; one that ends in a colon stands
     for all that begin with it. `of_slip_alone`: it is a function of nothing else, an error of a
     signal that hardly any data tell from another shape of the curve. `one_sided`: what the sentence
-    says is true where the strength is above 0 alone. `screened`: it is looked for among the
-    candidates of the search, rather than by a test of its own. `driven_by` is the column whose step
-    shows a memory: the slip ratio, or one that is set from zero to one.
+    says is true where the strength is above 0 alone. `driven_by` is the column
+    whose step shows a memory: the slip ratio, or one that is set from zero to one.
     """
 
     needs: tuple[str, ...] = field()  # none must be said, too
@@ -113,7 +112,6 @@ class Facts(Form):
     same_as: tuple[str, ...] = ()
     of_slip_alone: bool = False
     one_sided: bool = False
-    screened: bool = True
     driven_by: str = "slip_ratio"
 
     def __post_init__(self) -> None:

@@ -12,7 +12,6 @@ from adhesion_jax.effects.api import Effect, Value
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.shape import exponents_of, shaped
-from adhesion_jax.effects.slip_noise import SlipNoise
 
 #: The memory of each effect of a law, in the order in which they are applied.
 Memory = tuple[Any, ...]
@@ -39,12 +38,7 @@ class CorrectedLaw(Law):
 
     @precise_of_numbers
     def __call__(self, slip: Signal, conditions: Conditions = NO_CONDITIONS) -> Signal:
-        # Conditions that depend on the slip are computed from the expected slip.
-        for effect in self.effects:
-            if isinstance(effect, SlipNoise):
-                slip = effect.before(slip, conditions)
-        others = tuple(effect for effect in self.effects if not isinstance(effect, SlipNoise))
-        return with_effects(self.curve, others, slip, self._seen(slip, conditions))
+        return with_effects(self.curve, self.effects, slip, self._seen(slip, conditions))
 
     def init(self, slip: Value, conditions: Conditions) -> Memory:
         """What the effects remember at the first sample of a run, for `step`."""
@@ -54,9 +48,8 @@ class CorrectedLaw(Law):
         """The memory after one more sample, the first included, and its adhesion.
 
         Conditions are scalars. Over the samples of a run it gives what a call with the whole run
-        gives, to the first order in the time between samples. Noise of the slip is left out,
-        because it is in the signal and a plant has the true slip. Conditions that follow from a
-        whole run (acceleration_mps2, wheel_angle_rad) must be given if an effect needs them.
+        gives, to the first order in the time between samples. Conditions that follow from a whole
+        run (acceleration_mps2, wheel_angle_rad) must be given if an effect needs them.
         """
         return self._advanced(memory, slip, conditions)
 
@@ -64,8 +57,7 @@ class CorrectedLaw(Law):
         self, memory: Memory | None, slip: Value, conditions: Conditions
     ) -> tuple[Memory, Value]:
         seen = self._seen(slip, conditions)
-        effects = [effect for effect in self.effects if not isinstance(effect, SlipNoise)]
-        effects.sort(key=lambda effect: effect.ORDER)
+        effects = sorted(self.effects, key=lambda effect: effect.ORDER)
         adhesion = _at_contact(self.curve, effects, slip, seen)
         after: list[Any] = []
         for place, effect in enumerate(effects):

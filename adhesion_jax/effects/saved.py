@@ -23,14 +23,7 @@ FORMAT = 3
 
 #: The first format with the present formula of each effect that has changed: saved values of an
 #: earlier one would give other adhesions.
-_CHANGED = {
-    "covariate": 2,
-    "product": 2,
-    "slip_noise": 2,
-    "spline": 3,
-    "interaction": 3,
-    "surface": 3,
-}
+_CHANGED = {"covariate": 2, "product": 2, "spline": 3, "interaction": 3, "surface": 3}
 
 
 #: The calendar of a law that does not know of time.
@@ -150,11 +143,12 @@ def _check_format(saved: Mapping[str, Any], source: str) -> None:
             "use the version that saved it, or a newer one."
         )
     names = [effect["name"] for effect in saved["effects"]]
-    changed = [name for name in names if written < _CHANGED.get(name, 1)]
+    changed = [name for name in names if name not in KINDS or written < _CHANGED.get(name, 1)]
     if changed:
         raise InputError(
-            f"{source} is a law of format {written} with {' and '.join(changed)}, whose formula "
-            "has changed since; find the effects again with adhesion discover of this version."
+            f"{source} is a law of format {written} with {' and '.join(changed)}, which this "
+            "version does not know or has with another formula; find the effects again with "
+            "adhesion discover of this version."
         )
 
 

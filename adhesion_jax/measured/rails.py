@@ -22,7 +22,6 @@ from adhesion_jax.effects.law import CorrectedLaw, Memory
 from adhesion_jax.effects.one_column import Memory as ColumnMemory
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.effects.slip_bias import SlipBias
-from adhesion_jax.effects.slip_noise import SlipNoise
 from adhesion_jax.effects.torque_offset import TorqueOffset
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA
@@ -32,7 +31,7 @@ from adhesion_jax.traction.signals import Number, PerAxle
 from adhesion_jax.traction.surface import RailSurface, highest, per
 
 #: Effects of the measurement, which a train on the rail does not meet.
-_OF_MEASURING = (SlipNoise, SlipBias, TorqueOffset, Inertia, Lag, Delay)
+_OF_MEASURING = (SlipBias, TorqueOffset, Inertia, Lag, Delay)
 
 
 class Steady(Law):

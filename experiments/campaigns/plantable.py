@@ -1,4 +1,4 @@
-"""What can be planted in simulated runs: every cause of the catalogue, and four that it lacks."""
+"""What can be planted in simulated runs: every cause of the catalogue, and five that it lacks."""
 
 import numpy as np
 
@@ -141,13 +141,13 @@ _OF_CATALOGUE = {
     "slip_bias": Planting(of_strength(EFFECTS["slip_bias"], 0.045)),
     "torque_offset": Planting(of_strength(EFFECTS["torque_offset"], 0.4)),
     "inertia": Planting(of_strength(EFFECTS["inertia"], 0.9)),
-    "slip_noise": Planting(slip_noise, is_noise=True),
 }
 
 #: Everything that can be planted, by its name: the causes in the order of the catalogue, and those
 #: that it lacks.
 PLANTABLE: dict[str, Planting] = {
     **{name: _OF_CATALOGUE[name] for name in EFFECTS if name in _OF_CATALOGUE},
+    "slip_noise": Planting(slip_noise, is_noise=True),
     "torsion": Planting(torsion, is_noise=True),
     "unknown_column": Planting(unknown_column),
     "product": Planting(product, chosen("gradient_permille")),

@@ -42,6 +42,7 @@ _SEEN_IN: Mapping[str, tuple[str, ...]] = {
 
 #: The names that say the same of what the catalogue lacks.
 _SAME_AS: Mapping[str, tuple[str, ...]] = {
+    "slip_noise": (),
     "torsion": ("periodic:time_s",),
     "unknown_column": ("covariate:rail_age_days",),
     "product": ("product:",),

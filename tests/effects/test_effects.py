@@ -149,11 +149,6 @@ def test_adhesion_and_derivatives_are_finite_wherever_a_run_can_be(name):
 @pytest.mark.parametrize("name", KINDS)
 def test_a_padded_tail_changes_nothing_before_it(name):
     found = worn(start(name), name, *HARD["padded"])
-    if name == "slip_noise":
-        # Each point knows of all: beside the run that ends where the padding begins.
-        cut = worn(start(name), name, *completed_run(*run_of(POINTS - 30)))
-        np.testing.assert_allclose(found[: POINTS - 30], cut, rtol=1e-12)
-        return
     # Slopes look at most twelve points ahead.
     kept = slice(0, POINTS - 30 - 12)
     np.testing.assert_allclose(found[kept], worn(start(name), name)[kept], rtol=1e-12)
@@ -196,7 +191,7 @@ def test_a_steady_state_has_a_peak_and_is_that_of_a_run_in_which_nothing_changes
 def test_everything_is_described(name):
     kind = KINDS[name]
     fields = [field.name for field in dataclasses.fields(kind)]
-    named = {"column", "first", "second", "falls_with", "acts_on"}
+    named = {"column", "first", "second", "acts_on"}
     assert [field for field in fields if field not in named] == [*kind.FACTS.parameters]
     for parameter in kind.FACTS.parameters.values():
         assert parameter.unit
@@ -239,7 +234,7 @@ def test_every_cause_says_what_others_must_know_of_it(name):
             same
         ].FACTS.family == cause.FACTS.family
         assert family_of(same) == cause.FACTS.family
-    assert issubclass(cause, Dynamic) == ("time_s" in cause.FACTS.needs and name != "slip_noise")
+    assert issubclass(cause, Dynamic) == ("time_s" in cause.FACTS.needs)
     if issubclass(cause, Dynamic):
         assert cause.FACTS.driven_by in ("slip_ratio", *cause.FACTS.needs)
 

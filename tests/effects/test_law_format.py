@@ -60,14 +60,15 @@ def test_effects_whose_formula_has_changed_are_refused_in_format_one(tmp_path, w
     with pytest.raises(InputError) as refused:
         load_law(path)
     assert str(refused.value) == (
-        f"{path} is a law of format 1 with slip_noise and covariate, whose formula has changed "
-        "since; find the effects again with adhesion discover of this version."
+        f"{path} is a law of format 1 with slip_noise and covariate, which this version does "
+        "not know or has with another formula; find the effects again with adhesion discover of "
+        "this version."
     )
 
 
 def test_a_spline_over_the_range_of_a_column_is_refused(tmp_path):
     spline = {"name": "spline", **{f"k{j}": 0.1 for j in range(1, 6)}, "low": 0.0, "high": 9.0}
-    with pytest.raises(InputError, match="a law of format 2 with spline, whose formula"):
+    with pytest.raises(InputError, match="a law of format 2 with spline, which this version"):
         load_law(saved(tmp_path, format=2, effects=[{**spline, "column": "wind_mps"}]))
 
 

@@ -12,7 +12,7 @@ from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import why_untested
+from adhesion_jax.discovery.search.catalogue import NO_TIME, why_untested
 from adhesion_jax.discovery.search.state import Accepted, Selection
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import CorrectedLaw
@@ -63,6 +63,8 @@ def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
         why = why_untested(name, problem)
         if why:
             reasons.setdefault(why, []).append(name)
+    if not problem.in_time:
+        reasons.setdefault(NO_TIME, []).append("slip_noise")
     sentences = [f"Not tested: {', '.join(names)} ({why})." for why, names in reasons.items()]
     for name, values in problem.flat.items():
         limits = _NARROW.get(name)

@@ -18,7 +18,6 @@ from adhesion_jax.curves import BASES, CURVES, Law
 from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent
 from adhesion_jax.effects import EFFECTS, KINDS, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON, prior_precision
-from adhesion_jax.effects.slip_noise import SlipNoise
 
 #: Prior standard deviation of what braking adds to a factor of the departure, relative to that of
 #: the factor, and of the factors relative to the first.
@@ -39,8 +38,7 @@ class Layout(NamedTuple):
     kinds: Mapping[type[Effect], int]
     names: tuple[str, ...]
     # An effect is a term of the shape, bends the slip before the curve, or changes adhesion after
-    # it: only these branches are compiled for it. Noise of the slip is no effect of a program,
-    # because the slip is corrected for it beforehand.
+    # it: only these branches are compiled for it.
     shapes: tuple[str, ...]
     causes: tuple[str, ...]
     bending: tuple[str, ...]
@@ -60,7 +58,7 @@ def parts() -> tuple[object, ...]:
 def _of_parts(_: tuple[int, ...]) -> Layout:
     curve, names = max(len(curve.free) for curve in BASES.values()), tuple(KINDS)
     shapes = tuple(name for name in names if issubclass(KINDS[name], ShapeTerm))
-    causes = tuple(name for name in names if name not in shapes and KINDS[name] is not SlipNoise)
+    causes = tuple(name for name in names if name not in shapes)
     return Layout(
         curve,
         curve + 2 * BELOW_EFFECTS,

@@ -30,6 +30,9 @@ _SITES: Mapping[type[ShapeTerm], Sequence[str]] = {
     Memory: ("level", "slip"),
 }
 
+#: Why what acts in time is not tested in other data.
+NO_TIME = "acts within a run in time, and the data are no runs in time"
+
 #: Share of the variance of a column within runs above which it may have a memory. By hand.
 _MOVING = 0.05
 
@@ -50,7 +53,7 @@ def library_of(problem: Problem) -> tuple[Entry, ...]:
     entries = [
         entry_of(name, effect.starts(problem.flat), problem)
         for name, effect in EFFECTS.items()
-        if effect.FACTS.screened and not why_untested(name, problem)
+        if not why_untested(name, problem)
     ]
     for column in problem.columns:
         entries += forms_of_column(column, problem)
@@ -126,7 +129,7 @@ def why_untested(name: str, problem: Problem) -> str:
     """Why the data cannot test the effect of that name; empty if they can."""
     effect = EFFECTS[name]
     if "time_s" in effect.FACTS.needs and not problem.in_time:
-        return "acts within a run in time, and the data are no runs in time"
+        return NO_TIME
     needs = [need for need in effect.FACTS.needs if need != "time_s"]
     for need in needs:
         if need != "mode" and need not in problem.varying and need not in problem.constant:

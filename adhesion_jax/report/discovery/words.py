@@ -7,6 +7,9 @@ from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.effects import KINDS
 from adhesion_jax.wording import listed, number, p_is
 
+#: What is found beside the effects and is none.
+_NOISE = {"slip_noise": "noise in the slip signal"}
+
 #: What an effect does to the curve, by what it acts on.
 _ACTS_ON = {
     "level": "acts on the level of the curve",
@@ -31,7 +34,8 @@ def humanised(name: str) -> str:
     """An effect's name in words; names of columns stay as they are in the file."""
     kind, _, column = name.partition(":")
     if kind not in KINDS:
-        return one_line(kind.replace("_", " ") + (f" of {column}" if column else ""))
+        words = _NOISE.get(kind, kind.replace("_", " "))
+        return one_line(words + (f" of {column}" if column else ""))
     return KINDS[kind].FACTS.phrase.replace("{}", one_line(column))
 
 
