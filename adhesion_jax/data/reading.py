@@ -31,7 +31,7 @@ from adhesion_jax.data.plausible import (
     unusual,
 )
 from adhesion_jax.data.rows import Rows, set_aside
-from adhesion_jax.data.stretches import FEW, Gaps, bridged, without_gaps
+from adhesion_jax.data.stretches import FEW, bridged, without_gaps
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -185,29 +185,44 @@ def _used(
     side_by_side = stacked_note(found.taken, found.copies, rows.count)
     notes += rows.in_time(taken["time_s"].column if "time_s" in taken else "time_s")
     notes += rows.labelled()
-    bridges, gaps = _without_gaps(rows, [name for name in names_needed if name in numbers], few)
+    there = [name for name in names_needed if name in numbers]
+    notes += bridged(numbers, rows.series, there)
+    gaps = without_gaps(numbers, there, few)
+    if not gaps.kept.any():
+        empty = [name for name in there if np.isnan(numbers[name]).all()]
+        raise InputError(f"no row has a value in {listed(empty or there)}")
+    for name in gaps.left_out:
+        del numbers[name]
+    rows.keep(gaps.kept)
+    notes += gaps.notes
+    of_gaps = tuple(notes)
     for name, value in found.constants.items():
         numbers[name] = np.full(rows.count, value)
         understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
-    count_notes = of_means(numbers)
-    moved, delay_notes = without_delays(numbers, rows.labels, known.delays)
+    notes += of_means(numbers)
+    moved, said = without_delays(numbers, rows.labels, known.delays)
     rows.keep(moved)
-    beside_notes = slip_beside_speeds(numbers, taken)
+    beside = slip_beside_speeds(numbers, taken)
     derived = derive(numbers, known, rows.labels)
     rows.keep(derived.used)
     if not rows.count:
         raise InputError(derived.unused)
-    beyond_notes = rows.within(derived.sources) + rows.without_leaps()
+    notes += [*said, *derived.notes, *rows.within(derived.sources), *rows.without_leaps()]
     # Two speeds are compared where the slip is theirs and nothing was said of a delay.
-    of_speeds = "slip_velocity_mps" in derived.sources and not known.delays
-    unit_notes = refuse_other_units(numbers, taken)
+    if "slip_velocity_mps" in derived.sources and not known.delays:
+        notes += late_signals(numbers, rows.labels)
     table = pd.DataFrame({**numbers, **rows.labels}, index=rows.index, copy=False)
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
-    table, scatter_notes = with_scatter(table, slip)
-    of_scatter = {"adhesion_sd": "scatter of the repeats"} if scatter_notes else {}
+    table, of_scatter = with_scatter(table, slip)
+    notes += [*of_scatter, *unusual(numbers, taken), *refuse_other_units(numbers, taken), *beside]
+    notes += filter(None, [exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy())])
+    notes += speed_warnings(numbers, taken)
+    computed = dict(derived.sources)
+    if of_scatter:
+        computed["adhesion_sd"] = "scatter of the repeats"
     understood += [
         (f"computed: {source}", name, COLUMNS[name].unit, table[name].min(), table[name].max(), 0.0)
-        for name, source in {**derived.sources, **of_scatter}.items()
+        for name, source in computed.items()
     ]
     left_out = {**read.left_out, **unfit, **gaps.left_out}
     return Measured(
@@ -217,39 +232,9 @@ def _used(
         tuple(name for name in numbers if name not in COLUMNS),
         tuple(left_out),
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
-        (
-            *_format_notes(sheet, found, read.origin, left_out),
-            *side_by_side,
-            *notes,
-            *bridges,
-            *gaps.notes,
-            *count_notes,
-            *delay_notes,
-            *derived.notes,
-            *beyond_notes,
-            *(late_signals(numbers, rows.labels) if of_speeds else ()),
-            *scatter_notes,
-            *unusual(numbers, taken),
-            *unit_notes,
-            *beside_notes,
-            *filter(None, [exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy())]),
-            *speed_warnings(numbers, taken),
-        ),
-        (*notes, *bridges, *gaps.notes),
+        (*_format_notes(sheet, found, read.origin, left_out), *side_by_side, *notes),
+        of_gaps,
     )
-
-
-def _without_gaps(rows: Rows, needed: Sequence[str], few: float) -> tuple[tuple[str, ...], Gaps]:
-    """Keeps the rows and columns without gaps that are not bridged; sentences on the bridges."""
-    bridges = bridged(rows.numbers, rows.series, needed)
-    gaps = without_gaps(rows.numbers, needed, few)
-    if not gaps.kept.any():
-        empty = [name for name in needed if np.isnan(rows.numbers[name]).all()]
-        raise InputError(f"no row has a value in {listed(empty or needed)}")
-    for name in gaps.left_out:
-        del rows.numbers[name]
-    rows.keep(gaps.kept)
-    return bridges, gaps
 
 
 _UNDERSTOOD = ("column", "taken_as", "unit", "lowest", "highest", "missing")
