@@ -49,12 +49,11 @@ def condensed(runs: RunSet, most: int = MOST_POINTS) -> RunSet:
     number = np.diff(begins, append=count)
     kept = _of_one_label(runs, begins, number)
 
+    own = np.add.reduceat(kept.astype(float), begins)
+
     def mean(values: np.ndarray) -> np.ndarray:
-        if kept is None:
-            return np.add.reduceat(values, begins) / number
         return np.add.reduceat(np.where(kept, values, 0.0), begins) / own
 
-    own = number if kept is None else np.add.reduceat(kept.astype(float), begins)
     whole = runs.whole
     means = Rows(
         mean(whole.slip),
@@ -175,15 +174,13 @@ def _labels(runs: RunSet) -> tuple[str, ...]:
     return (*runs.named, "mode")
 
 
-def _of_one_label(runs: RunSet, begins: np.ndarray, number: np.ndarray) -> np.ndarray | None:
-    """The rows of each block whose labels are those of one of its rows; None if all are alike."""
-    kept = None
+def _of_one_label(runs: RunSet, begins: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Which rows, [rows], bool, have the labels of one row of their block."""
+    kept = np.ones(runs.whole.slip.size, bool)
     block = np.repeat(np.arange(begins.size), number)
     chosen = begins + np.arange(begins.size) % number
     for name in _labels(runs):
         if name in runs.whole.conditions:
             values = runs.whole.conditions[name]
-            alike = values == values[chosen][block]
-            if not alike.all():
-                kept = alike if kept is None else kept & alike
+            kept &= values == values[chosen][block]
     return kept

@@ -1,5 +1,6 @@
 """How a text file writes a table: characters, separator, decimal mark, header, row of units."""
 
+import codecs
 import csv
 import io
 import itertools
@@ -59,24 +60,16 @@ def encoding_of(stream: BufferedIOBase, path: str) -> str:
         raise InputError(
             f"{path} is a binary file, not text; save the table as comma-separated UTF-8 text."
         )
-    strange = b""
-    left = b""
-    while chunk:
-        whole = left + chunk
-        left = b""
-        if not whole.isascii():
-            try:
-                whole.decode()
-            except UnicodeDecodeError as error:
-                if error.reason == "unexpected end of data" and len(whole) - error.start < 4:
-                    left = whole[error.start :]  # a character that goes on in the next chunk
-                else:
-                    strange = whole[max(error.start - _AROUND, 0) : error.start + _AROUND]
-                    break
-        chunk = stream.read(_CHUNK)
-    if not strange and not left:
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    try:
+        while chunk:
+            decoder.decode(chunk)
+            chunk = stream.read(_CHUNK)
+        decoder.decode(b"", final=True)
         return "utf-8"
-    found = None if b"\0" in strange + left else _one_byte(strange or left)
+    except UnicodeDecodeError as error:
+        strange = error.object[max(error.start - _AROUND, 0) : error.start + _AROUND]
+    found = None if b"\0" in strange else _one_byte(strange)
     if found is None:
         raise InputError(
             f"{path} is a binary file or text of an unknown encoding; save the table as "

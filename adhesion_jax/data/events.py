@@ -209,13 +209,16 @@ def _averaged(measured: Measured) -> _Averaged:
     first, stop = after_gap, np.append(after_gap[1:], time.size)
     slip = np.empty(time.size, dtype=np.float32)
     raw = table[measured.slip].to_numpy(float)
-    window = 1 if step == 0 else 1 + 2 * round(WINDOW_S / step / 2)
-    hold = HOLD_ROWS if step == 0 else max(HOLD_ROWS, round(HOLD_S / step))
-    lag = 1 if step == 0 else max(1, round(LAG_S / step))
+
+    def rows(seconds: float) -> int:
+        return round(seconds / step) if step else 0
+
+    window = 1 + 2 * rows(WINDOW_S / 2)
     for begin, end in zip(first, stop, strict=True):
         scipy.ndimage.uniform_filter1d(
             raw[begin:end], window, output=slip[begin:end], mode="nearest"
         )
+    hold, lag = max(HOLD_ROWS, rows(HOLD_S)), max(1, rows(LAG_S))
     return _Averaged(time, speed, slip, first, stop, window, hold, lag)
 
 
@@ -225,14 +228,10 @@ def _stride(rows: int) -> int:
 
 def _runs(flag: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First rows, and the rows after the last, of what is true without a break."""
-    begins = flag.copy()
-    begins[1:] &= ~flag[:-1]
-    begins[breaks] = flag[breaks]
-    ends = flag.copy()
-    ends[:-1] &= ~flag[1:]
-    last = breaks[breaks > 0] - 1
-    ends[last] = flag[last]
-    return np.flatnonzero(begins), 1 + np.flatnonzero(ends)
+    before, after = np.append(False, flag[:-1]), np.append(flag[1:], False)
+    before[breaks] = False
+    after[breaks[breaks > 0] - 1] = False
+    return np.flatnonzero(flag & ~before), 1 + np.flatnonzero(flag & ~after)
 
 
 def _noise(log: _Averaged) -> SlipNoise:

@@ -283,21 +283,19 @@ def _format(dialect: Dialect) -> str:
 def _opened(path: Path) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
     """The text of a file as bytes, and the file itself, whose place tells how much is read."""
     with path.open("rb") as raw:
-        if path.suffix.lower() == ".zip":
-            with zipped(path, _OF_TEXT) as stream:
-                try:
-                    yield stream, raw
-                except (zlib.error, zipfile.BadZipFile):
-                    raise InputError(f"{path} is not a whole zip file; zip it anew.") from None
-            return
-        if not path.name.lower().endswith(".gz"):
-            yield raw, raw
-            return
+        match path.suffix.lower():
+            case ".zip":
+                opened, broken = zipped(path, _OF_TEXT), "zip file; zip it"
+            case ".gz":
+                opened, broken = gzip.GzipFile(fileobj=raw), "gzip file; compress it"
+            case _:
+                yield raw, raw
+                return
         try:
-            with gzip.open(raw) as stream:
+            with opened as stream:
                 yield stream, raw
-        except (gzip.BadGzipFile, EOFError, zlib.error):
-            raise InputError(f"{path} is not a whole gzip file; compress it anew.") from None
+        except (gzip.BadGzipFile, EOFError, zlib.error, zipfile.BadZipFile):
+            raise InputError(f"{path} is not a whole {broken} anew.") from None
 
 
 @contextmanager

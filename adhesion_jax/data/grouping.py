@@ -97,27 +97,12 @@ def with_history(held: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def as_one(files: Sequence[Measured]) -> Measured:
-    """Measured tables as one, with the columns that all have and the runs of all (`group`)."""
+    """Measured tables as one, with the columns that all have and the runs of all (`group`).
+
+    InputError where slip is a ratio in some files and a velocity in others.
+    """
     if len(files) == 1:
         return files[0]
-    refuse_two_kinds(files)
-    table, incomplete = joined(files)
-    grouping = group(files)
-    names = np.array(grouping.names, dtype=object)
-    return Measured(
-        ", ".join(file.name for file in files),
-        table.assign(run=names[grouping.run]),
-        files[0].slip,
-        tuple(str(name) for name in table if name not in {*COLUMNS, *LABELS}),
-        tuple(dict.fromkeys([*incomplete, *(name for file in files for name in file.left_out)])),
-        pd.concat([file.understood for file in files], ignore_index=True),
-        tuple(note for file in files for note in file.notes),
-        tuple(note for file in files for note in file.gaps),
-    )
-
-
-def refuse_two_kinds(files: Sequence[Measured]) -> None:
-    """InputError where slip is a ratio in some files and a velocity in others."""
     other = next((file for file in files if file.slip != files[0].slip), None)
     if other is not None:
         ratio, velocity = (files[0], other) if files[0].slip == "slip_ratio" else (other, files[0])
@@ -125,30 +110,37 @@ def refuse_two_kinds(files: Sequence[Measured]) -> None:
             f"{velocity.name} has slip_velocity_mps without vehicle_speed_mps where {ratio.name} "
             "has a slip ratio; give every file the same kind of slip."
         )
-
-
-def joined(files: Sequence[Measured]) -> tuple[pd.DataFrame, list[str]]:
-    """All rows with the columns that every file has, and the names of those that some lack."""
-    tables = []
-    for file in files:
-        table = file.table
-        if "slip_velocity_mps" not in table and "vehicle_speed_mps" in table:
-            velocity = table["slip_ratio"] * table["vehicle_speed_mps"]
-            columns = {**dict(table.items()), "slip_velocity_mps": velocity}
-            table = pd.DataFrame(columns, copy=False)  # pandas warns of `assign` to many columns
-        tables.append(table)
-    names = dict.fromkeys(str(name) for table in tables for name in table)
+    tables = [with_velocity(file.table) for file in files]
+    names = dict.fromkeys(str(name) for table in tables for name in table if name != "run")
     shared = [name for name in names if all(name in table for table in tables)]
-    if len(tables) == 1:
-        return tables[0], []
-    # The runs of all tables are told apart by `group`.
-    shared_by_all = {
-        name: _one_after_the_other([table[name] for table in tables])
-        for name in shared
-        if name != "run"
-    }
-    lacking = [name for name in names if name not in {*shared, "run"}]
-    return pd.DataFrame(shared_by_all, copy=False), lacking
+    columns = {name: _one_after_the_other([table[name] for table in tables]) for name in shared}
+    grouping = group(files)
+    columns["run"] = np.array(grouping.names, dtype=object)[grouping.run]
+    left_out = tuple(dict.fromkeys(name for file in files for name in file.left_out))
+    incomplete = [
+        f"The column {name} is left out: not every file has it."
+        for name in names
+        if name not in {*shared, *left_out}
+    ]
+    return Measured(
+        ", ".join(file.name for file in files),
+        pd.DataFrame(columns, copy=False),
+        files[0].slip,
+        tuple(name for name in columns if name not in {*COLUMNS, *LABELS}),
+        left_out,
+        pd.concat([file.understood for file in files], ignore_index=True),
+        (*(note for file in files for note in file.notes), *incomplete),
+        (*(note for file in files for note in file.gaps), *incomplete),
+    )
+
+
+def with_velocity(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with the slip velocity, where it has slip ratio and vehicle speed alone."""
+    if "slip_velocity_mps" in table or "vehicle_speed_mps" not in table:
+        return table
+    velocity = table["slip_ratio"] * table["vehicle_speed_mps"]
+    columns = {**dict(table.items()), "slip_velocity_mps": velocity}
+    return pd.DataFrame(columns, copy=False)  # pandas warns of `assign` to many columns
 
 
 def _one_after_the_other(parts: Sequence[pd.Series]) -> np.ndarray | pd.Categorical:

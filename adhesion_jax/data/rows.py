@@ -10,7 +10,7 @@ from adhesion_jax.data.gathering import MOST, Gathered
 from adhesion_jax.data.stretches import longest_step, of_rows, series_of, with_clock
 from adhesion_jax.data.understanding import Taken
 from adhesion_jax.errors import InputError
-from adhesion_jax.wording import listed, number
+from adhesion_jax.wording import listed, number, percent
 
 #: The size that nine rows in ten do not exceed is that of the data; what exceeds it this many
 #: times, and the range of its quantity too, is no part of them. By hand.
@@ -137,9 +137,7 @@ def _said(values: np.ndarray, outside: np.ndarray, source: Taken, first_row: int
     written = "" if to == (1.0, 0.0) else f" ({to.back(value):g} {source.unit})"
     where = f"row {first_row + place} of column {source.column} has {value:.6g}{unit}{written}"
     if source.quantity in _LOADS:
-        return f"{where}, under {_LIFTED:.0%} of the usual load ({column.advice})".replace(
-            "%", " %"
-        )
+        return f"{where}, under {percent(_LIFTED)} of the usual load ({column.advice})"
     return f"{where}, outside {column.span} ({column.advice})"
 
 

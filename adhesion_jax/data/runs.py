@@ -11,12 +11,12 @@ import pandas as pd
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 from adhesion_jax.data.grouping import (
     Grouping,
+    as_one,
     group,
     in_blocks,
-    joined,
     places,
-    refuse_two_kinds,
     with_history,
+    with_velocity,
 )
 from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, too_few
 from adhesion_jax.data.stretches import order_by, steps_in_runs
@@ -124,12 +124,10 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     files. A single run is cut into contiguous blocks. Needed are the columns that `read_measured`
     needs and 10 rows in all, at one slip or many.
     """
-    refuse_two_kinds(files)
-    slip = files[0].slip
-    whole = group(files)
+    measured, whole = as_one(files), group(files)
     grouping = in_blocks(whole)
-    table, incomplete = joined(files)
-    _refuse_useless(files, table, slip, grouping)
+    table, slip = with_velocity(measured.table), measured.slip
+    _refuse_useless(measured, grouping)
     columns, named = _conditions(table, slip)
     same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})
     order = order_by(grouping.run)
@@ -139,7 +137,6 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
         {name: _numbers(values, order) for name, values in columns.items() if name not in same},
     )
     length = np.bincount(grouping.run)
-    left_out = tuple(dict.fromkeys(name for file in files for name in file.left_out))
     return RunSet(
         rows,
         np.cumsum(length) - length,
@@ -149,18 +146,13 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
         grouping.blocks,
         tuple(name for name in rows.conditions if name not in {*COLUMNS, *LABELS}),
         named,
-        left_out,
+        measured.left_out,
         (
             *_warnings(table, slip, whole, grouping),
-            *dict.fromkeys(note for file in files for note in file.gaps),
+            *dict.fromkeys(measured.gaps),
             *(
                 f"The column {name} is left out: it is not a number in every row."
-                for name in left_out
-            ),
-            *(
-                f"The column {name} is left out: not every file has it."
-                for name in incomplete
-                if name not in left_out
+                for name in measured.left_out
             ),
             *(
                 f"The column {name} is left out: it is the same as {first}."
@@ -218,11 +210,9 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
     )
 
 
-def _refuse_useless(
-    files: Sequence[Measured], table: pd.DataFrame, slip: str, grouping: Grouping
-) -> None:
+def _refuse_useless(measured: Measured, grouping: Grouping) -> None:
     """Raises InputError if the files together cannot be used although every cell is valid."""
-    length = np.bincount(grouping.run)
+    table, length = measured.table, np.bincount(grouping.run)
     if len(table) < POINTS:
         faults: Sequence[str] = [too_few(len(table))]
     elif length.size > MOST_RUNS:
@@ -236,10 +226,9 @@ def _refuse_useless(
             "the column run all rows are one run)"
         ]
     else:
-        faults = adhesion_faults(table[slip], table["adhesion"])
+        faults = adhesion_faults(table[measured.slip], table["adhesion"])
     if faults:
-        names = ", ".join(file.name for file in files)
-        raise InputError(f"{names} cannot be used: {'; '.join(faults)}.")
+        raise InputError(f"{measured.name} cannot be used: {'; '.join(faults)}.")
 
 
 def _conditions(

@@ -34,9 +34,6 @@ class Fits(NamedTuple):
         return max(self.curves, key=lambda name: self.curves[name].log_density)
 
 
-Starts = Callable[[Mapping[str, Curve], Record], Mapping[str, Float[np.ndarray, " free"]]]
-
-
 def searched(
     curves: Mapping[str, Curve], record: Record
 ) -> Mapping[str, Float[np.ndarray, " free"]]:
@@ -53,14 +50,14 @@ def fit_curves(
     slip_is_velocity: bool,
     given: float | None = None,
     progress: Callable[[str, float], None] = runtime.silent,
-    starts: Starts = searched,
+    starts: Mapping[str, Float[np.ndarray, " free"]] | None = None,
 ) -> Fits:
     """Fit every curve that can be evaluated on the record, in the order of `curves`.
 
     `run` is the run of each point, from 0. `given` is the standard deviation of the noise of the
     wheel speed in m/s (of the slip, where there is no vehicle speed; 0 for an exact slip); if it is
     not given, and the points are in time, it is estimated. `progress` is called with words and the
-    share done.
+    share done. The fits begin at `starts`, which have Kiencke's too, or at those that are searched.
     """
     known = {n: c for n, c in curves.items() if not missing_columns(c, record.conditions)}
     needed = {name for curve in known.values() for name in curve.NEEDS}
@@ -69,14 +66,14 @@ def fit_curves(
     progress("search", 0.0)
     # The curve whose slope weighs rows of noisy slip, whichever curves are asked for.
     usual = {_WEIGHING: CURVES[_WEIGHING]} if slip.sigma else {}
-    begun = starts({**usual, **known}, record)
+    starts = starts or searched({**usual, **known}, record)
     expected, weights = rows, alike(rows)
     for name, curve in usual.items():
-        expected, slip, weights = weighed(curve, begun[name], rows, slip, slip_is_velocity)
+        expected, slip, weights = weighed(curve, starts[name], rows, slip, slip_is_velocity)
     found = {}
     for done, (name, curve) in enumerate(known.items()):
         progress(name, done / len(known))
-        found[name] = fitted(curve, begun[name], expected, slip, weights, slip_is_velocity)
+        found[name] = fitted(curve, starts[name], expected, slip, weights, slip_is_velocity)
     progress("fits", 1.0)
     return Fits(found, slip, rows)
 

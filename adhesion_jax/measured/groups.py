@@ -191,7 +191,7 @@ def each_by_itself(
             {column: values[own] for column, values in record.conditions.items()},
         )
         pieces = np.cumsum(apart) - 1
-        found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=lambda *_: starts)
+        found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=starts)
         answer = answered(found.curves)
         branches = branches_of(found.curves[found.best], found.rows)
         judgement = judged(found.curves, answer, found.rows, step_s, branches)

@@ -1,9 +1,9 @@
 """The law that a plan takes for the truth: its adhesion, its peak, and what they depend on."""
 
-import dataclasses
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -73,11 +73,7 @@ def curve_of(law: Law) -> Curve:
 
 def with_parameters(law: Law, values: Float[Array, " free"]) -> Law:
     """The law with other values of the unknown parameters."""
-    if isinstance(law, Curve):
-        return with_free_values(law, values)
-    assert isinstance(law, (Bent, CorrectedLaw))
-    inner: Any = with_parameters(law.curve, values)
-    return dataclasses.replace(law, curve=inner)
+    return eqx.tree_at(curve_of, law, with_free_values(curve_of(law), values))
 
 
 def peak_of(truth: Truth) -> PeakOfTruth:

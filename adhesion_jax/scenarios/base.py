@@ -1,7 +1,7 @@
 """A scenario: a rail, an excitation and noise, of which it draws records and knows the truth."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -57,7 +57,7 @@ class Scenario(eqx.Module):
         """
         if self.known.asked == ("slope",):
             return {"slope": self._slopes()}
-        found = true_quantities(self._ends(), self._of_truth())
+        found = true_quantities(self._curve(self.course.ends), self._of_truth())
         return {name: found[name] for name in self._names()}
 
     def bound(self, record: Record) -> Float[Array, "blocks values"]:
@@ -73,10 +73,11 @@ class Scenario(eqx.Module):
         names = self._names()
         if "slope" in names:
             return jnp.full((len(self.rails), len(names)), jnp.nan)
-        ends, path = self._ends(), None
+        ends, path = self._curve(self.course.ends), None
         by_values, slope = jax.vmap(self.rail.derivatives)(ends, record.slip, record.conditions)
         if self.rail.drifts:  # every point is a block of its own
-            curves, of_point = self._along(), jax.vmap(jax.vmap(self.rail.derivatives))
+            curves = self._curve(self.course.blocks_of)
+            of_point = jax.vmap(jax.vmap(self.rail.derivatives))
             alone = jax.tree.map(lambda x: x[..., None], (record.slip, record.conditions))
             by_values, slope = of_point(curves, *alone)
             by_values, slope = jnp.swapaxes(by_values[..., 0], 1, 2), slope[..., 0]
@@ -116,21 +117,12 @@ class Scenario(eqx.Module):
         conditions = {**self.known.conditions, **self.rail.conditions}
         return dataclasses.replace(self.known, conditions=conditions)
 
-    def _ends(self) -> Curve:
-        """The curve at the end of each block: its parameters have the axis [blocks]."""
-        course = self.course
-        ends: Curve = jax.tree.map(
-            lambda value: course.ends(jnp.broadcast_to(value, course.shape)), self.rail.curve
+    def _curve(self, of_run: Callable[[Array], Array]) -> Curve:
+        """The curve whose parameters are what `of_run` has of those along a run."""
+        found: Curve = jax.tree.map(
+            lambda value: of_run(jnp.broadcast_to(value, self.course.shape)), self.rail.curve
         )
-        return ends
-
-    def _along(self) -> Curve:
-        """The curve at each point of each block: its parameters have the axes [blocks, points]."""
-        course = self.course
-        along: Curve = jax.tree.map(
-            lambda value: course.blocks_of(jnp.broadcast_to(value, course.shape)), self.rail.curve
-        )
-        return along
+        return found
 
     def _slopes(self) -> np.ndarray:
         """The slopes d mu/d v_s in s/m at the ends of the blocks; all runs have the same slips."""

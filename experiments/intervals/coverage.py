@@ -72,7 +72,7 @@ def one_set(cell: Cell, seed: int) -> dict[str, object]:
     run = np.repeat(np.arange(RUNS), SAMPLES)
     asked = None if cell.size.slip_noise else 0.0
     with jax.enable_x64(True):
-        fits = fit_curves(OFFERED, record, run, False, asked, starts=lambda c, _: _starts(cell, c))
+        fits = fit_curves(OFFERED, record, run, False, asked, starts=_searched_once(cell.truth))
     answer = answered(fits.curves)
     row: dict[str, object] = {"truth": cell.truth, "noise": cell.noise, "set": seed}
     for name, found, true in (
@@ -115,11 +115,6 @@ def _record(slip: np.ndarray, adhesion: np.ndarray) -> Record:
     every = jnp.ones(slip.size, dtype=bool)
     time = jnp.asarray(np.tile(np.arange(SAMPLES) / RATE_HZ, RUNS))
     return Record(jnp.asarray(slip), jnp.asarray(adhesion), every, every, {"time_s": time})
-
-
-def _starts(cell: Cell, curves: Mapping[str, Curve]) -> Mapping[str, np.ndarray]:
-    found = _searched_once(cell.truth)
-    return {name: found[name] for name in curves}
 
 
 @cache
