@@ -11,6 +11,7 @@ from functools import cache
 from importlib import import_module
 from typing import NamedTuple
 
+from adhesion_jax.command_line.command import start
 from adhesion_jax.keeping import folder, keep, kept, of_package
 from adhesion_jax.options import Declared
 
@@ -58,6 +59,8 @@ def catalogue() -> Catalogue:
     if remembered is not None:
         found: Catalogue = pickle.loads(remembered)
         return found
+    # Scenarios compute when they are asked: the flags are set before that, for jax reads them once.
+    start()
     found = told()
     keep(path, pickle.dumps(found))
     with suppress(OSError):

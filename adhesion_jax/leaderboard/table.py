@@ -85,11 +85,8 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
     "metrics": ("", "version of the metrics"),
 }
 
-
 #: The columns that hold words, versions among them, which may be all digits.
-WORDS = (
-    *("rails", "method", "remark", "dominated_by", "tuned", "plant", "rails_version", "metrics"),
-)
+WORDS = ("rails", "method", "remark", "dominated_by", "tuned", "plant", "rails_version", "metrics")
 
 
 class Known(NamedTuple):

@@ -21,7 +21,7 @@ from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.leaderboard import judging, tuning
-from adhesion_jax.leaderboard.disturbances import ALL, DISTURBANCES, over_all, with_worst
+from adhesion_jax.leaderboard.disturbances import ALL, disturbances, over_all, with_worst
 from adhesion_jax.leaderboard.field import OPTIMA, Field
 from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown_of
 from adhesion_jax.leaderboard.table import COLUMNS, Known, board_of, table_of, with_rows
@@ -216,9 +216,9 @@ def traction_leaderboard(
     titles = {name: one.TITLE for name, one in families.items()}
     tuned_on = [next(iter(families))]
     if robust:
-        families = {name: one.disturbance for name, one in DISTURBANCES.items()}
-        titles = {name: one.words for name, one in DISTURBANCES.items()}
-        tuned_on = [name for name, one in DISTURBANCES.items() if one.tuned_on]
+        families = {name: one.disturbance for name, one in disturbances().items()}
+        titles = {name: one.words for name, one in disturbances().items()}
+        tuned_on = [name for name, one in disturbances().items() if one.tuned_on]
     system = SYSTEMS[SYSTEM]
     source = str(plant or system.plant)
     train = read_plant(shipped().get(source, Path(source)))

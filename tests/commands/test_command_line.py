@@ -56,6 +56,24 @@ def test_the_catalogue_is_that_of_the_registries():
     assert answered(script=script).returncode == 0
 
 
+def test_the_first_command_after_a_change_has_the_flags_of_the_others(tmp_path):
+    """Jax reads them when it opens a device, as the rooms do that the catalogue is asked of."""
+    script = """
+import os
+from jax._src import xla_bridge
+from adhesion_jax import runtime
+opens, seen = xla_bridge._init_backend, []
+def noted(platform):
+    seen.append(os.environ.get("XLA_FLAGS", ""))
+    return opens(platform)
+xla_bridge._init_backend = noted
+import adhesion_jax.command_line.identify
+assert seen and all(name in flags for flags in seen for name in runtime._FLAGS), seen
+"""
+    found = answered(script=script, XLA_FLAGS="", ADHESION_JAX_CACHE=str(tmp_path / "empty"))
+    assert found.returncode == 0, found.stderr
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_ends_with_examples_whose_options_there_are(name):
     command = adhesion.get_command(click.Context(adhesion), name)

@@ -14,8 +14,8 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.leaderboard import judging
 from adhesion_jax.leaderboard.disturbances import (
     ALL,
-    DISTURBANCES,
     Disturbance,
+    disturbances,
     over_all,
     with_worst,
 )
@@ -124,10 +124,10 @@ def test_an_encoder_reads_the_last_period():
 
 
 def test_half_is_tuned_on_and_a_third_of_that_twists():
-    tuned = [one for one in DISTURBANCES.values() if one.tuned_on]
-    assert 2 * len(tuned) == len(DISTURBANCES)
+    tuned = [one for one in disturbances().values() if one.tuned_on]
+    assert 2 * len(tuned) == len(disturbances())
     assert 3 * sum(one.disturbance.plant is not None for one in tuned) == len(tuned)
-    names = {name: one.disturbance for name, one in DISTURBANCES.items() if one.tuned_on}
+    names = {name: one.disturbance for name, one in disturbances().items() if one.tuned_on}
     field = Field(TERMS, None, {"one": METHOD})
     assert Tuning(field, names, 64, 0).each * len(names) == TRIPLES
 
@@ -135,7 +135,7 @@ def test_half_is_tuned_on_and_a_third_of_that_twists():
 @pytest.mark.thorough
 def test_another_method_changes_no_row_and_all_disturbances_have_the_same_rails():
     entrants = {"first": METHOD, "second": ENTRANTS["perturb-and-observe"]}
-    families = {name: DISTURBANCES[name].disturbance for name in ("nominal", "dead-time-5ms")}
+    families = {name: disturbances()[name].disturbance for name in ("nominal", "dead-time-5ms")}
     grid = Grid(duration=0.5)
     timing = timing_of(TERMS, grid, "", METHOD, families["dead-time-5ms"])
     found = []
@@ -177,8 +177,8 @@ def test_rows_over_all_are_means_of_the_same_runs():
 
 @pytest.mark.thorough
 def test_the_track_writes_its_table_map_and_report(tmp_path, monkeypatch):
-    few = {name: DISTURBANCES[name] for name in ("dead-time-10ms", "backlash")}
-    monkeypatch.setattr(library.leaderboard, "DISTURBANCES", few)
+    few = {name: disturbances()[name] for name in ("dead-time-10ms", "backlash")}
+    monkeypatch.setattr(library.leaderboard, "disturbances", lambda: few)
     one, two = (
         traction_leaderboard(
             "constant-slip",

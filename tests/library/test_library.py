@@ -286,7 +286,7 @@ def test_a_sample_is_one_point_or_a_block():
 
 
 _HOST = """
-import json, os, sys, threading, warnings
+import importlib, json, os, pkgutil, sys, threading, warnings
 import adhesion_jax as aj
 assert not {"jax", "pandas", "numpy"} & set(sys.modules), "importing it imports others"
 warnings.simplefilter("error")
@@ -297,6 +297,9 @@ import matplotlib, pandas, pint, sklearn.ensemble, threadpoolctl
 before = dict(os.environ), dict(jax.config.values)
 for name in aj.__all__:
     getattr(aj, name)
+for room in pkgutil.walk_packages(aj.__path__, "adhesion_jax."):
+    if "command_line" not in room.name and "__main__" not in room.name:
+        importlib.import_module(room.name)
 assert not jax._src.xla_bridge._backends, "importing opens a device"
 found = aj.identify("eurosprinter", "kiencke")
 result = aj.montecarlo("single", "ml-exact", runs=20, points=60)

@@ -1,12 +1,12 @@
 """The page of the robust track: verdict, which method when, map, and what is assumed."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.leaderboard.disturbances import ALL, DISTURBANCES
+from adhesion_jax.leaderboard.disturbances import ALL, disturbances
 from adhesion_jax.leaderboard.table import COLUMNS, top
 from adhesion_jax.report.leaderboard.page import table_of_rows, tuned_numbers
 from adhesion_jax.report.page import CAPTIONS, Items, Page, Section, Table, pictures
@@ -47,7 +47,7 @@ def robust_page(
     there = table[table["rails"] != ALL]
     listing = [
         [name, one.words, TAGS[one.tag], "tuned and judged" if one.tuned_on else "judged"]
-        for name, one in DISTURBANCES.items()
+        for name, one in disturbances().items()
     ]
     heading = ("disturbance", "what the method does not know", "its level is", "used")
     sections = [
@@ -55,7 +55,13 @@ def robust_page(
         Section("Mean over all disturbances", [table_of_rows(rows, _SHOWN)]),
         Section("Figures", pictures("robust", CAPTIONS["robust"])),
         Section("The disturbances", [Table(heading, listing)]),
-        Section("Under each disturbance", [*_each(there, told["rails"])]),
+        Section(
+            "Under each disturbance",
+            [
+                table_of_rows(part, _SHOWN, folded=f"{name}: {told['rails'][name]}")
+                for name, part in there.groupby("rails", sort=False)
+            ],
+        ),
         Section("What tuning chose", [tuned_numbers(rows)]),
         Section("What was assumed", [Items([*_REPLACE, *system.repairs]), *parameters_of(plant)]),
         Section(
@@ -72,11 +78,6 @@ def robust_page(
     return Page(title, verdict(table), sections)
 
 
-def _each(table: pd.DataFrame, titles: Mapping[str, str]) -> Iterator[Table]:
-    for name, rows in table.groupby("rails", sort=False):
-        yield table_of_rows(rows, _SHOWN, folded=f"{name}: {titles[str(name)]}")
-
-
 def verdict(table: pd.DataFrame) -> str:
     """Who is best in the mean over disturbances and by how much, and where it loses."""
     rows = table[(table["rails"] == ALL) & (table["remark"] == "")]
@@ -85,9 +86,10 @@ def verdict(table: pd.DataFrame) -> str:
     best = top(rows, "utilisation")
     row = rows[rows["method"] == best].iloc[0]
     share = plus_minus(100 * row["utilisation"], 100 * row["utilisation_se"])
+    count = table["rails"].nunique() - 1  # all of them are rails, too
     words = [
-        f"In the mean over {len(DISTURBANCES)} disturbances “{best}” uses {share} % of the "
-        f"adhesion; its worst run uses {100 * row['worst']:.1f} %."
+        f"In the mean over {count} disturbances “{best}” uses {share} % of the adhesion; its "
+        f"worst run uses {100 * row['worst']:.1f} %."
     ]
     others = rows[rows["method"] != best]
     if len(others):
