@@ -97,7 +97,7 @@ def _joined(address: str) -> Iterator[Any]:
     """A client of the scheduler there."""
     try:
         client = _distributed().Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, AssertionError) as error:
         raise InputError(
             f"--cluster {address} cannot be reached ({_told(error)}); start a scheduler there by "
             "`dask scheduler`, or name the address of another one."
@@ -189,8 +189,11 @@ class _Cluster:
             with closing(self._results(finished(submit, dict(enumerate(work))), folder)) as results:
                 yield results
         finally:
-            with suppress(Exception):  # a scheduler that has gone has ended them
-                self.client.cancel([*begun])
+            # A cancellation, also of nothing, is told to all clients, and one that joins at that
+            # moment is lost. Where the scheduler has gone, they have ended.
+            if waiting := [future for future in begun if not future.done()]:
+                with suppress(Exception):
+                    self.client.cancel(waiting)
 
     def _results(
         self, ended: Iterator[tuple[int, Any]], folder: Path

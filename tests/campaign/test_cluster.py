@@ -133,6 +133,17 @@ def test_no_more_units_are_given_out_than_memory_is_meant_for(two, tmp_path, mon
     assert len({*given}) == 40
 
 
+def test_only_what_is_not_done_is_cancelled(two, tmp_path, monkeypatch):
+    cancelled = []
+    monkeypatch.setattr(two.client, "cancel", cancelled.append)
+    found(two, squared, range(9), tmp_path)
+    assert not cancelled
+    with two.stored(squared, [(number,) for number in range(200)], tmp_path) as results:
+        next(results)
+    assert 0 < len(cancelled.pop()) < 200
+    assert not cancelled
+
+
 def test_an_error_of_a_unit_is_raised_here(two, tmp_path):
     with pytest.raises(InputError, match=r"^7 is not wanted\."):
         found(two, refused, [7], tmp_path)
