@@ -8,6 +8,7 @@ import os
 import pickle
 import platform
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import cache, wraps
@@ -253,6 +254,14 @@ def _bound(where: Path) -> None:
             path.unlink(missing_ok=True)
 
 
+class Timed(NamedTuple):
+    """What a program gave, and what it took."""
+
+    result: Any
+    seconds: float  # CPU time, without compilation
+    compile_seconds: float  # wall-clock time to compile or load it
+
+
 class Kept:
     """A function of a module, compiled as by `jax.jit`, whose programs are kept.
 
@@ -281,6 +290,17 @@ class Kept:
         if any(isinstance(leaf, jax.core.Tracer) or _is_elsewhere(leaf) for leaf in leaves):
             return self.jitted(*arguments)
         return self.ready(*arguments)(leaves)
+
+    def timed(self, *arguments: Any) -> Timed:
+        """The function of the arguments, computed when its program is there."""
+        began = time.perf_counter()
+        program = self.ready(*arguments)
+        compile_seconds = time.perf_counter() - began
+        leaves = jax.tree.leaves(self._arrays(arguments))
+        began = time.process_time()
+        found = jax.block_until_ready(program(leaves))
+        seconds = time.process_time() - began
+        return Timed(found, seconds, compile_seconds)
 
     def ready(self, *arguments: Any) -> Callable[[list[Any]], Any]:
         """The program for arguments like these, of the leaves of those that are arrays."""

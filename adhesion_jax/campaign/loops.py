@@ -1,18 +1,16 @@
 """Closed loops that are computed side by side by one program: their figures, and what is drawn."""
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax import programs
 from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import FIGURES, Totals
+from adhesion_jax.programs import QUICKLY, WIDELY, kept
 from adhesion_jax.traction.loop import Loop, Timing, Trace, run, trace
 
 #: Largest number of rows of a run that is drawn.
@@ -42,16 +40,9 @@ def computed(
     """Some loops, each with the noise of its number, or one with that of many; drawn or not."""
     keys = noise_keys(seed, scenario, jnp.asarray(numbers))
     stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
-    began = time.perf_counter()
-    form = jax.tree.structure((stacked, keys))
-    kinds = tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in jax.tree.leaves((stacked, keys)))
-    compiled = _compiled(form, kinds, grid, drawn)
-    compile_seconds = time.perf_counter() - began
-    began = time.process_time()
-    found = jax.block_until_ready(compiled(jax.tree.leaves((stacked, keys))))
-    seconds = time.process_time() - began
-    figures, rows = jax.tree.map(np.asarray, found)
-    return Computed(figures, rows, len(numbers), seconds, compile_seconds)
+    found = (_drawn if drawn else _noisy).timed(stacked, keys, grid)
+    figures, rows = jax.tree.map(np.asarray, found.result)
+    return Computed(figures, rows, len(numbers), found.seconds, found.compile_seconds)
 
 
 def form_of(loop: Loop) -> object:
@@ -59,37 +50,23 @@ def form_of(loop: Loop) -> object:
     return jax.tree.structure(loop), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(loop))
 
 
-@cache
-def _compiled(
-    form: jax.tree_util.PyTreeDef,
-    kinds: tuple[jax.ShapeDtypeStruct, ...],
-    grid: Timing,
-    drawn: bool,
-) -> Callable[[list[Any]], tuple[dict[str, jax.Array], Trace | None]]:
-    """Figures of a stack of loops under their keys, and the rows of what is drawn.
+# What is drawn runs once, and takes longer to compile than to run.
+@kept(compiler=QUICKLY, static=(2,))
+def _drawn(loops: Loop, keys: jax.Array, grid: Timing) -> tuple[dict[str, jax.Array], Trace]:
+    """The figures of a stack of loops under their keys, and the rows of what is drawn."""
 
-    One loop with many keys stands for as many runs of it.
-    """
-
-    def of_drawn(loop: Loop, key: jax.Array) -> tuple[dict[str, jax.Array], Trace]:
+    def of_loop(loop: Loop, key: jax.Array) -> tuple[dict[str, jax.Array], Trace]:
         totals, rows = trace(loop, grid, key, _every(grid))
         return figures_of(totals, grid), rows
 
-    def of_run(loop: Loop, key: jax.Array) -> dict[str, jax.Array]:
-        return figures_of(run(loop, grid, key), grid)
+    return jax.vmap(of_loop)(loops, keys)
 
-    def unit(leaves: list[Any]) -> tuple[dict[str, jax.Array], Trace | None]:
-        loops, keys = jax.tree.unflatten(form, leaves)
-        if drawn:
-            return jax.vmap(of_drawn)(loops, keys)
-        loop = jax.tree.map(lambda x: x[0], loops)
-        return jax.vmap(of_run, (None, 0))(loop, keys), None
 
-    # What is drawn runs once, and takes longer to compile than to run: without the fusion emitters
-    # it takes half the time to compile.
-    compiler = programs.QUICKLY if drawn else programs.WIDELY
-    name = ("traction", form, str(kinds), grid, drawn)
-    return programs.program(name, unit, [*kinds], compiler)
+@kept(compiler=WIDELY, static=(2,))
+def _noisy(loops: Loop, keys: jax.Array, grid: Timing) -> tuple[dict[str, jax.Array], None]:
+    """The figures of the first of a stack of loops under each of the keys."""
+    loop = jax.tree.map(lambda x: x[0], loops)
+    return jax.vmap(lambda key: figures_of(run(loop, grid, key), grid))(keys), None
 
 
 def _every(grid: Timing) -> int:

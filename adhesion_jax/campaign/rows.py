@@ -40,32 +40,48 @@ def estimate_rows(
         def column(array: np.ndarray) -> pa.Array:
             return _numbers(array[:, blocks].ravel())
 
-        def words(codes: np.ndarray, known: Sequence[str]) -> pa.Array:
-            return pa.DictionaryArray.from_arrays(_numbers(codes.astype(np.int32)), _texts(known))
-
         empty = pa.nulls(runs * len(blocks), pa.float64())
         here = np.zeros(runs * len(blocks))
         codes = one.status[:, blocks].ravel()
         rails = list(dict.fromkeys(scenario.rails))
         of_block = np.array([rails.index(scenario.rails[b]) for b in blocks])
         columns = {
-            "scenario": words(here, [name]),
+            "scenario": _words(here, [name]),
             "run": _numbers(np.repeat(np.arange(first, first + runs), len(blocks))),
-            "identifier": words(here, [identifier]),
+            "identifier": _words(here, [identifier]),
             "block": _numbers(np.tile(blocks, runs)),
-            "rail": words(np.tile(of_block, runs), rails),
+            "rail": _words(np.tile(of_block, runs), rails),
             **{v: column(one.values[v]) if v in one.values else empty for v in values},
             **{
                 f"{v}_se": column(one.standard_errors[v]) if v in one.values else empty
                 for v in values
             },
-            "status": words(codes, [status.name.lower() for status in sorted(Status)]),
+            "status": _words(codes, [status.name.lower() for status in sorted(Status)]),
             "objective": column(one.objective),
             "forgetting": column(one.kept_share),
             "evaluations": column(one.evaluations),
         }
         tables.append(pa.table(columns))
     return pa.concat_tables(tables).unify_dictionaries()
+
+
+def segment_rows(
+    words: Mapping[str, str],
+    numbers: Mapping[str, np.ndarray],
+    segments: Sequence[str],
+    figures: Mapping[str, np.ndarray],
+) -> pa.Table:
+    """A row for each run and segment: words of all, numbers of a run, figures [runs, segments]."""
+    runs = len(next(iter(figures.values())))
+    here = np.zeros(runs * len(segments))
+    return pa.table(
+        {
+            **{name: _words(here, [word]) for name, word in words.items()},
+            **{name: _numbers(np.repeat(of, len(segments))) for name, of in numbers.items()},
+            "segment": _words(np.tile(np.arange(len(segments)), runs), segments),
+            **{name: _numbers(np.ravel(figure)) for name, figure in figures.items()},
+        }
+    )
 
 
 # Whatever is given to `pa.array`, it imports pandas, a fifth of the start of a worker process.
@@ -77,6 +93,10 @@ def _numbers(values: np.ndarray) -> pa.Array:
         raise TypeError("arrow packs truth values into bits, which this does not")
     kind = pa.from_numpy_dtype(values.dtype)
     return pa.Array.from_buffers(kind, values.size, [None, pa.py_buffer(values)])
+
+
+def _words(places: np.ndarray, known: Sequence[str]) -> pa.Array:
+    return pa.DictionaryArray.from_arrays(_numbers(places.astype(np.int32)), _texts(known))
 
 
 def _texts(texts: Sequence[str]) -> pa.Array:

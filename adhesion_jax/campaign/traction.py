@@ -14,9 +14,10 @@ import pandas as pd
 import pyarrow as pa
 
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
-from adhesion_jax.campaign.loops import Figures, computed, form_of, steps_of
+from adhesion_jax.campaign.loops import computed, form_of, steps_of
 from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.pool import Processes
+from adhesion_jax.campaign.rows import segment_rows
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.metrics.moments import KnownMoments, plus
@@ -204,28 +205,17 @@ def content(job: Job, number: int, tell: Tell = silent) -> Content:
         "seconds": np.array(found.seconds),
         "compile_seconds": np.array(found.compile_seconds),
     }
-    rows = [_rows(job.cases[case], noise, first, of) for case, of in zip(cases, parts, strict=True)]
+    runs = {"run": np.arange(first, first + moments[0].runs)}
+    rows = [
+        segment_rows(
+            {"scenario": case.scenario, "method": case.method, "noise": noise},
+            runs,
+            [*case.segments, WHOLE],
+            {name: figures[name] for name in FIGURES},
+        )
+        for case, figures in zip((job.cases[n] for n in cases), parts, strict=True)
+    ]
     return Content(arrays, pa.concat_tables(rows).unify_dictionaries())
-
-
-def _rows(case: Named, noise: str, first: int, figures: Figures) -> pa.Table:
-    """The figures of every run and segment; `first` is the number of the first run."""
-    segments = [*case.segments, WHOLE]
-    runs = len(next(iter(figures.values())))
-
-    def words(places: np.ndarray, known: Sequence[str]) -> pa.Array:
-        return pa.DictionaryArray.from_arrays(places.astype(np.int32), [*known])
-
-    none = np.zeros(runs * len(segments))
-    columns = {
-        "scenario": words(none, [case.scenario]),
-        "method": words(none, [case.method]),
-        "noise": words(none, [noise]),
-        "run": pa.array(np.repeat(np.arange(first, first + runs), len(segments))),
-        "segment": words(np.tile(np.arange(len(segments)), runs), segments),
-        **{name: pa.array(np.ascontiguousarray(figures[name]).ravel()) for name in FIGURES},
-    }
-    return pa.table(columns)
 
 
 class Tally(NamedTuple):

@@ -1,19 +1,19 @@
 """What a method costs the computer that it runs on: time of an update, and memory."""
 
-import time
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from adhesion_jax import programs
+from adhesion_jax.programs import kept
 from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.signals import Reference, Signals
 
 #: Runs side by side, updates of each, and times that they are timed: the shortest counts.
-_RUNS, _UPDATES, _TIMES = 128, 500, 3
+_RUNS, _UPDATES, _TIMES = 128, 500, 4
 
 _PERIOD = 1e-3
 
@@ -28,32 +28,17 @@ class Cost(NamedTuple):
 def cost(entrant: Entrant, plant: Plant) -> Cost:
     """The time of an update on this machine, and the bytes from one to the next."""
     given = jax.tree.map(jnp.asarray, (entrant, plant))
-    leaves, form = jax.tree.flatten(given)
-    kinds = [jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves]
-
-    def updates(leaves: list[Any]) -> list[Array]:
-        entrant, plant = jax.tree.unflatten(form, leaves)
-        phases = jnp.linspace(0, 1, _RUNS)
-        return jax.tree.leaves(jax.vmap(lambda phase: _updated(entrant, plant, phase))(phases))
-
-    compiled = programs.program(("cost", form, str(kinds)), updates, kinds, programs.QUICKLY)
-    *state, _ = jax.block_until_ready(compiled(leaves))
-    taken = []
-    for _ in range(_TIMES):
-        began = time.process_time()
-        jax.block_until_ready(compiled(leaves))
-        taken.append(time.process_time() - began)
+    times = [_updated.timed(*given) for _ in range(_TIMES)]
+    *state, _ = times[0].result
     state_bytes = sum(leaf.nbytes for leaf in state) // _RUNS
-    return Cost(1e6 * min(taken) / (_RUNS * _UPDATES), state_bytes)
+    return Cost(1e6 * min(one.seconds for one in times) / (_RUNS * _UPDATES), state_bytes)
 
 
-def _updated(entrant: Entrant, plant: Plant, phase: Float[Array, ""]) -> tuple[Any, Array]:
+@kept()
+def _updated(entrant: Entrant, plant: Plant) -> list[Array]:
     """The states after some updates, and the sum of the torques, which depends on all of them."""
-    first = _signals(entrant, plant, phase, jnp.asarray(0))
-    seeker = None if entrant.seeker is None else entrant.seeker.init(plant, first)
-    state = seeker, entrant.controller.init(plant, first)
 
-    def update(state: Any, number: Int[Array, ""]) -> tuple[Any, Array]:
+    def update(phase: Float[Array, ""], state: Any, number: Int[Array, ""]) -> tuple[Any, Array]:
         signals = _signals(entrant, plant, phase, number)
         sought, controlled = state
         reference: Reference | None = None
@@ -63,8 +48,14 @@ def _updated(entrant: Entrant, plant: Plant, phase: Float[Array, ""]) -> tuple[A
         controlled, torque = entrant.controller.update(controlled, plant, signals, _PERIOD)
         return (sought, controlled), torque
 
-    state, torques = jax.lax.scan(update, state, jnp.arange(_UPDATES))
-    return state, torques.sum()
+    def of_run(phase: Float[Array, ""]) -> list[Array]:
+        first = _signals(entrant, plant, phase, jnp.asarray(0))
+        seeker = None if entrant.seeker is None else entrant.seeker.init(plant, first)
+        state = seeker, entrant.controller.init(plant, first)
+        state, torques = jax.lax.scan(partial(update, phase), state, jnp.arange(_UPDATES))
+        return [*jax.tree.leaves(state), torques.sum()]
+
+    return jax.vmap(of_run)(jnp.linspace(0, 1, _RUNS))
 
 
 def _signals(

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Key
 
 from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.campaign.notes import Tell
+from adhesion_jax.campaign.rows import segment_rows
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.leaderboard.field import Field
@@ -112,34 +113,21 @@ def _rows(
 ) -> pa.Table:
     """A row for each run and segment, and for the whole run, which has no peak."""
     runs, segments = len(lanes), next(iter(figures.values())).shape[1]
-    names = [*map(str, range(1, segments)), WHOLE]
-
-    def words(places: np.ndarray, known: list[str]) -> pa.Array:
-        return pa.DictionaryArray.from_arrays(places.astype(np.int32), known)
-
-    none = np.zeros(runs * segments)
     ends = [_ends(course.segment[:runs], segment) for segment in range(segments)]
-    columns = {
-        "rails": words(none, [rails]),
-        "method": words(none, [method]),
-        "seed": pa.array(np.repeat(seed + lanes % SEEDS, segments)),
-        "run": pa.array(np.repeat(lanes // SEEDS, segments)),
-        "segment": words(np.tile(np.arange(segments), runs), names),
-        **{name: pa.array(figures[name][:runs].ravel()) for name in FIGURES},
-        **{
-            name: pa.array(
-                np.stack(
-                    [
-                        np.where(end < 0, np.nan, getattr(course, name)[np.arange(runs), end, 0])
-                        for end in ends
-                    ],
-                    axis=1,
-                ).ravel()
-            )
-            for name in PEAKS
+
+    def at_ends(values: np.ndarray) -> np.ndarray:
+        found = [np.where(end < 0, np.nan, values[np.arange(runs), end, 0]) for end in ends]
+        return np.stack(found, axis=1)
+
+    return segment_rows(
+        {"rails": rails, "method": method},
+        {"seed": seed + lanes % SEEDS, "run": lanes // SEEDS},
+        [*map(str, range(1, segments)), WHOLE],
+        {
+            **{name: figures[name][:runs] for name in FIGURES},
+            **{name: at_ends(getattr(course, name)) for name in PEAKS},
         },
-    }
-    return pa.table(columns)
+    )
 
 
 def _ends(of_rows: np.ndarray, segment: int) -> np.ndarray:

@@ -1,8 +1,6 @@
 """Runs of a method side by side in one program, each with its configuration, rails and noise."""
 
-import time
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -11,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 from numpy.typing import NDArray
 
-from adhesion_jax import programs
 from adhesion_jax.campaign.loops import figures_of, steps_of
 from adhesion_jax.identifiers.of_numpy import complain
+from adhesion_jax.programs import QUICKLY, WIDELY, kept
 from adhesion_jax.traction.entrants import Entrant, configured
 from adhesion_jax.traction.families import Family
 from adhesion_jax.traction.loop import Loop, Timing, Trace, trace
@@ -23,10 +21,6 @@ from adhesion_jax.traction.systems.base import Terms
 #: Number of runs of a program. A tile is always computed whole, so that a run gives the same bits
 #: whatever runs are asked for: matrix products within a method may round differently elsewhere.
 TILE = 128
-
-#: There is a program for each method and family, and each runs a few times alone: it takes half the
-#: time to compile at this level, and no longer to run.
-_COMPILER = {"xla_backend_optimization_level": "1", **programs.WIDELY, **programs.QUICKLY}
 
 #: The slips in m/s at which the curve of a rail is drawn, closer to each other near zero.
 SLIPS = 1.5 * np.linspace(0, 1, 41) ** 2
@@ -76,42 +70,34 @@ def tile(
 ) -> Tile:
     """The runs of a method at some points of its box, on rails drawn from the keys."""
     given = jax.tree.map(jnp.asarray, (terms, entrant, family, points, keys))
-    leaves, form = jax.tree.flatten(given)
-    began = time.perf_counter()
-    kinds = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-    compiled = _compiled(form, kinds, timing)
-    compile_seconds = time.perf_counter() - began
-    began = time.process_time()
-    found = jax.block_until_ready(compiled(leaves))
-    seconds = time.process_time() - began
+    found, seconds, compile_seconds = _runs.timed(*given, timing)
     complain()
     figures, course = jax.tree.map(np.asarray, found)
     return Tile(figures, course, seconds, compile_seconds, TILE * steps_of(timing))
 
 
-@cache
-def _compiled(
-    form: jax.tree_util.PyTreeDef, kinds: tuple[jax.ShapeDtypeStruct, ...], timing: Timing
-) -> Callable[[list[Any]], tuple[dict[str, jax.Array], Course]]:
+# There is a program for each method and family, and each runs a few times alone: it takes half the
+# time to compile at this level, and no longer to run.
+@kept(compiler={"xla_backend_optimization_level": "1", **WIDELY, **QUICKLY}, static=(5,))
+def _runs(
+    terms: Terms,
+    entrant: Entrant,
+    family: Family,
+    points: Float[Array, "tile numbers"],
+    keys: Key[Array, " tile"],
+    timing: Timing,
+) -> tuple[dict[str, Array], Course]:
     rows = min(_ROWS, timing.samples)
     every = next(n for n in range(timing.samples // rows, 0, -1) if timing.samples % n == 0)
 
-    def runs(leaves: list[Any]) -> tuple[dict[str, jax.Array], Course]:
-        terms, entrant, family, points, keys = jax.tree.unflatten(form, leaves)
+    def run(point: Float[Array, " numbers"], key: PRNGKeyArray) -> tuple[dict[str, Array], Course]:
+        method = configured(entrant, point)
+        of_rails, of_noise = jax.random.split(key)
+        loop = family.met(terms.loop(method, family.draw(of_rails, timing.step)))
+        totals, seen = trace(loop, timing, of_noise, every)
+        return figures_of(totals, timing), _course(loop, timing, seen)
 
-        def run(
-            point: Float[Array, " numbers"], key: PRNGKeyArray
-        ) -> tuple[dict[str, jax.Array], Course]:
-            method = configured(entrant, point)
-            of_rails, of_noise = jax.random.split(key)
-            loop = family.met(terms.loop(method, family.draw(of_rails, timing.step)))
-            totals, seen = trace(loop, timing, of_noise, every)
-            return figures_of(totals, timing), _course(loop, timing, seen)
-
-        return jax.vmap(run)(points, keys)
-
-    name = ("leaderboard", form, str(kinds), timing)
-    return programs.program(name, runs, [*kinds], _COMPILER)
+    return jax.vmap(run)(points, keys)
 
 
 def _course(loop: Loop, timing: Timing, seen: Trace) -> Course:
