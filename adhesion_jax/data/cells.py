@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from contextlib import suppress
 
 import numpy as np
 import pandas as pd
@@ -28,15 +28,7 @@ _DECIDES = {
 _NUMBER = re.compile(r"[+-]?[.,]?\d[\d.,]*(?:[eE][+-]?\d+)?")
 _EITHER = r"^[+-]?[1-9]\d{0,2}(,\d{3})+$"
 
-
-_NO_TEXT = np.empty(0, np.int64)
-
-
-class Numbers(NamedTuple):
-    """The numbers of a block of cells, NaN where there is none; the places of those of text."""
-
-    values: np.ndarray
-    text: np.ndarray  # [cells that are text]
+_NOWHERE = np.empty(0, np.int64)
 
 
 def decimal_mark(cells: Iterable[str]) -> str | None:
@@ -62,20 +54,19 @@ def first_of_two_meanings(cells: pyarrow.Array) -> int | None:
     return None if place < 0 else int(place)
 
 
-def numbers(cells: pyarrow.Array, mark: str = ".") -> Numbers:
-    """The cells as numbers, by the decimal mark; the other mark may part thousands.
+def numbers(cells: pyarrow.Array, mark: str = ".") -> tuple[np.ndarray, np.ndarray]:
+    """The cells as numbers, NaN where there is none, and the places of those that are text.
 
-    Cells of another kind than text are taken as they are.
+    The mark is the decimal one; the other mark may part thousands. Cells of another kind than text
+    are taken as they are.
     """
     if not is_text(cells.type):
         if pyarrow.types.is_boolean(cells.type):
             cells = cells.cast(pyarrow.uint8())
         try:
-            values = cells.cast(pyarrow.float64(), safe=False)
+            return _array(cells.cast(pyarrow.float64(), safe=False)), _NOWHERE
         except (pyarrow.ArrowNotImplementedError, pyarrow.ArrowInvalid):
-            text = pyarrow.array([str(cell) for cell in cells.to_pylist()], pyarrow.string())
-            return Numbers(np.full(len(cells), np.nan), _places(text.is_valid()))
-        return Numbers(_array(values), _NO_TEXT)
+            return np.full(len(cells), np.nan), np.arange(len(cells))
     compute = pyarrow.compute
     other = "," if mark == "." else "."
     strange = compute.match_substring(cells, other)
@@ -90,36 +81,23 @@ def numbers(cells: pyarrow.Array, mark: str = ".") -> Numbers:
     if mark == ",":
         cells = compute.replace_substring(cells, ",", ".")
     for trimmed in (False, True):
-        try:
-            values = _array(_without_missing(cells, trimmed).cast(pyarrow.float64()))
-            return Numbers(values, _NO_TEXT)
-        except pyarrow.ArrowInvalid:
-            continue
-    text = _without_missing(cells, True)
+        text = compute.utf8_trim_whitespace(cells) if trimmed else cells
+        missing = compute.is_in(text, pyarrow.array(MISSING))
+        text = compute.if_else(missing, pyarrow.scalar(None, text.type), text)
+        with suppress(pyarrow.ArrowInvalid):
+            return _array(text.cast(pyarrow.float64())), _NOWHERE
     values = pd.to_numeric(text.to_pandas().astype(object), errors="coerce").to_numpy(float)
-    strange = compute.and_(text.is_valid(), pyarrow.array(np.isnan(values)))
-    return Numbers(values, _places(strange))
+    return values, np.flatnonzero(_array(text.is_valid()) & np.isnan(values))
 
 
 def is_text(kind: pyarrow.DataType) -> bool:
     return bool(pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind))
 
 
-def _without_missing(cells: pyarrow.Array, trimmed: bool) -> pyarrow.Array:
-    if trimmed:
-        cells = pyarrow.compute.utf8_trim_whitespace(cells)
-    missing = pyarrow.compute.is_in(cells, pyarrow.array(MISSING))
-    return pyarrow.compute.if_else(missing, pyarrow.scalar(None, cells.type), cells)
-
-
 def _array(values: pyarrow.Array) -> np.ndarray:
     # A null becomes NaN.
     found: np.ndarray = values.to_numpy(zero_copy_only=False)
     return found
-
-
-def _places(mask: pyarrow.Array) -> np.ndarray:
-    return np.flatnonzero(mask.to_numpy(zero_copy_only=False))
 
 
 _CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d{1,9})?)?"
@@ -167,14 +145,6 @@ _STEPS = (
 _MONTH_FIRST = (r"^(\d{1,2})/(\d{1,2})/", r"\2/\1/")
 
 _DAY = 86400.0
-_NONE = np.empty(0, np.int64)
-
-
-class Stamps(NamedTuple):
-    """Nanoseconds of a block of cells, null where there are none; the places of no stamps."""
-
-    ticks: pyarrow.Int64Array  # since 1970, or since midnight for a time of day
-    text: np.ndarray  # [cells that are no stamps]
 
 
 def form_of(cells: Sequence[str]) -> str:
@@ -197,19 +167,18 @@ def _order(dates: Sequence[str]) -> str:
     return EITHER if len(possible) == 2 else "".join(possible)
 
 
-def is_date(form: str) -> bool:
-    """Whether stamps of this form have a day and no time."""
-    return form not in ("", TIME_OF_DAY) and not form.endswith(AND_TIME)
+def stamps(cells: pyarrow.Array, form: str = "") -> tuple[pyarrow.Int64Array, np.ndarray]:
+    """The cells in nanoseconds, null where there are none, and the places of those that are text.
 
-
-def stamps(cells: pyarrow.Array, form: str = "") -> Stamps:
-    """The cells, text of a form of `form_of` or stamps of their own kind, as nanoseconds."""
+    They are text of a form of `form_of` or stamps of their own kind, and count from 1970, or for a
+    time of day from midnight.
+    """
     kind = cells.type
     if pyarrow.types.is_timestamp(kind):
         ticks = cells.cast(pyarrow.timestamp("ns", kind.tz), safe=False)
-        return Stamps(ticks.cast(pyarrow.int64()), _NONE)
+        return ticks.cast(pyarrow.int64()), _NOWHERE
     if pyarrow.types.is_time(kind):
-        return Stamps(cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), _NONE)
+        return cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), _NOWHERE
     compute = pyarrow.compute
     text = compute.utf8_trim_whitespace(cells)
     text = compute.if_else(compute.equal(text, ""), pyarrow.scalar(None, text.type), text)
@@ -218,24 +187,13 @@ def stamps(cells: pyarrow.Array, form: str = "") -> Stamps:
     shown = text.drop_null()[:1].to_pylist()
     # The steps that the first cell needs, for each takes as long as all the rest; then all of them.
     for steps in ([step for step in _STEPS if shown and re.search(step[0], shown[0])], _STEPS):
-        found = _parsed(text, steps)
-        if found is not None:
-            return Stamps(stamps(found).ticks, _NONE)
-    written = _normal(text, _STEPS)
+        written = _normal(text, steps)
+        zoned = compute.any(compute.match_substring_regex(written, rf"{_ZONE}$")).as_py()
+        with suppress(pyarrow.ArrowInvalid):
+            return stamps(written.cast(pyarrow.timestamp("ns", "UTC" if zoned else None)))
     series = pd.to_datetime(written.to_pandas(), errors="coerce", format="ISO8601", utc=True)
     found = pyarrow.array(series, pyarrow.timestamp("ns", "UTC"))
-    bad = compute.and_(text.is_valid(), found.is_null())
-    return Stamps(stamps(found).ticks, np.flatnonzero(bad.to_numpy(zero_copy_only=False)))
-
-
-def _parsed(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array | None:
-    """The stamps, or None where a cell is none after these steps."""
-    normal = _normal(text, steps)
-    zoned = pyarrow.compute.any(pyarrow.compute.match_substring_regex(normal, rf"{_ZONE}$")).as_py()
-    try:
-        return normal.cast(pyarrow.timestamp("ns", "UTC" if zoned else None))
-    except pyarrow.ArrowInvalid:
-        return None
+    return stamps(found)[0], np.flatnonzero(_array(text.is_valid()) & _array(found.is_null()))
 
 
 def _normal(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Array:
@@ -251,9 +209,7 @@ def _normal(text: pyarrow.Array, steps: Sequence[tuple[str, str]]) -> pyarrow.Ar
 
 def seconds(ticks: pyarrow.Int64Array, origin: int) -> np.ndarray:
     """Seconds since the origin; a difference of integers, which keeps the digits of a stamp."""
-    since = pyarrow.compute.subtract(ticks, origin).cast(pyarrow.float64(), safe=False)
-    found: np.ndarray = since.to_numpy(zero_copy_only=False)
-    return found / 1e9
+    return _array(pyarrow.compute.subtract(ticks, origin).cast(pyarrow.float64(), safe=False)) / 1e9
 
 
 def unwrapped(seconds: np.ndarray) -> np.ndarray:

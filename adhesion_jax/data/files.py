@@ -1,13 +1,15 @@
-"""Files as sheets of cells: what is in them, and their cells in blocks."""
+"""Files, and folders of them, as sheets of cells: what is in them, and their cells in blocks."""
 
+import glob
 import gzip
 import io
 import itertools
+import os
 import re
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from io import BufferedIOBase
 from pathlib import Path
 from typing import NamedTuple
@@ -18,15 +20,7 @@ import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
-from adhesion_jax.data.cells import (
-    A_DATE,
-    AND_TIME,
-    MISSING,
-    TIME_OF_DAY,
-    form_of,
-    is_date,
-    is_text,
-)
+from adhesion_jax.data.cells import A_DATE, AND_TIME, MISSING, TIME_OF_DAY, form_of, is_text
 from adhesion_jax.data.containers import FRAMED, SPREADSHEETS, spreadsheet, zipped
 from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, encoding_of, tidy
 from adhesion_jax.errors import InputError
@@ -51,6 +45,9 @@ _STREAM_BYTES = 1 << 20
 
 #: How many cells of a column of text show whether it holds stamps.
 _SHOWN = 200
+
+#: The column that says of which file a row is.
+_FILE = "file"
 
 #: Cells of some rows by the name of their column, all of one length.
 Block = Mapping[str, pyarrow.Array]
@@ -77,6 +74,69 @@ class Sheet(NamedTuple):
         return self._replace(blocks=lambda: itertools.islice(self.blocks(), 1))
 
 
+def sheet_of(path: Path) -> Sheet:
+    """A file as a sheet; or all files of a folder or of a pattern, one below the other.
+
+    They are in the order of their names, run 2 before run 10, and a column `file` tells them apart.
+    InputError where their columns do not agree.
+    """
+    is_folder = os.path.isdir(path)
+    if not is_folder and (os.path.exists(path) or not glob.has_magic(str(path))):
+        return sheet_of_file(path)
+    found = glob.glob(f"{glob.escape(str(path))}/*" if is_folder else str(path))
+    paths = [Path(one) for one in found if one.lower().endswith(ENDINGS) and os.path.isfile(one)]
+    if not paths:
+        raise InputError(f"{path} has no file that can be read; {WANTED}.")
+    paths.sort(key=_in_order)
+    sheets = [sheet_of_file(one) for one in paths]
+    return sheets[0] if len(sheets) == 1 else _one_below_the_other(path, paths, sheets)
+
+
+def _in_order(path: Path) -> list[tuple[int, str]]:
+    """A name as texts and numbers."""
+    return [
+        (int(one), "") if one.isdecimal() else (0, one) for one in re.split(r"(\d+)", f"{path}")
+    ]
+
+
+def _one_below_the_other(path: Path, paths: Sequence[Path], sheets: Sequence[Sheet]) -> Sheet:
+    first = sheets[0]
+    for other in sheets[1:]:
+        apart = sorted({*first.columns} ^ {*other.columns})
+        if apart:
+            reason = f"one of them alone has {listed(apart[:5])}{' ...' if apart[5:] else ''}"
+        elif first.units != other.units:
+            reason = "their rows of units differ"
+        elif first.stamps != other.stamps:
+            reason = "they write dates in different forms"
+        elif {first.mark, other.mark} == {".", ","}:
+            reason = "one has decimal points and the other decimal commas"
+        else:
+            continue
+        raise InputError(
+            f"{path} is not one log: the columns of {first.name} and {other.name} do not agree "
+            f"({reason}); name files of the same columns."
+        )
+    above = os.path.commonpath([one.parent for one in paths])
+    names = [Path(os.path.relpath(one, above)).as_posix() for one in paths]
+
+    def blocks() -> Iterator[tuple[Block, float]]:
+        for place, sheet in enumerate(sheets):
+            for block, share in sheet.blocks():
+                own = pyarrow.repeat(names[place], len(next(iter(block.values()), ())))
+                # A column of that name which the files have themselves stays theirs.
+                yield {_FILE: own, **block}, (place + share) / len(sheets)
+
+    return first._replace(
+        name=str(path),
+        columns=tuple(dict.fromkeys((*first.columns, _FILE))),
+        mark=next((one.mark for one in sheets if one.mark), None),
+        format=f"{len(sheets)} parts, {paths[0].name} to {paths[-1].name}, whose rows are counted "
+        f"one after the other{f', and {first.format}' if first.format else ''}",
+        blocks=blocks,
+    )
+
+
 def sheet_of_file(path: Path) -> Sheet:
     """A file as a sheet; InputError where it cannot be read, is empty, or is not a table."""
     try:
@@ -96,7 +156,7 @@ def sheet_of_file(path: Path) -> Sheet:
             return sheet_of_frame(frame, str(path))._replace(format=said, first_row=1)
         if ending in SPREADSHEETS:
             text, sheet = spreadsheet(path)
-            found = _text(path, lambda: _held(text))
+            found = _text(path, lambda: nullcontext((held := io.BytesIO(text), held)))
             # Of how the text is written the user wants to know what the sheet has itself.
             said = ", ".join([f"the sheet {tidy(sheet)}", *found.format.split(", ")[1:]])
             return found._replace(format=said)
@@ -109,12 +169,7 @@ def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
     """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
     places = _named(name, [str(column) for column in frame.columns])
     cells = {column: _arrow(frame.iloc[:, place]) for column, place in places.items()}
-    stamps = {column: _form(values.slice(0, _SHOWN)) for column, values in cells.items()}
-
-    def blocks() -> Iterator[tuple[Block, float]]:
-        yield cells, 1.0
-
-    return Sheet(name, tuple(cells), {}, _not_empty(stamps), 0, None, "", blocks)
+    return Sheet(name, tuple(cells), {}, _stamps(cells), 0, None, "", lambda: iter([(cells, 1.0)]))
 
 
 def _arrow(column: pd.Series) -> pyarrow.Array:
@@ -136,7 +191,7 @@ def _parquet(path: Path) -> Sheet:
         first = next(file.iter_batches(_SHOWN, columns=[*written.values()]), None)
         first = first or pyarrow.RecordBatch.from_pylist([], schema)
         first.validate(full=True)
-        stamps = {name: _form(first.column(column)) for name, column in written.items()}
+        stamps = _stamps({name: first.column(column) for name, column in written.items()})
 
     def decoded(cells: pyarrow.Array) -> pyarrow.Array:
         return cells.dictionary_decode() if pyarrow.types.is_dictionary(cells.type) else cells
@@ -147,12 +202,10 @@ def _parquet(path: Path) -> Sheet:
             for batch in file.iter_batches(_BLOCK_ROWS, columns=[*written.values()]):
                 batch.validate(full=True)
                 done += batch.num_rows
-                yield (
-                    {name: decoded(batch.column(column)) for name, column in written.items()},
-                    done / max(file.metadata.num_rows, 1),
-                )
+                cells = {name: decoded(batch.column(column)) for name, column in written.items()}
+                yield cells, done / max(file.metadata.num_rows, 1)
 
-    return Sheet(str(path), tuple(written), {}, _not_empty(stamps), 1, None, "", blocks)
+    return Sheet(str(path), tuple(written), {}, stamps, 1, None, "", blocks)
 
 
 @contextmanager
@@ -169,15 +222,12 @@ def _text(path: Path, opened: _Opened) -> Sheet:
     with opened() as (stream, _):
         dialect = dialect_of(stream, encoding, str(path))
     places = _named(str(path), dialect.names)
-    stamps = {
-        name: form_of([row[place] for row in dialect.rows[:_SHOWN]])
-        for name, place in places.items()
-    }
+    rows = dialect.rows[:_SHOWN]
     return Sheet(
         str(path),
         tuple(places),
         {name: dialect.units[place] for name, place in places.items()} if dialect.units else {},
-        _not_empty(stamps),
+        _stamps({name: pyarrow.array([row[at] for row in rows]) for name, at in places.items()}),
         dialect.above + 1,
         dialect.mark,
         _format(dialect),
@@ -228,10 +278,8 @@ def _text_blocks(
                 head, above = above, max(above - batch.num_rows, 0)
                 batch = batch.slice(head)
                 if batch.num_rows:
-                    yield (
-                        dict(zip(places, batch.columns, strict=True)),
-                        min(raw.tell() / size, 1.0),
-                    )
+                    cells = dict(zip(places, batch.columns, strict=True))
+                    yield cells, min(raw.tell() / size, 1.0)
         except pyarrow.ArrowInvalid as error:
             if ragged:
                 raise _ragged(path, dialect, ragged) from None
@@ -298,13 +346,6 @@ def _opened(path: Path) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
             raise InputError(f"{path} is not a whole {broken} anew.") from None
 
 
-@contextmanager
-def _held(text: bytes) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
-    """Text that is in memory, as a file."""
-    stream = io.BytesIO(text)
-    yield stream, stream
-
-
 def _named(path: str, written: Sequence[str]) -> dict[str, int]:
     """The names that are more than those of a saved index, and their places."""
     names = [tidy(name) for name in written]
@@ -314,20 +355,20 @@ def _named(path: str, written: Sequence[str]) -> dict[str, int]:
     return {name: place for place, name in enumerate(names) if not _SAVED_INDEX.fullmatch(name)}
 
 
-def _form(cells: pyarrow.Array) -> str:
-    """The form of stamps that the first cells of a column hold; empty where they hold none."""
-    kind = cells.type
-    if pyarrow.types.is_timestamp(kind):
-        return "a date and time"
-    if pyarrow.types.is_time(kind):
-        return TIME_OF_DAY
-    if pyarrow.types.is_date(kind):
-        return A_DATE
-    return form_of([cell or "" for cell in cells.to_pylist()]) if is_text(kind) else ""
-
-
-def _not_empty(stamps: Mapping[str, str]) -> Mapping[str, str]:
-    return {name: form for name, form in stamps.items() if form}
+def _stamps(columns: Block) -> dict[str, str]:
+    """The columns whose first cells are dates or times of day, and the form of these."""
+    found = {}
+    for name, cells in columns.items():
+        kind = cells.type
+        if pyarrow.types.is_timestamp(kind):
+            found[name] = "a date and time"
+        elif pyarrow.types.is_time(kind):
+            found[name] = TIME_OF_DAY
+        elif pyarrow.types.is_date(kind):
+            found[name] = A_DATE
+        elif is_text(kind):
+            found[name] = form_of([cell or "" for cell in cells[:_SHOWN].to_pylist()])
+    return {name: form for name, form in found.items() if form}
 
 
 def with_dates_joined(sheet: Sheet) -> Sheet:
@@ -335,8 +376,12 @@ def with_dates_joined(sheet: Sheet) -> Sheet:
 
     Dates that are not joined are no stamps: a day alone does not tell the time.
     """
-    dates = [name for name, form in sheet.stamps.items() if is_date(form)]
     clocks = [name for name, form in sheet.stamps.items() if form == TIME_OF_DAY]
+    dates = [
+        name
+        for name, form in sheet.stamps.items()
+        if name not in clocks and not form.endswith(AND_TIME)
+    ]
     stamps = {name: form for name, form in sheet.stamps.items() if name not in dates}
     if len(dates) != 1 or len(clocks) != 1 or f"{dates[0]} {clocks[0]}" in sheet.columns:
         return sheet._replace(stamps=stamps)

@@ -11,8 +11,7 @@ from pandas.api.types import is_numeric_dtype
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.derived import SOURCES, derive, needed, without_delays
-from adhesion_jax.data.files import Sheet, sheet_of_frame, with_dates_joined
-from adhesion_jax.data.folder import sheet_of
+from adhesion_jax.data.files import Sheet, sheet_of, sheet_of_frame, with_dates_joined
 from adhesion_jax.data.forces import NOTHING, Corrections
 from adhesion_jax.data.gathering import (
     Gathered,
