@@ -49,14 +49,6 @@ _PLACES = 2000
 _NORMAL = 1.4826
 
 
-#: The number of the event, its times, traction or braking, the largest slip and adhesion (averaged,
-#: with their sign), and the number of its rows.
-_TABLE = (
-    *("run", "start_s", "end_s", "duration_s", "mode"),
-    *("largest_slip", "largest_adhesion", "rows"),
-)
-
-
 class SlipNoise(NamedTuple):
     """The averaged slip of a log between its events: micro-slip and noise.
 
@@ -75,7 +67,9 @@ class SlipNoise(NamedTuple):
 class Events(NamedTuple):
     """The slip events of a log; the log itself is not held."""
 
-    table: pd.DataFrame  # a row an event, with the columns _TABLE
+    #: A row an event: its number (run), start_s, end_s, duration_s, traction or braking (mode),
+    #: largest_slip and largest_adhesion (averaged, with their sign), and the number of its rows.
+    table: pd.DataFrame
     rows: int  # of the log
     slip: str  # the column that is the slip
     noise: SlipNoise
@@ -175,20 +169,19 @@ def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
     log = _averaged(measured)
     noise = _noise(log)
     first, stop = _spans(log, noise, least)
-    share = float(np.sum(stop - first)) / len(table)
-    if wanted is None and share > MOST:
-        return Chosen(measured, None, _all(table, f"{percent(share)} of them lie in slip events"))
-    usual = noise.constant  # the standard deviation of the averaged slip at the median speed
-    if log.speed is not None:
-        speed = log.speed[:: _stride(log.speed.size)]
-        usual = float(noise.deviation(np.median(speed, keepdims=True))[0])
-    if wanted is None and usual > least:
-        return Chosen(measured, None, _all(table, f"slip scatters by {usual:.2g} all along"))
+    if wanted is None:
+        share = float(np.sum(stop - first)) / len(table)
+        usual = noise.constant  # the standard deviation of the averaged slip at the median speed
+        if log.speed is not None:
+            some = log.speed[:: _stride(log.speed.size)]
+            usual = float(noise.deviation(np.median(some, keepdims=True))[0])
+        if share > MOST or usual > least:
+            many = f"{percent(share)} of them lie in slip events"
+            why = many if share > MOST else f"slip scatters by {usual:.2g} all along"
+            return Chosen(measured, None, _all(table, why))
     events = _events(measured, log, noise, first, stop)
-    rows = np.concatenate(
-        [first[:0], *(np.arange(*span) for span in zip(first, stop, strict=True))]
-    )
     run = np.repeat(events.table["run"].to_numpy(), stop - first)
+    rows = np.arange(run.size) + np.repeat(stop - np.cumsum(stop - first), stop - first)
     points = measured._replace(table=table.take(rows).assign(run=run))
     said = _cut(measured, events, log) if first.size else _no_event(measured, log, noise)
     return Chosen(points, events, said)
@@ -244,22 +237,18 @@ def _noise(log: _Averaged) -> SlipNoise:
     rows = np.arange(0, log.slip.size, _stride(log.slip.size))
     median = float(np.median(log.slip[rows]))
     constant = _NORMAL * float(np.median(np.abs(log.slip[rows] - median)))
-    if log.speed is None:
-        return SlipNoise(median, constant, 0.0)
     rows = rows[rows < log.slip.size - log.lag]
+    if log.speed is None or not rows.size:
+        return SlipNoise(median, constant, 0.0)
     change = np.abs(log.slip[rows + log.lag] - log.slip[rows])
     inverse = log.speed[rows] ** -2.0
-    classes = [
-        one for one in np.array_split(np.argsort(inverse, kind="stable"), _CLASSES) if one.size
-    ]
+    order = np.argsort(inverse, kind="stable")
+    classes = np.array_split(order, min(_CLASSES, order.size))
     centre = np.array([np.median(inverse[one]) for one in classes])
     # The change is that of two averages.
     square = np.array([(_NORMAL * np.median(change[one])) ** 2 / 2 for one in classes])
-    if not classes or np.ptp(centre) == 0:
-        return SlipNoise(median, constant, 0.0)
-    return SlipNoise(
-        median, constant, max(float(scipy.stats.theilslopes(square, centre).slope), 0.0) ** 0.5
-    )
+    slope = float(scipy.stats.theilslopes(square, centre).slope) if np.ptp(centre) else 0.0
+    return SlipNoise(median, constant, max(slope, 0.0) ** 0.5)
 
 
 def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
@@ -286,25 +275,24 @@ def _events(
     measured: Measured, log: _Averaged, noise: SlipNoise, first: np.ndarray, stop: np.ndarray
 ) -> Events:
     adhesion = measured.table["adhesion"].to_numpy(float)
-    rows = []
-    for number, (begin, end) in enumerate(zip(first, stop, strict=True), 1):
-        slip = log.slip[begin:end]
-        largest = float(slip[np.argmax(np.abs(slip - noise.median))])
-        level = scipy.ndimage.uniform_filter1d(adhesion[begin:end], log.window, mode="nearest")
-        rows.append(
-            (
-                str(number),
-                log.time[begin],
-                log.time[end - 1],
-                log.time[end - 1] - log.time[begin],
-                "braking" if largest < noise.median else "traction",
-                largest,
-                float(level[np.argmax(np.abs(level))]),
-                int(end - begin),
-            )
-        )
-    table = pd.DataFrame(rows, columns=[*_TABLE])
-    return Events(table, log.time.size, measured.slip, noise, _overview(log))
+    largest = np.empty((2, first.size))
+    for number, rows in enumerate(map(slice, first, stop)):
+        slip = log.slip[rows]
+        level = scipy.ndimage.uniform_filter1d(adhesion[rows], log.window, mode="nearest")
+        largest[0, number] = slip[np.argmax(np.abs(slip - noise.median))]
+        largest[1, number] = level[np.argmax(np.abs(level))]
+    start, end = log.time[first], log.time[stop - 1]
+    columns = {
+        "run": np.arange(1, first.size + 1).astype(str),
+        "start_s": start,
+        "end_s": end,
+        "duration_s": end - start,
+        "mode": np.where(largest[0] < noise.median, "braking", "traction"),
+        "largest_slip": largest[0],
+        "largest_adhesion": largest[1],
+        "rows": stop - first,
+    }
+    return Events(pd.DataFrame(columns), log.time.size, measured.slip, noise, _overview(log))
 
 
 def _overview(log: _Averaged) -> pd.DataFrame:

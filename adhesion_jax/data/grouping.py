@@ -86,16 +86,6 @@ def _runs_of(table: pd.DataFrame) -> tuple[np.ndarray, Sequence[str]]:
     return codes, [str(number) for number in range(1, int(codes.max(initial=0)) + 2)]
 
 
-def with_history(held: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The places of blocks of one run in time, each led in by the rows before it.
-
-    As many as a block has places, the first row again where there are none. They are not `inside`:
-    what acts with a memory needs them, and they count in no sum.
-    """
-    before = np.maximum(held[:, :1] - np.arange(inside.shape[1], 0, -1), 0)
-    return np.hstack([before, held]), np.hstack([np.zeros_like(inside), inside])
-
-
 def as_one(files: Sequence[Measured]) -> Measured:
     """Measured tables as one, with the columns that all have and the runs of all (`group`).
 

@@ -1,6 +1,6 @@
 """Whether one of two speeds of a log is late: by slip and by the time of their accelerations."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,11 +51,7 @@ class Lateness(NamedTuple):
     seconds: float
     standard_error: float
     clear: bool  # in both ways, which agree
-    by_slip: tuple[float, float]  # from the slip at a small force, and its standard error
-    by_accelerations: tuple[float, float]  # from the lag of the slopes of both speeds
-
-
-NO_DELAY = Delay(0.0, np.inf, False)
+    by_accelerations: tuple[float, float]  # the second way, with its standard error
 
 
 class Grid(NamedTuple):
@@ -81,13 +77,12 @@ def best_lag(grid: Grid, first: str, second: str) -> Delay:
     sums = _products(grid, grid.slopes[first], grid.slopes[second], most)
     whole = sums.sum(axis=0)
     if sums.shape[0] < _FEWEST_BLOCKS or not _top(whole, most)[1] > 0:
-        return NO_DELAY
+        return Delay(0.0, np.inf, False)
     lag, best = _top(whole, most)
-    without = np.array([_top(whole - one, most)[0] for one in sums])
-    error = _jackknife(without) * grid.step
+    error = _jackknife([_top(whole - one, most)[0] for one in sums])
     none = _correlation(whole)[most]
     gain = float((best**2 - none**2) / max(1 - none**2, 1e-12))
-    return _judged(float(lag * grid.step), float(error), gain, grid.step)
+    return _judged(lag * grid.step, error * grid.step, gain, grid.step)
 
 
 def _judged(seconds: float, error: float, gain: float, step: float) -> Delay:
@@ -130,9 +125,10 @@ def _top(sums: np.ndarray, most: int) -> tuple[float, float]:
     return place - most + shift, float(here - 0.25 * (before - after) * shift)
 
 
-def _jackknife(without: np.ndarray) -> float:
-    count = without.shape[0]
-    return float(np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2)))
+def _jackknife(without: Sequence[float]) -> float:
+    """The standard error of a value from those without one block each."""
+    each = np.array(without)
+    return float(np.sqrt((each.size - 1) / each.size * np.sum((each - each.mean()) ** 2)))
 
 
 def grid_of(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]) -> Grid | None:
@@ -140,18 +136,19 @@ def grid_of(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]
 
     `run` tells rows that are not of one course in time apart.
     """
-    step = max(usual_step(time, run), _FINEST_S)
-    if step > _SLOPE_S / 2:
-        return None
+    step, size = max(usual_step(time, run), _FINEST_S), time.size // _BLOCKS
     half = round(_SLOPE_S / step / 2)
     parts: list[dict[str, np.ndarray]] = []
     blocks: list[int] = []
-    for block, rows in _blocks(time, run):
-        if time[rows[-1]] - time[rows[0]] < 2 * _LONGEST_S + 2 * _SLOPE_S:
-            continue
-        at = np.arange(time[rows[0]], time[rows[-1]], step)
-        parts.append({n: np.interp(at, time[rows], values[rows]) for n, values in signals.items()})
-        blocks.append(block)
+    for block in range(_BLOCKS if size and step <= _SLOPE_S / 2 else 0):
+        within = slice(block * size, (block + 1) * size)
+        for rows in stretches(time[within], run[within]):
+            there = time[within][rows]
+            if there[-1] - there[0] < 2 * _LONGEST_S + 2 * _SLOPE_S:
+                continue
+            at = np.arange(there[0], there[-1], step)
+            parts.append({n: np.interp(at, there, of[within][rows]) for n, of in signals.items()})
+            blocks.append(block)
     if not parts:
         return None
     sizes = [len(next(iter(part.values()))) for part in parts]
@@ -171,17 +168,6 @@ def _slope(values: np.ndarray, half: int, step: float) -> np.ndarray:
     slope: np.ndarray = scipy.ndimage.correlate1d(values, weights, mode="nearest")
     slope[:half] = slope[max(slope.size - half, 0) :] = np.nan
     return slope
-
-
-def _blocks(time: np.ndarray, run: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """The rows of each stretch of each of equal blocks of a log, with the number of the block."""
-    size = time.size // _BLOCKS
-    if not size:
-        return
-    for block, begin in enumerate(range(0, size * _BLOCKS, size)):
-        part = slice(begin, begin + size)
-        for rows in stretches(time[part], run[part]):
-            yield block, begin + rows
 
 
 def lateness(
@@ -217,27 +203,24 @@ def lateness(
     if fitted is None:
         return None
     by_slip, creep = fitted
-    half = grid.half
     rolling = radius * grid.signals["wheel"] - creep * grid.signals["force"] * speed
-    near = scipy.ndimage.minimum_filter1d(micro.astype(np.uint8), 4 * half + 1).astype(float)
+    near = scipy.ndimage.minimum_filter1d(micro.astype(np.uint8), 4 * grid.half + 1).astype(float)
     lagged = grid._replace(
         signals={**grid.signals, "used": near},
-        slopes={**grid.slopes, "rolling": _slope(rolling, half, grid.step)},
+        slopes={**grid.slopes, "rolling": _slope(rolling, grid.half, grid.step)},
     )
     by_lag = best_lag(lagged, "speed", "rolling")
     apart = abs(by_slip.seconds - by_lag.seconds)
     error = float(np.hypot(by_slip.standard_error, by_lag.standard_error))
     agree = apart <= max(_ERRORS * error, _AGREE * abs(by_slip.seconds))
-    clear = by_slip.clear and by_lag.clear and agree
-    return Lateness(by_slip.seconds, by_slip.standard_error, clear, by_slip[:2], by_lag[:2])
+    return Lateness(*by_slip[:2], by_slip.clear and by_lag.clear and agree, by_lag[:2])
 
 
 def _by_slip(
     grid: Grid, radius: float, slip: np.ndarray, rows: np.ndarray
 ) -> tuple[Delay, float] | None:
     """T and k of the slip velocity (see `lateness`) from some places of a grid; None if too few."""
-    speed = grid.signals["speed"]
-    slope = grid.slopes["speed"]
+    speed, slope = grid.signals["speed"], grid.slopes["speed"]
     terms = np.column_stack([slope, grid.signals["force"] * speed, speed, np.ones(speed.size)])
     instruments = terms.copy()
     instruments[:, 0] = radius * grid.slopes["wheel"]
@@ -265,8 +248,7 @@ def _by_slip(
     others = terms[used][:, 1:]
     worse = slip[used] - others @ np.linalg.lstsq(others, slip[used], rcond=None)[0]
     gain = 1 - float(left @ left) / max(float(worse @ worse), 1e-300)
-    delay = _judged(float(fit[0]), _jackknife(np.array(without)), gain, grid.step)
-    return delay, float(fit[1])
+    return _judged(float(fit[0]), _jackknife(without), gain, grid.step), float(fit[1])
 
 
 def late_signals(
@@ -287,10 +269,8 @@ def late_signals(
     time, speed, slip, adhesion = (columns[name][rows] for name in names)
     run = series_of(labels, count)[rows]
     found = lateness(time, speed, speed + slip, adhesion, run)
-    return (_speed_note(found),) if found is not None and found.clear else ()
-
-
-def _speed_note(found: Lateness) -> str:
+    if found is None or not found.clear:
+        return ()
     late, size = ("vehicle", "large") if found.seconds > 0 else ("wheel", "small")
     seconds = f"{abs(found.seconds):.2g}"
     return (
@@ -298,5 +278,5 @@ def _speed_note(found: Lateness) -> str:
         "(standard error): at a small force the slip follows the acceleration of the train, and "
         f"the two speeds change together if one is moved by {abs(found.by_accelerations[0]):.2g} "
         f"s. This makes the slip velocity too {size} by {seconds} m/s for each m/s^2 of "
-        f"acceleration. Nothing is corrected; to do so add --delay {late}_speed={seconds}."
+        f"acceleration. Nothing is corrected; to do so add --delay {late}_speed={seconds}.",
     )

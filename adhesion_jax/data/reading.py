@@ -294,38 +294,34 @@ def check_curve(measured: Measured) -> None:
     if different < POINTS // 2:
         different = slip.abs().nunique()
     if len(slip) < POINTS:
-        faults: Sequence[str] = [too_few(len(slip))]
+        fault = too_few(len(slip))
     elif different < POINTS // 2:
         sizes = "slips of one size" if different == 1 else f"slips of {different} sizes"
-        faults = [f"column {slip.name} has {sizes} alone (a curve needs at least {POINTS // 2})"]
+        fault = f"column {slip.name} has {sizes} alone (a curve needs at least {POINTS // 2})"
     else:
-        faults = adhesion_faults(slip, measured.table["adhesion"])
-    if faults:
-        raise InputError(f"{measured.name} cannot be used: {'; '.join(faults)}.")
+        fault = adhesion_fault(slip, measured.table["adhesion"])
+    if fault:
+        raise InputError(f"{measured.name} cannot be used: {fault}.")
 
 
-def adhesion_faults(slip: pd.Series, adhesion: pd.Series) -> Sequence[str]:
-    """Sentences on why the adhesion cannot belong to the slip, both [points]; none if it can."""
+def adhesion_fault(slip: pd.Series, adhesion: pd.Series) -> str:
+    """A clause on why the adhesion cannot belong to the slip, both [points]; empty if it can."""
     if (adhesion == 0).all():
-        return ["column adhesion is 0 in every row (no curve can be fitted to that)"]
-    if slip.min() < slip.max() and (slip * adhesion).sum() <= 0:
-        return [
-            f"column adhesion is mostly of the other sign than {slip.name} "
-            f"(both are positive in traction and negative in braking){_offset(slip, adhesion)}"
-        ]
-    return []
-
-
-def _offset(slip: pd.Series, adhesion: pd.Series) -> str:
-    """What is said where signs agree once the slip of a rolling wheel is taken off."""
+        return "column adhesion is 0 in every row (no curve can be fitted to that)"
+    if slip.min() == slip.max() or (slip * adhesion).sum() > 0:
+        return ""
+    fault = (
+        f"column adhesion is mostly of the other sign than {slip.name} "
+        "(both are positive in traction and negative in braking)"
+    )
     size = adhesion.abs()
     rolling = slip[size <= _ROLLING * size.max()].median()  # NaN without such rows
     if slip.name != "slip_ratio" or not ((slip - rolling) * adhesion).sum() > 0:
-        return ""
+        return fault
     return (
-        f"; where there is little adhesion the slip is usually {rolling:.3g}, as where the radius "
-        f"of the wheel is {percent(abs(rolling))} off: less that slip the signs agree; correct the "
-        "wheel speed by it"
+        f"{fault}; where there is little adhesion the slip is usually {rolling:.3g}, as where the "
+        f"radius of the wheel is {percent(abs(rolling))} off: less that slip the signs agree; "
+        "correct the wheel speed by it"
     )
 
 

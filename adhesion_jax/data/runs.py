@@ -9,16 +9,8 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.grouping import (
-    Grouping,
-    as_one,
-    group,
-    in_blocks,
-    places,
-    with_history,
-    with_velocity,
-)
-from adhesion_jax.data.reading import POINTS, Measured, adhesion_faults, too_few
+from adhesion_jax.data.grouping import Grouping, as_one, group, in_blocks, places, with_velocity
+from adhesion_jax.data.reading import POINTS, Measured, adhesion_fault, too_few
 from adhesion_jax.data.stretches import order_by, steps_in_runs
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -75,7 +67,7 @@ class RunSet(NamedTuple):
         """The runs side by side, arrays [runs, points].
 
         A run is padded at its end with its last row, masked. Blocks of one run in time are led in
-        by the rows before them, masked.
+        by as many rows before them, masked: what acts with a memory needs them.
         """
         held, inside = self.layout
         mask = jnp.asarray(inside)
@@ -113,7 +105,9 @@ class RunSet(NamedTuple):
         """The rows in `whole` at the points of `record`, and where it has points."""
         held, inside = places(self.starts, self.lengths, int(self.lengths.max()))
         if self.blocks and "time_s" in self.whole.conditions:
-            held, inside = with_history(held, inside)
+            # Where there are none before, the first row again.
+            before = np.maximum(held[:, :1] - np.arange(inside.shape[1], 0, -1), 0)
+            held, inside = np.hstack([before, held]), np.hstack([np.zeros_like(inside), inside])
         return held, inside
 
 
@@ -186,15 +180,12 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
     conditions = {name: there[name] for name in runs.whole.conditions}
     warnings = test.warnings
     for name, known in runs.named.items():
-        labels = test.named.get(name, ())
-        if not labels:
-            # The column has numbers in the test data.
-            labels = tuple(f"{value:g}" for value in np.unique(conditions[name]))
-            codes_of = np.searchsorted(np.unique(conditions[name]), conditions[name])
-        else:
-            codes_of = conditions[name].astype(int)
-        codes = [known.index(label) if label in known else -1 for label in labels]
-        conditions[name] = np.array(codes, dtype=float)[codes_of]
+        labels, place = test.named.get(name), conditions[name].astype(int)
+        if labels is None:  # the column has numbers in the test data
+            values, place = np.unique(conditions[name], return_inverse=True)
+            labels = tuple(f"{value:g}" for value in values)
+        codes = [known.index(label) if label in known else -1.0 for label in labels]
+        conditions[name] = np.array(codes)[place]
         strange = [label for label in labels if label not in known]
         if strange:
             warnings += (
@@ -214,21 +205,21 @@ def _refuse_useless(measured: Measured, grouping: Grouping) -> None:
     """Raises InputError if the files together cannot be used although every cell is valid."""
     table, length = measured.table, np.bincount(grouping.run)
     if len(table) < POINTS:
-        faults: Sequence[str] = [too_few(len(table))]
+        fault = too_few(len(table))
     elif length.size > MOST_RUNS:
-        faults = [
+        fault = (
             f"there are {length.size} runs (at most {MOST_RUNS} are taken: join those that belong "
             "together in the column run)"
-        ]
+        )
     elif length.size > 1 and length.max() == 1:
-        faults = [
+        fault = (
             f"each of the {length.size} runs has one row (a run is a sweep of several; without "
             "the column run all rows are one run)"
-        ]
+        )
     else:
-        faults = adhesion_faults(table[measured.slip], table["adhesion"])
-    if faults:
-        raise InputError(f"{measured.name} cannot be used: {'; '.join(faults)}.")
+        fault = adhesion_fault(table[measured.slip], table["adhesion"])
+    if fault:
+        raise InputError(f"{measured.name} cannot be used: {fault}.")
 
 
 def _conditions(
